@@ -1,0 +1,1 @@
+"""Floor 6: YAML configurations, validated with file, line and column."""

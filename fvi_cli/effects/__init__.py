@@ -1,0 +1,1 @@
+"""Floor 2: what acts on a mechanical system, as small frozen values."""

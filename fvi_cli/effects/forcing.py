@@ -1,0 +1,108 @@
+"""Forcing by expressions in time, possibly in pieces with jumps between them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fvi_cli.effects.matrices import Array
+from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ForcingPiece:
+    """One smooth piece of a force: d expressions in ``t``, valid up to and including `until`."""
+
+    components: tuple[Expression, ...]
+    until: float = math.inf
+
+    def evaluate(self, time: Array) -> Array:
+        """The force at `time`, shape ``(...)`` to ``(..., d)``; the piece is not limited here."""
+        time = np.asarray(time, dtype=float)
+        result = np.empty((*time.shape, len(self.components)))
+        for index, component in enumerate(self.components):
+            result[..., index] = component.evaluate({"t": time}, NUMPY_FUNCTIONS)
+        return result
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Forcing:
+    """A force f(t) in R^d, smooth inside each piece.
+
+    Parameters
+    ----------
+    pieces
+        Pieces in the order of time; only the last is valid for ever.
+
+    Raises
+    ------
+    ValueError
+        If there is no piece, if the ends do not increase or do not start after 0, or if the
+        pieces differ in dimension.
+    """
+
+    pieces: tuple[ForcingPiece, ...]
+
+    def __post_init__(self) -> None:
+        if not self.pieces:
+            raise ValueError("forcing: at least one piece is needed")
+        ends = [0.0, *(piece.until for piece in self.pieces)]
+        if any(not a < b for a, b in zip(ends, ends[1:], strict=False)):
+            raise ValueError(f"forcing: until must increase from 0, got {ends[1:]}")
+        if self.pieces[-1].until != math.inf:
+            raise ValueError("forcing: the last piece must not have an end")
+        if len({len(piece.components) for piece in self.pieces}) != 1:
+            raise ValueError("forcing: all pieces must have the same number of components")
+
+    @classmethod
+    def from_text(cls, *components: str) -> Forcing:
+        """One smooth piece from d expressions in ``t``."""
+        expressions = tuple(Expression.parse(text, variables=("t",)) for text in components)
+        return cls(pieces=(ForcingPiece(components=expressions),))
+
+    @property
+    def dimension(self) -> int:
+        """Number d of degrees of freedom."""
+        return len(self.pieces[0].components)
+
+    @property
+    def break_points(self) -> tuple[float, ...]:
+        """Times at which one piece ends and the next begins."""
+        return tuple(piece.until for piece in self.pieces[:-1])
+
+    def on_steps(self, start: Array, step_size: float, offsets: Array) -> Array:
+        r"""One-sided values on steps that no break point cuts.
+
+        Parameters
+        ----------
+        start
+            Left ends of n steps, shape ``(n,)``.
+        step_size
+            Their common length h.
+        offsets
+            Points in [0, 1], shape ``(r,)``; at 0 and 1 the limit from inside the step is taken.
+
+        Returns
+        -------
+        Array
+            f(start + offsets h), shape ``(n, r, d)``.
+        """
+        which = np.searchsorted(np.array(self.break_points), start + 0.5 * step_size)
+        times = start[:, None] + step_size * offsets
+        result = np.empty((*times.shape, self.dimension))
+        for index in np.unique(which):
+            chosen = which == index
+            result[chosen] = self.pieces[int(index)].evaluate(times[chosen])
+        return result
+
+    def __call__(self, time: Array) -> Array:
+        """f at `time`, shape ``(...)`` to ``(..., d)``; at a break point the earlier piece."""
+        time = np.asarray(time, dtype=float)
+        which = np.searchsorted(np.array(self.break_points), time)
+        result = np.empty((*time.shape, self.dimension))
+        for index in np.unique(which):
+            chosen = which == index
+            result[chosen] = self.pieces[int(index)].evaluate(time[chosen])
+        return result

@@ -1,0 +1,113 @@
+"""The scene: a list of effects with initial data."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.matrices import Array
+from fvi_cli.effects.potential import Potential, QuadraticPotential
+
+Derivative = Literal["caputo", "riemann-liouville"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    r"""What acts on q(t) in R^d on [0, T].
+
+    .. math:: M q'' + \sum_j \mu_j D^{\gamma_j} q + \nabla V(q) = f(t), \quad q(0)=q_0, q'(0)=v_0
+
+    Parameters
+    ----------
+    inertia
+        Kinetic energy.
+    initial_position, initial_velocity
+        q0 and v0, shape ``(d,)``.
+    final_time
+        T > 0.
+    potential, damping, forcing
+        The other effects; what is absent is not simulated.
+    derivative
+        ``caputo``: D acts on q - q0 (and on q - q0 - v0 t for orders above 1);
+        ``riemann-liouville``: on q itself.
+
+    Raises
+    ------
+    ValueError
+        For sizes that do not match, values that are not finite, and Riemann-Liouville damping of
+        order >= 1 with q0 != 0, whose force t**(-order) is not integrable at 0.
+    """
+
+    inertia: Inertia
+    initial_position: Array
+    initial_velocity: Array
+    final_time: float
+    potential: Potential | None = None
+    damping: tuple[FractionalDamping, ...] = ()
+    forcing: Forcing | None = None
+    derivative: Derivative = "caputo"
+
+    def __post_init__(self) -> None:
+        d = self.inertia.dimension
+        for name in ("initial_position", "initial_velocity"):
+            value = np.atleast_1d(np.array(getattr(self, name), dtype=float))
+            if value.shape != (d,) or not np.all(np.isfinite(value)):
+                raise ValueError(f"{name}: {d} finite numbers are needed, got {value.tolist()}")
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+        if not (0 < self.final_time < math.inf):
+            raise ValueError(f"final_time: {self.final_time!r} is not allowed; it must be positive")
+        effects = (self.potential, *self.damping, self.forcing)
+        for effect in effects:
+            if effect is not None and effect.dimension != d:
+                raise ValueError(
+                    f"{type(effect).__name__} has {effect.dimension} components, the mass {d}"
+                )
+        if self.derivative not in ("caputo", "riemann-liouville"):
+            raise ValueError(
+                f"derivative: {self.derivative!r} is not one of caputo, riemann-liouville"
+            )
+        if self.derivative == "riemann-liouville" and np.any(self.initial_position != 0):
+            for term in self.damping:
+                if term.order > 1 and np.any(term.coefficient != 0):
+                    raise ValueError(
+                        f"derivative: riemann-liouville of order {term.order:g} with a position "
+                        "that is not 0 at the start gives a force t**(-order) that is not "
+                        "integrable; use caputo, or orders below 1"
+                    )
+
+    @property
+    def dimension(self) -> int:
+        """Number d of degrees of freedom."""
+        return self.inertia.dimension
+
+    @property
+    def active_damping(self) -> tuple[FractionalDamping, ...]:
+        """The damping terms that do something (coefficient not zero)."""
+        return tuple(term for term in self.damping if np.any(term.coefficient != 0))
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the equations of motion are linear in q."""
+        return self.potential is None or isinstance(self.potential, QuadraticPotential)
+
+    @property
+    def break_points(self) -> tuple[float, ...]:
+        """Times in (0, T) at which the forcing is not smooth."""
+        if self.forcing is None:
+            return ()
+        return tuple(t for t in self.forcing.break_points if 0 < t < self.final_time)
+
+    def energy(self, position: Array, momentum: Array) -> Array:
+        """Hamiltonian p M^-1 p / 2 + V(q) without forcing, shapes ``(..., d)`` to ``(...)``."""
+        velocity = np.linalg.solve(self.inertia.mass, momentum[..., None])[..., 0]
+        kinetic = 0.5 * np.einsum("...i,...i->...", momentum, velocity)
+        if self.potential is None:
+            return np.asarray(kinetic)
+        return np.asarray(kinetic + self.potential.energy(position))

@@ -1,0 +1,1 @@
+"""Floor 5: experiments, studies, norms and order fits."""

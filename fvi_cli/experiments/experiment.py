@@ -1,0 +1,133 @@
+"""The experiment: what a configuration describes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.scenes.problem import Problem
+
+Norm = Literal["max", "final", "l2"]
+Observed = Literal["ok", "floor", "diverged", "failed", "refused"]
+Predicted = Literal["stable", "unstable", "unknown"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Experiment:
+    """One problem, several methods, a ladder of step counts.
+
+    Parameters
+    ----------
+    name
+        Used for files: letters, digits, ``-`` and ``_``.
+    problem
+        Scene and exact solution.
+    problem_specification
+        The resolved mapping that made the problem (JSON values only); it enters the identity.
+    methods
+        Every combination, in the order of the configuration.
+    steps
+        Step counts N, increasing.
+    norm
+        Norm of the error.
+    expect
+        Failures that are known: case name, or its first part such as ``bdf5``, to
+        ``unstable``.
+    allow_unstable
+        Compute runs that are predicted to blow up.
+    store_every
+        Keep every n-th grid point in files.
+    """
+
+    name: str
+    problem: Problem
+    problem_specification: Mapping[str, Any]
+    methods: tuple[AnyMethod, ...]
+    steps: tuple[int, ...]
+    norm: Norm = "max"
+    expect: Mapping[str, str] = field(default_factory=dict)
+    allow_unstable: bool = False
+    store_every: int = 1
+
+    def runs(self) -> list[Run]:
+        """Every run, method by method, steps increasing."""
+        return [
+            Run(experiment=self, method=method, n_steps=n)
+            for method in self.methods
+            for n in self.steps
+        ]
+
+    def expects_failure(self, method: AnyMethod) -> bool:
+        """Whether the configuration says that this method fails here."""
+        case = method.case
+        return any(
+            case == key or case.startswith(key + "-") for key in self.expect
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run:
+    """One method with one number of steps."""
+
+    experiment: Experiment
+    method: AnyMethod
+    n_steps: int
+
+    @property
+    def step_size(self) -> float:
+        """h = T / N."""
+        return self.experiment.problem.scene.final_time / self.n_steps
+
+    def specification(self) -> dict[str, Any]:
+        """What determines the numbers, as JSON values."""
+        method = self.method
+        fields = {key: value for key, value in vars(method).items() if key != "quadrature"}
+        quadrature = getattr(method, "quadrature", None)
+        if quadrature is not None:
+            fields["quadrature"] = quadrature.label
+        return {
+            "problem": json.loads(json.dumps(self.experiment.problem_specification)),
+            "method": fields,
+            "n_steps": self.n_steps,
+            "norm": self.experiment.norm,
+            "store_every": self.experiment.store_every,
+            "allow_unstable": self.experiment.allow_unstable,
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FinishedRun:
+    """A run with its trajectory and error.
+
+    Parameters
+    ----------
+    run
+        What was asked for.
+    trajectory
+        What came out.
+    error
+        In the experiment's norm; nan when it has no meaning.
+    floor
+        Errors below this are round-off or the reference's own error.
+    status
+        Observed: ``ok``, ``floor``, ``diverged``, ``failed`` or ``refused``.
+    predicted
+        ``stable``, ``unstable`` or ``unknown``.
+    expected_order
+        Order that theory expects on this scene in this norm; nan when none is stated.
+    reference
+        What the error is measured against.
+    """
+
+    run: Run
+    trajectory: Trajectory
+    error: float
+    floor: float
+    status: Observed
+    predicted: Predicted = "unknown"
+    expected_order: float = float("nan")
+    reference: str = "unknown"

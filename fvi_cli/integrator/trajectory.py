@@ -1,0 +1,75 @@
+"""What an integration gives back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Status = Literal["ok", "diverged", "failed", "refused"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NewtonRecord:
+    """How Newton's iteration went: one residual norm per iteration of the steps worth keeping.
+
+    Parameters
+    ----------
+    iterations
+        Total number of iterations.
+    largest
+        Largest number of iterations in one step.
+    worst_step
+        The step that took that many.
+    worst_residuals
+        Residual norms of that step, first to last.
+    """
+
+    iterations: int = 0
+    largest: int = 0
+    worst_step: int = -1
+    worst_residuals: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trajectory:
+    """A discrete solution on t_k = k h, k = 0..N (shorter when it stopped early).
+
+    Parameters
+    ----------
+    time
+        Grid, shape ``(n,)``; n = N + 1 when ``status`` is ``ok``.
+    position, momentum
+        Shape ``(n, d)``.
+    energy
+        Hamiltonian without forcing, shape ``(n,)``.
+    n_steps, step_size
+        What was asked for.
+    status, message
+        What was observed, and in words what happened when it is not ``ok``.
+    history_operations
+        Multiply-adds (weight times sample) spent on the memory.
+    newton
+        Record of Newton's iteration (zero iterations for linear scenes).
+    setup_seconds, stepping_seconds
+        Time for weights and factorisations, and for the steps.
+    remarks
+        What the reader of a table should know, for example that a start fell back.
+    """
+
+    time: Array
+    position: Array
+    momentum: Array
+    energy: Array
+    n_steps: int
+    step_size: float
+    status: Status = "ok"
+    message: str = ""
+    history_operations: int = 0
+    newton: NewtonRecord = field(default_factory=NewtonRecord)
+    setup_seconds: float = 0.0
+    stepping_seconds: float = 0.0
+    remarks: tuple[str, ...] = ()

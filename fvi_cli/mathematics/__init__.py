@@ -1,0 +1,1 @@
+"""Floor 1: numbers and functions that know nothing of mechanics."""
