@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.problem import AnyProblem
 
+T = TypeVar("T")
 Norm = Literal["max", "final", "l2"]
 Observed = Literal["ok", "floor", "diverged", "failed", "refused"]
 Predicted = Literal["stable", "unstable", "unknown"]
@@ -41,10 +42,14 @@ class Experiment:
         Compute runs that are predicted to blow up.
     store_every
         Keep every n-th grid point in files.
+    claims
+        Orders that the source of the experiment claims, by case name or its first part.
+    figures
+        Which figures to draw: ``convergence``, ``trajectory``, ``energy``, ``error``.
     """
 
     name: str
-    problem: Problem
+    problem: AnyProblem
     problem_specification: Mapping[str, Any]
     methods: tuple[AnyMethod, ...]
     steps: tuple[int, ...]
@@ -52,6 +57,8 @@ class Experiment:
     expect: Mapping[str, str] = field(default_factory=dict)
     allow_unstable: bool = False
     store_every: int = 1
+    claims: Mapping[str, float] = field(default_factory=dict)
+    figures: tuple[str, ...] = ()
 
     def runs(self) -> list[Run]:
         """Every run, method by method, steps increasing."""
@@ -63,10 +70,20 @@ class Experiment:
 
     def expects_failure(self, method: AnyMethod) -> bool:
         """Whether the configuration says that this method fails here."""
-        case = method.case
-        return any(
-            case == key or case.startswith(key + "-") for key in self.expect
-        )
+        return lookup_case(self.expect, method) is not None
+
+    def claim(self, method: AnyMethod) -> float | None:
+        """The order that the source of the experiment claims for this method."""
+        return lookup_case(self.claims, method)
+
+
+def lookup_case(mapping: Mapping[str, T], method: AnyMethod) -> T | None:
+    """The entry whose key is the method's case or its beginning up to a ``-``; longest first."""
+    case = method.case
+    for key in sorted(mapping, key=len, reverse=True):
+        if case == key or case.startswith(key + "-"):
+            return mapping[key]
+    return None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,7 +97,7 @@ class Run:
     @property
     def step_size(self) -> float:
         """h = T / N."""
-        return self.experiment.problem.scene.final_time / self.n_steps
+        return self.experiment.problem.final_time / self.n_steps
 
     def specification(self) -> dict[str, Any]:
         """What determines the numbers, as JSON values."""

@@ -62,8 +62,15 @@ class Method:
         Polynomial degree s of the trajectory on one step.
     quadrature
         Rule for the action.
-    start, forcing_quadrature, history
-        See the configuration's documentation.
+    start
+        What is done about a singular start: ``none``, ``weights`` or ``series``.
+    start_exponents
+        For ``weights``: exponents on which the corrected quadrature is exact; empty: those of
+        the scene's own expansion.
+    forcing_quadrature
+        ``galerkin`` (the action's rule), ``exact`` (moments to round-off), ``projected``.
+    history
+        ``auto`` or ``direct``.
 
     Raises
     ------
@@ -76,6 +83,7 @@ class Method:
     quadrature: RuleSpecification
     sampling: Sampling = "nodes"
     start: Start = "none"
+    start_exponents: tuple[float, ...] = ()
     forcing_quadrature: ForcingQuadrature = "galerkin"
     history: History = "auto"
 

@@ -43,9 +43,9 @@ class Trajectory:
     time
         Grid, shape ``(n,)``; n = N + 1 when ``status`` is ``ok``.
     position, momentum
-        Shape ``(n, d)``.
+        Shape ``(n, d)``; no momentum for methods that have none.
     energy
-        Hamiltonian without forcing, shape ``(n,)``.
+        Hamiltonian without forcing, shape ``(n,)``, where there is a momentum.
     n_steps, step_size
         What was asked for.
     status, message
@@ -62,10 +62,10 @@ class Trajectory:
 
     time: Array
     position: Array
-    momentum: Array
-    energy: Array
     n_steps: int
     step_size: float
+    momentum: Array | None = None
+    energy: Array | None = None
     status: Status = "ok"
     message: str = ""
     history_operations: int = 0

@@ -1,4 +1,4 @@
-"""A scene together with what is known of its solution."""
+"""A scene, or a derivative to take, together with what is known of its solution."""
 
 from __future__ import annotations
 
@@ -36,3 +36,38 @@ class Problem:
     exact: Callable[[Array], Array] | None = None
     exact_source: str = "unknown"
     equation: str = ""
+
+    @property
+    def final_time(self) -> float:
+        """T: the solution is sought on [0, T]."""
+        return self.scene.final_time
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DerivativeProblem:
+    r"""The Caputo derivative of a known function, to measure convolution quadrature alone.
+
+    Parameters
+    ----------
+    function
+        f at times of shape ``(n,)``; f(0) = 0 is needed for an order that is not limited to 1.
+    order
+        Order of the derivative, in (0, 2).
+    final_time
+        The derivative is taken on [0, T].
+    exact
+        The derivative at times of shape ``(n,)`` as ``(n, 1)``.
+    kind, exact_source, equation
+        As in :class:`Problem`.
+    """
+
+    function: Callable[[Array], Array]
+    order: float
+    final_time: float
+    exact: Callable[[Array], Array]
+    kind: str = "fractional-derivative"
+    exact_source: str = "closed form"
+    equation: str = ""
+
+
+AnyProblem = Problem | DerivativeProblem
