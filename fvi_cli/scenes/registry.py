@@ -1,0 +1,166 @@
+"""From a plain mapping (what a configuration says) to a problem."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.scene import Derivative, Scene
+from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
+from fvi_cli.scenes.named import linear_oscillator, pendulum
+from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
+
+Array = NDArray[np.float64]
+
+EQUATIONS: Mapping[str, str] = {
+    "damped-oscillator": "M x'' + sum mu D^gamma x + K x = f(t)",
+    "bagley-torvik": "M x'' + sum mu D^gamma x + K x = f(t)",
+    "pendulum": "x'' + sum mu D^gamma x + omega^2 sin x = f(t)",
+    "fractional-derivative": "y = D^gamma f (Caputo)",
+}
+
+
+def build_problem(specification: Mapping[str, Any]) -> AnyProblem:
+    """The problem that a resolved ``problem`` mapping describes.
+
+    Parameters
+    ----------
+    specification
+        JSON values under the keys of the configuration's ``problem``.
+
+    Raises
+    ------
+    ValueError
+        ``key.path: what is wrong``, relative to ``problem``.
+    """
+    kind = specification["kind"]
+    if kind == "fractional-derivative":
+        return _derivative_problem(specification)
+    if kind not in EQUATIONS:
+        raise ValueError(f"kind: {kind!r} is not one of {', '.join(EQUATIONS)}")
+    scene = _scene(kind, specification)
+    exact, source = _exact(specification.get("exact", "auto"), scene)
+    return Problem(
+        kind=kind, scene=scene, exact=exact, exact_source=source, equation=EQUATIONS[kind]
+    )
+
+
+def _scene(kind: str, specification: Mapping[str, Any]) -> Scene:
+    initial = specification.get("initial", {})
+    position = initial.get("position", 0.0)
+    velocity = initial.get("velocity", 0.0)
+    dimension = _dimension(specification, position)
+    common: dict[str, Any] = {
+        "final_time": float(specification["final_time"]),
+        "damping": [
+            _damping(entry, index, dimension)
+            for index, entry in enumerate(specification.get("damping", ()))
+        ],
+        "forcing": build_forcing(specification.get("forcing", 0), dimension),
+        "initial_position": _vector(position, dimension),
+        "initial_velocity": _vector(velocity, dimension),
+        "derivative": cast(Derivative, specification.get("derivative", "caputo")),
+    }
+    if kind == "pendulum":
+        return pendulum(omega=float(specification.get("omega", 1.0)), **common)
+    return linear_oscillator(
+        mass=_matrix(specification.get("mass", 1.0), dimension),
+        stiffness=_matrix(specification.get("stiffness", 1.0), dimension),
+        **common,
+    )
+
+
+def _dimension(specification: Mapping[str, Any], position: object) -> int:
+    """The largest size that any entry has; the others must fit."""
+    sizes = [np.atleast_1d(np.asarray(position)).shape[0]]
+    for key in ("mass", "stiffness"):
+        sizes.append(np.atleast_1d(np.asarray(specification.get(key, 1.0))).shape[0])
+    return max(sizes)
+
+
+def _matrix(value: object, dimension: int) -> Array:
+    matrix = np.asarray(value, dtype=float)
+    return matrix * np.eye(dimension) if matrix.ndim == 0 else matrix
+
+
+def _vector(value: object, dimension: int) -> Array:
+    vector = np.atleast_1d(np.asarray(value, dtype=float))
+    return np.full(dimension, vector[0]) if np.ndim(value) == 0 else vector  # type: ignore[arg-type]
+
+
+def _damping(entry: Mapping[str, Any], index: int, dimension: int) -> FractionalDamping:
+    try:
+        return FractionalDamping(
+            order=float(entry["order"]), coefficient=_matrix(entry["coefficient"], dimension)
+        )
+    except ValueError as error:
+        raise ValueError(f"damping.{index}.{error}") from None
+
+
+def build_forcing(value: object, dimension: int) -> Forcing | None:
+    """A force from an expression, a list of them, or ``{pieces: [...]}``; None when it is 0.
+
+    Raises
+    ------
+    ValueError
+        ``forcing...: what is wrong``.
+    """
+    if isinstance(value, Mapping):
+        pieces = []
+        for index, piece in enumerate(value["pieces"]):
+            pieces.append(
+                ForcingPiece(
+                    components=_expressions(
+                        piece["value"], dimension, f"forcing.pieces.{index}.value", ("t",)
+                    ),
+                    until=float(piece.get("until", math.inf)),
+                )
+            )
+        return Forcing(pieces=tuple(pieces))
+    components = _expressions(value, dimension, "forcing", ("t",))
+    if all(e.is_constant and e.evaluate({}, NUMPY_FUNCTIONS) == 0 for e in components):
+        return None
+    return Forcing(pieces=(ForcingPiece(components=components),))
+
+
+def _expressions(
+    value: object, dimension: int, place: str, variables: tuple[str, ...]
+) -> tuple[Expression, ...]:
+    entries: Sequence[object] = value if isinstance(value, list | tuple) else [value] * dimension
+    if len(entries) != dimension:
+        raise ValueError(f"{place}: {len(entries)} entries for {dimension} degrees of freedom")
+    expressions = []
+    for entry in entries:
+        try:
+            expressions.append(Expression.parse(str(entry), variables=variables))
+        except ValueError as error:
+            raise ValueError(f"{place}: {error}") from None
+    return tuple(expressions)
+
+
+def _exact(value: object, scene: Scene) -> tuple[Callable[[Array], Array] | None, str]:
+    if value == "auto":
+        return None, "unknown"
+    components = _expressions(value, scene.dimension, "exact", ("t",))
+    piece = ForcingPiece(components=components)
+    return piece.evaluate, "expression"
+
+
+def _derivative_problem(specification: Mapping[str, Any]) -> DerivativeProblem:
+    order = float(specification["order"])
+    (function,) = _expressions(specification["function"], 1, "function", ("t",))
+    (exact,) = _expressions(specification["exact"], 1, "exact", ("t",))
+    return DerivativeProblem(
+        function=ForcingPiece(components=(function,)).evaluate,
+        order=order,
+        final_time=float(specification["final_time"]),
+        exact=ForcingPiece(components=(exact,)).evaluate,
+        exact_source="expression",
+        equation=f"D^{order:g} of {function.text}",
+    )
