@@ -1,0 +1,458 @@
+"""Formulas written as text by strangers: a whitelist parser, and evaluation on any algebra.
+
+Text is parsed with Python's own grammar into a syntax tree, and only numbers, declared names,
+``+ - * / **`` and a fixed list of functions survive the translation into a short program for a
+stack machine. Nothing is ever handed to the interpreter: no attribute, no comparison, no keyword,
+no call of anything that is not on the list.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import keyword
+import math
+import re
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+Instruction = tuple[str, float | str]
+
+LONGEST_TEXT: Final = 10_000
+DEEPEST_NESTING: Final = 100
+LARGEST_DEPTH: Final = 500
+MOST_NODES: Final = 5_000
+
+CONSTANTS: Final[Mapping[str, float]] = MappingProxyType({"pi": math.pi, "e": math.e})
+_ALIASES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "asin": "arcsin",
+        "acos": "arccos",
+        "atan": "arctan",
+        "asinh": "arcsinh",
+        "acosh": "arccosh",
+        "atanh": "arctanh",
+        "ln": "log",
+    }
+)
+_ADVICE: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "heaviside": "; give a force that jumps in pieces, so that the jump can lie on a step",
+        "step": "; give a force that jumps in pieces, so that the jump can lie on a step",
+        "minimum": "; give a function with kinks in pieces",
+        "maximum": "; give a function with kinks in pieces",
+    }
+)
+
+
+def _gamma(argument: Array) -> Array:
+    # SciPy's special functions are slow to import and few scenes call for them.
+    from scipy.special import gamma
+
+    return np.asarray(gamma(argument))
+
+
+NUMPY_FUNCTIONS: Final[Mapping[str, Callable[[Array], Array]]] = MappingProxyType(
+    {
+        "sqrt": np.sqrt,
+        "cbrt": np.cbrt,
+        "exp": np.exp,
+        "expm1": np.expm1,
+        "log": np.log,
+        "log1p": np.log1p,
+        "sin": np.sin,
+        "cos": np.cos,
+        "tan": np.tan,
+        "sinh": np.sinh,
+        "cosh": np.cosh,
+        "tanh": np.tanh,
+        "arcsin": np.arcsin,
+        "arccos": np.arccos,
+        "arctan": np.arctan,
+        "arcsinh": np.arcsinh,
+        "arccosh": np.arccosh,
+        "arctanh": np.arctanh,
+        "abs": np.abs,
+        "sign": np.sign,
+        "gamma": _gamma,
+    }
+)
+"""The functions an expression may call, on floating-point arrays."""
+
+FUNCTION_NAMES: Final[frozenset[str]] = frozenset(NUMPY_FUNCTIONS) | frozenset(_ALIASES)
+"""Every function name an expression may contain, other spellings (``asin``, ``ln``) included."""
+
+_BINARY: Final[Mapping[type[ast.operator], str]] = MappingProxyType(
+    {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
+)
+
+
+class ExpressionError(ValueError):
+    """A text that is not an allowed expression.
+
+    Parameters
+    ----------
+    message
+        What is wrong and what is allowed.
+    column
+        Where in the text, counted from 1; None when it concerns the whole text.
+    """
+
+    def __init__(self, message: str, column: int | None = None) -> None:
+        super().__init__(message, column)
+        self.message = message
+        self.column = column
+
+    def __str__(self) -> str:
+        return self.message if self.column is None else f"column {self.column}: {self.message}"
+
+
+@dataclass(frozen=True)
+class Expression:
+    r"""A formula in declared variables, as data.
+
+    Two expressions are equal when text, variables and constants are. Build one with
+    :meth:`parse`.
+
+    Parameters
+    ----------
+    text
+        The text as given.
+    variables
+        Names that may occur and get their values in :meth:`evaluate`.
+    constants
+        Further names with fixed values, sorted by name.
+    """
+
+    text: str
+    variables: tuple[str, ...] = ()
+    constants: tuple[tuple[str, float], ...] = ()
+    _program: tuple[Instruction, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_program", _translate(self))
+
+    @classmethod
+    def parse(
+        cls,
+        text: str | float,
+        variables: Sequence[str] = (),
+        constants: Mapping[str, float] | None = None,
+    ) -> Expression:
+        """Read an expression; a number stands for itself.
+
+        Parameters
+        ----------
+        text
+            Numbers, names, ``+ - * / **``, parentheses and functions of :data:`FUNCTION_NAMES`.
+        variables
+            Names that may occur. A variable ``e`` hides Euler's number.
+        constants
+            Further names with their values.
+
+        Raises
+        ------
+        ExpressionError
+            If the text holds anything else, is too long or too deep, or if a constant part of it
+            is not a finite real number.
+        """
+        if isinstance(text, bool) or not isinstance(text, str | int | float):
+            raise ExpressionError(f"{text!r} is neither a number nor an expression")
+        if not isinstance(text, str):
+            text = _number_as_text(text)
+        named = tuple(sorted((constants or {}).items()))
+        return cls(text, tuple(variables), named)
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Variables that occur in it."""
+        return frozenset(str(value) for kind, value in self._program if kind == "variable")
+
+    @property
+    def functions(self) -> frozenset[str]:
+        """Functions of variables that occur in it, by their NumPy names."""
+        return frozenset(str(value) for kind, value in self._program if kind == "call")
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether no variable occurs."""
+        return not self.names
+
+    def evaluate(
+        self, values: Mapping[str, T | float], functions: Mapping[str, Callable[..., T]]
+    ) -> T | float:
+        """Value for given variables, on any algebra with ``+ - * / **``.
+
+        Integral exponents arrive as ``int``, all other constants as ``float``. Parts that hold
+        only floating-point numbers are evaluated in double precision whatever the algebra is.
+        Floating-point arithmetic never warns or raises here: ``t**-0.5`` at 0 is infinite and
+        ``t**0.5`` at -1 is not a number.
+
+        Parameters
+        ----------
+        values
+            A value for every name in :attr:`names`; arrays broadcast.
+        functions
+            The elementary functions on the algebra, for arrays :data:`NUMPY_FUNCTIONS`.
+
+        Returns
+        -------
+        T | float
+            A ``float`` if the expression is constant or every value was a number.
+
+        Raises
+        ------
+        ExpressionError
+            If a value or a function is missing.
+        """
+        stack: list[T | float] = []
+        with np.errstate(all="ignore"):
+            for kind, value in self._program:
+                if kind == "number":
+                    stack.append(cast(float, value))
+                elif kind == "variable":
+                    stack.append(_value_of(str(value), values))
+                elif kind == "call":
+                    stack.append(_call(str(value), stack.pop(), functions))
+                elif kind == "negate":
+                    stack.append(-stack.pop())  # type: ignore[operator]
+                else:
+                    right = stack.pop()
+                    stack.append(_combine(kind, stack.pop(), right))
+        return stack.pop()
+
+
+def _number_as_text(number: float) -> str:
+    try:
+        value = float(number)
+    except OverflowError:
+        raise ExpressionError("the number is larger than 1.8e308") from None
+    if not math.isfinite(value):
+        raise ExpressionError(f"{value!r} is not a finite number")
+    return repr(value)
+
+
+def _value_of(name: str, values: Mapping[str, T | float]) -> T | float:
+    if name not in values:
+        raise ExpressionError(f"no value was given for the variable {name!r}")
+    value = values[name]
+    if isinstance(value, int | float):
+        return float(value)
+    if isinstance(value, np.ndarray) and value.dtype.kind in "bui":
+        # Integer arrays would refuse negative powers.
+        return cast(T, value.astype(float))
+    return value
+
+
+def _call(name: str, argument: T | float, functions: Mapping[str, Callable[..., T]]) -> T | float:
+    if isinstance(argument, float):
+        return float(NUMPY_FUNCTIONS[name](np.asarray(argument)))
+    if name not in functions:
+        raise ExpressionError(f"the function {name!r} is not available here")
+    return functions[name](argument)
+
+
+def _combine(operator: str, left: T | float, right: T | float) -> T | float:
+    if isinstance(left, float) and isinstance(right, float):
+        # Python's own numbers raise at 1/0 and turn complex at (-1)**0.5; NumPy's do neither.
+        return float(_arithmetic(operator, np.float64(left), np.float64(right)))
+    if operator == "**" and isinstance(right, float) and right.is_integer() and abs(right) < 1e9:
+        return _arithmetic(operator, left, int(right))
+    return _arithmetic(operator, left, right)
+
+
+def _arithmetic(operator: str, left: T | float, right: T | float) -> T | float:
+    if operator == "+":
+        return left + right  # type: ignore[operator]
+    if operator == "-":
+        return left - right  # type: ignore[operator]
+    if operator == "*":
+        return left * right  # type: ignore[operator]
+    if operator == "/":
+        return left / right  # type: ignore[operator]
+    return left**right  # type: ignore[operator, no-any-return]
+
+
+def _translate(expression: Expression) -> tuple[Instruction, ...]:
+    _check_names(expression)
+    program: list[Instruction] = []
+    tree = _syntax_tree(expression.text)
+    # Depth first without recursion: the second visit of a node emits its instruction.
+    pending: list[tuple[ast.expr, int, bool]] = [(tree, 1, False)]
+    nodes = 0
+    while pending:
+        node, depth, operands_done = pending.pop()
+        if operands_done:
+            _emit(program, node)
+            continue
+        nodes += 1
+        if depth > LARGEST_DEPTH or nodes > MOST_NODES:
+            raise ExpressionError(
+                f"too long: at most {MOST_NODES} numbers, names and operators, nested at most "
+                f"{LARGEST_DEPTH} deep"
+            )
+        if isinstance(node, ast.Constant):
+            program.append(("number", _literal(node)))
+        elif isinstance(node, ast.Name):
+            program.append(_name(node, expression))
+        else:
+            pending.append((node, depth, True))
+            pending.extend((child, depth + 1, False) for child in reversed(_operands(node)))
+    return tuple(program)
+
+
+def _check_names(expression: Expression) -> None:
+    variables = expression.variables
+    names = (*variables, *(name for name, _ in expression.constants))
+    for name in names:
+        if not (name.isascii() and name.isidentifier()) or keyword.iskeyword(name):
+            raise ExpressionError(
+                f"{name!r} cannot be a variable; use letters, digits and _, no Python keyword"
+            )
+        if name in FUNCTION_NAMES or name == "pi":
+            raise ExpressionError(f"{name!r} cannot be a variable; the name has a meaning already")
+    if len(set(names)) != len(names):
+        raise ExpressionError(f"a name is declared twice in {list(names)}")
+    for name, value in expression.constants:
+        if not math.isfinite(value):
+            raise ExpressionError(f"the constant {name} = {value!r} is not finite")
+
+
+def _syntax_tree(text: str) -> ast.expr:
+    if len(text) > LONGEST_TEXT:
+        raise ExpressionError(f"too long: {len(text)} characters, at most {LONGEST_TEXT}")
+    if not text.strip():
+        raise ExpressionError("empty; give a number or an expression")
+    forbidden = re.search(r"[^0-9A-Za-z_.+\-*/(),\s]", text, re.ASCII)
+    if forbidden:
+        advice = "; a power is written **" if forbidden.group() == "^" else ""
+        raise ExpressionError(
+            f"{forbidden.group()!r} is not allowed{advice}", forbidden.start() + 1
+        )
+    nesting = 0
+    for position, character in enumerate(text):
+        nesting += (character == "(") - (character == ")")
+        if nesting < 0:
+            raise ExpressionError("this ')' has no '('", position + 1)
+        if nesting > DEEPEST_NESTING:
+            raise ExpressionError(
+                f"parentheses are nested more than {DEEPEST_NESTING} deep", position + 1
+            )
+    if nesting:
+        raise ExpressionError(f"{nesting} ')' missing at the end", len(text) + 1)
+    # The parentheses make leading blanks and line breaks harmless; one column is subtracted later.
+    source = "(" + re.sub(r"\s", " ", text) + ")"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tree = ast.parse(source, mode="eval").body
+    except SyntaxError as error:
+        column = min(max((error.offset or 2) - 1, 1), len(text) + 1)
+        raise ExpressionError("this is not a complete expression", column) from None
+    except (ValueError, RecursionError, MemoryError, OverflowError):
+        raise ExpressionError("nested too deeply, or a number with too many digits") from None
+    if isinstance(tree, ast.Tuple):
+        raise ExpressionError("one expression is expected, not several between commas")
+    return tree
+
+
+def _literal(node: ast.Constant) -> float:
+    value = node.value
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ExpressionError(f"{value!r} is not allowed; use real numbers", node.col_offset)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ExpressionError("the number is larger than 1.8e308", node.col_offset)
+    return number
+
+
+def _name(node: ast.Name, expression: Expression) -> Instruction:
+    name = node.id
+    if name in expression.variables:
+        return ("variable", name)
+    constants = {**CONSTANTS, **dict(expression.constants)}
+    if name in constants:
+        return ("number", float(constants[name]))
+    if name in FUNCTION_NAMES:
+        raise ExpressionError(f"the function {name!r} needs an argument: {name}(...)", _col(node))
+    known = [*expression.variables, *constants]
+    raise ExpressionError(_unknown("name", name, known), _col(node))
+
+
+def _unknown(what: str, name: str, known: Sequence[str]) -> str:
+    nearest = difflib.get_close_matches(name, known, n=1)
+    guess = f"; did you mean {nearest[0]!r}?" if nearest else ""
+    return f"unknown {what} {name!r}{_ADVICE.get(name, guess)} (known: {', '.join(sorted(known))})"
+
+
+def _col(node: ast.expr) -> int:
+    # Column 0 of the source is the added parenthesis, so this already counts from 1.
+    return max(node.col_offset, 1)
+
+
+def _operands(node: ast.expr) -> list[ast.expr]:
+    if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
+        return [node.left, node.right]
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.UAdd | ast.USub):
+        return [node.operand]
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        name = node.func.id
+        if name not in FUNCTION_NAMES:
+            raise ExpressionError(_unknown("function", name, sorted(FUNCTION_NAMES)), _col(node))
+        if len(node.args) != 1 or node.keywords or isinstance(node.args[0], ast.Starred):
+            raise ExpressionError(f"{name} takes exactly one argument", _col(node))
+        return [node.args[0]]
+    raise ExpressionError(
+        "only numbers, names, + - * / **, parentheses and functions are allowed", _col(node)
+    )
+
+
+def _emit(program: list[Instruction], node: ast.expr) -> None:
+    """Append what `node` does, folding it when its operands are numbers."""
+    instruction: Instruction
+    if isinstance(node, ast.BinOp):
+        instruction, count = (_BINARY[type(node.op)], ""), 2
+    elif isinstance(node, ast.UnaryOp):
+        if isinstance(node.op, ast.UAdd):
+            return
+        instruction, count = ("negate", ""), 1
+    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        instruction, count = ("call", _ALIASES.get(node.func.id, node.func.id)), 1
+    else:
+        raise ExpressionError("not allowed", _col(node))
+    operands = program[-count:]
+    if len(operands) < count or any(kind != "number" for kind, _ in operands):
+        program.append(instruction)
+        return
+    folded = _fold(instruction, [cast(float, value) for _, value in operands], _col(node))
+    del program[-count:]
+    program.append(("number", folded))
+
+
+def _fold(instruction: Instruction, operands: list[float], column: int) -> float:
+    # Every number is a float already, so that 9**9**9 overflows at once instead of growing.
+    with np.errstate(all="ignore"):
+        kind, name = instruction
+        if kind == "call":
+            result = _call(str(name), operands[0], NUMPY_FUNCTIONS)
+        elif kind == "negate":
+            result = -operands[0]
+        else:
+            result = _combine(kind, operands[0], operands[1])
+    value = float(cast(float, result))
+    if math.isnan(value):
+        raise ExpressionError("this constant is not a real number", column)
+    if math.isinf(value):
+        raise ExpressionError("this constant is infinite or larger than 1.8e308", column)
+    return value
