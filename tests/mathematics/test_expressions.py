@@ -1,0 +1,251 @@
+"""Expressions: what is understood, what is refused and where, and that nothing is ever executed."""
+
+from __future__ import annotations
+
+import pickle
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fvi_cli.mathematics.expressions import (
+    FUNCTION_NAMES,
+    NUMPY_FUNCTIONS,
+    Expression,
+    ExpressionError,
+)
+
+TIMES = np.array([0.0, 0.25, 1.0, 3.0])
+
+
+def at_times(text: str) -> np.ndarray:
+    return np.asarray(Expression.parse(text, ("t",)).evaluate({"t": TIMES}, NUMPY_FUNCTIONS))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("t**2.5", TIMES**2.5),
+        ("15/4*sqrt(t) + 15/8*sqrt(pi)*t", 3.75 * TIMES**0.5 + 1.875 * np.pi**0.5 * TIMES),
+        ("-t**2", -(TIMES**2)),
+        ("2**-1*t", TIMES / 2),
+        ("t - 1 - 2", TIMES - 3),
+        ("t/2/4", TIMES / 8),
+        ("2**3**2", np.float64(512)),
+        ("+t*-2", -2 * TIMES),
+        ("  exp(\n -t ) ", np.exp(-TIMES)),
+        ("asin(t/4) + arcsin(t/4)", 2 * np.arcsin(TIMES / 4)),
+        ("gamma(5)*gamma(t + 1)", 24 * np.array([1, 0.906402477055477, 1, 6])),
+        ("abs(t - 1)*sign(t - 1)", TIMES - 1),
+        ("e**t", np.exp(TIMES)),
+    ],
+)
+def test_value(text: str, expected: np.ndarray) -> None:
+    np.testing.assert_allclose(at_times(text), expected, rtol=1e-14)
+
+
+def test_every_function_agrees_with_extended_precision() -> None:
+    special = {"arcsin": "asin", "arccos": "acos", "arctan": "atan", "abs": "fabs"}
+    special |= {"arcsinh": "asinh", "arccosh": "acosh", "arctanh": "atanh", "ln": "log"}
+    for name in sorted(FUNCTION_NAMES):
+        at = 1.25 if "cosh" in name else 0.375
+        value = Expression.parse(f"{name}(t)", ("t",)).evaluate({"t": at}, NUMPY_FUNCTIONS)
+        reference = getattr(mpmath, special.get(name, name))(at)
+        assert value == pytest.approx(float(reference), rel=1e-15), name
+        folded = Expression.parse(f"{name}({at})")
+        assert folded.evaluate({}, {}) == value
+        assert folded.is_constant
+
+
+def test_any_algebra() -> None:
+    functions = {"sin": mpmath.sin}
+    expression = Expression.parse("k*sin(x) + x**3/7", ("x", "k"))
+    with mpmath.workdps(40):
+        x = mpmath.mpf(1) / 3
+        value = expression.evaluate({"x": x, "k": 2.0}, functions)
+        assert abs(value - (2 * mpmath.sin(x) + x**3 / 7)) < mpmath.mpf(10) ** -39
+    with pytest.raises(ExpressionError, match="'cos' is not available"):
+        Expression.parse("cos(x)", ("x",)).evaluate({"x": x}, functions)
+
+
+def test_integral_exponents_arrive_as_integers() -> None:
+    class Recorder:
+        def __pow__(self, exponent: float) -> float:
+            return exponent
+
+    for text, kind in [("x**3", int), ("x**(4/2)", int), ("x**2.5", float)]:
+        exponent = Expression.parse(text, ("x",)).evaluate({"x": Recorder()}, {})
+        assert type(exponent) is kind
+
+
+def test_numbers_stand_for_themselves() -> None:
+    for number in (3, 0.1, -2.5, 1e-300):
+        assert Expression.parse(number).evaluate({}, {}) == number
+    for wrong in (float("inf"), float("nan"), 10**400, True, None, [1]):
+        with pytest.raises(ExpressionError):
+            Expression.parse(wrong)
+
+
+def test_names_constants_and_equality() -> None:
+    expression = Expression.parse("a*sin(x) + 0*y", ("x", "y", "z"), {"a": 2.0})
+    assert expression.names == {"x", "y"}
+    assert expression.functions == {"sin"}
+    assert not expression.is_constant
+    assert expression.evaluate({"x": 1.0, "y": 0.0}, {}) == 2 * np.sin(1.0)
+    again = Expression.parse("a*sin(x) + 0*y", ("x", "y", "z"), {"a": 2.0})
+    assert expression == again
+    assert hash(expression) == hash(again)
+    assert expression != Expression.parse("a*sin(x) + 0*y", ("x", "y", "z"), {"a": 3.0})
+    assert expression != Expression.parse("a*sin(x)+0*y", ("x", "y", "z"), {"a": 2.0})
+    assert pickle.loads(pickle.dumps(expression)) == expression
+    with pytest.raises(ExpressionError, match="no value was given for the variable 'y'"):
+        expression.evaluate({"x": 1.0}, {})
+
+
+def test_singular_values_neither_warn_nor_raise() -> None:
+    np.testing.assert_array_equal(at_times("t**0.5")[0], 0.0)
+    assert at_times("t**-0.5")[0] == np.inf
+    assert at_times("log(t)")[0] == -np.inf
+    assert np.isnan(at_times("(t - 1)**0.5")[0])
+    assert np.isnan(Expression.parse("t**0.5", ("t",)).evaluate({"t": -1.0}, {}))
+    assert Expression.parse("1/t", ("t",)).evaluate({"t": 0}, {}) == np.inf
+    integers = Expression.parse("t**-1", ("t",)).evaluate({"t": np.array([1, 2])}, NUMPY_FUNCTIONS)
+    np.testing.assert_array_equal(integers, [1, 0.5])
+
+
+@pytest.mark.parametrize(
+    ("text", "column", "message"),
+    [
+        ("sqr(t)", 1, "did you mean 'sqrt'"),
+        ("1 + omga*t", 5, "did you mean 'omega'"),
+        ("t + heaviside(t)", 5, "pieces"),
+        ("t^2", 2, r"a power is written \*\*"),
+        ("2*t.real", 3, "only numbers"),
+        ("t<1", 2, "'<' is not allowed"),
+        ("t + 1j", 5, "real numbers"),
+        ("t)+(t", 2, r"has no '\('"),
+        ("(t", 3, r"'\)' missing"),
+        ("2*sin", 3, "needs an argument"),
+        ("1 + sin(t, t)", 5, "exactly one argument"),
+        ("sin(*t)", 1, "exactly one argument"),
+        ("t + 9**9**9**9", 8, "infinite"),
+        ("10**400", 1, "infinite"),
+        ("t*1e999", 3, "larger than"),
+        ("1/0", 1, "infinite"),
+        ("(-8)**(1/3)", 1, "not a real number"),
+        ("sqrt(-2)*t", 1, "not a real number"),
+        ("gamma(0)", 1, "infinite|not a real"),
+        ("t t", 1, "complete expression"),
+        ("t +", 4, "complete expression"),
+        ("(t, t)", None, "several"),
+        ("", None, "empty"),
+    ],
+)
+def test_refused_with_the_place(text: str, column: int | None, message: str) -> None:
+    with pytest.raises(ExpressionError, match=message) as caught:
+        Expression.parse(text, ("t", "omega"))
+    assert caught.value.column == column
+    assert pickle.loads(pickle.dumps(caught.value)).column == column
+    assert isinstance(caught.value, ValueError)
+
+
+ATTACKS = [
+    "__import__('os').system('true')",
+    "().__class__.__bases__[0].__subclasses__()",
+    "(lambda: t)()",
+    "[t for t in (1,)]",
+    "t if t else t",
+    "t and t",
+    "not t",
+    "await t",
+    "(yield)",
+    "(t := 1)",
+    "f'{t}'",
+    "t[0]",
+    "t; t",
+    "None",
+    "True",
+    "...",
+    "eval(t)",
+    "sin.func(t)",
+    "sin(t)(t)",
+    "sin(x=t)",
+    "print(1)",
+    "t # comment",
+    "t\\",
+    "\x00",
+    "ｔ + 1",
+    "t" * 20_000,
+    "9" * 5_000,
+    "-" * 9_990 + "t",
+    "(" * 150 + "t" + ")" * 150,
+    "t**" * 3_000 + "t",
+    "sin(" * 99 + "t" + ")" * 98,
+    "t*0." + "9" * 9_000 + "e",
+    "1if 2",
+    "0777",
+]
+
+
+@pytest.mark.parametrize("text", ATTACKS, ids=range(len(ATTACKS)))
+def test_attacks_are_refused(text: str) -> None:
+    with pytest.raises(ExpressionError):
+        Expression.parse(text, ("t",))
+
+
+def test_a_long_sum_is_no_attack() -> None:
+    text = " + ".join(["t"] * 400)
+    np.testing.assert_allclose(at_times(text), 400 * TIMES)
+
+
+@pytest.mark.parametrize("name", ["sin", "asin", "pi", "lambda", "1x", "x y", "ü", ""])
+def test_variables_with_another_meaning_are_refused(name: str) -> None:
+    with pytest.raises(ExpressionError):
+        Expression.parse("1", (name,))
+    with pytest.raises(ExpressionError):
+        Expression.parse("1", (), {name: 1.0})
+
+
+def test_a_variable_may_hide_eulers_number_only_by_declaration() -> None:
+    assert Expression.parse("e", ("e",)).evaluate({"e": 0.5}, {}) == 0.5
+    assert Expression.parse("e", (), {"e": 0.25}).evaluate({}, {}) == 0.25
+    with pytest.raises(ExpressionError, match="twice"):
+        Expression.parse("e", ("e",), {"e": 1.0})
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.text(alphabet="t0123456789.e+-*/() ,sincoqrtlgx_", max_size=40) | st.text(max_size=20))
+def test_any_text_is_understood_or_refused(text: str) -> None:
+    try:
+        expression = Expression.parse(text, ("t",))
+    except ExpressionError as error:
+        column = 1 if error.column is None else error.column
+    else:
+        column = 1
+        value = expression.evaluate({"t": TIMES}, NUMPY_FUNCTIONS)
+        assert np.broadcast_to(np.asarray(value), TIMES.shape).dtype == float
+    assert 1 <= column <= len(text) + 1
+
+
+@st.composite
+def formulas(draw: st.DrawFn, depth: int = 3) -> str:
+    if depth == 0 or draw(st.booleans()):
+        return draw(st.sampled_from(["t", "2", "0.5", "pi", "7"]))
+    left, right = draw(formulas(depth - 1)), draw(formulas(depth - 1))
+    shape = draw(st.sampled_from(["({}+{})", "({}-{})", "({}*{})", "(sin({})/(2+cos({})))"]))
+    return shape.format(left, right)
+
+
+@settings(max_examples=100, deadline=None)
+@given(formulas())
+def test_agrees_with_pythons_own_arithmetic(text: str) -> None:
+    names = {"t": TIMES, "pi": np.pi, "sin": np.sin, "cos": np.cos}
+    expected = eval(text, {"__builtins__": {}}, names)
+    np.testing.assert_allclose(
+        np.broadcast_to(at_times(text), TIMES.shape),
+        np.broadcast_to(expected, TIMES.shape),
+        rtol=1e-13,
+        atol=1e-13,
+    )
