@@ -1,0 +1,261 @@
+"""Gauss, Lobatto and Radau quadrature on [0, 1], with any number of points up to 64."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_Extended = NDArray[np.longdouble]
+
+LARGEST_RULE = 64
+"""Largest number of points that the rules are made for."""
+
+_ORDER_DEFICIT = {"gauss": 0, "radau-right": 1, "lobatto": 2}
+_MOMENT_TOLERANCE = 1e-14
+# Newton's method starts from eigenvalues that are right to about 1e-15 and converges
+# quadratically; the third step only catches what the second one rounds.
+_NEWTON_STEPS = 3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class QuadratureRule:
+    """An interpolatory rule: the integral of f over [0, 1] is about ``sum_i b_i f(c_i)``.
+
+    Parameters
+    ----------
+    name
+        Family of the rule: ``gauss``, ``lobatto`` or ``radau-right``; it fixes the order.
+    nodes
+        The nodes c_i, strictly increasing in [0, 1], shape ``(n,)``.
+    weights
+        The weights b_i, positive, shape ``(n,)``.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name, wrong shapes, nodes out of order or outside [0, 1], weights that
+        are not positive, and a rule that does not integrate every monomial up to its degree of
+        exactness.
+    """
+
+    name: str
+    nodes: Array
+    weights: Array
+
+    def __post_init__(self) -> None:
+        if self.name not in _ORDER_DEFICIT:
+            raise ValueError(
+                f"quadrature: {self.name!r} is not one of {', '.join(sorted(_ORDER_DEFICIT))}"
+            )
+        nodes = np.array(self.nodes, dtype=np.float64)
+        weights = np.array(self.weights, dtype=np.float64)
+        if nodes.ndim != 1 or nodes.size == 0 or nodes.shape != weights.shape:
+            raise ValueError(
+                f"quadrature: nodes of shape {nodes.shape} and weights of shape {weights.shape} "
+                "are not allowed; both must be (n,) with n >= 1"
+            )
+        if not (np.all(np.diff(nodes) > 0) and nodes[0] >= 0 and nodes[-1] <= 1):
+            raise ValueError(f"quadrature: nodes {nodes} must increase strictly within [0, 1]")
+        if not np.all(weights > 0):
+            raise ValueError(f"quadrature: weights {weights} must be positive")
+        nodes.setflags(write=False)
+        weights.setflags(write=False)
+        object.__setattr__(self, "nodes", nodes)
+        object.__setattr__(self, "weights", weights)
+        degrees = np.arange(self.order)
+        defects = np.abs(weights @ nodes[:, None] ** degrees - 1 / (degrees + 1.0))
+        worst = int(defects.argmax())
+        # Written as a negation so that NaN is refused as well.
+        if not defects[worst] <= _MOMENT_TOLERANCE:
+            raise ValueError(
+                f"quadrature: the integral of t**{worst} by {self.name} with {nodes.size} points "
+                f"is wrong by {defects[worst]:.3g}; at most {_MOMENT_TOLERANCE:g} is allowed"
+            )
+
+    @property
+    def n_points(self) -> int:
+        """Number of nodes n."""
+        return int(self.nodes.size)
+
+    @property
+    def order(self) -> int:
+        """Order of the rule: 2n for Gauss, 2n - 1 for Radau, 2n - 2 for Lobatto."""
+        return 2 * self.n_points - _ORDER_DEFICIT[self.name]
+
+    @property
+    def exactness(self) -> int:
+        """Largest degree of polynomials that are integrated exactly: the order minus one."""
+        return self.order - 1
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether ``1 - c_i`` is again a node with the same weight, to the last digit."""
+        return bool(
+            np.array_equal(1.0 - self.nodes, self.nodes[::-1])
+            and np.array_equal(self.weights, self.weights[::-1])
+        )
+
+
+@cache
+def gauss_rule(n_points: int) -> QuadratureRule:
+    """Return the Gauss-Legendre rule on [0, 1].
+
+    Parameters
+    ----------
+    n_points
+        Number of points, 1 to 64; the order is ``2 * n_points``.
+
+    Raises
+    ------
+    ValueError
+        For a number of points outside 1 to 64.
+
+    Notes
+    -----
+    With the roots x_i of the Legendre polynomial P_n the weights on [0, 1] are
+    ``1 / ((1 - x_i^2) P_n'(x_i)^2)`` (Davis and Rabinowitz, *Methods of Numerical
+    Integration*, section 2.7).
+    """
+    _check_number("gauss", n_points, least=1)
+    roots = _jacobi_roots(n_points, 0, 0)
+    _, slopes = _jacobi(n_points, 0, 0, roots)
+    return _symmetric_rule("gauss", roots, np.reciprocal((1 - roots**2) * slopes**2))
+
+
+@cache
+def lobatto_rule(n_points: int) -> QuadratureRule:
+    """Return the Gauss-Lobatto rule on [0, 1], whose first and last nodes are 0 and 1.
+
+    Parameters
+    ----------
+    n_points
+        Number of points, 2 to 64; the order is ``2 * n_points - 2``.
+
+    Raises
+    ------
+    ValueError
+        For a number of points outside 2 to 64.
+
+    Notes
+    -----
+    The inner nodes are the roots of ``P_{n-1}'``; the weights on [0, 1] are
+    ``1 / (n (n-1) P_{n-1}(x_i)^2)`` (Davis and Rabinowitz, *Methods of Numerical
+    Integration*, section 2.7).
+    """
+    _check_number("lobatto", n_points, least=2)
+    one = np.ones(1, dtype=np.longdouble)
+    roots = np.concatenate([-one, _jacobi_roots(n_points - 2, 1, 1), one])
+    legendre, _ = _jacobi(n_points - 1, 0, 0, roots)
+    return _symmetric_rule("lobatto", roots, np.reciprocal(n_points * (n_points - 1) * legendre**2))
+
+
+@cache
+def radau_right_rule(n_points: int) -> QuadratureRule:
+    """Return the Gauss-Radau rule on [0, 1] whose last node is 1 (Radau IIA).
+
+    Parameters
+    ----------
+    n_points
+        Number of points, 1 to 64; the order is ``2 * n_points - 1``.
+
+    Raises
+    ------
+    ValueError
+        For a number of points outside 1 to 64.
+
+    Notes
+    -----
+    The other nodes are the roots of the Jacobi polynomial ``P_{n-1}^{(1,0)}``; the weights on
+    [0, 1] are ``(1 + x_i) / (2 n^2 P_{n-1}(x_i)^2)`` (Davis and Rabinowitz, *Methods of
+    Numerical Integration*, section 2.7, mirrored).
+    """
+    _check_number("radau-right", n_points, least=1)
+    one = np.ones(1, dtype=np.longdouble)
+    roots = np.concatenate([_jacobi_roots(n_points - 1, 1, 0), one])
+    legendre, _ = _jacobi(n_points - 1, 0, 0, roots)
+    weights = (1 + roots) / (2 * n_points**2 * legendre**2)
+    return QuadratureRule(
+        name="radau-right",
+        nodes=((1 + roots) / 2).astype(np.float64),
+        weights=weights.astype(np.float64),
+    )
+
+
+def _check_number(name: str, n_points: int, *, least: int) -> None:
+    if not least <= n_points <= LARGEST_RULE:
+        raise ValueError(f"{name}: {n_points} points; permitted are {least} to {LARGEST_RULE}")
+
+
+def _symmetric_rule(name: str, roots: _Extended, weights: _Extended) -> QuadratureRule:
+    """Map a rule from [-1, 1] so that node pairs add up to 1 exactly."""
+    upper = np.maximum(np.abs(roots), np.abs(roots[::-1]))
+    half_up = ((1 + upper) / 2).astype(np.float64)
+    # 1 - c is exact for c in [1/2, 1].
+    nodes = np.where(np.arange(roots.size) < roots.size // 2, 1.0 - half_up, half_up)
+    if roots.size % 2:
+        nodes[roots.size // 2] = 0.5
+    return QuadratureRule(
+        name=name, nodes=nodes, weights=((weights + weights[::-1]) / 2).astype(np.float64)
+    )
+
+
+def _jacobi_roots(degree: int, a: int, b: int) -> _Extended:
+    """Roots of the Jacobi polynomial P_degree^{(a,b)}, increasing.
+
+    Eigenvalues of the symmetric tridiagonal matrix (Golub and Welsch 1969), then Newton's method
+    in extended precision where the machine has it.
+    """
+    if degree == 0:
+        return np.empty(0, dtype=np.longdouble)
+    n = np.arange(degree, dtype=np.float64)
+    total = 2 * n + a + b
+    diagonal = np.full(degree, (b - a) / (a + b + 2.0))
+    diagonal[1:] = (b * b - a * a) / (total[1:] * (total[1:] + 2))
+    k, t = n[1:], total[1:]
+    squares = 4 * k * (k + a) * (k + b) * (k + a + b) / (t * t * (t + 1) * np.maximum(t - 1, 1))
+    # For k = 1 the factors k + a + b and t - 1 cancel; written out they may be 0/0.
+    squares[:1] = 4 * (1 + a) * (1 + b) / ((2 + a + b) ** 2 * (3 + a + b))
+    off = np.sqrt(squares)
+    matrix = np.diag(diagonal) + np.diag(off, 1) + np.diag(off, -1)
+    roots = np.linalg.eigvalsh(matrix).astype(np.longdouble)
+    for _ in range(_NEWTON_STEPS):
+        values, slopes = _jacobi(degree, a, b, roots)
+        roots = roots - values / slopes
+    return roots
+
+
+def _jacobi(degree: int, a: int, b: int, x: _Extended) -> tuple[_Extended, _Extended]:
+    """Value and derivative of P_degree^{(a,b)} at `x` by the three-term recurrence.
+
+    The recurrence is differentiated as it stands, so that the end points need no special case.
+    """
+    before, value = np.zeros_like(x), np.ones_like(x)
+    slope_before, slope = np.zeros_like(x), np.zeros_like(x)
+    for n in range(1, degree + 1):
+        t = 2 * n + a + b
+        if n == 1:
+            scale, shift, factor, back = 2, a - b, a + b + 2, 0
+        else:
+            scale = 2 * n * (n + a + b) * (t - 2)
+            shift = (t - 1) * (a * a - b * b)
+            factor = (t - 2) * (t - 1) * t
+            back = 2 * (n + a - 1) * (n + b - 1) * t
+        line = shift + factor * x
+        following = line * value - back * before
+        slope_following = factor * value + line * slope - back * slope_before
+        before, value = value, following / np.longdouble(scale)
+        slope_before, slope = slope, slope_following / np.longdouble(scale)
+    return value, slope
+
+
+__all__ = [
+    "LARGEST_RULE",
+    "QuadratureRule",
+    "gauss_rule",
+    "lobatto_rule",
+    "radau_right_rule",
+]
