@@ -1,0 +1,340 @@
+"""Backward difference formulas: generating polynomials and convolution-quadrature weights.
+
+The symbol of the formula of order p is ``gamma_p(z) = sum_{k=1..p} (1-z)^k / k``, and the weights
+of convolution quadrature are the power series coefficients of ``gamma_p(z)**order`` (Lubich,
+*Discretized fractional calculus*, SIAM J. Math. Anal. 17, 1986, section 2).
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import lru_cache
+from itertools import pairwise
+from math import comb
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+LARGEST_BDF_ORDER = 6
+"""Backward difference formulas of higher order are unstable."""
+
+# From this index on the weights are summed as an expansion at the singularity z = 1. The other
+# singularities, the zeros of q_p, are at |z| >= 1.158 (p = 6), and 1.158**-1024 < 1e-65.
+_TAIL_START = 1024
+# Terms of that expansion; the last one is below 1e-18 of the first at the start of the tail.
+_TAIL_TERMS = 10
+# From this index on the binomial coefficients come from their asymptotic series: a running
+# product would drift, to 2e-11 at n = 2**20.
+_BINOMIAL_TAIL_START = 24
+_BINOMIAL_TAIL_TERMS = 10
+# Coefficients of q_p**order decay geometrically and are cut where they are this small.
+_NEGLIGIBLE = 1e-40
+
+
+def generating_polynomial(bdf_order: int) -> Array:
+    """Return the coefficients of ``gamma_p(z) = sum_{k=1..p} (1-z)^k / k`` in powers of z.
+
+    Parameters
+    ----------
+    bdf_order
+        Order p of the backward difference formula, 1 to 6.
+
+    Returns
+    -------
+    Array
+        Shape ``(p + 1,)``; exact rationals, rounded once; read-only.
+
+    Raises
+    ------
+    ValueError
+        For an order outside 1 to 6.
+    """
+    return _rounded(_times_one_minus_z(_quotient(bdf_order)))
+
+
+def quotient_polynomial(bdf_order: int) -> Array:
+    """Return the coefficients of ``q_p(z) = gamma_p(z) / (1-z)`` in powers of z.
+
+    Parameters
+    ----------
+    bdf_order
+        Order p of the backward difference formula, 1 to 6.
+
+    Returns
+    -------
+    Array
+        Shape ``(p,)``; exact rationals, rounded once; read-only.
+
+    Raises
+    ------
+    ValueError
+        For an order outside 1 to 6.
+    """
+    return _rounded(_quotient(bdf_order))
+
+
+@overload
+def symbol_at(bdf_order: int, z: complex) -> np.complex128: ...
+@overload
+def symbol_at(bdf_order: int, z: ComplexArray) -> ComplexArray: ...
+def symbol_at(bdf_order: int, z: complex | ComplexArray) -> np.complex128 | ComplexArray:
+    """Evaluate ``gamma_p(z)`` at complex numbers, accurately near z = 1 as well.
+
+    Parameters
+    ----------
+    bdf_order
+        Order p of the backward difference formula, 1 to 6.
+    z
+        A number or an array.
+
+    Raises
+    ------
+    ValueError
+        For an order outside 1 to 6.
+    """
+    _check_bdf_order(bdf_order)
+    difference = 1.0 - np.asarray(z, dtype=np.complex128)
+    value = np.zeros_like(difference)
+    for k in range(bdf_order, 0, -1):
+        value = (value + 1.0 / k) * difference
+    return value if value.ndim else np.complex128(value[()])
+
+
+def convolution_weights(bdf_order: int, order: float, n_weights: int) -> Array:
+    """Return the first coefficients of ``gamma_p(z)**order`` in powers of z.
+
+    With step size h, ``h**-order * sum_{n=0..k} w_n f_{k-n}`` approximates the derivative of
+    that order at ``t_k`` (the integral, for negative order).
+
+    Parameters
+    ----------
+    bdf_order
+        Order p of the backward difference formula, 1 to 6.
+    order
+        Order of the derivative in (-2, 2]; negative for a fractional integral. For 0, 1 and 2
+        the weights are finite stencils: exact rationals, rounded once, then zeros.
+    n_weights
+        Number of weights N, at least 1.
+
+    Returns
+    -------
+    Array
+        ``w_0 .. w_{N-1}``, shape ``(N,)``, with relative accuracy in the tail.
+
+    Raises
+    ------
+    ValueError
+        For a formula, an order or a number out of range.
+
+    Notes
+    -----
+    ``gamma_p(z)**e = (1-z)**e q_p(z)**e``. The head is the convolution of the binomial series
+    with the power of ``q_p`` (J.C.P. Miller's recurrence, Henrici, *Applied and Computational
+    Complex Analysis* 1, section 1.6). The tail is the expansion of ``q_p(z)**e`` in powers of
+    1-z, term by term a binomial series again (Flajolet and Sedgewick, *Analytic Combinatorics*,
+    chapter VI); it costs a few operations per weight and has no cancellation.
+    """
+    exact = _check_arguments(bdf_order, order, n_weights)
+    return _power_weights(bdf_order, exact, exact, n_weights)
+
+
+def difference_weights(bdf_order: int, order: float, n_weights: int) -> Array:
+    """Return the first coefficients of ``gamma_p(z)**order / (1-z)`` in powers of z.
+
+    They act on increments: ``sum_n w_n f_{k-n} = sum_n v_n (f_{k-n} - f_{k-n-1})`` with
+    ``f_{-1} = 0``, w the convolution weights and v these. They are computed from the binomial
+    series of ``(1-z)**(order-1)``; running sums of w would lose the tail.
+
+    Parameters
+    ----------
+    bdf_order
+        Order p of the backward difference formula, 1 to 6.
+    order
+        Order of the derivative in (-2, 2]. For 1 and 2 the weights are finite stencils.
+    n_weights
+        Number of weights N, at least 1.
+
+    Returns
+    -------
+    Array
+        ``v_0 .. v_{N-1}``, shape ``(N,)``, with relative accuracy in the tail.
+
+    Raises
+    ------
+    ValueError
+        For a formula, an order or a number out of range.
+    """
+    exact = _check_arguments(bdf_order, order, n_weights)
+    return _power_weights(bdf_order, exact - 1, exact, n_weights)
+
+
+def _check_bdf_order(bdf_order: int) -> None:
+    if bdf_order not in range(1, LARGEST_BDF_ORDER + 1):
+        raise ValueError(f"bdf_order: {bdf_order!r} is not one of 1 to {LARGEST_BDF_ORDER}")
+
+
+def _check_arguments(bdf_order: int, order: float, n_weights: int) -> Fraction:
+    _check_bdf_order(bdf_order)
+    if not -2 < order <= 2:
+        raise ValueError(f"order: {order!r} is not in (-2, 2]")
+    if n_weights < 1:
+        raise ValueError(f"n_weights: {n_weights} is not allowed; it must be at least 1")
+    return Fraction(order)
+
+
+def _quotient(bdf_order: int) -> list[Fraction]:
+    """Exact coefficients of q_p(z) = sum_{k=1..p} (1-z)^(k-1) / k."""
+    _check_bdf_order(bdf_order)
+    return [
+        sum(
+            (Fraction((-1) ** m * comb(k - 1, m), k) for k in range(m + 1, bdf_order + 1)),
+            start=Fraction(0),
+        )
+        for m in range(bdf_order)
+    ]
+
+
+def _times_one_minus_z(polynomial: list[Fraction]) -> list[Fraction]:
+    padded = [Fraction(0), *polynomial, Fraction(0)]
+    return [high - low for low, high in pairwise(padded)]
+
+
+def _product(left: list[Fraction], right: list[Fraction]) -> list[Fraction]:
+    result = [Fraction(0)] * (len(left) + len(right) - 1)
+    for i, a in enumerate(left):
+        for j, b in enumerate(right):
+            result[i + j] += a * b
+    return result
+
+
+def _rounded(polynomial: list[Fraction]) -> Array:
+    coefficients = np.array([float(c) for c in polynomial])
+    coefficients.setflags(write=False)
+    return coefficients
+
+
+def _power_weights(
+    bdf_order: int, binomial_exponent: Fraction, quotient_exponent: Fraction, n_weights: int
+) -> Array:
+    """Coefficients of ``(1-z)**binomial_exponent * q_p(z)**quotient_exponent``."""
+    if binomial_exponent >= 0 and binomial_exponent.denominator == 1:
+        stencil = [Fraction(1)]
+        for _ in range(int(quotient_exponent)):
+            stencil = _product(stencil, _quotient(bdf_order))
+        for _ in range(int(binomial_exponent)):
+            stencil = _times_one_minus_z(stencil)
+        weights = np.zeros(n_weights)
+        n_stencil = min(len(stencil), n_weights)
+        weights[:n_stencil] = _rounded(stencil)[:n_stencil]
+        return weights
+    binomial = _binomial_series(binomial_exponent, n_weights)
+    if bdf_order == 1 or quotient_exponent == 0:
+        return binomial
+    head = min(n_weights, _TAIL_START)
+    short = _power_series(quotient_polynomial(bdf_order), float(quotient_exponent), head)
+    weights = np.empty(n_weights)
+    weights[:head] = np.convolve(binomial[:head], short)[:head]
+    if n_weights > head:
+        weights[head:] = binomial[head:] * _tail_factor(
+            bdf_order, float(binomial_exponent), float(quotient_exponent), head, n_weights
+        )
+    return weights
+
+
+def _power_series(coefficients: Array, exponent: float, n_terms: int) -> Array:
+    """Power of a polynomial by J.C.P. Miller's recurrence, cut where it is negligible."""
+    first, rest = float(coefficients[0]), coefficients[1:].tolist()
+    series = [first**exponent]
+    largest = abs(series[0])
+    for n in range(1, n_terms):
+        reach = min(n, len(rest))
+        series.append(
+            sum((k * exponent - (n - k)) * rest[k - 1] * series[n - k] for k in range(1, reach + 1))
+            / (n * first)
+        )
+        largest = max(largest, abs(series[n]))
+        # As many negligible terms in a row as the recurrence looks back: all others are, too.
+        if n >= len(rest) and max(map(abs, series[-len(rest) :])) < _NEGLIGIBLE * largest:
+            break
+    return np.array(series)
+
+
+def _binomial_series(exponent: Fraction, n_terms: int) -> Array:
+    """Coefficients of ``(1-z)**exponent``, each with relative accuracy.
+
+    The first ones are exact, rounded once. Beyond, with m = n - e/2,
+    ``Gamma(n-e) / Gamma(n+1) ~ m^(-e-1) sum_k c_k m^(-2k)``,
+    ``c_k = (-e-1)(-e-2)..(-e-2k) [t^(2k)] (2 sinh(t/2) / t)^e`` (Tricomi and Erdelyi 1951; the
+    form in even powers by Fields 1966; NIST Handbook, 5.11.14), scaled to meet the exact ones.
+    """
+    start = _BINOMIAL_TAIL_START
+    exact = [Fraction(1)]
+    for n in range(1, start + 1):
+        exact.append(exact[-1] * (n - 1 - exponent) / n)
+    head = np.array([float(c) for c in exact])
+    if n_terms <= start:
+        return head[:n_terms].copy()
+    coefficients = _gamma_ratio_coefficients(exponent)
+    centred = np.arange(start, n_terms, dtype=np.float64) - float(exponent) / 2
+    inverse_square = 1.0 / centred**2
+    tail = np.full_like(centred, coefficients[-1])
+    for c in coefficients[-2::-1]:
+        tail *= inverse_square
+        tail += c
+    tail *= centred ** float(-exponent - 1)
+    tail *= head[start] / tail[0]
+    return np.concatenate([head[:start], tail])
+
+
+@lru_cache(maxsize=128)
+def _gamma_ratio_coefficients(exponent: Fraction) -> tuple[float, ...]:
+    """Coefficients c_k of :func:`_binomial_series`, exact, rounded once."""
+    # 2 sinh(t/2) / t = sum_j x^j / (4^j (2j+1)!) with x = t^2.
+    sinh = [Fraction(1)]
+    for j in range(1, _BINOMIAL_TAIL_TERMS):
+        sinh.append(sinh[-1] / (4 * 2 * j * (2 * j + 1)))
+    power = [Fraction(1)]
+    for n in range(1, _BINOMIAL_TAIL_TERMS):
+        terms = ((k * exponent - (n - k)) * sinh[k] * power[n - k] for k in range(1, n + 1))
+        power.append(sum(terms, start=Fraction(0)) / n)
+    falling = Fraction(1)
+    coefficients = [1.0]
+    for k in range(1, _BINOMIAL_TAIL_TERMS):
+        falling *= (-exponent - 2 * k + 1) * (-exponent - 2 * k)
+        coefficients.append(float(falling * power[k]))
+    return tuple(coefficients)
+
+
+def _tail_factor(
+    bdf_order: int, binomial_exponent: float, quotient_exponent: float, start: int, stop: int
+) -> Array:
+    """Ratio of the weights to the binomial coefficients for n = start .. stop-1.
+
+    With ``q_p(z)**g = sum_k a_k (1-z)^k`` and b_n the coefficients of ``(1-z)**e``,
+    ``w_n ~ b_n sum_k a_k prod_{i<k} (-(e+1+i)) / (n-1-e-i)``, as multiplication by 1-z turns
+    ``b_n`` into ``-(e+1) / (n-1-e) b_n``.
+    """
+    at_one = 1.0 / np.arange(1.0, bdf_order + 1)
+    expansion = np.zeros(_TAIL_TERMS)
+    series = _power_series(at_one, quotient_exponent, _TAIL_TERMS)
+    expansion[: series.size] = series
+    n = np.arange(start, stop, dtype=np.float64)
+    factor = np.full_like(n, expansion[-1])
+    for k in range(_TAIL_TERMS - 2, -1, -1):
+        factor *= -(binomial_exponent + 1 + k) / (n - (1 + binomial_exponent + k))
+        factor += expansion[k]
+    return factor
+
+
+__all__ = [
+    "LARGEST_BDF_ORDER",
+    "convolution_weights",
+    "difference_weights",
+    "generating_polynomial",
+    "quotient_polynomial",
+    "symbol_at",
+]
