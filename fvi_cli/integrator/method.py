@@ -5,9 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from fvi_cli.mathematics.quadrature import QuadratureRule, gauss_rule, lobatto_rule
+from fvi_cli.mathematics.quadrature import (
+    QuadratureRule,
+    gauss_rule,
+    lobatto_rule,
+    radau_right_rule,
+)
 
-RuleName = Literal["gauss", "lobatto"]
+RuleName = Literal["gauss", "lobatto", "radau"]
 Sampling = Literal["nodes", "points"]
 Start = Literal["none", "weights", "series"]
 ForcingQuadrature = Literal["galerkin", "exact", "projected"]
@@ -16,6 +21,7 @@ History = Literal["auto", "direct"]
 BDF_NAMES = tuple(f"bdf{p}" for p in range(1, 7))
 RUNGE_KUTTA_NAMES = ("gauss", "radau-iia", "lobatto-iiic")
 BASELINE_NAMES = ("explicit-euler", "implicit-euler")
+LARGEST_DEGREE = 20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,22 +31,23 @@ class RuleSpecification:
     Raises
     ------
     ValueError
-        For an unknown name, or fewer points than the rule can have.
+        For an unknown name, or a number of points that the rule cannot have.
     """
 
     rule: RuleName = "gauss"
     points: int = 1
 
     def __post_init__(self) -> None:
-        if self.rule not in ("gauss", "lobatto"):
-            raise ValueError(f"quadrature: {self.rule!r} is not one of gauss, lobatto")
-        least = 1 if self.rule == "gauss" else 2
+        if self.rule not in ("gauss", "lobatto", "radau"):
+            raise ValueError(f"quadrature: {self.rule!r} is not one of gauss, lobatto, radau")
+        least = 2 if self.rule == "lobatto" else 1
         if not least <= self.points <= 64:
             raise ValueError(f"quadrature: {self.points} points; {self.rule} takes {least} to 64")
 
     def build(self) -> QuadratureRule:
         """The nodes and weights."""
-        return gauss_rule(self.points) if self.rule == "gauss" else lobatto_rule(self.points)
+        build = {"gauss": gauss_rule, "lobatto": lobatto_rule, "radau": radau_right_rule}
+        return build[self.rule](self.points)
 
     @property
     def label(self) -> str:
@@ -55,20 +62,23 @@ class Method:
     Parameters
     ----------
     cq
-        Convolution quadrature: ``bdf1`` to ``bdf6``.
-    sampling
-        Where the fractional action is sampled: ``nodes`` (the paper) or ``points``.
+        Convolution quadrature: ``bdf1`` to ``bdf6``, or the Runge-Kutta families ``gauss``,
+        ``radau-iia``, ``lobatto-iiic``, which bring their own points.
     degree
         Polynomial degree s of the trajectory on one step.
     quadrature
-        Rule for the action.
+        Rule for the action; None: Gauss with s points, or the Runge-Kutta method's own points.
+    sampling
+        Where the fractional action is sampled: ``nodes`` (the paper) or ``points`` (the
+        quadrature points; always so for Runge-Kutta).
     start
-        What is done about a singular start: ``none``, ``weights`` or ``series``.
+        What is done about a singular start: ``none``, ``weights`` (BDF only) or ``series``.
     start_exponents
         For ``weights``: exponents on which the corrected quadrature is exact; empty: those of
         the scene's own expansion.
     forcing_quadrature
-        ``galerkin`` (the action's rule), ``exact`` (moments to round-off), ``projected``.
+        ``galerkin`` (the action's rule), ``exact`` (moments to round-off) or ``projected``
+        (moments of the L2 projection).
     history
         ``auto`` or ``direct``.
 
@@ -80,33 +90,120 @@ class Method:
 
     cq: str
     degree: int
-    quadrature: RuleSpecification
-    sampling: Sampling = "nodes"
+    quadrature: RuleSpecification | None = None
+    sampling: Sampling = "points"
     start: Start = "none"
     start_exponents: tuple[float, ...] = ()
     forcing_quadrature: ForcingQuadrature = "galerkin"
     history: History = "auto"
 
     def __post_init__(self) -> None:
-        if self.cq not in BDF_NAMES:
-            raise ValueError(f"cq: {self.cq!r} is not one of {', '.join(BDF_NAMES)}")
-        if not 1 <= self.degree <= 20:
-            raise ValueError(f"degree: {self.degree} is not allowed; it must be 1 to 20")
+        permitted: dict[str, tuple[str, ...]] = {
+            "cq": BDF_NAMES + RUNGE_KUTTA_NAMES,
+            "sampling": ("nodes", "points"),
+            "start": ("none", "weights", "series"),
+            "forcing_quadrature": ("galerkin", "exact", "projected"),
+            "history": ("auto", "direct"),
+        }
+        for name, values in permitted.items():
+            if getattr(self, name) not in values:
+                raise ValueError(f"{name}: {getattr(self, name)!r} is not one of {', '.join(values)}")
+        if not 1 <= self.degree <= LARGEST_DEGREE:
+            raise ValueError(
+                f"degree: {self.degree} is not allowed; it must be 1 to {LARGEST_DEGREE}"
+            )
+        if self.is_runge_kutta:
+            own = self._own_rule()
+            if self.sampling != "points":
+                raise ValueError(f"sampling: {self.cq} is sampled at its own points only")
+            if self.quadrature not in (None, own):
+                raise ValueError(f"quadrature: {self.cq} brings its own rule, {own.label}")
+            if self.start == "weights":
+                raise ValueError("start: weights correct BDF only; use series or none")
+            object.__setattr__(self, "quadrature", own)
+        elif self.quadrature is None:
+            object.__setattr__(self, "quadrature", RuleSpecification(points=self.degree))
+        if self.rule.rule == "radau" and not self.is_runge_kutta:
+            raise ValueError("quadrature: 'radau' is not one of gauss, lobatto")
+        if self.start_exponents and self.start != "weights":
+            raise ValueError("start_exponents: only start: weights has exponents")
+        if self.rule.build().exactness < 2 * self.degree - 2:
+            # the mass matrix of the step would be singular
+            raise ValueError(
+                f"quadrature: {self.rule.label} is too weak for degree {self.degree}; "
+                f"it must integrate polynomials of degree {2 * self.degree - 2}"
+            )
+
+    def _own_rule(self) -> RuleSpecification:
+        if self.cq == "gauss":
+            return RuleSpecification(rule="gauss", points=self.degree)
+        if self.cq == "radau-iia":
+            return RuleSpecification(rule="radau", points=self.degree)
+        return RuleSpecification(rule="lobatto", points=self.degree + 1)
+
+    @property
+    def rule(self) -> RuleSpecification:
+        """The rule for the action."""
+        if self.quadrature is None:  # pragma: no cover - set at construction
+            raise ValueError("quadrature: not set")
+        return self.quadrature
+
+    @property
+    def is_runge_kutta(self) -> bool:
+        """Whether the convolution quadrature is a Runge-Kutta one."""
+        return self.cq in RUNGE_KUTTA_NAMES
 
     @property
     def bdf_order(self) -> int:
-        """Order p of the backward difference formula."""
+        """Order p of the backward difference formula.
+
+        Raises
+        ------
+        ValueError
+            For Runge-Kutta methods.
+        """
+        if self.is_runge_kutta:
+            raise ValueError(f"{self.cq} is not a backward difference formula")
         return int(self.cq[3:])
 
     @property
+    def stages(self) -> int:
+        """Number of quadrature points of one step."""
+        return self.rule.points
+
+    @property
+    def classical_order(self) -> int:
+        """Order on smooth data: of trajectory, rule, convolution quadrature and sampling."""
+        action = min(2 * self.degree, self.rule.build().order)
+        if self.is_runge_kutta:
+            return action
+        return min(action, self.bdf_order, 2 if self.sampling == "nodes" else action)
+
+    @property
     def case(self) -> str:
-        """Name of the method in files, for example ``bdf2-nodes-s1-gauss1-none``."""
-        return f"{self.cq}-{self.sampling}-s{self.degree}-{self.quadrature.label}-{self.start}"
+        """Name of the method in files: ``bdf2-nodes-s1-gauss1-none``, ``gauss-s3-series``."""
+        if self.is_runge_kutta:
+            name = f"{self.cq}-s{self.degree}-{self.start}"
+            default: ForcingQuadrature = "galerkin"
+        else:
+            name = f"{self.cq}-{self.sampling}-s{self.degree}-{self.rule.label}-{self.start}"
+            default = "galerkin" if self.sampling == "nodes" else "exact"
+        if self.start_exponents:
+            name += "-" + "-".join(f"{e:g}".replace(".", "p") for e in self.start_exponents)
+        if self.forcing_quadrature != default:
+            name += f"-{self.forcing_quadrature}"
+        return name if self.history == "auto" else f"{name}-{self.history}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Baseline:
-    """A method that users would write otherwise, for comparison."""
+    """A method that users would write otherwise, for comparison.
+
+    Raises
+    ------
+    ValueError
+        For a name that is not known.
+    """
 
     name: str
 
@@ -134,18 +231,6 @@ def method_columns(method: AnyMethod) -> dict[str, str]:
         "cq": method.cq,
         "sampling": method.sampling,
         "degree": str(method.degree),
-        "quadrature": method.quadrature.label,
+        "quadrature": method.rule.label,
         "start": method.start,
     }
-
-
-__all__ = [
-    "BASELINE_NAMES",
-    "BDF_NAMES",
-    "RUNGE_KUTTA_NAMES",
-    "AnyMethod",
-    "Baseline",
-    "Method",
-    "RuleSpecification",
-    "method_columns",
-]

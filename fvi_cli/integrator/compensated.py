@@ -1,0 +1,23 @@
+"""Compensated running sums, so that many small increments do not drift."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class CompensatedSum:
+    """A running sum with Kahan's compensation (Kahan 1965), component by component."""
+
+    def __init__(self, start: Array) -> None:
+        self.value: Array = np.array(start, dtype=float)
+        self._lost: Array = np.zeros_like(self.value)
+
+    def add(self, increment: Array) -> None:
+        """Add `increment`, shape as the start value."""
+        corrected = increment - self._lost
+        total = self.value + corrected
+        self._lost = (total - self.value) - corrected
+        self.value = total

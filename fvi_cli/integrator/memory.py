@@ -1,0 +1,264 @@
+r"""The damping force as a convolution of increments.
+
+Both families are written in one form. With the samples :math:`U_k` of a step, shape ``(m, d)``,
+
+.. math:: F_k = \sum_D \Big(\sum_{n=0}^{k} w^{(D)}_n U_{k-n}\Big) D
+
+over the distinct directions D of the coefficient matrices.
+
+- BDF: :math:`U_{i,k} = X_{i,k} - X_{i,k-1}` are differences of the sampled positions, and
+  :math:`\sum w_n z^n = \sum_j \mu_j h^{-\gamma_j} \gamma_p(z)^{\gamma_j} / (1 - z)` are scalars.
+- Runge-Kutta: :math:`U_{i,k}` is the velocity at the stage, and
+  :math:`\sum w_n z^n = \sum_j \mu_j h^{1-\gamma_j} \Delta(z)^{\gamma_j - 1}` are m x m matrices
+  (stage order m makes :math:`(\Delta/h) (X - x_0)` the derivative of the polynomial, so nothing is
+  approximated by this).
+
+So a large :math:`h^{-\gamma}` never meets a rounded position.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.mathematics.bdf import difference_weights
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Channel:
+    """One direction of the coefficient matrices with its weights.
+
+    Parameters
+    ----------
+    direction
+        Matrix D, shape ``(d, d)``.
+    weights
+        w_0 .. w_{M-1}, shape ``(M, m, m)``; what lies beyond is zero.
+    """
+
+    direction: Array
+    weights: Array
+
+    @property
+    def memory(self) -> int:
+        """Number M of weights that are not zero by construction."""
+        return int(self.weights.shape[0])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Memory:
+    r"""Weights of every direction and how samples follow from the increments of a step.
+
+    .. math:: U_k = E^T \delta_k + C^T \delta_{k-1} + \text{offset}_k
+
+    Parameters
+    ----------
+    channels
+        One per distinct direction; none without damping.
+    sample_matrix
+        E, shape ``(s, m)``.
+    carry_matrix
+        C, shape ``(s, m)``.
+    first_offset, offset
+        Offset of the first and of every later step, shape ``(m, d)``.
+    known_force
+        Force that is known in advance, because a velocity is subtracted for some orders only,
+        shape ``(n_steps + 1, m, d)``; None when there is none.
+    """
+
+    channels: tuple[Channel, ...]
+    sample_matrix: Array
+    carry_matrix: Array
+    first_offset: Array
+    offset: Array
+    known_force: Array | None = None
+
+
+def build_memory(
+    scene: Scene,
+    method: Method,
+    tables: StepTables,
+    n_steps: int,
+    damping: tuple[FractionalDamping, ...],
+    *,
+    from_rest: bool = False,
+) -> Memory:
+    """Weights and sample matrices for `n_steps` steps.
+
+    Parameters
+    ----------
+    scene, method, tables
+        What is integrated and how.
+    n_steps
+        Number N of steps; one weight more is made, for the force at the end of the last step.
+    damping
+        The terms that act.
+    from_rest
+        The unknown starts with zero position and velocity (a start series carries them).
+    """
+    h = scene.final_time / n_steps
+    samples = tables.sample_points.size
+    zero = np.zeros((samples, scene.dimension))
+    velocity = np.zeros(scene.dimension) if from_rest else scene.initial_velocity
+    position = np.zeros(scene.dimension) if from_rest else scene.initial_position
+    caputo = scene.derivative == "caputo"
+    above_one = [term.order > 1 for term in damping]
+    known = None
+    subtract = zero[0]
+    channels = _channels(method, h, n_steps + 1, damping)
+    if caputo and np.any(velocity != 0) and any(above_one):
+        if all(above_one):
+            subtract = velocity
+        else:
+            above = tuple(term for term in damping if term.order > 1)
+            known = -_force_of_constant_velocity(
+                _channels(method, h, n_steps + 1, above), tables, method, h, n_steps + 1, velocity
+            )
+    if method.is_runge_kutta:
+        return Memory(
+            channels=channels,
+            sample_matrix=tables.slopes[1:] / h,
+            carry_matrix=np.zeros((tables.degree, samples)),
+            first_offset=zero - subtract,
+            offset=zero - subtract,
+            known_force=known,
+        )
+    sample = tables.sample_basis[1:]
+    first = zero - h * np.outer(tables.sample_points, subtract)
+    if not caputo and method.sampling == "nodes":
+        # plain convolution quadrature of q itself, as in the paper; elsewhere the force of the
+        # jump at 0 is known exactly and belongs to the forcing
+        first = first + position
+    return Memory(
+        channels=channels,
+        sample_matrix=sample,
+        carry_matrix=np.eye(tables.degree)[:, -1:] - sample,
+        first_offset=first,
+        offset=zero - h * subtract,
+        known_force=known,
+    )
+
+
+def _channels(
+    method: Method, h: float, n_weights: int, damping: tuple[FractionalDamping, ...]
+) -> tuple[Channel, ...]:
+    """Add up the terms whose matrices have the same direction."""
+    directions: list[Array] = []
+    weights: list[Array] = []
+    for term in damping:
+        scale = float(np.abs(term.coefficient).max())
+        largest = np.unravel_index(np.abs(term.coefficient).argmax(), term.coefficient.shape)
+        scale = scale * float(np.sign(term.coefficient[largest]))
+        direction = term.coefficient / scale
+        own = scale * _weights(method, h, term.order, n_weights)
+        for index, other in enumerate(directions):
+            if np.allclose(other, direction, rtol=1e-14, atol=0):
+                weights[index] = _padded_sum(weights[index], own)
+                break
+        else:
+            directions.append(direction)
+            weights.append(own)
+    return tuple(
+        Channel(direction=d, weights=w) for d, w in zip(directions, weights, strict=True)
+    )
+
+
+def _weights(method: Method, h: float, order: float, n_weights: int) -> Array:
+    """Weights acting on differences (BDF) or velocities (Runge-Kutta), shape ``(M, m, m)``."""
+    if method.is_runge_kutta:
+        from fvi_cli.mathematics.runge_kutta import tableau
+        from fvi_cli.mathematics.runge_kutta_weights import runge_kutta_weights
+
+        butcher = tableau(method.cq, method.stages)
+        if order == 1.0:
+            return np.eye(method.stages)[None]
+        return h ** (1.0 - order) * runge_kutta_weights(butcher, order - 1.0, n_weights)
+    if order == 1.0:
+        n_weights = min(n_weights, method.bdf_order)
+    scalar = h ** (-order) * difference_weights(method.bdf_order, order, n_weights)
+    samples = 1 if method.sampling == "nodes" else method.stages
+    return np.asarray(scalar[:, None, None] * np.eye(samples))
+
+
+def _padded_sum(a: Array, b: Array) -> Array:
+    if a.shape[0] < b.shape[0]:
+        a, b = b, a
+    result = a.copy()
+    result[: b.shape[0]] += b
+    return result
+
+
+def _force_of_constant_velocity(
+    channels: tuple[Channel, ...],
+    tables: StepTables,
+    method: Method,
+    h: float,
+    n_steps: int,
+    velocity: Array,
+) -> Array:
+    """Damping force of the motion v0 t, shape ``(n_steps, m, d)``."""
+    samples = tables.sample_points.size
+    force = np.zeros((n_steps, samples, velocity.size))
+    for channel in channels:
+        total = np.zeros((n_steps, samples, samples))
+        count = min(n_steps, channel.memory)
+        total[:count] = channel.weights[:count]
+        last = total.copy()
+        np.cumsum(total, axis=0, out=total)
+        if method.is_runge_kutta:
+            response = total.sum(axis=2)
+        else:
+            # the first difference is chi h v0, every later one h v0
+            response = h * (total - last).sum(axis=2) + h * np.einsum(
+                "nij,j->ni", last, tables.sample_points
+            )
+        force += response[:, :, None] * (velocity @ channel.direction)
+    return force
+
+
+class DirectHistory:
+    """The finished part of the convolution, summed directly: O(N) per step, the witness.
+
+    Samples are kept in the order of time and weights in reverse, so that the sum of one step is
+    one matrix product.
+    """
+
+    def __init__(self, memory: Memory, n_steps: int, dimension: int) -> None:
+        self._channels = memory.channels
+        self._samples_per_step = memory.sample_matrix.shape[1]
+        self._samples = np.zeros((n_steps + 1, self._samples_per_step, dimension))
+        self._reversed = [
+            np.ascontiguousarray(
+                channel.weights[::-1].transpose(1, 0, 2).reshape(self._samples_per_step, -1)
+            )
+            for channel in memory.channels
+        ]
+        self._count = 0
+        self.operations = 0
+
+    def known(self) -> Array:
+        """Force of all finished samples on the step to come, shape ``(m, d)``."""
+        m = self._samples_per_step
+        force = np.zeros(self._samples.shape[1:])
+        for channel, backwards in zip(self._channels, self._reversed, strict=True):
+            length = min(self._count, channel.memory - 1)
+            if length == 0:
+                continue
+            past = self._samples[self._count - length : self._count].reshape(length * m, -1)
+            end = (channel.memory - 1) * m
+            force += backwards[:, end - length * m : end] @ past @ channel.direction
+            self.operations += length * m * m * past.shape[1]
+        return force
+
+    def push(self, samples: Array) -> None:
+        """Append the samples of a finished step, shape ``(m, d)``."""
+        self._samples[self._count] = samples
+        self._count += 1

@@ -1,0 +1,132 @@
+r"""Starting weights: convolution quadrature made exact on given powers (Lubich 1986).
+
+For each sampling point :math:`\chi` the quadrature of :math:`D^\gamma f` at
+:math:`t_k + \chi h` gains the terms :math:`h^{-\gamma} \sum_j w_{kj} f_j` over the first few
+samples, with the w that make it exact for :math:`f = t^\sigma`, :math:`\sigma` in a given set.
+This is the "correction term" of the paper (section "Numerical examples"). It gives up the
+convolution structure, and with it semigroup and integration by parts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import fftconvolve
+from scipy.special import gamma as gamma_function
+from scipy.special import rgamma
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.stepping import StepProblem, run_steps
+from fvi_cli.mathematics.bdf import convolution_weights
+
+Array = NDArray[np.float64]
+
+CONDITION_WARNING = 1e8
+
+
+def starting_weights(
+    bdf_order: int,
+    order: float,
+    exponents: tuple[float, ...],
+    n_times: int,
+    *,
+    offset: float = 0.0,
+) -> tuple[Array, float]:
+    r"""Weights on the first samples that make the quadrature exact on powers.
+
+    Parameters
+    ----------
+    bdf_order, order
+        p and :math:`\gamma`.
+    exponents
+        The powers :math:`\sigma > 0`; as many samples are used.
+    n_times
+        Number of times k = 0..n_times - 1.
+    offset
+        The samples lie at :math:`(k + \chi) h`; with :math:`\chi = 0` the sample at 0, where
+        every power vanishes, is left out.
+
+    Returns
+    -------
+    tuple
+        Weights :math:`w_{kj}` for h = 1, shape ``(n_times, len(exponents))``, and the condition
+        number of the generalised Vandermonde matrix.
+    """
+    sigma = np.array(exponents)
+    first = 1 if offset == 0 else 0
+    nodes = first + offset + np.arange(sigma.size)
+    times = offset + np.arange(n_times, dtype=float)
+    weights = convolution_weights(bdf_order, order, n_times)
+    defects = np.empty((sigma.size, n_times))
+    for row, exponent in enumerate(sigma):
+        with np.errstate(divide="ignore"):
+            exact = gamma_function(exponent + 1) * rgamma(exponent + 1 - order) * np.where(
+                times > 0, times, 1.0
+            ) ** (exponent - order)
+        exact = np.where(times > 0, exact, 0.0)
+        defects[row] = exact - fftconvolve(weights, times**exponent)[:n_times]
+    matrix = nodes[None, :] ** sigma[:, None]
+    return np.linalg.solve(matrix, defects).T, float(np.linalg.cond(matrix))
+
+
+def correct_start(
+    problem: StepProblem, method: Method, scene: Scene
+) -> tuple[StepProblem, tuple[str, ...]]:
+    """Add the force of the starting weights, solving for the first samples together.
+
+    The first n samples determine the added force, and the force determines the samples: a small
+    system, affine for linear scenes, solved by Newton's iteration with a Jacobian from runs over
+    the first steps alone.
+    """
+    exponents = method.start_exponents
+    count = len(exponents)
+    if count == 0:
+        raise ValueError("start: weights needs exponents, for example {weights: [2.5]}")
+    tables, d = problem.tables, scene.dimension
+    m = tables.sample_points.size
+    first = 1 if method.sampling == "nodes" else 0
+    n_first = count + first
+    if problem.n_steps < n_first:
+        return problem, (f"starting weights left out: {problem.n_steps} steps are too few",)
+    maps, worst = [], 1.0
+    for term in scene.active_damping:
+        per_sample = []
+        for chi in tables.sample_points:
+            weights, condition = starting_weights(
+                method.bdf_order, term.order, exponents, problem.n_steps + 1, offset=float(chi)
+            )
+            worst = max(worst, condition)
+            per_sample.append(problem.step_size ** (-term.order) * weights)
+        maps.append((np.stack(per_sample, axis=1), term.coefficient))
+
+    def force_of(samples: Array) -> Array:
+        """Added force, shape ``(N + 1, m, d)``, of samples with shape ``(count, m, d)``."""
+        return sum(
+            (np.einsum("kij,jid->kid", weights, samples) @ matrix for weights, matrix in maps),
+            start=np.zeros((problem.n_steps + 1, m, d)),
+        )
+
+    def samples_of(unknown: Array, steps: int) -> Array:
+        corrected = replace(problem, extra_force=force_of(unknown.reshape(count, m, d)))
+        return run_steps(replace(corrected, n_steps=steps)).samples[first:n_first].ravel()
+
+    unknown = np.zeros(count * m * d)
+    for _ in range(2 if scene.is_linear else 20):
+        value = samples_of(unknown, n_first)
+        size = max(1e-3 * problem.step_size, float(np.abs(value).max()))
+        jacobian = np.empty((unknown.size, unknown.size))
+        for column in range(unknown.size):
+            moved = unknown.copy()
+            moved[column] += size
+            jacobian[:, column] = (samples_of(moved, n_first) - value) / size
+        update = np.linalg.solve(np.eye(unknown.size) - jacobian, value - unknown)
+        unknown = unknown + update
+        if float(np.abs(update).max()) <= 1e-14 * float(np.abs(unknown).max()):
+            break
+    remark = f"starting weights on {', '.join(f't^{e:g}' for e in exponents)}: condition {worst:.2g}"
+    if worst > CONDITION_WARNING:
+        remark += " (ill conditioned: expect to lose that many digits)"
+    return replace(problem, extra_force=force_of(unknown.reshape(count, m, d))), (remark,)

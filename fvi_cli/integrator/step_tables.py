@@ -1,0 +1,92 @@
+"""The numbers of one step that depend on the method alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.method import Method
+from fvi_cli.mathematics.lagrange import lobatto_basis
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StepTables:
+    r"""Basis and rule of a Galerkin step on [0, 1] and where the fractional action is sampled.
+
+    The trajectory on step k is :math:`x_d(\tau h; k) = x_k + \sum_{\nu=1}^{s} l_\nu(\tau)
+    \delta_k^\nu`, with the increments :math:`\delta_k^\nu = x_k^\nu - x_k` as unknowns, so that
+    nothing is lost to round-off when h is small.
+
+    Parameters
+    ----------
+    degree
+        Polynomial degree s.
+    points, weights
+        Quadrature rule :math:`(c_i, b_i)` of the action, shape ``(r,)``.
+    basis, slopes
+        :math:`l_\nu(c_i)` and :math:`l_\nu'(c_i)`, shape ``(s + 1, r)``.
+    sample_points, sample_weights
+        Rule :math:`(\chi_i, \beta_i)` of the fractional action, shape ``(m,)``.
+    sample_basis
+        :math:`l_\nu(\chi_i)`, shape ``(s + 1, m)``.
+    extrapolation
+        Increments of the next step from those of this one by continuing the polynomial,
+        shape ``(s, s)``.
+    control_points
+        The points :math:`d_\nu`, shape ``(s + 1,)``.
+    """
+
+    degree: int
+    control_points: Array
+    points: Array
+    weights: Array
+    basis: Array
+    slopes: Array
+    sample_points: Array
+    sample_weights: Array
+    sample_basis: Array
+    extrapolation: Array
+
+    @property
+    def mass_matrix(self) -> Array:
+        r""":math:`\sum_i b_i l_\nu' l_\mu'`, rows 0..s-1 and columns 1..s, shape ``(s, s)``."""
+        full = np.einsum("i,ni,mi->nm", self.weights, self.slopes, self.slopes)
+        return np.asarray(full[:-1, 1:])
+
+    @property
+    def test_weights(self) -> Array:
+        r""":math:`b_i l_\nu(c_i)`, shape ``(s + 1, r)``."""
+        return self.weights * self.basis
+
+    @property
+    def sample_test_weights(self) -> Array:
+        r""":math:`\beta_i l_\nu(\chi_i)`, shape ``(s + 1, m)``."""
+        return self.sample_weights * self.sample_basis
+
+
+def step_tables(method: Method) -> StepTables:
+    """Tables of `method`."""
+    rule = method.rule.build()
+    basis = lobatto_basis(method.degree)
+    if method.sampling == "nodes":
+        # the paper: one sample at the left end with weight 1
+        sample_points, sample_weights = np.array([0.0]), np.array([1.0])
+    else:
+        sample_points, sample_weights = rule.nodes, rule.weights
+    ahead = basis.values(1.0 + basis.control_points[1:])
+    return StepTables(
+        degree=method.degree,
+        control_points=basis.control_points,
+        points=rule.nodes,
+        weights=rule.weights,
+        basis=basis.values(rule.nodes),
+        slopes=basis.derivatives(rule.nodes),
+        sample_points=sample_points,
+        sample_weights=sample_weights,
+        sample_basis=basis.values(sample_points),
+        extrapolation=ahead[1:].T - np.eye(method.degree)[-1],
+    )

@@ -1,0 +1,318 @@
+r"""One step after the other: the discrete Euler-Lagrange equations in momentum form.
+
+For the increments :math:`\delta^1..\delta^s` of step k (Hariz Belgacem, Jimenez, Ober-Bloebaum,
+arXiv 2403.18362, section "Higher order approximations of the action", with the fractional action
+sampled at :math:`\chi_i` with weights :math:`\beta_i`), rows :math:`\nu = 0..s-1`:
+
+.. math:: \frac1h \sum_{i,\mu} b_i l_\nu' l_\mu' M \delta^\mu - h \sum_i b_i l_\nu \nabla V(X_i)
+          + g_{k\nu} - h \sum_i \beta_i l_\nu(\chi_i) F_{i,k} + p_k \delta_{\nu 0} = 0
+
+and, because the basis sums to one, the momentum follows without cancellation:
+
+.. math:: p_{k+1} = p_k - h \sum_i b_i \nabla V(X_i) + \sum_\nu g_{k\nu} - h \sum_i \beta_i F_{i,k}.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.potential import Potential, QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.compensated import CompensatedSum
+from fvi_cli.integrator.memory import DirectHistory, Memory
+from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.trajectory import NewtonRecord
+
+Array = NDArray[np.float64]
+
+NEWTON_TOLERANCE = 1e-12
+NEWTON_LIMIT = 50
+
+
+class StepFailedError(Exception):
+    """A step whose equations could not be solved; carries the record of the attempt."""
+
+    def __init__(self, message: str, residuals: tuple[float, ...]) -> None:
+        self.residuals = residuals
+        super().__init__(message)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StepProblem:
+    """Everything that the steps need, ready before the first one.
+
+    Parameters
+    ----------
+    scene, tables, memory
+        Effects, numbers of the method, and the convolution.
+    step_size, n_steps
+        h and N.
+    moments
+        Moments of the known force, shape ``(N, s + 1, d)``; None when there is none.
+    position_shift
+        Known part of the position at the quadrature points, shape ``(N, r, d)``; None: zero.
+    extra_force
+        Known addition to the damping force, shape ``(N + 1, m, d)``; None: zero.
+    position, momentum
+        Start values of the unknown, shape ``(d,)``.
+    skip_first_kick
+        Leave out the damping force of step 0 (the paper's algorithm, samples on the nodes).
+    """
+
+    scene: Scene
+    tables: StepTables
+    memory: Memory
+    step_size: float
+    n_steps: int
+    position: Array
+    momentum: Array
+    moments: Array | None = None
+    position_shift: Array | None = None
+    extra_force: Array | None = None
+    skip_first_kick: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stepped:
+    """What the steps gave: arrays over the finished ones.
+
+    Parameters
+    ----------
+    position, momentum
+        On the grid, shape ``(n + 1, d)`` after n finished steps; the momentum is that of the
+        scheme.
+    samples
+        Positions at the sampling points relative to the start, shape ``(n, m, d)``.
+    end_force
+        Damping force of the samples at the left end of every step and at the end of the last,
+        shape ``(n + 1, m, d)``.
+    operations, newton, failure
+        Work, record of Newton's iteration, and in words what stopped the steps early.
+    """
+
+    position: Array
+    momentum: Array
+    samples: Array
+    end_force: Array
+    operations: int
+    newton: NewtonRecord
+    failure: str = ""
+
+
+class Stepper:
+    """Matrices of one step; `advance` solves its equations."""
+
+    def __init__(self, problem: StepProblem) -> None:
+        self._problem = problem
+        tables, memory, h = problem.tables, problem.memory, problem.step_size
+        d = problem.scene.dimension
+        s = tables.degree
+        self._shape = (s, d)
+        # unknowns ordered (nu, component)
+        linear = np.kron(tables.mass_matrix / h, problem.scene.inertia.mass)
+        self._newest: list[tuple[Array, Array]] = []
+        for channel in memory.channels:
+            newest = channel.weights[0]
+            response = newest @ memory.sample_matrix.T
+            self._newest.append((newest, channel.direction))
+            linear -= h * np.kron(tables.sample_test_weights[:-1] @ response, channel.direction.T)
+        self._linear = linear
+        self._stiffness: Array | None = None
+        self._potential: Potential | None = problem.scene.potential
+        self._weighted_basis = np.einsum(
+            "ni,mi->inm", tables.test_weights[:-1], tables.basis[1:]
+        )
+        if isinstance(self._potential, QuadraticPotential):
+            self._stiffness = self._potential.stiffness
+            linear = linear - h * np.kron(self._weighted_basis.sum(axis=0), self._stiffness)
+        self._inverse = np.linalg.inv(linear) if problem.scene.is_linear else None
+        self._free_motion = np.outer(
+            tables.control_points[1:], np.linalg.solve(problem.scene.inertia.mass, problem.momentum)
+        ) * h
+
+    @property
+    def first_guess(self) -> Array:
+        """Increments of free motion from the start values, shape ``(s, d)``."""
+        return np.asarray(self._free_motion)
+
+    def damping_force(self, known: Array, offset: Array, increments: Array) -> Array:
+        """F of a step: finished history, plus the newest weight times the newest sample."""
+        force = known
+        sample = self._problem.memory.sample_matrix.T @ increments + offset
+        for newest, direction in self._newest:
+            force = force + newest @ sample @ direction
+        return force
+
+    def advance(
+        self, index: int, position: Array, momentum: Array, known: Array, offset: Array, guess: Array
+    ) -> tuple[Array, Array, Array, tuple[float, ...]]:
+        """Solve step `index`: increments, damping force, momentum increment, residuals.
+
+        Raises
+        ------
+        StepFailedError
+            If Newton's iteration does not converge.
+        """
+        problem = self._problem
+        tables, h = problem.tables, problem.step_size
+        moments = None if problem.moments is None else problem.moments[index]
+        shift = None if problem.position_shift is None else problem.position_shift[index]
+        base = position if shift is None else position + shift
+        force = self.damping_force(known, offset, np.zeros(self._shape))
+        right = h * tables.sample_test_weights[:-1] @ force
+        right[0] -= momentum
+        if moments is not None:
+            right -= moments[:-1]
+        residuals: tuple[float, ...] = ()
+        if self._inverse is not None:
+            if self._stiffness is not None:
+                pull = np.broadcast_to(base @ self._stiffness, (tables.points.size, self._shape[1]))
+                right += h * tables.test_weights[:-1] @ pull
+            increments = (self._inverse @ right.ravel()).reshape(self._shape)
+        else:
+            increments, residuals = self._newton(base, right, guess)
+        force = self.damping_force(known, offset, increments)
+        change = -h * tables.sample_weights @ force
+        if self._potential is not None:
+            points = base + tables.basis[1:].T @ increments
+            change = change - h * tables.weights @ self._potential.gradient(points)
+        if moments is not None:
+            change = change + moments.sum(axis=0)
+        return increments, force, change, residuals
+
+    def _newton(
+        self, base: Array, right: Array, guess: Array
+    ) -> tuple[Array, tuple[float, ...]]:
+        """Solve linear(delta) - h sum b l grad V(X) = right with the exact Jacobian."""
+        potential, tables, h = self._potential, self._problem.tables, self._problem.step_size
+        if potential is None:  # pragma: no cover - linear scenes never come here
+            raise ValueError("Newton's iteration needs a potential")
+        s, d = self._shape
+        increments = guess.copy()
+        residuals: list[float] = []
+        previous = math.inf
+        for _ in range(NEWTON_LIMIT):
+            points = base + tables.basis[1:].T @ increments
+            gradient = potential.gradient(points)
+            residual = (self._linear @ increments.ravel()).reshape(s, d) - right
+            residual -= h * tables.test_weights[:-1] @ gradient
+            curvature = np.einsum("inm,iab->namb", self._weighted_basis, potential.hessian(points))
+            jacobian = self._linear - h * curvature.reshape(s * d, s * d)
+            residuals.append(float(np.abs(residual).max()))
+            if not math.isfinite(residuals[-1]):
+                break
+            try:
+                update = np.linalg.solve(jacobian, residual.ravel()).reshape(s, d)
+            except np.linalg.LinAlgError:
+                break
+            increments -= update
+            size = float(np.abs(update).max())
+            scale = float(np.abs(increments).max()) + 1e-300
+            stalled = size >= 0.5 * previous and size <= 1e-9 * scale
+            if size <= NEWTON_TOLERANCE * scale or stalled or size == 0:
+                return increments, tuple(residuals)
+            previous = size
+        raise StepFailedError(
+            f"Newton's iteration did not converge in {len(residuals)} iterations "
+            f"(residuals {residuals[0]:.1e} .. {residuals[-1]:.1e}); take a smaller step",
+            tuple(residuals),
+        )
+
+
+def run_steps(problem: StepProblem) -> Stepped:
+    """All steps, one after the other, until the end or until the numbers cease to be finite."""
+    tables, memory, n_steps = problem.tables, problem.memory, problem.n_steps
+    d, m = problem.scene.dimension, tables.sample_points.size
+    stepper = Stepper(problem)
+    history = DirectHistory(memory, n_steps, d)
+    positions = np.empty((n_steps + 1, d))
+    momenta = np.empty((n_steps + 1, d))
+    samples = np.empty((n_steps, m, d))
+    forces = np.zeros((n_steps + 1, m, d))
+    position = CompensatedSum(problem.position)
+    momentum = CompensatedSum(problem.momentum)
+    positions[0], momenta[0] = position.value, momentum.value
+    guess = stepper.first_guess
+    offset = memory.first_offset
+    newton = NewtonRecord()
+    failure = ""
+    done = 0
+    damped = bool(memory.channels) or problem.extra_force is not None
+    inner = tables.sample_basis[1:].T
+    with np.errstate(over="ignore", invalid="ignore"):
+        for index in range(n_steps):
+            known = _known(problem, history, index) if damped else forces[0]
+            skip = problem.skip_first_kick and index == 0
+            try:
+                if skip:
+                    increments, force, change, residuals = stepper_without_kick(
+                        stepper, index, position.value, momentum.value, guess, forces[0]
+                    )
+                else:
+                    increments, force, change, residuals = stepper.advance(
+                        index, position.value, momentum.value, known, offset, guess
+                    )
+            except StepFailedError as error:
+                newton = _note(newton, index, error.residuals)
+                failure = f"step {index}, t = {index * problem.step_size:.6g}: {error}"
+                break
+            newton = _note(newton, index, residuals)
+            if damped:
+                history.push(memory.sample_matrix.T @ increments + offset)
+                forces[index] = force
+            samples[index] = position.value - problem.position + inner @ increments
+            position.add(increments[-1])
+            momentum.add(change)
+            positions[index + 1], momenta[index + 1] = position.value, momentum.value
+            done = index + 1
+            if not (np.isfinite(position.value).all() and np.isfinite(momentum.value).all()):
+                failure = (
+                    f"not finite after step {index}, t = {(index + 1) * problem.step_size:.6g}"
+                )
+                break
+            offset = memory.offset + memory.carry_matrix.T @ increments
+            guess = tables.extrapolation @ increments
+        if damped and done == n_steps:
+            forces[done] = _known(problem, history, done)
+            forces[done] = stepper.damping_force(forces[done], offset, np.zeros((tables.degree, d)))
+    return Stepped(
+        position=positions[: done + 1],
+        momentum=momenta[: done + 1],
+        samples=samples[:done],
+        end_force=forces[: done + 1],
+        operations=history.operations,
+        newton=newton,
+        failure=failure,
+    )
+
+
+def stepper_without_kick(
+    stepper: Stepper, index: int, position: Array, momentum: Array, guess: Array, zero: Array
+) -> tuple[Array, Array, Array, tuple[float, ...]]:
+    """Step `index` without its damping force (explicit sampling only: no newest sample)."""
+    return stepper.advance(index, position, momentum, zero, zero, guess)
+
+
+def _known(problem: StepProblem, history: DirectHistory, index: int) -> Array:
+    known = history.known()
+    if problem.memory.known_force is not None:
+        known = known + problem.memory.known_force[index]
+    if problem.extra_force is not None:
+        known = known + problem.extra_force[index]
+    return known
+
+
+def _note(record: NewtonRecord, step: int, residuals: tuple[float, ...]) -> NewtonRecord:
+    if not residuals:
+        return record
+    worst = len(residuals) > record.largest
+    return NewtonRecord(
+        iterations=record.iterations + len(residuals),
+        largest=max(record.largest, len(residuals)),
+        worst_step=step if worst else record.worst_step,
+        worst_residuals=residuals if worst else record.worst_residuals,
+    )
