@@ -56,9 +56,12 @@ class LagrangeBasis:
             raise ValueError(f"control points: {points} must increase strictly within [0, 1]")
         gaps = points[:, None] - points[None, :]
         np.fill_diagonal(gaps, 1.0)
-        # Differences four times as large keep the products of a full degree near 1.
-        weights = 1 / np.prod(4 * gaps, axis=1)
-        differentiation = weights[None, :] / (weights[:, None] * gaps)
+        with np.errstate(all="ignore"):
+            # Differences four times as large keep the products of a full degree near 1.
+            weights = 1 / np.prod(4 * gaps, axis=1)
+            differentiation = weights[None, :] / (weights[:, None] * gaps)
+        if not np.all(np.isfinite(differentiation)):
+            raise ValueError(f"control points: {points} are too close together")
         np.fill_diagonal(differentiation, 0.0)
         np.fill_diagonal(differentiation, -differentiation.sum(axis=1))
         for name, array in (

@@ -1,0 +1,117 @@
+"""Discrete fractional derivatives and integrals of a whole sequence, retarded and advanced.
+
+Sign convention: the exponent e is the order of *differentiation*. ``e > 0`` differentiates,
+``e < 0`` integrates, ``e = 0`` does nothing. In the literature on convolution quadrature the same
+operator of order e > 0 is often written ``J^{-e}``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import fft
+
+from fvi_cli.mathematics.bdf import convolution_weights
+
+Array = NDArray[np.float64]
+
+# Up to this length the plain sum is as quick as the transform and rounds less.
+_LONGEST_DIRECT_SUM = 1024
+
+
+def left_operator(bdf_order: int, exponent: float, step_size: float, values: ArrayLike) -> Array:
+    """Apply the retarded operator, which looks at the past.
+
+    ``(J_- X)_k = h**-e sum_{n=0..k} w_n X_{k-n}`` with ``sum_n w_n z^n = gamma_p(z)**e``: for
+    e > 0 the left Riemann-Liouville derivative of order e at ``t_k = k h``.
+
+    Parameters
+    ----------
+    bdf_order
+        Order p of the backward difference formula, 1 to 6.
+    exponent
+        Order of differentiation e in (-2, 2]; negative for an integral.
+    step_size
+        Step h > 0 of the grid.
+    values
+        The sequence X_0 .. X_N, shape ``(N + 1,)`` or ``(N + 1, d)``; axis 0 is time.
+
+    Returns
+    -------
+    Array
+        Same shape; units of `values` times time to the power -e.
+
+    Raises
+    ------
+    ValueError
+        For a formula or exponent out of range, a step that is not positive and finite, and
+        values that are empty or of more than two axes.
+
+    Notes
+    -----
+    Lubich, *Discretized fractional calculus*, SIAM J. Math. Anal. 17, 1986. Operators of one
+    formula and one step obey ``J^a J^b = J^(a+b)`` exactly, as their symbols are powers of one
+    series (Hariz Belgacem, Jimenez, Ober-Bloebaum, *Fractional variational integrators based on
+    convolution quadrature*, arXiv 2403.18362).
+    """
+    samples = _checked_samples(values)
+    if not (step_size > 0 and np.isfinite(step_size)):
+        raise ValueError(f"step_size: {step_size!r} is not allowed; it must be positive")
+    n_samples = samples.shape[0]
+    weights = convolution_weights(bdf_order, exponent, n_samples)
+    # A stencil of finite length (integer exponent) is short however long the sequence is.
+    support = int(np.flatnonzero(weights)[-1]) + 1
+    columns = samples.reshape(n_samples, -1)
+    if support * n_samples <= _LONGEST_DIRECT_SUM**2:
+        convolved = np.empty_like(columns)
+        for column in range(columns.shape[1]):
+            convolved[:, column] = np.convolve(columns[:, column], weights[:support])[:n_samples]
+    else:
+        length = fft.next_fast_len(2 * n_samples - 1, real=True)
+        transform = fft.rfft(weights, length)[:, None] * fft.rfft(columns, length, axis=0)
+        convolved = fft.irfft(transform, length, axis=0)[:n_samples]
+    return np.asarray(step_size**-exponent * convolved.reshape(samples.shape), dtype=np.float64)
+
+
+def right_operator(bdf_order: int, exponent: float, step_size: float, values: ArrayLike) -> Array:
+    """Apply the advanced operator, which looks at the future.
+
+    ``(J_+ X)_k = h**-e sum_{n=0..N-k} w_n X_{k+n}``: for e > 0 the right Riemann-Liouville
+    derivative of order e; for e = 1 it is **minus** d/dt. It is the transpose of
+    :func:`left_operator`: ``sum_k (J_- X)_k Y_k = sum_k X_k (J_+ Y)_k`` (integration by parts).
+
+    Parameters
+    ----------
+    bdf_order
+        Order p of the backward difference formula, 1 to 6.
+    exponent
+        Order of differentiation e in (-2, 2]; negative for an integral.
+    step_size
+        Step h > 0 of the grid.
+    values
+        The sequence X_0 .. X_N, shape ``(N + 1,)`` or ``(N + 1, d)``; axis 0 is time.
+
+    Returns
+    -------
+    Array
+        Same shape; units of `values` times time to the power -e.
+
+    Raises
+    ------
+    ValueError
+        As :func:`left_operator`.
+    """
+    samples = _checked_samples(values)
+    return left_operator(bdf_order, exponent, step_size, samples[::-1])[::-1]
+
+
+def _checked_samples(values: ArrayLike) -> Array:
+    samples = np.asarray(values, dtype=np.float64)
+    if samples.ndim not in (1, 2) or samples.size == 0:
+        raise ValueError(
+            f"values: shape {samples.shape} is not allowed; it must be (n,) or (n, d), not empty"
+        )
+    return samples
+
+
+__all__ = ["left_operator", "right_operator"]
