@@ -1,0 +1,463 @@
+r"""Truncated power series with real exponents, as values that calculate.
+
+A series stands for :math:`\sum_\sigma c_\sigma t^\sigma + O(t^Q)` as t falls to 0, with finitely
+many real exponents below the cutoff Q. Every operation keeps track of how far its result is known,
+so that a result never claims a coefficient that its operands do not determine. Such expansions
+carry the solutions of fractional differential equations near their start: Diethelm, *The Analysis
+of Fractional Differential Equations*, Springer 2010, section 6.4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fvi_cli.mathematics import taylor
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.mathematics.taylor import SeriesError as SeriesError
+
+Array = NDArray[np.float64]
+
+SAME_EXPONENT: Final = 1e-9
+MOST_TERMS: Final = 512
+_CANCELLED: Final = 16.0 * float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PowerSeries:
+    r"""The series :math:`\sum_i c_i t^{\sigma_i} + O(t^Q)` for t > 0.
+
+    Exponents closer than 1e-9 are one exponent; exponents that close to an integer are that
+    integer. A coefficient that is smaller than the round-off of the sum it comes from is 0.
+
+    Parameters
+    ----------
+    exponents
+        The powers :math:`\sigma_i`, shape ``(n,)``; they may be negative.
+    coefficients
+        The :math:`c_i`, shape ``(n,)``.
+    cutoff
+        Q: terms from here on are not known, and dropped. Infinite for a finite sum known exactly.
+
+    Raises
+    ------
+    SeriesError
+        If a coefficient is not finite, or more than 512 terms remain.
+    """
+
+    exponents: Array
+    coefficients: Array
+    cutoff: float
+    # NumPy scalars on the left must leave the operation to this class.
+    __array_ufunc__ = None
+
+    def __post_init__(self) -> None:
+        exponents, coefficients = merged_terms(self.exponents, self.coefficients, self.cutoff)
+        if coefficients.ndim != 1:
+            raise SeriesError("the coefficients of a series are numbers, one for every exponent")
+        exponents.setflags(write=False)
+        coefficients.setflags(write=False)
+        object.__setattr__(self, "exponents", exponents)
+        object.__setattr__(self, "coefficients", coefficients)
+        object.__setattr__(self, "cutoff", float(self.cutoff))
+
+    @classmethod
+    def monomial(cls, coefficient: float, exponent: float, cutoff: float) -> PowerSeries:
+        """The single term c t**exponent."""
+        return cls(
+            exponents=np.array([exponent]), coefficients=np.array([coefficient]), cutoff=cutoff
+        )
+
+    @classmethod
+    def constant(cls, value: float, cutoff: float) -> PowerSeries:
+        """The constant `value`."""
+        return cls.monomial(value, 0.0, cutoff)
+
+    @classmethod
+    def variable(cls, cutoff: float, at: float = 0.0) -> PowerSeries:
+        """The variable itself around the point `at`: at + t."""
+        return cls(exponents=np.array([0.0, 1.0]), coefficients=np.array([at, 1.0]), cutoff=cutoff)
+
+    @property
+    def leading_exponent(self) -> float:
+        """Smallest exponent, or the cutoff when no term is known."""
+        return float(self.exponents[0]) if self.exponents.size else self.cutoff
+
+    def coefficient(self, exponent: float) -> float:
+        """Coefficient of t**exponent, 0 when it does not occur."""
+        near = np.abs(self.exponents - exponent) <= SAME_EXPONENT
+        return float(self.coefficients[near].sum())
+
+    def truncated(self, cutoff: float) -> PowerSeries:
+        """The terms below `cutoff`, with that cutoff where it is the smaller one."""
+        return PowerSeries(
+            exponents=self.exponents,
+            coefficients=self.coefficients,
+            cutoff=min(cutoff, self.cutoff),
+        )
+
+    def __call__(self, time: ArrayLike) -> Array:
+        """The sum of the known terms at `time` >= 0; infinite at 0 if an exponent is negative."""
+        time = np.asarray(time, dtype=float)
+        if not self.exponents.size:
+            return np.zeros(time.shape)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(time[..., None] ** self.exponents @ self.coefficients)
+
+    def __repr__(self) -> str:
+        terms = " + ".join(
+            f"{c:.6g} t**{s:.6g}" for c, s in zip(self.coefficients, self.exponents, strict=True)
+        )
+        return f"<{terms or '0'} + O(t**{self.cutoff:.6g})>"
+
+    def __neg__(self) -> PowerSeries:
+        return self._scaled(-1.0)
+
+    def __pos__(self) -> PowerSeries:
+        return self
+
+    def __add__(self, other: PowerSeries | float) -> PowerSeries:
+        other = self._lifted(other)
+        return PowerSeries(
+            exponents=np.concatenate((self.exponents, other.exponents)),
+            coefficients=np.concatenate((self.coefficients, other.coefficients)),
+            cutoff=min(self.cutoff, other.cutoff),
+        )
+
+    def __radd__(self, other: float) -> PowerSeries:
+        return self + other
+
+    def __sub__(self, other: PowerSeries | float) -> PowerSeries:
+        return self + (-other)
+
+    def __rsub__(self, other: float) -> PowerSeries:
+        return (-self) + other
+
+    def __mul__(self, other: PowerSeries | float) -> PowerSeries:
+        if not isinstance(other, PowerSeries):
+            return self._scaled(float(other))
+        # a O(t^Q) term of one factor meets the leading term of the other; a product is not
+        # carried further than its operands even where that would be known.
+        known = min(
+            self.cutoff + other.leading_exponent,
+            other.cutoff + self.leading_exponent,
+            max(self.cutoff, other.cutoff),
+        )
+        return PowerSeries(
+            exponents=np.add.outer(self.exponents, other.exponents).ravel(),
+            coefficients=np.multiply.outer(self.coefficients, other.coefficients).ravel(),
+            cutoff=known,
+        )
+
+    def __rmul__(self, other: float) -> PowerSeries:
+        return self * other
+
+    def __truediv__(self, other: PowerSeries | float) -> PowerSeries:
+        if isinstance(other, PowerSeries):
+            return self * other**-1
+        if other == 0:
+            raise SeriesError("division by zero has no expansion in powers of t")
+        return self._scaled(1.0 / float(other))
+
+    def __rtruediv__(self, other: float) -> PowerSeries:
+        return self**-1 * other
+
+    def __pow__(self, exponent: PowerSeries | float) -> PowerSeries:
+        if isinstance(exponent, PowerSeries):
+            if exponent.exponents.size == 1 and exponent.exponents[0] == 0:
+                return self ** float(exponent.coefficients[0])
+            return _exp(exponent * _log(self))
+        return _real_power(self, float(exponent))
+
+    def __rpow__(self, base: float) -> PowerSeries:
+        if not base > 0:
+            raise SeriesError(f"{base!r} to a power that varies has no expansion in powers of t")
+        return _exp(self._scaled(math.log(base)))
+
+    def fractional_derivative(self, order: float) -> PowerSeries:
+        r"""Riemann-Liouville derivative by the power rule; an integral for a negative order.
+
+        .. math:: D^\gamma t^\sigma = \frac{\Gamma(\sigma+1)}{\Gamma(\sigma+1-\gamma)}
+                  t^{\sigma-\gamma}
+
+        The Caputo derivative is that of the series without its integer powers below `order`:
+        see :meth:`without_initial_terms`.
+
+        Raises
+        ------
+        SeriesError
+            If an exponent is -1 or less, where the term is not integrable.
+        """
+        if self.exponents.size and self.exponents[0] <= -1 + SAME_EXPONENT:
+            raise SeriesError(f"t**{self.exponents[0]:g} is not integrable at 0")
+        return PowerSeries(
+            exponents=self.exponents - order,
+            coefficients=self.coefficients * power_rule(self.exponents, order),
+            cutoff=self.cutoff - order,
+        )
+
+    def without_initial_terms(self, order: float) -> PowerSeries:
+        """The series without t**0, t**1, ... below `order` (what Caputo subtracts)."""
+        kept = ~initial_terms(self.exponents, order)
+        return PowerSeries(
+            exponents=self.exponents[kept],
+            coefficients=self.coefficients[kept],
+            cutoff=self.cutoff,
+        )
+
+    def derivative(self) -> PowerSeries:
+        """Ordinary first derivative."""
+        return PowerSeries(
+            exponents=self.exponents - 1.0,
+            coefficients=self.coefficients * self.exponents,
+            cutoff=self.cutoff - 1.0,
+        )
+
+    def antiderivative(self) -> PowerSeries:
+        """Ordinary integral from 0."""
+        return self.fractional_derivative(-1.0)
+
+    def _lifted(self, other: PowerSeries | float) -> PowerSeries:
+        if isinstance(other, PowerSeries):
+            return other
+        return PowerSeries.constant(float(other), math.inf)
+
+    def _scaled(self, factor: float) -> PowerSeries:
+        return PowerSeries(
+            exponents=self.exponents, coefficients=factor * self.coefficients, cutoff=self.cutoff
+        )
+
+
+def merged_terms(exponents: Array, coefficients: Array, cutoff: float) -> tuple[Array, Array]:
+    r"""Sort terms, add up those of one exponent, drop zeros and all from the cutoff on.
+
+    Parameters
+    ----------
+    exponents
+        Shape ``(n,)``, any order, with repetitions.
+    coefficients
+        Shape ``(n, ...)``; a sum below 16 units of round-off of its own terms counts as 0.
+    cutoff
+        Exponents from here on (less 1e-9) are dropped.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        Increasing exponents ``(m,)`` and coefficients ``(m, ...)``.
+
+    Raises
+    ------
+    SeriesError
+        If a coefficient is not finite, or more than 512 terms remain.
+    """
+    exponents = np.array(exponents, dtype=float)
+    coefficients = np.array(coefficients, dtype=float)
+    kept = exponents < cutoff - SAME_EXPONENT
+    exponents, coefficients = exponents[kept], coefficients[kept]
+    if not np.all(np.isfinite(coefficients)):
+        raise SeriesError("a coefficient is not finite; no expansion in powers of t was found")
+    if exponents.size == 0:
+        return exponents, coefficients
+    order = np.argsort(exponents, kind="stable")
+    exponents, coefficients = exponents[order], coefficients[order]
+    starts = np.flatnonzero(np.diff(exponents, prepend=-math.inf) > SAME_EXPONENT)
+    exponents = exponents[starts]
+    whole = np.round(exponents)
+    exponents = np.where(np.abs(exponents - whole) <= SAME_EXPONENT, whole, exponents)
+    sums = np.add.reduceat(coefficients, starts, axis=0)
+    sizes = np.add.reduceat(np.abs(coefficients), starts, axis=0)
+    sums[np.abs(sums) <= _CANCELLED * sizes] = 0.0
+    present = np.any(sums.reshape(len(sums), -1) != 0, axis=1)
+    if np.count_nonzero(present) > MOST_TERMS:
+        raise SeriesError(f"more than {MOST_TERMS} exponents below {cutoff:g}")
+    return exponents[present], sums[present]
+
+
+def power_rule(exponents: Array, order: float) -> Array:
+    r"""The factors :math:`\Gamma(\sigma+1)/\Gamma(\sigma+1-\gamma)`, for :math:`\sigma > -1`."""
+    return np.array([_gamma_ratio(float(sigma) + 1.0, order) for sigma in exponents])
+
+
+def _gamma_ratio(argument: float, order: float) -> float:
+    below = argument - order
+    if below <= 0 and abs(below - round(below)) <= SAME_EXPONENT:
+        return 0.0
+    if max(argument, below) < 150.0:
+        return math.gamma(argument) / math.gamma(below)
+    return math.exp(math.lgamma(argument) - math.lgamma(below))
+
+
+def initial_terms(exponents: Array, order: float) -> NDArray[np.bool_]:
+    """Which exponents are the integers 0, 1, ... below `order`."""
+    below = (exponents >= 0) & (exponents < order - SAME_EXPONENT)
+    return np.asarray(below & (exponents == np.round(exponents)))
+
+
+def expand(
+    expression: Expression, cutoff: float, at: float = 0.0, variable: str = "t"
+) -> PowerSeries:
+    """Expand an expression in one variable, to the right of the point `at`, up to `cutoff`.
+
+    Raises
+    ------
+    SeriesError
+        If it has no expansion in powers there, or none that reaches the cutoff.
+    """
+    working = cutoff
+    for _ in range(4):
+        value = expression.evaluate({variable: PowerSeries.variable(working, at)}, SERIES_FUNCTIONS)
+        if not isinstance(value, PowerSeries):
+            return PowerSeries.constant(value, cutoff)
+        if value.cutoff >= cutoff - SAME_EXPONENT:
+            return value.truncated(cutoff)
+        # Roots and quotients lose some powers; begin with as many more.
+        working += cutoff - value.cutoff
+    raise SeriesError(f"{expression.text!r} could not be expanded up to t**{cutoff:g}")
+
+
+def _composition(
+    series: PowerSeries, name: str, coefficients_at: Callable[[float, int], list[float]]
+) -> PowerSeries:
+    """Substitute a series into the Taylor series of a function at its constant term.
+
+    `coefficients_at` gives so many Taylor coefficients at a point.
+    """
+    if series.leading_exponent < 0 or series.cutoff <= 0:
+        raise SeriesError(f"{name} of something unbounded at 0 has no expansion in powers of t")
+    value = series.coefficient(0.0)
+    rest = series.without_initial_terms(1.0)
+    step = rest.leading_exponent
+    if not rest.exponents.size:
+        return PowerSeries.constant(
+            _coefficients_at(value, 1, name, coefficients_at)[0], series.cutoff
+        )
+    if math.isinf(series.cutoff):
+        raise SeriesError(f"{name} of an exact sum has infinitely many terms; give it a cutoff")
+    count = math.ceil((series.cutoff - SAME_EXPONENT) / step)
+    if count > MOST_TERMS:
+        raise SeriesError(f"{name}: more than {MOST_TERMS} exponents below {series.cutoff:g}")
+    coefficients = _coefficients_at(value, max(count, 1), name, coefficients_at)
+    result = PowerSeries.constant(coefficients[-1], series.cutoff)
+    for coefficient in reversed(coefficients[:-1]):
+        result = result * rest + coefficient
+    return result
+
+
+def _coefficients_at(
+    value: float, count: int, name: str, coefficients_at: Callable[[float, int], list[float]]
+) -> list[float]:
+    try:
+        coefficients = coefficients_at(value, count)
+    except (OverflowError, ZeroDivisionError):
+        coefficients = [math.inf]
+    if not all(map(math.isfinite, coefficients)):
+        raise SeriesError(f"{name} has no finite Taylor coefficients at {value:g}")
+    return coefficients
+
+
+def _real_power(series: PowerSeries, exponent: float) -> PowerSeries:
+    integral = exponent.is_integer()
+    if exponent == 0:
+        return PowerSeries.constant(1.0, series.cutoff)
+    if integral and 1 <= exponent <= 16:
+        half = _real_power(series, exponent // 2)
+        return half * half * series if exponent % 2 else half * half
+    if not series.exponents.size:
+        if exponent < 0:
+            raise SeriesError(f"0**{exponent:g} has no expansion in powers of t")
+        known = series.cutoff * exponent if exponent < 1 else series.cutoff
+        return PowerSeries(exponents=np.empty(0), coefficients=np.empty(0), cutoff=known)
+    lead, first = float(series.exponents[0]), float(series.coefficients[0])
+    if first < 0 and not integral:
+        raise SeriesError(f"a negative number to the power {exponent:g} is not real")
+    try:
+        factor = float(first**exponent)
+    except OverflowError:
+        raise SeriesError(f"a power {exponent:g} overflows") from None
+    ratio = PowerSeries(
+        exponents=series.exponents - lead,
+        coefficients=series.coefficients / first,
+        cutoff=series.cutoff - lead,
+    )
+    unit = _composition(
+        ratio, f"a power {exponent:g}", lambda value, count: taylor.power(value, exponent, count)
+    )
+    return PowerSeries(
+        exponents=unit.exponents + lead * exponent,
+        coefficients=unit.coefficients * factor,
+        cutoff=min(unit.cutoff + lead * exponent, series.cutoff),
+    )
+
+
+def _exp(series: PowerSeries) -> PowerSeries:
+    return _composition(series, "exp", taylor.exp)
+
+
+def _log(series: PowerSeries) -> PowerSeries:
+    return _composition(series, "log", taylor.log)
+
+
+def _abs(series: PowerSeries) -> PowerSeries:
+    """To the right of 0 the sign is that of the leading term."""
+    if series.exponents.size and series.coefficients[0] < 0:
+        return -series
+    return series
+
+
+def _sign(series: PowerSeries) -> PowerSeries:
+    if not series.exponents.size:
+        raise SeriesError("sign of something that is 0 at the start has no expansion")
+    return PowerSeries.constant(math.copysign(1.0, series.coefficients[0]), series.cutoff)
+
+
+def _cbrt(series: PowerSeries) -> PowerSeries:
+    if series.exponents.size and series.coefficients[0] < 0:
+        return -((-series) ** (1 / 3))
+    return series ** (1 / 3)
+
+
+def _gamma(series: PowerSeries) -> PowerSeries:
+    raise SeriesError("the Gamma function of something that varies is not expanded in powers of t")
+
+
+def _composed(
+    name: str, coefficients_at: Callable[[float, int], list[float]]
+) -> Callable[[PowerSeries], PowerSeries]:
+    def function(series: PowerSeries) -> PowerSeries:
+        return _composition(series, name, coefficients_at)
+
+    return function
+
+
+SERIES_FUNCTIONS: Final[Mapping[str, Callable[[PowerSeries], PowerSeries]]] = MappingProxyType(
+    {
+        "sqrt": lambda series: series**0.5,
+        "cbrt": _cbrt,
+        "exp": _exp,
+        "expm1": _composed("expm1", taylor.expm1),
+        "log": _log,
+        "log1p": lambda series: _log(1.0 + series),
+        "sin": _composed("sin", taylor.sin),
+        "cos": _composed("cos", taylor.cos),
+        "tan": _composed("tan", taylor.tan),
+        "sinh": _composed("sinh", taylor.sinh),
+        "cosh": _composed("cosh", taylor.cosh),
+        "tanh": _composed("tanh", taylor.tanh),
+        "arcsin": _composed("arcsin", taylor.arcsin),
+        "arccos": _composed("arccos", taylor.arccos),
+        "arctan": _composed("arctan", taylor.arctan),
+        "arcsinh": _composed("arcsinh", taylor.arcsinh),
+        "arccosh": _composed("arccosh", taylor.arccosh),
+        "arctanh": _composed("arctanh", taylor.arctanh),
+        "abs": _abs,
+        "sign": _sign,
+        "gamma": _gamma,
+    }
+)
+"""The functions an expression may call, on power series."""
