@@ -6,7 +6,7 @@ import functools
 import multiprocessing
 import pickle
 import signal
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import fields
 from typing import Any
@@ -18,7 +18,9 @@ from fvi_cli.scenes.registry import build_problem
 ComputeRun = Callable[[Run], FinishedRun]
 
 
-def execute(runs: Iterable[Run], compute: ComputeRun, *, workers: int = 1) -> Iterator[FinishedRun]:
+def compute_runs(
+    runs: Iterable[Run], compute: ComputeRun, *, workers: int = 1
+) -> Generator[FinishedRun, None, None]:
     """Compute every run and yield each as soon as it is finished.
 
     Closing the generator, or an exception in the loop that reads it, ends the processes.
@@ -41,13 +43,14 @@ def execute(runs: Iterable[Run], compute: ComputeRun, *, workers: int = 1) -> It
         raise ValueError(f"workers: {workers} is not allowed; it must be at least 1")
     waiting = list(runs)
     if min(workers, len(waiting)) <= 1:
-        return map(compute, waiting)
-    return _execute_in_processes(waiting, compute, min(workers, len(waiting)))
+        yield from map(compute, waiting)
+    else:
+        yield from _compute_in_processes(waiting, compute, min(workers, len(waiting)))
 
 
-def _execute_in_processes(
+def _compute_in_processes(
     runs: list[Run], compute: ComputeRun, workers: int
-) -> Iterator[FinishedRun]:
+) -> Generator[FinishedRun, None, None]:
     # spawn: a fork would copy the locks of threads that a linear algebra library may hold
     context = multiprocessing.get_context("spawn")
     strangers = set(multiprocessing.active_children())
