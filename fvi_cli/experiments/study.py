@@ -19,7 +19,7 @@ from fvi_cli.scenes.problem import DerivativeProblem, Problem
 Array = NDArray[np.float64]
 
 EPSILON = float(np.finfo(float).eps)
-DIVERGED_RATIO = 1e3
+DIVERGED_RATIO = 10.0
 
 
 def study(
@@ -78,7 +78,7 @@ def _observed(run: Run, trajectory: Trajectory, error: float, floor: float) -> O
     largest = float(np.abs(trajectory.position).max(initial=0.0))
     if problem.exact is not None:
         scale = float(np.abs(problem.exact(trajectory.time)).max(initial=0.0))
-        # an error of a thousand times the solution is no approximation of it
+        # an error of ten times the whole solution is no approximation of it
         if not np.isfinite(error) or error > DIVERGED_RATIO * scale > 0:
             return "diverged"
         return "floor" if error < floor else "ok"

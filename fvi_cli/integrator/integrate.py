@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import rgamma
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
@@ -75,10 +76,14 @@ def prepare(scene: Scene, method: Method, n_steps: int) -> tuple[StepProblem, tu
     breaks = steps_at_break_points(scene, n_steps)
     damping = scene.active_damping
     memory = build_memory(scene, method, tables, n_steps, damping)
-    force = _known_force(scene, method)
     moments = None
-    if force is not None:
-        moments = force_moments(force, method, tables, h, n_steps, (0, *breaks))
+    if scene.forcing is not None:
+        moments = force_moments(scene.forcing.on_steps, method, tables, h, n_steps, (0, *breaks))
+    jump = jump_force(scene)
+    if jump is not None and method.sampling == "points":
+        # singular at 0: always by exact moments
+        added = exact_moments(jump, method, h, n_steps)
+        moments = added if moments is None else moments + added
     return (
         StepProblem(
             scene=scene,
@@ -112,9 +117,21 @@ def force_moments(
     return projected_moments(exact, method, tables)
 
 
-def _known_force(scene: Scene, method: Method) -> StepFunction | None:
-    """The forcing, and for Riemann-Liouville the force of the jump of q at 0."""
-    return None if scene.forcing is None else scene.forcing.on_steps
+def jump_force(scene: Scene) -> StepFunction | None:
+    r"""What Riemann-Liouville adds to Caputo: :math:`-\mu q_0 t^{-\gamma} / \Gamma(1 - \gamma)`."""
+    terms = [term for term in scene.active_damping if term.order < 1]
+    if scene.derivative == "caputo" or not terms or not np.any(scene.initial_position != 0):
+        return None
+
+    def force(start: Array, h: float, offsets: Array) -> Array:
+        time_values = start[:, None] + h * offsets
+        total = np.zeros((*time_values.shape, scene.dimension))
+        for term in terms:
+            shape = -rgamma(1 - term.order) * time_values ** (-term.order)
+            total += shape[..., None] * (scene.initial_position @ term.coefficient)
+        return total
+
+    return force
 
 
 def _trajectory(

@@ -19,6 +19,7 @@ So a large :math:`h^{-\gamma}` never meets a rounded position.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,9 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.bdf import difference_weights
+
+if TYPE_CHECKING:
+    from fvi_cli.mathematics.runge_kutta import ButcherTableau
 
 Array = NDArray[np.float64]
 
@@ -174,18 +178,35 @@ def _channels(
 def _weights(method: Method, h: float, order: float, n_weights: int) -> Array:
     """Weights acting on differences (BDF) or velocities (Runge-Kutta), shape ``(M, m, m)``."""
     if method.is_runge_kutta:
-        from fvi_cli.mathematics.runge_kutta import tableau
+        if order == 1.0:
+            # Delta(z)**0: the derivative of the polynomial itself, no memory at all
+            return np.eye(method.stages)[None]
+        # imported here, so that runs by BDF do not pay for it
         from fvi_cli.mathematics.runge_kutta_weights import runge_kutta_weights
 
-        butcher = tableau(method.cq, method.stages)
-        if order == 1.0:
-            return np.eye(method.stages)[None]
-        return h ** (1.0 - order) * runge_kutta_weights(butcher, order - 1.0, n_weights)
+        weights = runge_kutta_weights(runge_kutta_tableau(method), order - 1.0, n_weights)
+        return np.asarray(h ** (1.0 - order) * weights)
     if order == 1.0:
         n_weights = min(n_weights, method.bdf_order)
     scalar = h ** (-order) * difference_weights(method.bdf_order, order, n_weights)
     samples = 1 if method.sampling == "nodes" else method.stages
     return np.asarray(scalar[:, None, None] * np.eye(samples))
+
+
+def runge_kutta_tableau(method: Method) -> ButcherTableau:
+    """The Runge-Kutta method of `method`'s convolution quadrature."""
+    from fvi_cli.mathematics.runge_kutta import (
+        gauss_tableau,
+        lobatto_iiic_tableau,
+        radau_iia_tableau,
+    )
+
+    build = {
+        "gauss": gauss_tableau,
+        "radau-iia": radau_iia_tableau,
+        "lobatto-iiic": lobatto_iiic_tableau,
+    }
+    return build[method.cq](method.stages)
 
 
 def _padded_sum(a: Array, b: Array) -> Array:

@@ -1,0 +1,166 @@
+"""Two routes to one number: the integrator against the algorithm written literally."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from paper_problems import bagley_torvik_three_quarters, damped_oscillator
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method, RuleSpecification
+from fvi_cli.mathematics.bdf import convolution_weights
+from fvi_cli.mathematics.lagrange import lobatto_basis
+from fvi_cli.scenes.named import linear_oscillator
+
+
+def literal_midpoint(order, mu, k, v0, force, final_time, n_steps, bdf_order):
+    """Degree 1 with the midpoint rule, as two-step recursion in positions."""
+    h = final_time / n_steps
+    w = h ** (-order) * convolution_weights(bdf_order, order, n_steps + 1)
+    x = np.zeros(n_steps + 1)
+    f = force((np.arange(n_steps) + 0.5) * h)
+    # p_0 = v0 and the kick at 0 left out
+    x[1] = (v0 + 0.5 * h * f[0]) / (1 / h + h * k / 4)
+    for j in range(1, n_steps):
+        kick = h * mu * np.dot(w[: j + 1], x[j::-1])
+        right = (2 * x[j] - x[j - 1]) / h - h * k / 4 * (2 * x[j] + x[j - 1])
+        x[j + 1] = (right + h / 2 * (f[j - 1] + f[j]) - kick) / (1 / h + h * k / 4)
+    return x
+
+
+def literal_galerkin(order, mu, k, v0, force, final_time, n_steps, bdf_order, degree):
+    """Any degree: one dense system per step in positions x_k^0..x_k^s and the momentum."""
+    h = final_time / n_steps
+    w = h ** (-order) * convolution_weights(bdf_order, order, n_steps + 1)
+    nodes, weights = np.polynomial.legendre.leggauss(degree)
+    c, b = (nodes + 1) / 2, weights / 2
+    basis = lobatto_basis(degree)
+    l, dl = basis.values(c), basis.derivatives(c)
+    mass, stiffness = (dl * b) @ dl.T / h, h * k * (l * b) @ l.T
+    x, p = np.zeros(n_steps + 1), v0
+    for j in range(n_steps):
+        load = h * (l * b) @ force((j + c) * h)
+        kick = h * mu * np.dot(w[: j + 1], x[j::-1]) if j else 0.0
+        # D L_d = (mass - stiffness) x + load; row 0: p = -(D_1 L_d - kick)
+        matrix = mass - stiffness
+        right = -load - matrix[:, 0] * x[j]
+        right[0] += kick - p
+        inner = np.linalg.solve(matrix[:-1, 1:], right[:-1])
+        x[j + 1] = inner[-1]
+        p = matrix[-1] @ np.concatenate([[x[j]], inner]) + load[-1]
+    return x
+
+
+@pytest.mark.parametrize("bdf_order", [1, 2, 3])
+def test_degree_1_is_the_midpoint_rule_written_out(bdf_order: int) -> None:
+    problem = bagley_torvik_three_quarters()
+    method = Method(cq=f"bdf{bdf_order}", sampling="nodes", degree=1)
+    ours = integrate(problem.scene, method, 32).position[:, 0]
+    force = lambda t: problem.scene.forcing(t)[..., 0]  # noqa: E731
+    theirs = literal_midpoint(1.5, 1.0, 1.0, 0.0, force, 1.0, 32, bdf_order)
+    assert np.abs(ours - theirs).max() <= 1e-12 * np.abs(theirs).max()
+    wrong = literal_midpoint(1.5, 1.001, 1.0, 0.0, force, 1.0, 32, bdf_order)
+    assert np.abs(ours - wrong).max() > 1e-8
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+@pytest.mark.parametrize("bdf_order", [1, 3])
+def test_any_degree_is_the_algorithm_of_the_paper(degree: int, bdf_order: int) -> None:
+    problem = damped_oscillator()
+    method = Method(cq=f"bdf{bdf_order}", sampling="nodes", degree=degree)
+    ours = integrate(problem.scene, method, 64).position[:, 0]
+    theirs = literal_galerkin(
+        1.0, 0.2, 1.0, 1.0, np.zeros_like, 16.0, 64, bdf_order, degree
+    )
+    assert np.abs(ours - theirs).max() <= 1e-12
+
+
+@pytest.mark.parametrize("sampling", ["nodes", "points"])
+def test_zero_damping_is_the_conservative_integrator_and_costs_no_history(sampling: str) -> None:
+    method = Method(cq="bdf2", sampling=sampling, degree=2)
+    common = {"final_time": 5.0, "stiffness": 2.0, "initial_position": 1.0}
+    zero = linear_oscillator(
+        damping=[FractionalDamping(order=0.5, coefficient=np.zeros((1, 1)))], **common
+    )
+    none = linear_oscillator(**common)
+    a, b = integrate(zero, method, 40), integrate(none, method, 40)
+    assert np.array_equal(a.position, b.position)
+    assert a.history_operations == b.history_operations == 0
+    # degree 2 with two Gauss points is the Gauss method of order 4 on this problem
+    exact = np.cos(np.sqrt(2.0) * a.time)
+    assert np.abs(a.position[:, 0] - exact).max() < 1e-4
+
+
+def test_degrees_of_freedom_of_a_rotated_system_are_those_of_its_modes() -> None:
+    """Two uncoupled oscillators seen in rotated coordinates."""
+    angle = 0.7
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    stiffness, mu = np.array([1.0, 9.0]), np.array([0.3, 0.6])
+    position, velocity = np.array([1.0, -0.5]), np.array([0.2, 0.4])
+    method = Method(cq="bdf2", degree=2)
+    coupled = linear_oscillator(
+        final_time=4.0,
+        mass=np.eye(2),
+        stiffness=turn @ np.diag(stiffness) @ turn.T,
+        damping=[
+            FractionalDamping(order=0.5, coefficient=turn @ np.diag(mu) @ turn.T),
+            FractionalDamping(order=1.5, coefficient=0.1 * np.eye(2)),
+        ],
+        forcing=Forcing.from_text("cos(t)", "0"),
+        initial_position=turn @ position,
+        initial_velocity=turn @ velocity,
+    )
+    ours = integrate(coupled, method, 50).position @ turn
+    for index in range(2):
+        force = f"{turn[0, index]!r}*cos(t)".replace("np.float64", "")
+        alone = linear_oscillator(
+            final_time=4.0,
+            stiffness=stiffness[index],
+            damping=[
+                FractionalDamping(order=0.5, coefficient=mu[index]),
+                FractionalDamping(order=1.5, coefficient=0.1),
+            ],
+            forcing=Forcing.from_text(force),
+            initial_position=position[index],
+            initial_velocity=velocity[index],
+        )
+        theirs = integrate(alone, method, 50).position[:, 0]
+        assert np.abs(ours[:, index] - theirs).max() < 1e-12
+
+
+@pytest.mark.parametrize("sampling", ["nodes", "points"])
+@pytest.mark.parametrize("derivative", ["caputo", "riemann-liouville"])
+def test_terms_of_one_order_add_up(sampling: str, derivative: str) -> None:
+    """Two terms cost and do what their sum does."""
+    method = Method(cq="bdf3", sampling=sampling, degree=2)
+    common = {"final_time": 3.0, "initial_velocity": 1.0, "derivative": derivative}
+    two = linear_oscillator(
+        damping=[FractionalDamping(order=0.7, coefficient=c) for c in (0.25, 0.5)], **common
+    )
+    one = linear_oscillator(damping=[FractionalDamping(order=0.7, coefficient=0.75)], **common)
+    a, b = integrate(two, method, 40), integrate(one, method, 40)
+    assert np.abs(a.position - b.position).max() < 1e-14
+    assert a.history_operations == b.history_operations > 0
+
+
+def test_integer_order_has_a_finite_memory() -> None:
+    method = Method(cq="bdf3", degree=2)
+    scene = linear_oscillator(
+        final_time=3.0, damping=[FractionalDamping(order=1.0, coefficient=0.2)],
+        initial_velocity=1.0,
+    )
+    counts = [integrate(scene, method, n).history_operations for n in (100, 200)]
+    assert counts[1] < 2.1 * counts[0]
+
+
+def test_quadrature_with_more_points_than_needed() -> None:
+    problem = bagley_torvik_three_quarters()
+    exact = problem.exact(np.linspace(0, 1, 65))
+    for rule in (
+        RuleSpecification(rule="gauss", points=4),
+        RuleSpecification(rule="lobatto", points=4),
+    ):
+        method = Method(cq="bdf2", sampling="nodes", degree=2, quadrature=rule)
+        assert np.abs(integrate(problem.scene, method, 64).position - exact).max() < 1e-3

@@ -1,0 +1,152 @@
+"""What makes the scheme variational."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.advanced import integrate_advanced
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.mathematics.operators import left_operator, right_operator
+from fvi_cli.scenes.named import linear_oscillator, pendulum
+
+DAMPED = [FractionalDamping(order=0.6, coefficient=0.7)]
+
+
+def scene_of(kind: str, forcing: Forcing | None = None) -> Scene:
+    make = pendulum if kind == "pendulum" else linear_oscillator
+    return make(
+        final_time=3.0,
+        damping=DAMPED,
+        initial_velocity=1.0,
+        derivative="riemann-liouville",
+        forcing=forcing,
+    )
+
+
+@pytest.mark.parametrize("kind", ["oscillator", "pendulum"])
+@pytest.mark.parametrize("sampling", ["nodes", "points"])
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_y_is_x_in_reversed_time(kind: str, sampling: str, degree: int) -> None:
+    scene = scene_of(kind)
+    method = Method(cq="bdf3", sampling=sampling, degree=degree)
+    x = integrate(scene, method, 24).position
+    y = integrate_advanced(scene, method, 24, np.zeros(1), -scene.initial_velocity)
+    assert np.abs(y - x[::-1]).max() < 2e-12
+    wrong = integrate_advanced(scene, method, 24, np.zeros(1), scene.initial_velocity)
+    assert np.abs(wrong - x[::-1]).max() > 0.1
+
+
+@pytest.mark.parametrize("sampling", ["nodes", "points"])
+def test_y_is_x_in_reversed_time_with_mirrored_forcing(sampling: str) -> None:
+    method = Method(cq="bdf2", sampling=sampling, degree=2)
+    scene = scene_of("oscillator", Forcing.from_text("sin(2*t) + t"))
+    mirrored = scene_of("oscillator", Forcing.from_text("sin(2*(3-t)) + 3 - t"))
+    x = integrate(scene, method, 24).position
+    y = integrate_advanced(mirrored, method, 24, np.zeros(1), -scene.initial_velocity)
+    assert np.abs(y - x[::-1]).max() < 2e-12
+    same = integrate_advanced(scene, method, 24, np.zeros(1), -scene.initial_velocity)
+    assert np.abs(same - x[::-1]).max() > 1e-3
+
+
+@pytest.mark.parametrize("sampling", ["nodes", "points"])
+def test_derivative_of_the_action_is_the_sum_of_both_residuals(sampling: str) -> None:
+    """dS[x, y](eta, eta) for equal variations, by numerical differentiation of the action.
+
+    The residuals follow from J_-^{2 alpha} x and J_+^{2 alpha} y; the action has only J^alpha:
+    this is where the semigroup property and integration by parts enter.
+    """
+    alpha, mu, n, degree = 0.3, 0.7, 6, 2
+    method = Method(cq="bdf2", sampling=sampling, degree=degree)
+    tables = step_tables(method)
+    h = 0.25
+    rng = np.random.default_rng(5)
+    # values on the control points of all steps, shared ends
+    x, y, eta = (rng.normal(size=n * degree + 1) for _ in range(3))
+    eta[0] = eta[-1] = 0.0
+    index = np.arange(n)[:, None] * degree + np.arange(degree + 1)
+
+    def conservative(q: np.ndarray) -> float:
+        points, speeds = q[index] @ tables.basis, q[index] @ tables.slopes / h
+        return float(h * (0.5 * speeds**2 - (1 - np.cos(points))).sum(axis=0) @ tables.weights)
+
+    def samples(q: np.ndarray) -> np.ndarray:
+        inside = q[index] @ tables.sample_basis
+        return np.vstack([inside, q[-1:][None]]) if sampling == "nodes" else inside
+
+    def action(x: np.ndarray, y: np.ndarray) -> float:
+        left = left_operator(2, alpha, h, samples(x))
+        right = right_operator(2, alpha, h, samples(y))
+        damping = (left * right).sum(axis=0) @ tables.sample_weights
+        return conservative(x) + conservative(y) - mu * h * float(damping)
+
+    eps = 1e-5
+    numeric = (action(x + eps * eta, y + eps * eta) - action(x - eps * eta, y - eps * eta)) / (
+        2 * eps
+    )
+    forces = left_operator(2, 2 * alpha, h, samples(x)) + right_operator(
+        2, 2 * alpha, h, samples(y)
+    )
+    damping = mu * h * float((forces * samples(eta)).sum(axis=0) @ tables.sample_weights)
+
+    def slope(q: np.ndarray) -> float:
+        points, speeds = q[index] @ tables.basis, q[index] @ tables.slopes / h
+        moved, faster = eta[index] @ tables.basis, eta[index] @ tables.slopes / h
+        return float(h * (speeds * faster - np.sin(points) * moved).sum(axis=0) @ tables.weights)
+
+    assert numeric == pytest.approx(slope(x) + slope(y) - damping, rel=1e-8)
+    assert numeric != pytest.approx(slope(x) + slope(y), rel=1e-3)
+
+
+def one_step(state: np.ndarray, degree: int, h: float) -> np.ndarray:
+    scene = pendulum(final_time=h, initial_position=state[0], initial_velocity=state[1])
+    trajectory = integrate(scene, Method(cq="bdf1", sampling="nodes", degree=degree), 1)
+    assert trajectory.momentum is not None
+    return np.array([trajectory.position[-1, 0], trajectory.momentum[-1, 0]])
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_without_damping_a_step_is_symplectic_and_reversible(degree: int) -> None:
+    state, h, eps = np.array([0.8, -0.3]), 0.4, 1e-4
+    moves = np.eye(2) * eps
+    # fourth-order differences: their own error is about 1e-12
+    jacobian = np.array(
+        [
+            (
+                8 * (one_step(state + e, degree, h) - one_step(state - e, degree, h))
+                - (one_step(state + 2 * e, degree, h) - one_step(state - 2 * e, degree, h))
+            )
+            / (12 * eps)
+            for e in moves
+        ]
+    ).T
+    assert np.linalg.det(jacobian) == pytest.approx(1.0, abs=1e-10)
+    there = one_step(state, degree, h)
+    back = one_step(there * [1, -1], degree, h) * [1, -1]
+    assert np.abs(back - state).max() < 1e-13
+
+
+def test_momentum_on_nodes_is_of_order_2() -> None:
+    """p_k - (h/2) F_k; the momentum before the kick is of order 1 only."""
+    scene = linear_oscillator(
+        final_time=16.0,
+        damping=[FractionalDamping(order=1.0, coefficient=0.2)],
+        initial_velocity=1.0,
+    )
+    w = np.sqrt(0.99)
+    defects, plain = [], []
+    for n_steps in (256, 512, 1024):
+        trajectory = integrate(scene, Method(cq="bdf2", sampling="nodes", degree=1), n_steps)
+        t = trajectory.time
+        exact = np.exp(-t / 10) * (np.cos(w * t) - 0.1 * np.sin(w * t) / w)
+        assert trajectory.momentum is not None
+        defects.append(np.abs(trajectory.momentum[:, 0] - exact).max())
+        kick = 0.5 * trajectory.step_size * 0.2 * exact
+        plain.append(np.abs(trajectory.momentum[1:, 0] + kick[1:] - exact[1:]).max())
+    assert np.log2(defects[1] / defects[2]) == pytest.approx(2.0, abs=0.1)
+    assert np.log2(plain[1] / plain[2]) == pytest.approx(1.0, abs=0.1)
