@@ -1,0 +1,243 @@
+r"""The characteristic function :math:`P(s) = m s^2 + \sum_j \mu_j s^{\gamma_j} + k` and its zeros.
+
+Powers are principal, cut along the negative real axis. In :math:`w = \log s` the function is an
+entire exponential sum, whose zeros in a strip are found by Newton's iteration from the balances of
+two terms each, and counted by the argument principle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+LongArray = NDArray[np.longdouble]
+LongComplexArray = NDArray[np.clongdouble]
+
+_LARGEST_LOGARITHM = 700.0
+_STRIPS = (2.95, 2.9, 3.0, 2.85, 3.05)
+_SAME_ZERO = 5e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class CharacteristicFunction:
+    r"""What :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x` becomes under Laplace's transform.
+
+    Parameters
+    ----------
+    mass
+        m > 0.
+    stiffness
+        k, of any sign.
+    damping
+        Pairs :math:`(\gamma_j, \mu_j)` with orders in (0, 2) and coefficients of any sign.
+
+    Raises
+    ------
+    ValueError
+        For a mass that is not positive, an order outside (0, 2), or a number that is not finite.
+    """
+
+    mass: float
+    stiffness: float = 0.0
+    damping: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (0 < self.mass < math.inf):
+            raise ValueError(f"mass: {self.mass!r} is not allowed; it must be positive")
+        if not math.isfinite(self.stiffness):
+            raise ValueError(f"stiffness: {self.stiffness!r} is not allowed; it must be finite")
+        for order, coefficient in self.damping:
+            if not (0 < order < 2 and math.isfinite(coefficient)):
+                raise ValueError(
+                    f"damping: order {order!r} with coefficient {coefficient!r} is not allowed; "
+                    "orders lie in (0, 2), coefficients are finite"
+                )
+
+    @property
+    def terms(self) -> tuple[tuple[float, float], ...]:
+        """Pairs (power of s, coefficient), powers falling, nothing that is zero."""
+        sums: dict[float, float] = {2.0: self.mass}
+        for order, coefficient in (*self.damping, (0.0, self.stiffness)):
+            sums[order] = sums.get(order, 0.0) + coefficient
+        return tuple((power, sums[power]) for power in sorted(sums, reverse=True) if sums[power])
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZeroCluster:
+    r"""Zeros of a characteristic function that lie close together; nearly always a single one.
+
+    Parameters
+    ----------
+    center
+        The zero, or the middle of the cluster; its argument lies in [0, pi).
+    radius
+        No zero of the cluster is farther from the center than this, relative to abs(center).
+    multiplicity
+        How many zeros there are, on both sides of the real axis if `is_real`.
+    is_real
+        Whether the cluster is its own mirror image. Otherwise there is another one at the
+        conjugate.
+    """
+
+    center: np.clongdouble
+    radius: float
+    multiplicity: int
+    is_real: bool
+
+
+def characteristic_zeros(characteristic: CharacteristicFunction) -> tuple[ZeroCluster, ...]:
+    r"""Zeros with :math:`0 \le \arg s < 2.9` or so; others lie inside of every contour used.
+
+    For one damping term with positive coefficient and positive stiffness there is exactly one
+    conjugate pair on the whole principal sheet (Naber, *Int. J. Differ. Equ.* 2010, 197020).
+
+    Raises
+    ------
+    ValueError
+        If the zeros found do not match their number by the argument principle.
+    """
+    terms = characteristic.terms
+    if len(terms) == 1:
+        return ()
+    powers = np.array([power for power, _ in terms], dtype=np.longdouble)
+    coefficients = np.array([coefficient for _, coefficient in terms], dtype=np.longdouble)
+    low, high = _bounds(powers, coefficients)
+    for density in (1, 4):
+        found = _polished(powers, coefficients, _seeds(powers, coefficients, low, high, density))
+        for strip in _STRIPS:
+            number = _count(powers, coefficients, low, high, strip)
+            if number is None:
+                continue
+            inside = found[(found.imag < strip) & (found.real > low) & (found.real < high)]
+            clusters = _clusters(powers, coefficients, inside)
+            if number == sum(c.multiplicity * (1 if c.is_real else 2) for c in clusters):
+                return clusters
+    raise ValueError(f"characteristic function: the zeros of {terms!r} could not be told apart")
+
+
+def _bounds(powers: LongArray, coefficients: LongArray) -> tuple[float, float]:
+    # Outside, the first (or last) term alone is larger than four times the sum of the others.
+    logs = np.log(np.abs(coefficients)) + math.log(4.0 * len(powers))
+    plain = np.log(np.abs(coefficients))
+    high = float(np.max((logs[1:] - plain[0]) / (powers[0] - powers[1:])))
+    low = float(np.min((plain[-1] - logs[:-1]) / (powers[:-1] - powers[-1])))
+    return max(low, -_LARGEST_LOGARITHM), min(high, _LARGEST_LOGARITHM)
+
+
+def _sums(
+    powers: LongArray, coefficients: LongArray, w: LongComplexArray
+) -> tuple[LongComplexArray, LongComplexArray, LongComplexArray]:
+    """The exponential sum, its derivative and the sum of moduli, each over its largest term."""
+    logs = np.log(np.abs(coefficients))[:, None] + powers[:, None] * w
+    parts = np.sign(coefficients)[:, None] * np.exp(logs - logs.real.max(axis=0))
+    return parts.sum(axis=0), (powers[:, None] * parts).sum(axis=0), np.abs(parts).sum(axis=0)
+
+
+def _seeds(
+    powers: LongArray, coefficients: LongArray, low: float, high: float, density: int
+) -> LongComplexArray:
+    seeds: list[complex] = []
+    angles = np.linspace(0.0, 3.1, 12 * density)
+    shifts = np.linspace(-2.0, 2.0, 4 * density + 1)
+    for i in range(len(powers)):
+        for j in range(i + 1, len(powers)):
+            gap = powers[i] - powers[j]
+            ratio = -coefficients[j] / coefficients[i]
+            radius = math.log(abs(ratio)) / gap
+            start = 0.0 if ratio > 0 else math.pi
+            turns = np.arange(int(3.1 * gap / (2 * math.pi)) + 2)
+            exact = (start + 2 * math.pi * turns) / gap
+            seeds.extend(complex(radius, angle) for angle in exact if angle <= 3.1)
+            seeds.extend(complex(radius + shift, angle) for shift in shifts for angle in angles)
+    array = np.array(seeds, dtype=np.clongdouble)
+    return array[(array.real >= low) & (array.real <= high)]
+
+
+def _polished(powers: LongArray, coefficients: LongArray, w: LongComplexArray) -> LongComplexArray:
+    for _ in range(60):
+        value, slope, _ = _sums(powers, coefficients, w)
+        slope = np.where(slope == 0, 1.0, slope)
+        step = value / slope
+        step *= np.minimum(1.0, 0.5 / np.maximum(np.abs(step), 1e-300))
+        w = w - step
+        w = np.clip(w.real, -2000.0, 2000.0) + 1j * np.clip(w.imag, -4.0, 4.0)
+    value, _, size = _sums(powers, coefficients, w)
+    w = w[np.abs(value) < 1e-13 * size.real]
+    # The coefficients are real: zeros come in mirror images.
+    return w.real + 1j * np.abs(w.imag)
+
+
+def _unwrapped_change(values: LongComplexArray) -> float | None:
+    steps = np.angle((values[1:] / values[:-1]).astype(complex))
+    return None if np.abs(steps).max() > 1.0 else float(steps.sum())
+
+
+def _count(
+    powers: LongArray, coefficients: LongArray, low: float, high: float, strip: float
+) -> int | None:
+    """Zeros with abs(arg) < strip by the argument principle; None if one is on the boundary."""
+    angles = 1j * np.linspace(0.0, strip, 400)
+    across = np.arange(high, low, -0.02)
+    for factor in (1, 16):
+        line = np.linspace(high, low, factor * (len(across) + 2))
+        total = 0.0
+        for path in (high + angles, line + 1j * strip, low + angles[::-1]):
+            change = _unwrapped_change(_sums(powers, coefficients, path.astype(np.clongdouble))[0])
+            if change is None:
+                break
+            total += change
+        else:
+            return round(total / math.pi)
+    return None
+
+
+def _clusters(
+    powers: LongArray, coefficients: LongArray, zeros: LongComplexArray
+) -> tuple[ZeroCluster, ...]:
+    everything = np.concatenate([zeros, zeros.conj()])
+    clusters: list[ZeroCluster] = []
+    left = everything
+    while len(left):
+        members = left[:1]
+        while True:
+            near = np.abs(everything[:, None] - members).min(axis=1) < _SAME_ZERO
+            if int(near.sum()) == len(members):
+                break
+            members = everything[near]
+        left = left[np.abs(left[:, None] - members).min(axis=1) >= _SAME_ZERO]
+        others = everything[~near]
+        center = members.mean()
+        is_real = bool(abs(center.imag) < _SAME_ZERO)
+        if not is_real and center.imag < 0:
+            continue
+        inner = max(float(np.abs(members - center).max()), 1e-6)
+        outer = min([0.05, *np.abs(others - center).astype(float)])
+        circle = center + math.sqrt(inner * outer) * np.exp(2j * np.pi * np.arange(257) / 256)
+        change = _unwrapped_change(_sums(powers, coefficients, circle.astype(np.clongdouble))[0])
+        multiplicity = 0 if change is None else round(change / (2 * math.pi))
+        if multiplicity == 1:
+            # The best of the copies, not their mean, which remembers where they came from.
+            center = members[np.abs(_sums(powers, coefficients, members)[0]).argmin()]
+        if is_real:
+            center = np.clongdouble(center.real)
+        radius = 0.0 if multiplicity == 1 else inner
+        clusters.append(
+            ZeroCluster(
+                center=np.exp(center), radius=radius, multiplicity=multiplicity, is_real=is_real
+            )
+        )
+    return tuple(clusters)
+
+
+def evaluate_powers(terms: Mapping[float, float], s: LongComplexArray) -> LongComplexArray:
+    r"""The sum :math:`\sum_p c_p s^p` of principal powers in extended precision."""
+    total = np.zeros(np.shape(s), dtype=np.clongdouble)
+    logarithm = np.log(s)
+    for power, coefficient in terms.items():
+        total = total + coefficient * np.exp(power * logarithm)
+    return total

@@ -1,0 +1,308 @@
+"""Exact solutions of linear scenes with constant coefficients.
+
+The displacement of such a scene is a sum of responses with transforms N(s)/P(s), one for the
+initial data and the force at the start, and one for every jump of the force, shifted to where it
+happens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.matrices import Array
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Derivative, Scene
+from fvi_cli.mathematics.characteristic import (
+    CharacteristicFunction,
+    ZeroCluster,
+    characteristic_zeros,
+)
+from fvi_cli.mathematics.expressions import ExpressionError
+from fvi_cli.mathematics.fractional_oscillator import contour_response
+from fvi_cli.mathematics.oscillator_closed_forms import classical_response, faddeeva_response
+from fvi_cli.mathematics.power_sum import POWER_SUM_FUNCTIONS, NotAPowerSum, PowerSum
+
+Route = Literal["classical", "faddeeva", "contour"]
+
+SOURCES: Mapping[Route, str] = {
+    "classical": "closed form (elementary functions)",
+    "faddeeva": "closed form (Faddeeva function)",
+    "contour": "characteristic roots and branch-cut integral",
+}
+
+_LARGEST_CANCELLATION = 50.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExactSolution:
+    """The position of a scene as a function of time.
+
+    Parameters
+    ----------
+    position
+        Times of shape ``(n,)`` to positions ``(n, d)``; times must not be negative.
+    source
+        Where it comes from, in words, for tables.
+    """
+
+    position: Callable[[Array], Array]
+    source: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearResponse:
+    r"""Solution x(t) of :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x = f(t)`.
+
+    Parameters
+    ----------
+    characteristic
+        The left-hand side.
+    inputs
+        Pairs (start, N): from `start` on, the response with transform N(s)/P(s) is added; N maps
+        powers of s to coefficients.
+    route
+        ``classical`` and ``faddeeva`` are closed forms where the orders allow them, at times where
+        they do not cancel; everything else is done by the ``contour`` round the branch cut.
+    zeros
+        Zeros of the characteristic function.
+    """
+
+    characteristic: CharacteristicFunction
+    inputs: tuple[tuple[float, Mapping[float, float]], ...]
+    route: Route
+    zeros: tuple[ZeroCluster, ...]
+
+    @property
+    def source(self) -> str:
+        """The route in words."""
+        return SOURCES[self.route]
+
+    def __call__(self, time: Array) -> Array:
+        """X at `time`, same shape."""
+        time = np.asarray(time, dtype=float)
+        if np.any(time < 0):
+            raise ValueError("time: negative times are not allowed")
+        total = np.zeros(time.shape)
+        for start, numerator in self.inputs:
+            chosen = time >= start
+            if numerator and np.any(chosen):
+                total[chosen] += self._response(numerator, time[chosen] - start)
+        return total
+
+    def _response(self, numerator: Mapping[float, float], time: Array) -> Array:
+        closed = None
+        if self.route == "classical":
+            closed = classical_response(self.characteristic, numerator, time)
+        elif self.route == "faddeeva":
+            closed = faddeeva_response(self.characteristic, numerator, time)
+        if closed is None:
+            return contour_response(self.characteristic, self.zeros, numerator, time)
+        values, size = closed
+        # The sum of the moduli says what rounding has done to the sum; the largest value up to
+        # then is what it is held against, for a response may grow.
+        order = np.argsort(time, axis=None)
+        largest = np.empty(time.size)
+        largest[order] = np.fmax.accumulate(np.abs(values).ravel()[order])
+        doubtful = ~(size <= _LARGEST_CANCELLATION * largest.reshape(time.shape))
+        doubtful |= ~np.isfinite(values)
+        if np.any(doubtful):
+            values[doubtful] = contour_response(
+                self.characteristic, self.zeros, numerator, time[doubtful]
+            )
+        return values
+
+
+def linear_response(
+    *,
+    mass: float,
+    stiffness: float,
+    damping: tuple[tuple[float, float], ...] = (),
+    position: float = 0.0,
+    velocity: float = 0.0,
+    forcing: tuple[tuple[float, PowerSum], ...] = (),
+    derivative: Derivative = "caputo",
+    route: Route | None = None,
+) -> LinearResponse:
+    r"""Exact solution of one linear equation.
+
+    .. math:: X(s) = \frac{m (s x_0 + v_0) + \sum_j \mu_j (s^{\gamma_j-1} x_0
+              [+ s^{\gamma_j-2} v_0 \text{ if } \gamma_j > 1]) + F(s)}{P(s)}
+
+    with the terms of the sum for Caputo's derivative, and for order 1 in any case.
+
+    Parameters
+    ----------
+    mass, stiffness
+        m > 0 and k.
+    damping
+        Pairs (order, coefficient).
+    position, velocity
+        x(0) and x'(0).
+    forcing
+        Pairs (start, f): the force is f(t) from `start` on until the next; the first starts at 0.
+        After the first, a difference of neighbours must be a polynomial.
+    derivative
+        ``caputo`` or ``riemann-liouville``; the latter with a position other than 0 only for
+        orders up to 1.
+    route
+        Forced, for comparisons; by default the simplest that fits.
+
+    Raises
+    ------
+    ValueError
+        For parameters out of range, a force that is not representable, or a characteristic
+        function whose zeros cannot be separated.
+    """
+    characteristic = CharacteristicFunction(mass=mass, stiffness=stiffness, damping=damping)
+    start = {1.0: mass * position, 0.0: mass * velocity}
+    for order, coefficient in damping:
+        if derivative == "caputo" or order == 1.0:
+            _add(start, order - 1.0, coefficient * position)
+            if order > 1:
+                _add(start, order - 2.0, coefficient * velocity)
+        elif order > 1 and position and coefficient:
+            raise ValueError(
+                f"derivative: riemann-liouville of order {order!r} needs position 0 at the start"
+            )
+    inputs: list[tuple[float, Mapping[float, float]]] = []
+    before = PowerSum()
+    for begin, force in forcing:
+        jump = (force - before).shifted(begin)
+        before = force
+        if begin == 0:
+            for power, coefficient in jump.transform().items():
+                _add(start, power, coefficient)
+        else:
+            inputs.append((begin, jump.transform()))
+    inputs.insert(0, (0.0, {power: c for power, c in start.items() if c}))
+    if route is None:
+        powers = [p for _, n in inputs for p in n] + [p for p, _ in characteristic.terms]
+        route = "contour"
+        if all(power == round(power) for power in powers):
+            route = "classical"
+        elif all(2 * power == round(2 * power) for power in powers):
+            route = "faddeeva"
+    return LinearResponse(
+        characteristic=characteristic,
+        inputs=tuple(inputs),
+        route=route,
+        zeros=characteristic_zeros(characteristic),
+    )
+
+
+def match_scene(scene: Scene) -> ExactSolution | None:
+    r"""Exact solution of a scene, if it is one that is known exactly.
+
+    Known are linear scenes whose mass, stiffness and damping matrices are diagonal in common
+    coordinates, with any number of damping terms and any initial data, under a force whose
+    components are sums of powers :math:`c\,t^\beta`, in pieces that differ by polynomials.
+
+    Returns
+    -------
+    ExactSolution | None
+        None for everything else.
+    """
+    if not scene.is_linear:
+        return None
+    d = scene.dimension
+    stiffness = (
+        scene.potential.stiffness
+        if isinstance(scene.potential, QuadraticPotential)
+        else np.zeros((d, d))
+    )
+    terms = scene.active_damping
+    matrices = [stiffness, *(term.coefficient for term in terms)]
+    modes = _common_modes(scene.inertia.mass, matrices)
+    if modes is None:
+        return None
+    shapes, diagonals = modes
+    momenta = shapes.T @ scene.inertia.mass
+    position, velocity = momenta @ scene.initial_position, momenta @ scene.initial_velocity
+    try:
+        forcing = _power_sums(scene.forcing)
+        responses = tuple(
+            linear_response(
+                mass=1.0 if d > 1 else float(scene.inertia.mass[0, 0]),
+                stiffness=float(diagonals[0][i]),
+                damping=tuple(
+                    (term.order, float(diagonal[i]))
+                    for term, diagonal in zip(terms, diagonals[1:], strict=True)
+                ),
+                position=float(position[i]) if d > 1 else float(scene.initial_position[0]),
+                velocity=float(velocity[i]) if d > 1 else float(scene.initial_velocity[0]),
+                forcing=tuple((begin, _combined(shapes[:, i], force)) for begin, force in forcing),
+                derivative=scene.derivative,
+            )
+            for i in range(d)
+        )
+    except (NotAPowerSum, ValueError, ArithmeticError):
+        return None
+    sources = list(dict.fromkeys(response.source for response in responses))
+
+    def exact(time: Array) -> Array:
+        return np.stack([response(time) for response in responses], axis=-1) @ shapes.T
+
+    return ExactSolution(position=exact, source=", ".join(sources))
+
+
+def _add(numerator: dict[float, float], power: float, coefficient: float) -> None:
+    numerator[power] = numerator.get(power, 0.0) + coefficient
+
+
+def _common_modes(mass: Array, matrices: list[Array]) -> tuple[Array, list[Array]] | None:
+    """Shapes S with S^T M S = 1 and all S^T A S diagonal; the diagonals, zeros exact."""
+    d = mass.shape[0]
+    if d == 1:
+        return np.ones((1, 1)), [matrix.diagonal().copy() for matrix in matrices]
+    scales, vectors = np.linalg.eigh(mass)
+    root = vectors / np.sqrt(scales)
+    reduced = [root.T @ matrix @ root for matrix in matrices]
+    norms = [float(np.linalg.norm(matrix, 2)) for matrix in reduced]
+    # Square roots of integers are not rationally related: equal eigenvalues of the mixture are
+    # equal in every matrix.
+    mixture = np.zeros((d, d))
+    for index, (matrix, norm) in enumerate(zip(reduced, norms, strict=True)):
+        if norm:
+            mixture += np.sqrt(index + 2.0) * matrix / norm
+    rotation = np.linalg.eigh(mixture)[1]
+    diagonals: list[Array] = []
+    for matrix, norm in zip(reduced, norms, strict=True):
+        rotated = rotation.T @ matrix @ rotation
+        diagonal = rotated.diagonal().copy()
+        if np.abs(rotated - np.diag(diagonal)).max() > 1e-13 * d * norm:
+            return None
+        diagonal[np.abs(diagonal) < 4e-16 * d * norm] = 0.0
+        diagonals.append(diagonal)
+    return root @ rotation, diagonals
+
+
+def _power_sums(forcing: Forcing | None) -> list[tuple[float, tuple[PowerSum, ...]]]:
+    if forcing is None:
+        return []
+    starts = (0.0, *forcing.break_points)
+    return [
+        (start, _components(piece)) for start, piece in zip(starts, forcing.pieces, strict=True)
+    ]
+
+
+def _components(piece: ForcingPiece) -> tuple[PowerSum, ...]:
+    sums = []
+    for component in piece.components:
+        try:
+            value = component.evaluate({"t": PowerSum.variable()}, POWER_SUM_FUNCTIONS)
+        except ExpressionError as error:
+            raise NotAPowerSum(str(error)) from error
+        sums.append(PowerSum.lift(value))
+    return tuple(sums)
+
+
+def _combined(shape: Array, components: tuple[PowerSum, ...]) -> PowerSum:
+    total = PowerSum()
+    for weight, component in zip(shape, components, strict=True):
+        total = total + float(weight) * component
+    return total
