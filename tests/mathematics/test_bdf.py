@@ -1,0 +1,280 @@
+"""Generating polynomials and convolution-quadrature weights."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+import mpmath as mp
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fvi_cli.mathematics.bdf import (
+    convolution_weights,
+    difference_weights,
+    generating_polynomial,
+    quotient_polynomial,
+    symbol_at,
+)
+
+Array = NDArray[np.float64]
+BDF_ORDERS = range(1, 7)
+ORDERS = (0.3, 0.5, 1.0, 1.5, 1.9)
+WEIGHTS = {"convolution": convolution_weights, "difference": difference_weights}
+BITS = 400
+
+
+def exact_polynomial(bdf_order: int) -> list[Fraction]:
+    """gamma_p from its definition, expanded by hand."""
+    result = [Fraction(0)] * (bdf_order + 1)
+    for k in range(1, bdf_order + 1):
+        for m in range(k + 1):
+            result[m] += Fraction((-1) ** m * math.comb(k, m), k)
+    return result
+
+
+def fixed_point_power(polynomial: list[Fraction], order: float, n_terms: int) -> list[int]:
+    """Coefficients of a power of a polynomial times 2**400, by Miller's recurrence in integers.
+
+    Applied to gamma_p as a whole, not to its factors as the library does.
+    """
+    scale = math.lcm(*(c.denominator for c in polynomial))
+    whole = [int(c * scale) for c in polynomial]
+    top, bottom = Fraction(order).as_integer_ratio()
+    with mp.workprec(BITS + 60):
+        first = (mp.mpf(whole[0]) / scale) ** (mp.mpf(top) / bottom)
+        series = [int(mp.floor(mp.ldexp(first, BITS)))]
+    for n in range(1, n_terms):
+        total = 0
+        for k in range(1, min(n, len(whole) - 1) + 1):
+            total += (k * top - (n - k) * bottom) * whole[k] * series[n - k]
+        series.append(total // (n * whole[0] * bottom))
+    return series
+
+
+def reference(kind: str, bdf_order: int, order: float, n_terms: int) -> list[int]:
+    series = fixed_point_power(exact_polynomial(bdf_order), order, n_terms)
+    if kind == "difference":
+        for n in range(1, n_terms):
+            series[n] += series[n - 1]
+    return series
+
+
+def budget_used(weights: Array, exact: list[int]) -> float:
+    """Largest error in units of 1e-13 |w_n| + 1e-15 max |w|."""
+    rounded = np.array([float(Fraction(w, 1 << BITS)) for w in exact])
+    residual = [
+        float(Fraction((Fraction(float(w)) * (1 << BITS)) - e) / (1 << BITS))
+        for w, e in zip(weights, exact, strict=True)
+    ]
+    allowed = 1e-13 * np.abs(rounded) + 1e-15 * np.abs(rounded).max()
+    return float((np.abs(residual) / allowed).max())
+
+
+@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+def test_generating_polynomial_is_its_definition_rounded_once(bdf_order: int) -> None:
+    exact = exact_polynomial(bdf_order)
+    assert generating_polynomial(bdf_order).tolist() == [float(c) for c in exact]
+    quotient = [sum(exact[: m + 1], start=Fraction(0)) for m in range(bdf_order)]
+    assert quotient_polynomial(bdf_order).tolist() == [float(c) for c in quotient]
+
+
+def test_known_formulas() -> None:
+    assert generating_polynomial(1).tolist() == [1, -1]
+    assert generating_polynomial(2).tolist() == [1.5, -2, 0.5]
+    assert generating_polynomial(3).tolist() == [11 / 6, -3, 1.5, -1 / 3]
+    assert quotient_polynomial(2).tolist() == [1.5, -0.5]
+
+
+@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+def test_symbol_has_the_order_of_the_formula(bdf_order: int) -> None:
+    """gamma_p(exp(-h)) = h - h^(p+1) / (p+1) + ..., as gamma_infinity(z) = -log z."""
+    ratios = []
+    for h in (0.04, 0.02):
+        defect = symbol_at(bdf_order, complex(np.exp(-h))) - h
+        ratios.append(-defect.real * (bdf_order + 1) / h ** (bdf_order + 1))
+    assert abs(ratios[1] - 1) < 0.08
+    assert abs(ratios[1] - 1) < 0.6 * abs(ratios[0] - 1)
+
+
+@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+def test_symbol_is_the_polynomial(bdf_order: int) -> None:
+    z = 0.9 * np.exp(1j * np.linspace(0, 6, 17))
+    by_powers = np.polynomial.polynomial.polyval(z, generating_polynomial(bdf_order))
+    np.testing.assert_allclose(symbol_at(bdf_order, z), by_powers, rtol=0, atol=2e-14)
+    at_minus_one = [2, 4, 20 / 3, 32 / 3, 256 / 15, 416 / 15][bdf_order - 1]
+    assert symbol_at(bdf_order, -1) == pytest.approx(at_minus_one, rel=1e-15)
+    # Near 1 the value keeps its relative accuracy, as powers of z do not.
+    assert symbol_at(bdf_order, 1 - 2.0**-40).real == pytest.approx(2.0**-40, rel=1e-11)
+
+
+@pytest.mark.parametrize("kind", sorted(WEIGHTS))
+@pytest.mark.parametrize("order", [-1.7, -0.5, 0.3, 1.5, 2.0])
+@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+def test_weights_sum_to_the_power_of_the_symbol(kind: str, order: float, bdf_order: int) -> None:
+    z = 0.8 * np.exp(1j * np.linspace(0, 3, 7))
+    weights = WEIGHTS[kind](bdf_order, order, 300)
+    # The real part of gamma_p may be negative (p > 2): take the branch through the factors.
+    quotient = symbol_at(bdf_order, z) / (1 - z)
+    expected = (1 - z) ** order * np.exp(order * _continued_logarithm(quotient, z, bdf_order))
+    if kind == "difference":
+        expected = expected / (1 - z)
+    found = np.polynomial.polynomial.polyval(z, weights)
+    np.testing.assert_allclose(found, expected, rtol=1e-11)
+
+
+def _continued_logarithm(
+    quotient: NDArray[np.complex128], z: NDArray[np.complex128], bdf_order: int
+) -> NDArray[np.complex128]:
+    """log q_p(z), continued from z = 0 through its linear factors."""
+    coefficients = quotient_polynomial(bdf_order)
+    roots = np.polynomial.polynomial.polyroots(coefficients)
+    logarithm = math.log(coefficients[0]) + sum(
+        (np.log(1 - z / root) for root in roots), start=np.zeros_like(z)
+    )
+    np.testing.assert_allclose(np.exp(logarithm), quotient, rtol=1e-12)
+    return logarithm
+
+
+# First weights, agreed by two independent programs to the digits printed; p = 1 and 2 have
+# closed forms.
+PRINTED = {
+    (1, 0.5): (1, -0.5, -0.125, -0.0625),
+    (2, 0.5): (1.22474487139159, -0.816496580927726, -0.0680413817439772, -0.0453609211626514),
+    (3, 0.5): (1.35400640077266, -1.10782341881399, 0.100711219892181, -0.0406914019766389),
+    (4, 0.5): (1.44337567297406, -1.3856406460551, 0.374122974434877, -0.102722159894218),
+    (5, 0.5): (1.51107026088575, -1.6544564900209, 0.74873213417004, -0.283191284401964),
+    (6, 0.5): (1.56524758424985, -1.91662969499982, 1.22234036670907, -0.63284524382543),
+    (1, 1.5): (1, -1.5, 0.375, 0.0625),
+    (2, 1.5): (1.83711730708738, -3.67423461417477, 2.14330352493528, -0.340206908719886),
+    (3, 1.5): (2.48234506808321, -6.09302880347697, 5.53911709406997, -2.48980515844559),
+    (4, 1.5): (3.0070326520293, -8.66025403784439, 10.6521124665486, -7.79191923298319),
+    (5, 1.5): (3.45027709568913, -11.3330269566431, 17.5372387942215, -17.6994640899583),
+    (6, 1.5): (3.83485658141214, -14.0872282582487, 26.23386895031, -33.6942196551244),
+}
+
+
+@pytest.mark.parametrize(("bdf_order", "order"), sorted(PRINTED))
+def test_first_weights_to_all_printed_digits(bdf_order: int, order: float) -> None:
+    weights = convolution_weights(bdf_order, order, 4)
+    np.testing.assert_allclose(weights, PRINTED[bdf_order, order], rtol=1.2e-14)
+
+
+@pytest.mark.parametrize("kind", sorted(WEIGHTS))
+@pytest.mark.parametrize("order", [*ORDERS, -1.7, -1.0, -0.5, 0.01, 1.99, 1 + 1e-9])
+@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+def test_weights_against_integer_arithmetic(kind: str, bdf_order: int, order: float) -> None:
+    exact = reference(kind, bdf_order, order, 4096)
+    weights = WEIGHTS[kind](bdf_order, order, 4096)
+    assert budget_used(weights, exact) < 0.1
+    if order in ORDERS and order != 1:
+        tail = np.array([float(Fraction(w, 1 << BITS)) for w in exact[1024:]])
+        np.testing.assert_allclose(weights[1024:], tail, rtol=2e-15)
+
+
+@pytest.mark.parametrize("kind", sorted(WEIGHTS))
+def test_the_comparison_notices_a_small_error(kind: str) -> None:
+    """Control: a change of order by 1e-12, or of one weight by 2e-13 of itself, is refused."""
+    exact = reference(kind, 3, 0.5, 4096)
+    assert budget_used(WEIGHTS[kind](3, 0.5 + 1e-12, 4096), exact) > 1
+    spoilt = WEIGHTS[kind](3, 0.5, 4096)
+    spoilt[1] *= 1 + 2e-13
+    assert budget_used(spoilt, exact) > 1
+
+
+@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+def test_integer_arithmetic_agrees_with_mpmath(bdf_order: int) -> None:
+    """The reference by another route: Cauchy's integral on a small circle, in 50 digits."""
+    with mp.workdps(60):
+        polynomial = [mp.mpf(c.numerator) / c.denominator for c in exact_polynomial(bdf_order)]
+        points, radius = 256, mp.mpf(1) / 4
+        z = [radius * mp.expjpi(mp.mpf(2 * j) / points) for j in range(points)]
+        values = [mp.power(mp.polyval(polynomial[::-1], w), mp.mpf(3) / 2) for w in z]
+        for n, exact in enumerate(reference("convolution", bdf_order, 1.5, 12)):
+            powers = (v * mp.expjpi(mp.mpf(-2 * j * n) / points) for j, v in enumerate(values))
+            coefficient = mp.fsum(powers).real / points / radius**n
+            assert abs(coefficient - mp.ldexp(exact, -BITS)) < mp.mpf(10) ** -50
+
+
+@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+def test_integer_orders_are_exact_stencils(bdf_order: int) -> None:
+    first = exact_polynomial(bdf_order)
+    second = [Fraction(0)] * (2 * bdf_order + 1)
+    for i, a in enumerate(first):
+        for j, b in enumerate(first):
+            second[i + j] += a * b
+    for order, stencil in ((0, [Fraction(1)]), (1, first), (2, second)):
+        weights = convolution_weights(bdf_order, order, 3000)
+        assert weights[: len(stencil)].tolist() == [float(c) for c in stencil]
+        assert not weights[len(stencil) :].any()
+        sums = np.cumsum(np.array(stencil, dtype=object))
+        increments = difference_weights(bdf_order, order, 3000)
+        assert increments[: len(stencil)].tolist() == [float(c) for c in sums]
+        assert np.all(increments[len(stencil) :] == (1 if order == 0 else 0))
+    assert convolution_weights(bdf_order, 2, 3).shape == (3,)
+
+
+@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+def test_integral_is_the_inverse_of_the_derivative(bdf_order: int) -> None:
+    for order in (0.3, 1.0, 1.5):
+        product = np.convolve(
+            convolution_weights(bdf_order, order, 500), convolution_weights(bdf_order, -order, 500)
+        )[:500]
+        np.testing.assert_allclose(product, np.eye(1, 500)[0], atol=2e-12)
+
+
+@pytest.mark.parametrize("kind", sorted(WEIGHTS))
+@pytest.mark.parametrize("order", [0.3, 1.5, 1.9, -0.5])
+@pytest.mark.parametrize("bdf_order", [1, 2, 4, 6])
+def test_no_drift_at_a_million_weights(kind: str, order: float, bdf_order: int) -> None:
+    """The sum over q_p**order times gamma-function ratios, in 50 digits."""
+    shift = 1 if kind == "difference" else 0
+    weights = WEIGHTS[kind](bdf_order, order, 2**20)
+    quotient = [Fraction(c).limit_denominator(100) for c in quotient_polynomial(bdf_order)]
+    short = fixed_point_power(quotient, order, 1000)
+    with mp.workdps(50):
+        exponent = mp.mpf(order) - shift
+        for n in (1024, 5000, 2**17, 2**20 - 1):
+            binomial = mp.gammaprod([n - exponent], [-exponent, n + 1])
+            total = mp.mpf(0)
+            for j, u in enumerate(short):
+                total += u * binomial
+                binomial *= (n - j) / (n - j - 1 - exponent)
+            exact = mp.ldexp(total, -BITS)
+            assert abs(weights[n] / exact - 1) < 2e-15
+
+
+def test_a_running_product_would_drift() -> None:
+    """Control: the plain recurrence of the binomial series fails the bound above by far."""
+    n = np.arange(1, 2**20)
+    drifted = np.cumprod((n - 1 - 1.9) / n)[-1]
+    mine = convolution_weights(1, 1.9, 2**20)[-1]
+    assert abs(drifted / mine - 1) > 1e-11
+
+
+@pytest.mark.parametrize("n_weights", [1, 2, 23, 24, 25, 26, 1023, 1024, 1025, 1026])
+@pytest.mark.parametrize("bdf_order", [1, 3, 6])
+def test_fewer_weights_are_the_first_ones(n_weights: int, bdf_order: int) -> None:
+    for weights in WEIGHTS.values():
+        all_of_them = weights(bdf_order, 0.7, 2000)
+        few = weights(bdf_order, 0.7, n_weights)
+        assert few.shape == (n_weights,)
+        np.testing.assert_allclose(few, all_of_them[:n_weights], rtol=5e-14, atol=1e-18)
+
+
+def test_arguments_out_of_range() -> None:
+    for weights in WEIGHTS.values():
+        for bdf_order in (0, 7, -1):
+            with pytest.raises(ValueError, match=f"bdf_order: {bdf_order} is not one of 1 to 6"):
+                weights(bdf_order, 0.5, 4)
+        for order in (-2.0, 2.1, math.nan, math.inf):
+            with pytest.raises(ValueError, match=r"is not in \(-2, 2\]"):
+                weights(1, order, 4)
+        with pytest.raises(ValueError, match="n_weights: 0 is not allowed"):
+            weights(1, 0.5, 0)
+    for polynomial in (generating_polynomial, quotient_polynomial):
+        with pytest.raises(ValueError, match="bdf_order: 7"):
+            polynomial(7)
+    with pytest.raises(ValueError, match="bdf_order: 0"):
+        symbol_at(0, 1j)

@@ -1,0 +1,120 @@
+"""The Lagrange basis on [0, 1]."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
+from fvi_cli.mathematics.quadrature import gauss_rule, lobatto_rule
+
+DEGREES = range(1, 21)
+
+
+@pytest.mark.parametrize("degree", DEGREES)
+def test_exact_at_control_points(degree: int) -> None:
+    basis = lobatto_basis(degree)
+    assert basis.degree == degree
+    assert (basis.control_points[0], basis.control_points[-1]) == (0.0, 1.0)
+    assert np.array_equal(basis.values(basis.control_points), np.eye(degree + 1))
+
+
+@pytest.mark.parametrize("degree", DEGREES)
+def test_partition_of_unity_to_round_off(degree: int) -> None:
+    basis = lobatto_basis(degree)
+    points = np.linspace(0, 1, 201)
+    assert np.abs(basis.values(points).sum(axis=0) - 1).max() < 2e-15
+    scale = np.abs(basis.derivatives(points)).max()
+    assert np.abs(basis.derivatives(points).sum(axis=0)).max() < 3e-15 * scale
+
+
+@pytest.mark.parametrize("degree", DEGREES)
+def test_polynomials_are_reproduced_up_to_the_degree_and_no_further(degree: int) -> None:
+    basis = lobatto_basis(degree)
+    points = gauss_rule(7).nodes
+    for power in range(degree + 1):
+        nodal = basis.control_points**power
+        np.testing.assert_allclose(nodal @ basis.values(points), points**power, atol=2e-15)
+        slope = power * points ** max(power - 1, 0)
+        np.testing.assert_allclose(
+            nodal @ basis.derivatives(points), slope, atol=2e-15 * degree**2 + 1e-15
+        )
+    if degree <= 8:
+        beyond = basis.control_points ** (degree + 1) @ basis.values(points)
+        assert np.abs(beyond - points ** (degree + 1)).max() > 1e-8
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 7, 13, 20])
+def test_values_and_derivatives_against_products_in_fifty_digits(degree: int) -> None:
+    basis = lobatto_basis(degree)
+    points = np.concatenate(
+        [np.linspace(0, 1, 8), basis.control_points[:3], [1e-9, 1 - 1e-12, 0.5 + 1e-15]]
+    )
+    values, derivatives = basis.values(points), basis.derivatives(points)
+    scale = np.abs(derivatives).max()
+    with mp.workdps(50):
+        control = [mp.mpf(float(d)) for d in basis.control_points]
+        for j, own in enumerate(control):
+            others = [d for m, d in enumerate(control) if m != j]
+            for i, point in enumerate(points):
+                factors = [(mp.mpf(float(point)) - d) / (own - d) for d in others]
+                slope = mp.fsum(
+                    mp.fprod(factors[:k] + factors[k + 1 :]) / (own - d)
+                    for k, d in enumerate(others)
+                )
+                assert abs(values[j, i] - mp.fprod(factors)) < 1e-15
+                assert abs(derivatives[j, i] - slope) < 2e-15 * scale
+
+
+def test_degree_one_is_the_straight_line() -> None:
+    basis = lobatto_basis(1)
+    points = np.array([0.0, 0.25, 0.5, 1.0])
+    assert np.array_equal(basis.values(points), [1 - points, points])
+    assert np.array_equal(basis.derivatives(points), [np.full(4, -1.0), np.ones(4)])
+
+
+def test_scalars_and_lists_are_points_too() -> None:
+    assert lobatto_basis(3).values(0.3).shape == (4, 1)
+    assert lobatto_basis(3).derivatives([0.3, 0.4]).shape == (4, 2)
+
+
+def test_basis_is_made_once_and_cannot_be_changed() -> None:
+    assert lobatto_basis(4) is lobatto_basis(4)
+    with pytest.raises(ValueError, match="read-only"):
+        lobatto_basis(4).control_points[0] = 0.5
+    mine = np.array([0.0, 1.0])
+    basis = LagrangeBasis(control_points=mine)
+    mine[0] = 0.5
+    assert basis.control_points[0] == 0.0
+
+
+def test_other_control_points() -> None:
+    """Gauss points: integrating the basis gives the weights of the rule."""
+    rule = gauss_rule(5)
+    fine = lobatto_rule(8)
+    basis = LagrangeBasis(control_points=rule.nodes)
+    np.testing.assert_allclose(basis.values(fine.nodes) @ fine.weights, rule.weights, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("points", "complaint"),
+    [
+        ([0.5], "give 2 to 21"),
+        (np.linspace(0, 1, 22), "give 2 to 21"),
+        ([[0.0, 1.0]], "give 2 to 21"),
+        ([0.0, 0.5, 0.5, 1.0], "increase strictly"),
+        ([0.0, 1.5], "increase strictly"),
+        ([0.0, float("nan"), 1.0], "increase strictly"),
+        ([0.0, 1e-320, 1.0], "too close"),
+    ],
+)
+def test_unusable_control_points_are_refused(points: object, complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        LagrangeBasis(control_points=np.array(points))
+
+
+@pytest.mark.parametrize("degree", [-1, 0, 21])
+def test_degrees_out_of_range(degree: int) -> None:
+    with pytest.raises(ValueError, match=f"degree: {degree} is not allowed; it must be 1 to 20"):
+        lobatto_basis(degree)

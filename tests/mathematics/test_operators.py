@@ -1,0 +1,189 @@
+"""Discrete fractional operators on a grid."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fvi_cli.mathematics.bdf import convolution_weights
+from fvi_cli.mathematics.operators import left_operator, right_operator
+
+Array = NDArray[np.float64]
+BDF_ORDERS = range(1, 7)
+STEP = 0.125
+
+
+def random_sequence(n: int, *shape: int) -> Array:
+    return np.random.default_rng(n).standard_normal((n, *shape))
+
+
+def toeplitz(bdf_order: int, exponent: float, n: int) -> Array:
+    """Lower triangular matrix of the retarded operator, entry by entry."""
+    weights = STEP**-exponent * convolution_weights(bdf_order, exponent, n)
+    k = np.arange(n)
+    lag = k[:, None] - k[None, :]
+    return np.where(lag >= 0, weights[np.abs(lag)], 0.0)
+
+
+@pytest.mark.parametrize("exponent", [-1.5, -1.0, -0.3, 0.0, 0.5, 1.0, 1.7, 2.0])
+@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+def test_operators_are_a_toeplitz_matrix_and_its_transpose(bdf_order: int, exponent: float) -> None:
+    matrix = toeplitz(bdf_order, exponent, 60)
+    for values in (random_sequence(60), random_sequence(60, 3)):
+        left = left_operator(bdf_order, exponent, STEP, values)
+        right = right_operator(bdf_order, exponent, STEP, values)
+        assert left.shape == right.shape == values.shape
+        scale = np.abs(matrix).sum(axis=1).max()
+        np.testing.assert_allclose(left, matrix @ values, rtol=0, atol=1e-14 * scale)
+        np.testing.assert_allclose(right, matrix.T @ values, rtol=0, atol=1e-14 * scale)
+
+
+@pytest.mark.parametrize("exponent", [-0.5, 0.5, 1.5])
+@pytest.mark.parametrize("n", [1024, 1025, 3000])
+def test_transform_and_direct_sum_agree(exponent: float, n: int) -> None:
+    values = random_sequence(n, 2)
+    weights = convolution_weights(3, exponent, n)
+    found = left_operator(3, exponent, STEP, values)
+    for column in range(2):
+        direct = STEP**-exponent * np.convolve(weights, values[:, column])[:n]
+        np.testing.assert_allclose(
+            found[:, column], direct, rtol=0, atol=2e-14 * np.abs(direct).max()
+        )
+
+
+def semigroup_defect(bdf_order: int, a: float, b: float, total: float, n: int) -> float:
+    """Largest difference of J^a J^b and J^total, relative to what the weights can amplify."""
+    defect = 0.0
+    for operator in (left_operator, right_operator):
+        values = random_sequence(n)
+        twice = operator(bdf_order, a, STEP, operator(bdf_order, b, STEP, values))
+        once = operator(bdf_order, total, STEP, values)
+        bound = (
+            STEP**-total
+            * np.abs(convolution_weights(bdf_order, a, n)).sum()
+            * np.abs(convolution_weights(bdf_order, b, n)).sum()
+        )
+        defect = max(defect, float(np.abs(twice - once).max() / bound))
+    return defect
+
+
+SEMIGROUP_PAIRS = [(0.25, 0.25), (0.75, 0.75), (0.3, 1.2), (1.5, -1.5), (-0.4, -0.6), (1.9, -0.9)]
+
+
+@pytest.mark.parametrize(("a", "b"), SEMIGROUP_PAIRS)
+@pytest.mark.parametrize("n", [200, 2000])
+@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+def test_semigroup_to_round_off(bdf_order: int, n: int, a: float, b: float) -> None:
+    assert semigroup_defect(bdf_order, a, b, a + b, n) < 1e-14
+
+
+@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+def test_semigroup_needs_the_sum_of_the_exponents(bdf_order: int) -> None:
+    """Control: a total order that is wrong by 1e-9 is seen."""
+    assert semigroup_defect(bdf_order, 0.25, 0.25, 0.5 + 1e-9, 200) > 1e-12
+
+
+@pytest.mark.parametrize("exponent", [-0.5, 0.25, 0.75, 1.0, 1.5])
+@pytest.mark.parametrize("n", [200, 2000])
+@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+def test_asymmetric_integration_by_parts(bdf_order: int, n: int, exponent: float) -> None:
+    x, y = random_sequence(n), random_sequence(n + 1)[:n]
+    left = left_operator(bdf_order, exponent, STEP, x)
+    right = right_operator(bdf_order, exponent, STEP, y)
+    scale = np.abs(left) @ np.abs(y) + np.abs(x) @ np.abs(right)
+    assert abs(left @ y - x @ right) < 1e-14 * scale
+    # Control: with the retarded operator on both sides it does not hold.
+    wrong = left_operator(bdf_order, exponent, STEP, y)
+    assert abs(left @ y - x @ wrong) > 1e-5 * scale
+
+
+@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+def test_split_of_the_damping_does_not_matter(bdf_order: int) -> None:
+    """sum (J_-^a X)(J_+^b Y) = sum (J_-^(a+b) X) Y for every split of the order."""
+    x, y = random_sequence(300), random_sequence(301)[:300]
+    whole = left_operator(bdf_order, 1.5, STEP, x) @ y
+    for a in (0.0, 0.3, 0.75, 1.5):
+        split = left_operator(bdf_order, a, STEP, x) @ right_operator(bdf_order, 1.5 - a, STEP, y)
+        assert split == pytest.approx(whole, rel=1e-11)
+
+
+def test_signs() -> None:
+    t = STEP * np.arange(50)
+    left = left_operator(2, 1.0, STEP, t**2)
+    np.testing.assert_allclose(left[2:], 2 * t[2:], atol=1e-12)
+    right = right_operator(2, 1.0, STEP, t**2)
+    np.testing.assert_allclose(right[:-2], -2 * t[:-2], atol=1e-12)
+    integral = left_operator(1, -1.0, STEP, np.ones(50))
+    np.testing.assert_allclose(integral, t + STEP, atol=1e-14)
+
+
+LADDER = 2 ** np.arange(5, 12)
+
+
+def power_orders(bdf_order: int, order: float, beta: float, order_used: float) -> list[float]:
+    """Orders of D^order t^beta on [0, 1] at t = 1 and in the maximum norm over the grid."""
+    errors = np.empty((LADDER.size, 2))
+    for row, n_steps in enumerate(LADDER):
+        t = np.arange(n_steps + 1) / n_steps
+        exact = np.zeros_like(t)
+        factor = math.gamma(beta + 1) / math.gamma(beta + 1 - order)
+        exact[1:] = factor * t[1:] ** (beta - order)
+        error = np.abs(left_operator(bdf_order, order_used, 1 / n_steps, t**beta) - exact)
+        errors[row] = error[-1], error.max()
+    slopes = []
+    for column in errors.T:
+        above = column > 300 * np.finfo(float).eps * LADDER**order
+        assert above.sum() >= 4
+        slopes.append(float(-np.polyfit(np.log(LADDER[above]), np.log(column[above]), 1)[0]))
+    return slopes
+
+
+@pytest.mark.parametrize(
+    ("bdf_order", "order", "beta"),
+    [
+        # Exponents well apart from each other and coefficients zeta(-beta) that are not small, so
+        # that no mixture of two orders shows on this ladder.
+        (1, 0.5, 2.7),
+        (2, 0.5, 3.7),
+        (3, 0.5, 1.2),
+        (4, 0.5, 1.2),
+        (5, 0.5, 1.2),
+        (6, 0.5, 1.2),
+        (3, 0.3, 0.9),
+        (4, 0.3, 5.6),
+        (6, 0.3, 0.9),
+        (1, 1.5, 3.7),
+        (2, 1.5, 4.7),
+        (3, 1.5, 5.2),
+        (5, 1.5, 1.7),
+    ],
+)
+def test_order_on_powers_depends_on_the_norm(bdf_order: int, order: float, beta: float) -> None:
+    """Lubich 1986: h^p + h^(beta+1) at fixed t, h^(beta-order) at the first grid points."""
+    at_one, in_maximum = power_orders(bdf_order, order, beta, order)
+    assert at_one == pytest.approx(min(bdf_order, beta + 1), abs=0.1)
+    assert in_maximum == pytest.approx(min(bdf_order, beta - order), abs=0.1)
+
+
+def test_order_is_lost_with_a_wrong_exponent() -> None:
+    """Control for the test above."""
+    at_one, in_maximum = power_orders(2, 0.5, 3.7, 0.5 + 1e-3)
+    assert abs(at_one - 2) > 0.5
+    assert abs(in_maximum - 2) > 0.5
+
+
+def test_bad_arguments() -> None:
+    for operator in (left_operator, right_operator):
+        for step_size in (0.0, -1.0, math.nan, math.inf):
+            with pytest.raises(ValueError, match="step_size"):
+                operator(1, 0.5, step_size, np.ones(3))
+        for values in (np.ones((0,)), np.ones((2, 2, 2)), 1.0):
+            with pytest.raises(ValueError, match="values: shape"):
+                operator(1, 0.5, 1.0, values)
+        with pytest.raises(ValueError, match="bdf_order"):
+            operator(7, 0.5, 1.0, np.ones(3))
+        with pytest.raises(ValueError, match=r"order: 2\.5"):
+            operator(1, 2.5, 1.0, np.ones(3))

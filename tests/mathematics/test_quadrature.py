@@ -1,0 +1,186 @@
+"""Quadrature rules on [0, 1]."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from fvi_cli.mathematics.quadrature import (
+    QuadratureRule,
+    gauss_rule,
+    lobatto_rule,
+    radau_right_rule,
+)
+
+RULES = {"gauss": gauss_rule, "lobatto": lobatto_rule, "radau-right": radau_right_rule}
+LEAST = {"gauss": 1, "lobatto": 2, "radau-right": 1}
+# Where the machine has no extended precision, Radau's large rules lose a digit and a half.
+EXTENDED = np.finfo(np.longdouble).eps < 1e-18
+EVERY_RULE = [(name, n) for name in RULES for n in range(LEAST[name], 65)]
+
+
+@pytest.mark.parametrize(("name", "n"), EVERY_RULE)
+def test_moments_are_right_to_round_off(name: str, n: int) -> None:
+    rule = RULES[name](n)
+    k = np.arange(rule.exactness + 1)
+    defects = rule.weights @ rule.nodes[:, None] ** k - 1 / (k + 1.0)
+    assert np.abs(defects).max() < (1e-15 if EXTENDED or name != "radau-right" else 3e-14)
+    assert rule.n_points == n
+    assert rule.exactness == rule.order - 1
+
+
+@pytest.mark.parametrize(("name", "n"), [(name, n) for name, n in EVERY_RULE if n <= 6])
+def test_order_is_sharp(name: str, n: int) -> None:
+    rule = RULES[name](n)
+    defect = rule.weights @ rule.nodes**rule.order - 1 / (rule.order + 1)
+    assert abs(defect) > 1e-8
+    assert rule.order == {"gauss": 2 * n, "lobatto": 2 * n - 2, "radau-right": 2 * n - 1}[name]
+
+
+@pytest.mark.parametrize(
+    ("name", "n"), [(name, n) for name, n in EVERY_RULE if n in (1, 2, 3, 5, 12, 20, 33, 64)]
+)
+def test_nodes_and_weights_against_forty_digits(name: str, n: int) -> None:
+    """Roots polished in mpmath; weights by another formula, from the derivative alone."""
+    rule = RULES[name](n)
+    with mp.workdps(40):
+        polynomial = {
+            "gauss": _legendre_coefficients(n),
+            "lobatto": _derivative(_legendre_coefficients(n - 1)),
+            "radau-right": _difference(_legendre_coefficients(n - 1), _legendre_coefficients(n)),
+        }[name]
+        slope = _derivative(polynomial)
+        inner = rule.nodes[1:-1] if name == "lobatto" else rule.nodes
+        roots = []
+        for node in inner:
+            x = 2 * mp.mpf(float(node)) - 1
+            for _ in range(3):
+                x -= mp.polyval(polynomial, x) / mp.polyval(slope, x)
+            roots.append(x)
+        if name == "lobatto":
+            roots = [mp.mpf(-1), *roots, mp.mpf(1)]
+        assert len({mp.nstr(x, 20) for x in roots}) == n
+        nodes = [(1 + x) / 2 for x in roots]
+        for mine, exact in zip(rule.nodes, nodes, strict=True):
+            assert abs(mine - exact) < 1.2e-16
+        for mine, exact in zip(rule.weights, _weights(name, n, roots), strict=True):
+            assert abs(mine - exact) < (1e-16 if EXTENDED else 3e-14)
+            assert abs(mine / exact - 1) < (1e-14 if EXTENDED else 1e-10)
+
+
+def _legendre_coefficients(n: int) -> list[mp.mpf]:
+    """Coefficients of P_n, highest power first; exact in more than 60 digits of room."""
+    mp.mp.dps = 90
+    coefficients = [mp.mpf(0)] * (n + 1)
+    for k in range(n // 2 + 1):
+        coefficients[2 * k] = (
+            mp.mpf(-1) ** k * mp.binomial(n, k) * mp.binomial(2 * n - 2 * k, n) / mp.mpf(2) ** n
+        )
+    return coefficients
+
+
+def _derivative(polynomial: list[mp.mpf]) -> list[mp.mpf]:
+    degree = len(polynomial) - 1
+    return [c * (degree - i) for i, c in enumerate(polynomial[:-1])] or [mp.mpf(0)]
+
+
+def _difference(low: list[mp.mpf], high: list[mp.mpf]) -> list[mp.mpf]:
+    return [a - b for a, b in zip([mp.mpf(0), *low], high, strict=True)]
+
+
+def _weights(name: str, n: int, roots: list[mp.mpf]) -> list[mp.mpf]:
+    if name == "gauss":
+        slope = _derivative(_legendre_coefficients(n))
+        return [1 / ((1 - x * x) * mp.polyval(slope, x) ** 2) for x in roots]
+    before = _legendre_coefficients(n - 1)
+    if name == "lobatto":
+        return [1 / (n * (n - 1) * mp.polyval(before, x) ** 2) for x in roots]
+    return [(1 + x) / (2 * n * n * mp.polyval(before, x) ** 2) for x in roots]
+
+
+def test_rules_of_the_textbooks() -> None:
+    """Hairer, Wanner, Solving Ordinary Differential Equations II, section IV.5."""
+    root = np.sqrt
+    expected = {
+        ("gauss", 1): ([0.5], [1.0]),
+        ("gauss", 2): ([0.5 - root(3) / 6, 0.5 + root(3) / 6], [0.5, 0.5]),
+        ("gauss", 3): (
+            [0.5 - root(15) / 10, 0.5, 0.5 + root(15) / 10],
+            [5 / 18, 8 / 18, 5 / 18],
+        ),
+        ("lobatto", 2): ([0, 1], [0.5, 0.5]),
+        ("lobatto", 3): ([0, 0.5, 1], [1 / 6, 4 / 6, 1 / 6]),
+        ("lobatto", 4): (
+            [0, (1 - root(0.2)) / 2, (1 + root(0.2)) / 2, 1],
+            [1 / 12, 5 / 12, 5 / 12, 1 / 12],
+        ),
+        ("radau-right", 1): ([1], [1]),
+        ("radau-right", 2): ([1 / 3, 1], [3 / 4, 1 / 4]),
+        ("radau-right", 3): (
+            [(4 - root(6)) / 10, (4 + root(6)) / 10, 1],
+            [(16 - root(6)) / 36, (16 + root(6)) / 36, 1 / 9],
+        ),
+    }
+    for (name, n), (nodes, weights) in expected.items():
+        np.testing.assert_allclose(RULES[name](n).nodes, nodes, rtol=0, atol=2e-16)
+        np.testing.assert_allclose(RULES[name](n).weights, weights, rtol=0, atol=2e-16)
+
+
+@pytest.mark.parametrize(("name", "n"), EVERY_RULE)
+def test_symmetry_is_exact(name: str, n: int) -> None:
+    rule = RULES[name](n)
+    assert rule.is_symmetric == (name != "radau-right")
+    if name == "lobatto":
+        assert (rule.nodes[0], rule.nodes[-1]) == (0.0, 1.0)
+    if name == "radau-right":
+        assert rule.nodes[-1] == 1.0
+    if rule.is_symmetric:
+        assert np.all(rule.nodes + rule.nodes[::-1] == 1.0)
+
+
+def test_rules_are_made_once_and_cannot_be_changed() -> None:
+    rule = gauss_rule(3)
+    assert gauss_rule(3) is rule
+    with pytest.raises(ValueError, match="read-only"):
+        rule.nodes[0] = 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        rule.weights[0] = 0.0
+
+
+@pytest.mark.parametrize("name", sorted(RULES))
+@pytest.mark.parametrize("n", [-1, 0, 1, 65])
+def test_numbers_of_points_out_of_range(name: str, n: int) -> None:
+    if n == 1 and name != "lobatto":
+        assert RULES[name](n).n_points == 1
+        return
+    with pytest.raises(ValueError, match=rf"{name}: {n} points; permitted are {LEAST[name]} to 64"):
+        RULES[name](n)
+
+
+@pytest.mark.parametrize(
+    ("name", "nodes", "weights", "complaint"),
+    [
+        ("simpson", [0, 0.5, 1], [1 / 6, 4 / 6, 1 / 6], "'simpson' is not one of"),
+        ("gauss", [], [], r"must be \(n,\)"),
+        ("gauss", [0.5], [0.5, 0.5], r"must be \(n,\)"),
+        ("gauss", [0.8, 0.2], [0.5, 0.5], "increase strictly"),
+        ("gauss", [0.2, 1.1], [0.5, 0.5], "increase strictly"),
+        ("gauss", [float("nan")], [1.0], "increase strictly"),
+        ("gauss", [0.5], [-1.0], "positive"),
+        ("gauss", [0.5], [1.0 + 1e-12], r"integral of t\*\*0"),
+        ("gauss", [0.5 + 1e-12], [1.0], r"integral of t\*\*1"),
+        # The trapezoidal rule is Lobatto's, not Gauss's.
+        (
+            "gauss",
+            [0.0, 1.0],
+            [0.5, 0.5],
+            r"integral of t\*\*2 by gauss with 2 points is wrong by 0.167",
+        ),
+    ],
+)
+def test_wrong_rules_are_refused(
+    name: str, nodes: list[float], weights: list[float], complaint: str
+) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        QuadratureRule(name=name, nodes=np.array(nodes), weights=np.array(weights))
