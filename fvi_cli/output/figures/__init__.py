@@ -1,0 +1,27 @@
+"""Figures from finished runs, made without pyplot and without any global state."""
+
+from fvi_cli.output.figures.convergence import Study, convergence_figure
+from fvi_cli.output.figures.drawn import compare_drawn, drawn_data
+from fvi_cli.output.figures.interpolation import interpolation_figure
+from fvi_cli.output.figures.planner import FIGURE_KINDS, figure_kinds, figures_for, sketches
+from fvi_cli.output.figures.saturation import saturation_figure
+from fvi_cli.output.figures.saving import drawn_text, save_figure
+from fvi_cli.output.figures.time_series import energy_figure, error_figure, trajectory_figure
+
+__all__ = [
+    "FIGURE_KINDS",
+    "Study",
+    "compare_drawn",
+    "convergence_figure",
+    "drawn_data",
+    "drawn_text",
+    "energy_figure",
+    "error_figure",
+    "figure_kinds",
+    "figures_for",
+    "interpolation_figure",
+    "saturation_figure",
+    "save_figure",
+    "sketches",
+    "trajectory_figure",
+]

@@ -1,0 +1,115 @@
+"""Which figures an experiment calls for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from fvi_cli.experiments.experiment import Experiment, FinishedRun
+from fvi_cli.output.figures.convergence import Study, convergence_figure
+from fvi_cli.output.figures.interpolation import interpolation_figure
+from fvi_cli.output.figures.saturation import saturation_figure
+from fvi_cli.output.figures.time_series import energy_figure, error_figure, trajectory_figure
+from fvi_cli.scenes.problem import DerivativeProblem
+
+FIGURE_KINDS = ("convergence", "trajectory", "energy", "error")
+"""What ``Experiment.figures`` may name."""
+
+_OVER_TIME: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
+    "trajectory": trajectory_figure,
+    "energy": energy_figure,
+    "error": error_figure,
+}
+_LEAST_LADDER = 3
+
+
+def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[str, Figure]:
+    """Make every figure that the experiments of one configuration call for.
+
+    An experiment that names its figures gets these. Otherwise a ladder of three or more step
+    counts gets ``convergence``, a shorter one ``trajectory``, ``energy`` and ``error``, as far as
+    there are an energy and an exact solution. Experiments of kind ``fractional-derivative``
+    share one saturation figure.
+
+    Parameters
+    ----------
+    studies
+        Experiments with their finished runs.
+    name
+        Name of the configuration. With it all convergence panels stand in one figure
+        ``<name>-convergence``; without it every experiment has its own.
+
+    Returns
+    -------
+    dict
+        Figures by file name without suffix: ``<experiment>-trajectory`` and so on.
+
+    Raises
+    ------
+    ValueError
+        For a figure that does not exist.
+    """
+    figures: dict[str, Figure] = {}
+    derivatives = [study for study in studies if isinstance(study[0].problem, DerivativeProblem)]
+    if derivatives:
+        figures[f"{name or _common_name(derivatives)}-saturation"] = saturation_figure(derivatives)
+    ladders = []
+    for experiment, finished in studies:
+        if isinstance(experiment.problem, DerivativeProblem) or not finished:
+            continue
+        for kind in figure_kinds(experiment, finished):
+            if kind == "convergence":
+                ladders.append((experiment, finished))
+            else:
+                figures[f"{experiment.name}-{kind}"] = _OVER_TIME[kind](experiment, finished)
+    if name is not None and ladders:
+        figures[f"{name}-convergence"] = convergence_figure(ladders)
+    else:
+        for study in ladders:
+            figures[f"{study[0].name}-convergence"] = convergence_figure([study])
+    return figures
+
+
+def figure_kinds(experiment: Experiment, finished: Sequence[FinishedRun]) -> tuple[str, ...]:
+    """Kinds of figures of one experiment, in the order of drawing.
+
+    Raises
+    ------
+    ValueError
+        For a figure that does not exist.
+    """
+    for kind in experiment.figures:
+        if kind not in FIGURE_KINDS:
+            raise ValueError(f"figures: {kind!r} is not one of {', '.join(FIGURE_KINDS)}")
+    if experiment.figures:
+        return experiment.figures
+    has_errors = any(np.isfinite(item.error) for item in finished)
+    if len({item.run.n_steps for item in finished}) >= _LEAST_LADDER and has_errors:
+        return ("convergence",)
+    kinds = ["trajectory"]
+    if any(item.trajectory.energy is not None for item in finished):
+        kinds.append("energy")
+    if experiment.problem.exact is not None:
+        kinds.append("error")
+    return tuple(kinds)
+
+
+def sketches() -> dict[str, Figure]:
+    """Figures that need no runs, by file name."""
+    return {"interpolation": interpolation_figure()}
+
+
+def _common_name(studies: Sequence[Study]) -> str:
+    """The beginning that all names share, up to a ``-``."""
+    names = [experiment.name for experiment, _ in studies]
+    if len(set(names)) == 1:
+        return names[0]
+    parts = [name.split("-") for name in names]
+    common = []
+    for column in zip(*parts, strict=False):
+        if len(set(column)) > 1:
+            break
+        common.append(column[0])
+    return "-".join(common) or names[0]

@@ -1,0 +1,251 @@
+"""Solutions, energies and errors over time: the exact ones against those of the methods."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from fvi_cli.experiments.experiment import Experiment, FinishedRun
+from fvi_cli.output.figures.style import (
+    COLUMN_WIDTH,
+    INK,
+    SeriesStyle,
+    journal_style,
+    new_figure,
+    series_styles,
+)
+from fvi_cli.scenes.problem import Problem
+
+Array = NDArray[np.float64]
+
+_FINE_POINTS = 2001
+_MARKS = 12  # marks on one curve
+_MOST_COMPONENTS = 4
+
+
+def trajectory_figure(
+    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
+) -> Figure:
+    """Draw the position of every method and the exact one, a panel for every component.
+
+    Parameters
+    ----------
+    experiment, finished
+        The experiment and its runs; of every method the one with `n_steps` steps, by default
+        with the most.
+    n_steps
+        Which step of the ladder to show.
+
+    Raises
+    ------
+    ValueError
+        If no run has that many steps.
+    """
+    shown = select_runs(finished, n_steps)
+    dimension = min(shown[0].trajectory.position.shape[1], _MOST_COMPONENTS)
+    styles = series_styles([item.run.method for item in shown])
+    with journal_style():
+        figure = new_figure(COLUMN_WIDTH, 1.1 + 1.45 * dimension)
+        panels = figure.subplots(dimension, 1, squeeze=False, sharex=True)[:, 0]
+        for component, axes in enumerate(panels):
+            reference = _draw_exact(axes, experiment, component)
+            ranges = [reference] if reference is not None else []
+            for position, item in enumerate(shown):
+                trajectory = item.trajectory
+                values = trajectory.position[:, component]
+                style = styles[item.run.method.case]
+                _draw_series(axes, trajectory.time, values, style, position)
+                ranges += [] if reference is not None else [values]
+            _limit(axes, ranges)
+            index = f"_{component + 1}" if dimension > 1 else ""
+            axes.set_ylabel(f"position $x{index}(t)$")
+        _finish(figure, panels[-1], shown, experiment)
+    return figure
+
+
+def energy_figure(
+    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
+) -> Figure:
+    """Draw the Hamiltonian without forcing of every method that has a momentum.
+
+    Parameters
+    ----------
+    experiment, finished, n_steps
+        As for :func:`trajectory_figure`.
+
+    Raises
+    ------
+    ValueError
+        If no run has that many steps, or none has an energy.
+    """
+    shown = [item for item in select_runs(finished, n_steps) if item.trajectory.energy is not None]
+    if not shown:
+        raise ValueError(
+            "energy: no method of the experiment has a momentum, so none has an energy"
+        )
+    styles = series_styles([item.run.method for item in shown])
+    with journal_style():
+        figure = new_figure(COLUMN_WIDTH, 2.5)
+        axes = figure.subplots()
+        exact = exact_energy(experiment)
+        if exact is not None:
+            axes.plot(*exact, color=INK, linewidth=1.6, alpha=0.55, label="exact", zorder=2)
+        ranges = [exact[1]] if exact is not None else []
+        for position, item in enumerate(shown):
+            energy = item.trajectory.energy
+            if energy is None:
+                continue
+            _draw_series(axes, item.trajectory.time, energy, styles[item.run.method.case], position)
+            ranges += [] if exact is not None else [energy]
+        _limit(axes, ranges)
+        axes.set_ylabel("energy $H(x, p)$")
+        _finish(figure, axes, shown, experiment)
+    return figure
+
+
+def error_figure(
+    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
+) -> Figure:
+    """Draw the absolute error over time, the largest over the components, logarithmically.
+
+    Parameters
+    ----------
+    experiment, finished, n_steps
+        As for :func:`trajectory_figure`.
+
+    Raises
+    ------
+    ValueError
+        If no run has that many steps, or the exact solution is not known.
+    """
+    shown = select_runs(finished, n_steps)
+    exact = experiment.problem.exact
+    if exact is None:
+        raise ValueError(f"exact: {experiment.name} has no exact solution to measure against")
+    styles = series_styles([item.run.method for item in shown])
+    with journal_style():
+        figure = new_figure(COLUMN_WIDTH, 2.5)
+        axes = figure.subplots()
+        axes.set_yscale("log")
+        positive = []
+        for position, item in enumerate(shown):
+            trajectory = item.trajectory
+            with np.errstate(over="ignore", invalid="ignore"):
+                error = np.abs(trajectory.position - exact(trajectory.time)).max(axis=1)
+            error = np.where(np.isfinite(error) & (error > 0), error, np.nan)
+            style = styles[item.run.method.case]
+            _draw_series(axes, trajectory.time, error, style, position, floor=item.floor)
+            positive.append(error[np.isfinite(error)])
+        values = np.concatenate(positive)
+        if values.size:
+            high = min(values.max(), 1e3 * max(np.median(p) for p in positive if p.size))
+            # a zero crossing of the error is no reason to show sixteen decades
+            low = max(values.min(), 1e-3 * min(np.median(p) for p in positive if p.size))
+            axes.set_ylim(low / 2, high * 2)
+            if high / low > 1e2:
+                axes.yaxis.set_major_locator(LogLocator(numticks=8))
+                axes.yaxis.set_minor_formatter(NullFormatter())
+        several = shown[0].trajectory.position.shape[1] > 1
+        axes.set_ylabel(r"error $\max_i\,|x_i - x_i(t)|$" if several else "error $|x_k - x(t_k)|$")
+        _finish(figure, axes, shown, experiment)
+    return figure
+
+
+def select_runs(finished: Sequence[FinishedRun], n_steps: int | None) -> list[FinishedRun]:
+    """Of every method the run with `n_steps` steps, or the one with the most."""
+    chosen: dict[str, FinishedRun] = {}
+    for item in finished:
+        if n_steps is not None and item.run.n_steps != n_steps:
+            continue
+        case = item.run.method.case
+        if case not in chosen or item.run.n_steps > chosen[case].run.n_steps:
+            chosen[case] = item
+    shown = [item for item in chosen.values() if item.trajectory.time.size > 0]
+    if not shown:
+        there = sorted({item.run.n_steps for item in finished})
+        raise ValueError(f"n_steps: {n_steps!r} is not one of the finished runs' {there}")
+    return shown
+
+
+def exact_energy(experiment: Experiment) -> tuple[Array, Array] | None:
+    """Time and energy of the exact solution; its velocity by finite differences on a fine grid."""
+    problem = experiment.problem
+    if not isinstance(problem, Problem) or problem.exact is None:
+        return None
+    time = np.linspace(0.0, problem.final_time, 4 * (_FINE_POINTS - 1) + 1)
+    position = problem.exact(time)
+    velocity = np.gradient(position, time[1], axis=0, edge_order=2)
+    momentum = velocity @ problem.scene.inertia.mass.T
+    return time[::4], problem.scene.energy(position, momentum)[::4]
+
+
+def _draw_exact(axes: Axes, experiment: Experiment, component: int) -> Array | None:
+    problem = experiment.problem
+    if problem.exact is None:
+        return None
+    time = np.linspace(0.0, problem.final_time, _FINE_POINTS)
+    values = problem.exact(time)[:, component]
+    axes.plot(time, values, color=INK, linewidth=1.6, alpha=0.55, label="exact", zorder=2)
+    return values
+
+
+def _draw_series(
+    axes: Axes,
+    time: Array,
+    values: Array,
+    style: SeriesStyle,
+    position: int,
+    *,
+    floor: float = float("nan"),
+) -> None:
+    """One curve with a few marks, which are shifted from curve to curve."""
+    stride = max(1, time.size // _MARKS)
+    axes.plot(
+        time,
+        np.where(np.isfinite(values), values, np.nan),
+        color=style.colour,
+        linestyle=style.line_style,
+        marker=style.marker,
+        markevery=(((2 * position + 1) * stride // 6) % stride, stride),
+        markeredgewidth=0.5,
+        markeredgecolor="white",
+        label=style.label,
+        gid=f"floor {floor:.1e}" if np.isfinite(floor) else None,
+        zorder=3 + 0.01 * position,
+    )
+
+
+def _limit(axes: Axes, ranges: Sequence[Array]) -> None:
+    """Keep curves that run away from pressing the others flat."""
+    finite = np.concatenate([values[np.isfinite(values)] for values in ranges] or [np.zeros(1)])
+    if finite.size == 0:
+        return
+    if len(ranges) > 1:
+        ends = sorted(float(np.abs(v[np.isfinite(v)]).max(initial=0.0)) for v in ranges)
+        finite = finite[np.abs(finite) <= 10 * ends[0]]
+    low, high = float(finite.min()), float(finite.max())
+    span = (high - low) or abs(high) or 1.0
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(max(bottom, low - 0.6 * span), min(top, high + 0.6 * span))
+
+
+def _finish(
+    figure: Figure, axes: Axes, shown: Sequence[FinishedRun], experiment: Experiment
+) -> None:
+    axes.set_xlabel("time $t$")
+    axes.set_xlim(0.0, experiment.problem.final_time)
+    handles, labels = axes.get_legend_handles_labels()
+    sizes = {item.run.step_size for item in shown}
+    if len(sizes) == 1:
+        figure.suptitle(f"$h = {sizes.pop():.4g}$")
+    longest = max(len(label.replace("$", "")) for label in labels)
+    entry = 0.46 * longest + 4.1
+    columns = max(1, min(len(labels), int((COLUMN_WIDTH - 0.2) * 72 / 8 / entry)))
+    if len(labels) > columns:
+        columns = -(-len(labels) // -(-len(labels) // columns))
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns)
