@@ -45,7 +45,8 @@ class Channel:
     direction
         Matrix D, shape ``(d, d)``.
     weights
-        w_0 .. w_{M-1}, shape ``(M, m, m)``; what lies beyond is zero.
+        w_0 .. w_{M-1}: scalars, shape ``(M,)``, the same for every sample of a step (BDF), or
+        matrices, shape ``(M, m, m)`` (Runge-Kutta); what lies beyond is zero.
     """
 
     direction: Array
@@ -55,6 +56,15 @@ class Channel:
     def memory(self) -> int:
         """Number M of weights that are not zero by construction."""
         return int(self.weights.shape[0])
+
+    @property
+    def is_scalar(self) -> bool:
+        """Whether every sample of a step is convolved on its own."""
+        return self.weights.ndim == 1
+
+    def newest(self, values: Array) -> Array:
+        """w_0 applied to the samples of one step, shape ``(m, ...)`` to the same."""
+        return self.weights[0] * values if self.is_scalar else self.weights[0] @ values
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -176,7 +186,7 @@ def _channels(
 
 
 def _weights(method: Method, h: float, order: float, n_weights: int) -> Array:
-    """Weights acting on differences (BDF) or velocities (Runge-Kutta), shape ``(M, m, m)``."""
+    """Weights on differences (BDF, shape ``(M,)``) or velocities (Runge-Kutta, ``(M, m, m)``)."""
     if method.is_runge_kutta:
         if order == 1.0:
             # Delta(z)**0: the derivative of the polynomial itself, no memory at all
@@ -188,9 +198,7 @@ def _weights(method: Method, h: float, order: float, n_weights: int) -> Array:
         return np.asarray(h ** (1.0 - order) * weights)
     if order == 1.0:
         n_weights = min(n_weights, method.bdf_order)
-    scalar = h ** (-order) * difference_weights(method.bdf_order, order, n_weights)
-    samples = 1 if method.sampling == "nodes" else method.stages
-    return np.asarray(scalar[:, None, None] * np.eye(samples))
+    return np.asarray(h ** (-order) * difference_weights(method.bdf_order, order, n_weights))
 
 
 def runge_kutta_tableau(method: Method) -> ButcherTableau:
@@ -229,18 +237,15 @@ def _force_of_constant_velocity(
     samples = tables.sample_points.size
     force = np.zeros((n_steps, samples, velocity.size))
     for channel in channels:
-        total = np.zeros((n_steps, samples, samples))
         count = min(n_steps, channel.memory)
-        total[:count] = channel.weights[:count]
-        last = total.copy()
-        np.cumsum(total, axis=0, out=total)
+        weights = np.zeros((n_steps, *channel.weights.shape[1:]))
+        weights[:count] = channel.weights[:count]
+        total = np.cumsum(weights, axis=0)
         if method.is_runge_kutta:
             response = total.sum(axis=2)
         else:
             # the first difference is chi h v0, every later one h v0
-            response = h * (total - last).sum(axis=2) + h * np.einsum(
-                "nij,j->ni", last, tables.sample_points
-            )
+            response = h * ((total - weights)[:, None] + np.outer(weights, tables.sample_points))
         force += response[:, :, None] * (velocity @ channel.direction)
     return force
 
@@ -254,32 +259,41 @@ class DirectHistory:
 
     def __init__(self, memory: Memory, n_steps: int, dimension: int) -> None:
         self._channels = memory.channels
-        self._samples_per_step = memory.sample_matrix.shape[1]
-        self._samples = np.zeros((n_steps + 1, self._samples_per_step, dimension))
-        self._reversed = [
-            np.ascontiguousarray(
-                channel.weights[::-1].transpose(1, 0, 2).reshape(self._samples_per_step, -1)
-            )
-            for channel in memory.channels
-        ]
+        self._samples = np.zeros((n_steps + 1, memory.sample_matrix.shape[1], dimension))
+        self._reversed = [_reversed_weights(channel) for channel in memory.channels]
         self._count = 0
         self.operations = 0
 
     def known(self) -> Array:
         """Force of all finished samples on the step to come, shape ``(m, d)``."""
-        m = self._samples_per_step
-        force = np.zeros(self._samples.shape[1:])
+        _, m, d = self._samples.shape
+        force = np.zeros((m, d))
         for channel, backwards in zip(self._channels, self._reversed, strict=True):
             length = min(self._count, channel.memory - 1)
             if length == 0:
                 continue
-            past = self._samples[self._count - length : self._count].reshape(length * m, -1)
-            end = (channel.memory - 1) * m
-            force += backwards[:, end - length * m : end] @ past @ channel.direction
-            self.operations += length * m * m * past.shape[1]
+            past = self._samples[self._count - length : self._count]
+            end = channel.memory - 1
+            if channel.is_scalar:
+                total = (backwards[end - length : end] @ past.reshape(length, m * d)).reshape(m, d)
+                self.operations += length * m * d
+            else:
+                columns = slice((end - length) * m, end * m)
+                total = backwards[:, columns] @ past.reshape(length * m, d)
+                self.operations += length * m * m * d
+            force += total @ channel.direction
         return force
 
     def push(self, samples: Array) -> None:
         """Append the samples of a finished step, shape ``(m, d)``."""
         self._samples[self._count] = samples
         self._count += 1
+
+
+def _reversed_weights(channel: Channel) -> Array:
+    """Weights in reversed time: shape ``(M,)``, or ``(m, M m)`` with the lags side by side."""
+    backwards = channel.weights[::-1]
+    if channel.is_scalar:
+        return np.ascontiguousarray(backwards)
+    m = channel.weights.shape[1]
+    return np.ascontiguousarray(backwards.transpose(1, 0, 2).reshape(m, -1))

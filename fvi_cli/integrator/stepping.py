@@ -114,11 +114,8 @@ class Stepper:
         self._shape = (s, d)
         # unknowns ordered (nu, component)
         linear = np.kron(tables.mass_matrix / h, problem.scene.inertia.mass)
-        self._newest: list[tuple[Array, Array]] = []
         for channel in memory.channels:
-            newest = channel.weights[0]
-            response = newest @ memory.sample_matrix.T
-            self._newest.append((newest, channel.direction))
+            response = channel.newest(memory.sample_matrix.T)
             linear -= h * np.kron(tables.sample_test_weights[:-1] @ response, channel.direction.T)
         self._linear = linear
         self._stiffness: Array | None = None
@@ -143,8 +140,8 @@ class Stepper:
         """F of a step: finished history, plus the newest weight times the newest sample."""
         force = known
         sample = self._problem.memory.sample_matrix.T @ increments + offset
-        for newest, direction in self._newest:
-            force = force + newest @ sample @ direction
+        for channel in self._problem.memory.channels:
+            force = force + channel.newest(sample) @ channel.direction
         return force
 
     def advance(
