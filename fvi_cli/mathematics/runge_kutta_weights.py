@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fvi_cli.mathematics.runge_kutta import ButcherTableau, log_stability
+from fvi_cli.mathematics.runge_kutta import ButcherTableau
+from fvi_cli.mathematics.runge_kutta_symbol import log_stability
 
 Array = NDArray[np.float64]
 
