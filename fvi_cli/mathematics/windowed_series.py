@@ -1,0 +1,197 @@
+r"""Power series under a decaying exponential, and their fractional derivatives.
+
+The functions :math:`t^\sigma e^{-\lambda t}` agree with a power series at 0 and stay bounded far
+away; their fractional derivatives are confluent hypergeometric functions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fvi_cli.mathematics.graded_panels import tabulated
+from fvi_cli.mathematics.power_series import initial_terms, merged_terms, power_rule
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WindowedSeries:
+    r"""The function :math:`S(t) = e^{-\lambda t} \sum_i c_i t^{\sigma_i}` with values in R^d.
+
+    All evaluations take times >= 0 of any shape and return shape ``(..., d)``. At t = 0 a term of
+    negative power is infinite, and a sum of such terms may be not a number.
+
+    Parameters
+    ----------
+    exponents
+        Increasing powers :math:`\sigma_i > -1`, shape ``(n,)``.
+    coefficients
+        The :math:`c_i`, shape ``(n, d)``.
+    decay
+        The rate :math:`\lambda \ge 0`.
+
+    Raises
+    ------
+    ValueError
+        For an exponent of -1 or less, a negative rate, or sizes that do not match.
+    """
+
+    exponents: Array
+    coefficients: Array
+    decay: float
+
+    def __post_init__(self) -> None:
+        exponents = np.array(self.exponents, dtype=float)
+        coefficients = np.array(self.coefficients, dtype=float)
+        if coefficients.ndim != 2 or coefficients.shape[0] != exponents.size:
+            raise ValueError(
+                f"coefficients: shape {coefficients.shape} does not fit {exponents.size} exponents"
+            )
+        if np.any(exponents <= -1):
+            raise ValueError(f"exponents: {exponents.min():g} is not allowed; all must exceed -1")
+        if not 0 <= self.decay < math.inf:
+            raise ValueError(f"decay: {self.decay!r} is not allowed; it must be >= 0 and finite")
+        exponents.setflags(write=False)
+        coefficients.setflags(write=False)
+        object.__setattr__(self, "exponents", exponents)
+        object.__setattr__(self, "coefficients", coefficients)
+
+    @classmethod
+    def matching(
+        cls, exponents: Array, coefficients: Array, *, cutoff: float, decay: float
+    ) -> WindowedSeries:
+        r"""The window that agrees with :math:`\sum a_i t^{\sigma_i}` below :math:`t^Q`.
+
+        Its coefficients are those of :math:`e^{\lambda t} \sum a_i t^{\sigma_i}` truncated at Q.
+        """
+        count = max(1, math.ceil(cutoff - exponents.min())) if exponents.size else 1
+        powers = np.arange(count)
+        growth = np.array([decay**k / math.factorial(k) for k in range(count)])
+        merged = merged_terms(
+            np.add.outer(exponents, powers).ravel(),
+            (coefficients[:, None, :] * growth[:, None]).reshape(-1, coefficients.shape[1]),
+            cutoff,
+        )
+        return cls(exponents=merged[0], coefficients=merged[1], decay=decay)
+
+    @property
+    def dimension(self) -> int:
+        """Number d of components."""
+        return int(self.coefficients.shape[1])
+
+    def position(self, time: ArrayLike) -> Array:
+        """S(t)."""
+        return self._windowed(self.exponents, self.coefficients, time)
+
+    def velocity(self, time: ArrayLike) -> Array:
+        """S'(t)."""
+        return self._windowed(*self._differentiated(self.exponents, self.coefficients), time)
+
+    def acceleration(self, time: ArrayLike) -> Array:
+        """S''(t)."""
+        first = self._differentiated(self.exponents, self.coefficients)
+        return self._windowed(*self._differentiated(*first), time)
+
+    def fractional_derivative(
+        self, time: ArrayLike, order: float, kind: Literal["caputo", "riemann-liouville"]
+    ) -> Array:
+        r"""Fractional derivative of S of an order :math:`\gamma` in (0, 2); S' for order 1.
+
+        .. math:: D^\gamma t^\sigma e^{-\lambda t} =
+                  \frac{\Gamma(\sigma+1)}{\Gamma(\sigma+1-\gamma)} t^{\sigma-\gamma}
+                  {}_1F_1(\sigma+1; \sigma+1-\gamma; -\lambda t)
+
+        Caputo is the derivative of S - S(0), for orders above 1 of S - S(0) - S'(0) t. There the
+        terms with :math:`\sigma = 0` and, for orders above 1, :math:`\sigma = 1` are summed with
+        what is subtracted from them, since their difference would cancel at small t.
+
+        Raises
+        ------
+        ValueError
+            If the order lies outside (0, 2).
+        """
+        if not 0 < order < 2:
+            raise ValueError(f"order: {order!r} is not allowed; it must lie in (0, 2)")
+        if order == 1:
+            return self.velocity(time)
+        subtracted = (
+            initial_terms(self.exponents, order)
+            if kind == "caputo"
+            else np.zeros(self.exponents.shape, dtype=bool)
+        )
+        factors = power_rule(self.exponents, order)
+
+        def values(at: Array) -> Array:
+            total = np.zeros((at.size, self.dimension))
+            for sigma, c, factor, initial in zip(
+                self.exponents, self.coefficients, factors, subtracted, strict=True
+            ):
+                if initial:
+                    basis = _caputo_of_initial_term(at, int(sigma), order, self.decay)
+                elif factor == 0:
+                    basis = _at_a_pole(at, float(sigma), order, self.decay)
+                else:
+                    basis = factor * at ** (sigma - order)
+                    basis *= _kummer(sigma + 1, sigma + 1 - order, self.decay * at)
+                total += basis[:, None] * c
+            return total
+
+        return self._on_times(values, time)
+
+    def _differentiated(self, exponents: Array, coefficients: Array) -> tuple[Array, Array]:
+        """Coefficients of S' under the same exponential: c' - lambda c."""
+        return merged_terms(
+            np.concatenate((exponents - 1.0, exponents)),
+            np.concatenate((exponents[:, None] * coefficients, -self.decay * coefficients)),
+            math.inf,
+        )
+
+    def _windowed(self, exponents: Array, coefficients: Array, time: ArrayLike) -> Array:
+        def values(at: Array) -> Array:
+            window = np.exp(-self.decay * at)
+            total = np.zeros((at.size, self.dimension))
+            for sigma, c in zip(exponents, coefficients, strict=True):
+                total += (at**sigma * window)[:, None] * c
+            return total
+
+        return self._on_times(values, time)
+
+    def _on_times(self, values: Callable[[Array], Array], time: ArrayLike) -> Array:
+        time = np.asarray(time, dtype=float)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return tabulated(values, time.ravel()).reshape(*time.shape, self.dimension)
+
+
+def _caputo_of_initial_term(time: Array, exponent: int, order: float, decay: float) -> Array:
+    r"""Derivative of e^{-z} - 1 (+ z for orders above 1), or of t (e^{-z} - 1), z = lambda t."""
+    z = decay * time
+    if exponent == 1:
+        both = _kummer(2.0, 3.0 - order, z) + _kummer(1.0, 3.0 - order, z)
+        return -decay / math.gamma(3.0 - order) * time ** (2.0 - order) * both
+    n = math.ceil(order)
+    scale = (-decay) ** n / math.gamma(n + 1.0 - order)
+    return np.asarray(scale * time ** (n - order) * _kummer(1.0, n + 1.0 - order, z))
+
+
+def _at_a_pole(time: Array, exponent: float, order: float, decay: float) -> Array:
+    """Limit of the general form where its second parameter is 0 or -1."""
+    a = exponent + 1.0
+    n = round(order - a) + 1
+    scale = math.gamma(a + n) * (-decay) ** n / math.factorial(n)
+    return np.asarray(
+        scale * time ** (exponent - order + n) * _kummer(a + n, n + 1.0, decay * time)
+    )
+
+
+def _kummer(a: float, b: float, z: Array) -> Array:
+    """1F1(a; b; -z) for z >= 0."""
+    # SciPy's special functions are slow to import and only singular starts call for them.
+    from scipy.special import hyp1f1
+
+    return np.asarray(hyp1f1(a, b, -z))
