@@ -315,7 +315,9 @@ def expand(
         if not isinstance(value, PowerSeries):
             return PowerSeries.constant(value, cutoff)
         if value.cutoff >= cutoff - SAME_EXPONENT:
-            return value.truncated(cutoff)
+            return PowerSeries(
+                exponents=value.exponents, coefficients=value.coefficients, cutoff=cutoff
+            )
         # Roots and quotients lose some powers; begin with as many more.
         working += cutoff - value.cutoff
     raise SeriesError(f"{expression.text!r} could not be expanded up to t**{cutoff:g}")
@@ -391,7 +393,7 @@ def _real_power(series: PowerSeries, exponent: float) -> PowerSeries:
     return PowerSeries(
         exponents=unit.exponents + lead * exponent,
         coefficients=unit.coefficients * factor,
-        cutoff=min(unit.cutoff + lead * exponent, series.cutoff),
+        cutoff=min(unit.cutoff + lead * exponent, series.cutoff if lead >= 0 else math.inf),
     )
 
 
