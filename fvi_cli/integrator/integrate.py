@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from scipy.special import rgamma
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
 from fvi_cli.integrator.break_points import steps_at_break_points
+from fvi_cli.integrator.known_part import KnownPart, SeriesPlan, plan_series
 from fvi_cli.integrator.memory import build_memory
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.moments import (
@@ -26,6 +27,8 @@ from fvi_cli.integrator.stepping import StepProblem, Stepped, run_steps
 from fvi_cli.integrator.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+
+NO_SERIES = SeriesPlan(known=None, fell_back=False, remarks=())
 
 
 def integrate(scene: Scene, method: AnyMethod, n_steps: int) -> Trajectory:
@@ -57,47 +60,66 @@ def integrate(scene: Scene, method: AnyMethod, n_steps: int) -> Trajectory:
     if isinstance(method, Baseline):
         return integrate_baseline(scene, method, n_steps)
     began = time.perf_counter()
-    problem, remarks = prepare(scene, method, n_steps)
-    ready = time.perf_counter()
+    prepared = prepare(scene, method, n_steps)
     if method.start == "weights" and scene.active_damping:
-        problem, remark = correct_start(problem, method, scene)
-        remarks = (*remarks, *remark)
-    stepped = run_steps(problem)
+        corrected, remarks = correct_start(prepared.problem, method, scene)
+        prepared = replace(prepared, problem=corrected, remarks=remarks)
+    ready = time.perf_counter()
+    stepped = run_steps(prepared.problem)
     finished = time.perf_counter()
     return _trajectory(
-        scene, method, problem, stepped, remarks, setup=ready - began, stepping=finished - ready
+        scene, method, prepared, stepped, setup=ready - began, stepping=finished - ready
     )
 
 
-def prepare(scene: Scene, method: Method, n_steps: int) -> tuple[StepProblem, tuple[str, ...]]:
-    """Everything that is known before the first step, and remarks for the reader."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prepared:
+    """What is ready before the first step: the step problem, the known part, and remarks."""
+
+    problem: StepProblem
+    known: KnownPart | None
+    remarks: tuple[str, ...]
+
+
+def prepare(scene: Scene, method: Method, n_steps: int) -> Prepared:
+    """Everything that is known before the first step."""
     tables = step_tables(method)
     h = scene.final_time / n_steps
     breaks = steps_at_break_points(scene, n_steps)
-    damping = scene.active_damping
-    memory = build_memory(scene, method, tables, n_steps, damping)
+    series = plan_series(scene, method, n_steps) if method.start == "series" else NO_SERIES
+    known = series.known
+    from_rest = known is not None and known.carries_start
+    memory = build_memory(
+        scene, method, tables, n_steps, scene.active_damping, from_rest=from_rest
+    )
     moments = None
-    if scene.forcing is not None:
+    if known is not None:
+        # smooth by construction: the action's own rule is exact enough
+        moments = galerkin_moments(known.residual(), tables, h, n_steps)
+    elif scene.forcing is not None:
         moments = force_moments(scene.forcing.on_steps, method, tables, h, n_steps, (0, *breaks))
-    jump = jump_force(scene)
-    if jump is not None and method.sampling == "points":
+    jump = None if from_rest or method.sampling == "nodes" else jump_force(scene)
+    if jump is not None:
         # singular at 0: always by exact moments
         added = exact_moments(jump, method, h, n_steps)
         moments = added if moments is None else moments + added
-    return (
-        StepProblem(
-            scene=scene,
-            tables=tables,
-            memory=memory,
-            step_size=h,
-            n_steps=n_steps,
-            position=scene.initial_position,
-            momentum=scene.inertia.mass @ scene.initial_velocity,
-            moments=moments,
-            skip_first_kick=method.sampling == "nodes",
-        ),
-        (),
+    shift = None
+    if known is not None and scene.potential is not None:
+        shift = known.position(h * np.arange(n_steps), h, tables.points)
+    rest = np.zeros(scene.dimension)
+    problem = StepProblem(
+        scene=scene,
+        tables=tables,
+        memory=memory,
+        step_size=h,
+        n_steps=n_steps,
+        position=rest if from_rest else scene.initial_position,
+        momentum=rest if from_rest else scene.inertia.mass @ scene.initial_velocity,
+        moments=moments,
+        position_shift=shift,
+        skip_first_kick=method.sampling == "nodes",
     )
+    return Prepared(problem=problem, known=known, remarks=series.remarks)
 
 
 def force_moments(
@@ -137,25 +159,30 @@ def jump_force(scene: Scene) -> StepFunction | None:
 def _trajectory(
     scene: Scene,
     method: Method,
-    problem: StepProblem,
+    prepared: Prepared,
     stepped: Stepped,
-    remarks: tuple[str, ...],
     *,
     setup: float,
     stepping: float,
 ) -> Trajectory:
+    problem, known = prepared.problem, prepared.known
     momentum = stepped.momentum
     if method.sampling == "nodes" and problem.memory.channels:
         # p_k of the scheme is the one before the kick, of order 1 only; half the kick mends that
         momentum = momentum.copy()
         momentum[1:] -= 0.5 * problem.step_size * stepped.end_force[1:, 0]
     position = stepped.position
+    grid = problem.step_size * np.arange(position.shape[0])
+    if known is not None:
+        known_position, known_velocity = known.on_grid(grid)
+        position = position + known_position
+        momentum = momentum + known_velocity @ scene.inertia.mass
     with np.errstate(over="ignore", invalid="ignore"):
         energy = scene.energy(position, momentum)
     finite = bool(np.isfinite(position).all())
     status = "ok" if not stepped.failure else ("failed" if finite else "diverged")
     trajectory = Trajectory(
-        time=problem.step_size * np.arange(position.shape[0]),
+        time=grid,
         position=position,
         momentum=momentum,
         energy=energy,
@@ -166,7 +193,7 @@ def _trajectory(
         newton=stepped.newton,
         setup_seconds=setup,
         stepping_seconds=stepping,
-        remarks=remarks,
+        remarks=prepared.remarks,
     )
     if status == "failed":
         return replace(trajectory, status="failed")

@@ -10,17 +10,21 @@ convolution structure, and with it semigroup and integration by parts.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
 from scipy.special import gamma as gamma_function
 from scipy.special import rgamma
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.start import solution_series
 from fvi_cli.integrator.stepping import StepProblem, run_steps
 from fvi_cli.mathematics.bdf import convolution_weights
+
+if TYPE_CHECKING:
+    from mpmath import mpf
 
 Array = NDArray[np.float64]
 
@@ -55,21 +59,58 @@ def starting_weights(
         Weights :math:`w_{kj}` for h = 1, shape ``(n_times, len(exponents))``, and the condition
         number of the generalised Vandermonde matrix.
     """
-    sigma = np.array(exponents)
+    sigma = np.array(exponents, dtype=np.longdouble)
     first = 1 if offset == 0 else 0
     nodes = first + offset + np.arange(sigma.size)
-    times = offset + np.arange(n_times, dtype=float)
+    times = offset + np.arange(n_times, dtype=np.longdouble)
     weights = convolution_weights(bdf_order, order, n_times)
-    defects = np.empty((sigma.size, n_times))
-    for row, exponent in enumerate(sigma):
-        with np.errstate(divide="ignore"):
-            exact = gamma_function(exponent + 1) * rgamma(exponent + 1 - order) * np.where(
-                times > 0, times, 1.0
-            ) ** (exponent - order)
-        exact = np.where(times > 0, exact, 0.0)
-        defects[row] = exact - fftconvolve(weights, times**exponent)[:n_times]
-    matrix = nodes[None, :] ** sigma[:, None]
-    return np.linalg.solve(matrix, defects).T, float(np.linalg.cond(matrix))
+    defects = np.zeros((sigma.size, n_times), dtype=np.longdouble)
+    later = times > 0
+    for row, exponent in enumerate(exponents):
+        factor = gamma_function(exponent + 1) * rgamma(exponent + 1 - order)
+        defects[row, later] = factor * times[later] ** (exponent - order)
+        # summed directly: the error of an FFT is that of the largest power, lost on the first steps
+        defects[row] -= np.convolve(weights, times**exponent)[:n_times]
+    inverse, condition = _inverse_vandermonde(nodes, exponents)
+    return np.asarray((inverse @ defects).T, dtype=float), condition
+
+
+def _inverse_vandermonde(
+    nodes: Array, exponents: tuple[float, ...]
+) -> tuple[NDArray[np.longdouble], float]:
+    """Inverse of the matrix node_j**sigma_i from 60-digit arithmetic, and its condition number."""
+    from mpmath import mp, mpf
+
+    with mp.workdps(60):
+        matrix = mp.matrix([[mpf(float(x)) ** mpf(float(e)) for x in nodes] for e in exponents])
+        inverse = mp.inverse(matrix)
+        condition = float(mp.norm(matrix, 1) * mp.norm(inverse, 1))
+        entries = [
+            [_long(inverse[i, j]) for j in range(len(exponents))] for i in range(len(exponents))
+        ]
+    return np.array(entries, dtype=np.longdouble), condition
+
+
+def _long(value: mpf) -> np.longdouble:
+    """A 60-digit number as the sum of its double and the double of the rest."""
+    head = float(value)
+    return np.longdouble(head) + np.longdouble(float(value - head))
+
+
+def own_exponents(scene: Scene, method: Method) -> tuple[float, ...]:
+    r"""Powers of the solution's expansion at 0 that cost order p when left uncorrected.
+
+    The quadrature of :math:`t^\sigma` errs by :math:`h^{\sigma - \gamma}` on the first steps, which
+    the momentum sums up to :math:`h^{\sigma - \gamma + 1}`: the powers with
+    :math:`\sigma < p + \gamma - 1`, without those that the Caputo derivative subtracts.
+    """
+    order = max(term.order for term in scene.active_damping)
+    cutoff = method.bdf_order + order - 1
+    found: set[float] = set()
+    for series in solution_series(scene, cutoff):
+        found.update(float(e) for e, c in zip(series.exponents, series.coefficients) if c != 0)
+    least = 1.0 if all(term.order > 1 for term in scene.active_damping) else 0.0
+    return tuple(sorted(e for e in found if least < e < cutoff))
 
 
 def correct_start(
@@ -81,10 +122,10 @@ def correct_start(
     system, affine for linear scenes, solved by Newton's iteration with a Jacobian from runs over
     the first steps alone.
     """
-    exponents = method.start_exponents
+    exponents = method.start_exponents or own_exponents(scene, method)
     count = len(exponents)
     if count == 0:
-        raise ValueError("start: weights needs exponents, for example {weights: [2.5]}")
+        return problem, ("starting weights left out: the start has no power to correct",)
     tables, d = problem.tables, scene.dimension
     m = tables.sample_points.size
     first = 1 if method.sampling == "nodes" else 0

@@ -1,0 +1,149 @@
+"""The part of the solution that is known in advance: the start series and those after breaks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.moments import StepFunction
+from fvi_cli.integrator.start import (
+    StartDecision,
+    plan_jump,
+    plan_start,
+    residual_force,
+    window_force,
+)
+from fvi_cli.mathematics.windowed_series import WindowedSeries
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KnownPart:
+    r"""S(t), a sum of windowed expansions: one from t = 0, and one from each break point.
+
+    Solving for u = x - S leaves an unknown that starts, and goes on after each break, as smoothly
+    as the method can use.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    start
+        The decision at t = 0, with a window or without.
+    jumps
+        Break points with their windows.
+    """
+
+    scene: Scene
+    start: StartDecision
+    jumps: tuple[tuple[float, WindowedSeries], ...] = ()
+
+    @property
+    def carries_start(self) -> bool:
+        """Whether S has the initial data, so that u starts from rest at 0."""
+        return self.start.window is not None
+
+    def position(self, start: Array, step_size: float, offsets: Array) -> Array:
+        """S at points of steps, shape ``(n,)`` and ``(r,)`` to ``(n, r, d)``."""
+        time = start[:, None] + step_size * offsets
+        total = np.zeros((*time.shape, self.scene.dimension))
+        if self.start.window is not None:
+            total += self.start.window.position(time)
+        for break_point, window in self.jumps:
+            present = start + 0.5 * step_size > break_point
+            local = np.maximum(start[present] - break_point, 0.0)[:, None] + step_size * offsets
+            total[present] += window.position(local)
+        return total
+
+    def on_grid(self, time: Array) -> tuple[Array, Array]:
+        """S and S' at the times of a grid, each of shape ``(n, d)``."""
+        position = np.zeros((time.size, self.scene.dimension))
+        velocity = np.zeros_like(position)
+        parts = [(0.0, self.start.window)] if self.start.window is not None else []
+        for origin, window in (*parts, *self.jumps):
+            # a jump of the force leaves position and velocity continuous
+            present = time >= origin
+            position[present] += window.position(time[present] - origin)
+            velocity[present] += window.velocity(time[present] - origin)
+        return position, velocity
+
+    def residual(self) -> StepFunction:
+        """The forcing that remains for u."""
+        base = None if self.start.window is None else residual_force(self.scene, self.start)
+        if base is None and self.scene.forcing is not None:
+            base = self.scene.forcing.on_steps
+        driving = [
+            window_force(self.scene, window, start=break_point)
+            for break_point, window in self.jumps
+        ]
+
+        def force(start: Array, step_size: float, offsets: Array) -> Array:
+            if base is None:
+                total = np.zeros((start.size, offsets.size, self.scene.dimension))
+            else:
+                total = base(start, step_size, offsets)
+            for drive in driving:
+                total = total - drive(start, step_size, offsets)
+            return total
+
+        return force
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SeriesPlan:
+    """What becomes of ``start: series`` on one scene and step.
+
+    Parameters
+    ----------
+    known
+        The known part; None where no series is used.
+    fell_back
+        Whether a singular start or break is left without its series.
+    remarks
+        In words, for the reader of a table; empty when nothing is singular.
+    """
+
+    known: KnownPart | None
+    fell_back: bool
+    remarks: tuple[str, ...]
+
+
+def series_cutoff(method: Method) -> float:
+    """Q: the known part agrees with the solution below t**Q, two powers above the order."""
+    if method.is_runge_kutta:
+        return method.rule.build().order + 2.0
+    return method.bdf_order + 2.0
+
+
+def plan_series(scene: Scene, method: Method, n_steps: int) -> SeriesPlan:
+    """Decide about the series at 0 and at every break point, and say what was decided."""
+    h = scene.final_time / n_steps
+    cutoff = series_cutoff(method)
+    start = plan_start(scene, cutoff, h)
+    smooth = is_smooth_start(scene, start)
+    remarks = () if smooth else (start.reason,)
+    fell_back = not start.use and not smooth
+    jumps = []
+    for break_point in scene.break_points:
+        decision = plan_jump(scene, break_point, cutoff, h)
+        if decision.window is not None:
+            jumps.append((break_point, decision.window))
+        elif not is_smooth_start(scene, decision):
+            fell_back = True
+            remarks = (*remarks, f"at t = {break_point:g}: {decision.reason}")
+    known = None
+    if start.use or jumps:
+        known = KnownPart(scene=scene, start=start, jumps=tuple(jumps))
+    return SeriesPlan(known=known, fell_back=fell_back, remarks=remarks)
+
+
+def is_smooth_start(scene: Scene, decision: StartDecision) -> bool:
+    """Whether there is nothing singular that a series could take away."""
+    if not decision.use and all(term.is_integer_order for term in scene.active_damping):
+        return decision.expansion is None or decision.expansion.is_smooth
+    return decision.expansion is not None and decision.expansion.is_smooth
