@@ -116,16 +116,23 @@ def symbol(tableau: ButcherTableau, points: ArrayLike) -> ComplexArray:
     Returns
     -------
     ComplexArray
-        Shape ``(..., m, m)``; finite everywhere but at ``z = 1/R(infinity)``.
+        Shape ``(..., m, m)``.
+
+    Raises
+    ------
+    ValueError
+        At the pole ``z = 1/R(infinity)``: for Gauss at 1 (m even) or -1 (m odd).
 
     Notes
     -----
     Lubich and Ostermann, *Runge-Kutta methods for parabolic equations and convolution
     quadrature*, Math. Comp. 60, 1993, equation (1.8). Evaluated as
     ``A^{-1} - z/(1 - R(inf) z) A^{-1} 1 b^T A^{-1}`` (Sherman and Morrison), which has no
-    singularity at z = 1.
+    singularity of its own at z = 1.
     """
     z = np.asarray(points, dtype=np.complex128)[..., None, None]
+    if np.any(tableau.R_infinity * z == 1):
+        raise ValueError(f"points: z = {1 / tableau.R_infinity:g} is a pole of the symbol")
     inverse = np.linalg.inv(tableau.A)
     update = np.outer(inverse.sum(axis=1), tableau.b @ inverse)
     return np.asarray(inverse - z / (1 - tableau.R_infinity * z) * update, dtype=np.complex128)
@@ -155,8 +162,8 @@ def symbol_power(tableau: ButcherTableau, exponent: float, points: ArrayLike) ->
     Raises
     ------
     ValueError
-        For an exponent that is not finite, and a negative one at ``z = 1``, where the symbol is
-        singular.
+        For an exponent that is not finite, a negative one at ``z = 1``, where the symbol is
+        singular, and at the pole of the symbol.
     """
     if not np.isfinite(exponent):
         raise ValueError(f"exponent: {exponent} is not allowed; it must be finite")

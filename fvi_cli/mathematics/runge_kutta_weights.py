@@ -279,8 +279,8 @@ def right_operator_rk(
     """Return the advanced fractional operator, the adjoint of `left_operator_rk`.
 
     ``(J_+ Y)_k = h^(-exponent) sum_{n>=0} B^{-1} w_n^T B Y_{k+n}`` with ``B = diag(b)``, so that
-    ``<J_- X, Y> = <X, J_+ Y>`` in ``<X, Y> = h sum_k sum_i b_i X_{k,i} Y_{k,i}``. For Gauss it is
-    also `left_operator_rk` with steps and stages in reversed order.
+    ``<J_- X, Y> = <X, J_+ Y>`` in ``<X, Y> = h sum_k sum_i b_i X_{k,i} Y_{k,i}``. For Gauss and
+    Lobatto IIIC it is also `left_operator_rk` with steps and stages in reversed order.
 
     Parameters
     ----------
