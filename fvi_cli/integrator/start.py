@@ -262,10 +262,12 @@ def window_force(
         present = left + 0.5 * step_size > start
         # A break point lies on a step up to round-off, which must not give a negative time.
         local = np.maximum(left[present] - start, 0.0)[:, None] + step_size * offsets
-        total = window.acceleration(local) @ scene.inertia.mass
-        for term in scene.active_damping:
-            derivative = window.fractional_derivative(local, term.order, scene.derivative)
-            total += derivative @ term.coefficient
+        # At t = 0 unbounded terms of both signs may meet; that is for the caller to know.
+        with np.errstate(invalid="ignore"):
+            total = window.acceleration(local) @ scene.inertia.mass
+            for term in scene.active_damping:
+                derivative = window.fractional_derivative(local, term.order, scene.derivative)
+                total += derivative @ term.coefficient
         if stiffness is not None:
             total += window.position(local) @ stiffness
         result[present] = total
