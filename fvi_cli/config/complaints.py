@@ -1,0 +1,89 @@
+"""Mistakes with their places, gathered so that all of them are told at once."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from fvi_cli.errors import ConfigError
+
+KeyPath = tuple[str | int, ...]
+LONGEST_EXCERPT = 60
+MOST_COMPLAINTS = 100
+
+
+@dataclass(frozen=True, kw_only=True, order=True)
+class Place:
+    """A position in a source; lines and columns count from 1, a line of 0 means it has none."""
+
+    source: str
+    line: int = 0
+    column: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.source}:{self.line}:{self.column}" if self.line else self.source
+
+    def shifted(self, columns: int) -> Place:
+        """The place so many columns further right."""
+        if not self.line:
+            return self
+        return Place(source=self.source, line=self.line, column=self.column + columns)
+
+
+@dataclass(kw_only=True)
+class Complaints:
+    """Collects complaints; the same one counts once."""
+
+    _found: dict[tuple[Place, str], None] = field(default_factory=dict)
+
+    def add(self, place: Place, path: KeyPath, message: str) -> None:
+        """Note what is wrong and what is allowed, at `place`, concerning the key at `path`."""
+        where = show_path(path)
+        self._found[place, f"{where}: {message}" if where else message] = None
+
+    def __len__(self) -> int:
+        return len(self._found)
+
+    def raise_if_any(self) -> None:
+        """Tell everything in the order of the text.
+
+        Raises
+        ------
+        ConfigError
+            If there is any complaint.
+        """
+        if not self._found:
+            return
+        lines = [f"{place}: {message}" for place, message in sorted(self._found)]
+        if len(lines) > MOST_COMPLAINTS:
+            left = len(lines) - MOST_COMPLAINTS
+            lines = [*lines[:MOST_COMPLAINTS], f"... and {left} more"]
+        raise ConfigError(*lines)
+
+
+def show_path(path: KeyPath) -> str:
+    """A path of keys as it is written for ``--set``."""
+    return ".".join(excerpt(str(key)) if not str(key).isidentifier() else str(key) for key in path)
+
+
+def excerpt(text: str, longest: int = LONGEST_EXCERPT) -> str:
+    """`text` in one line of printable characters, shortened."""
+    if len(text) > longest:
+        text = text[: longest - 3] + "..."
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """``; did you mean 'x'?`` for the nearest known word, or nothing."""
+    names = list(known)
+    by_case = {name.lower(): name for name in names}
+    nearest = difflib.get_close_matches(word.lower()[:LONGEST_EXCERPT], by_case, n=1)
+    return f"; did you mean {by_case[nearest[0]]!r}?" if nearest else ""
+
+
+def listed(words: Iterable[str]) -> str:
+    """Words between commas."""
+    return ", ".join(words)

@@ -1,0 +1,181 @@
+"""From the text of a configuration to experiments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fvi_cli.config.complaints import Complaints, Place, excerpt
+from fvi_cli.config.document import LARGEST_DOCUMENT, MappingNode, read_document
+from fvi_cli.config.experiment_keys import (
+    SEVERAL,
+    SINGLE,
+    Name,
+    ReadExperiment,
+    experiment_nodes,
+    is_name,
+    make_experiment,
+)
+from fvi_cli.config.overrides import OPTION, apply_overrides
+from fvi_cli.config.shapes import describe
+from fvi_cli.errors import ConfigError
+from fvi_cli.experiments.experiment import Experiment
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoadedConfig:
+    """A valid configuration.
+
+    Parameters
+    ----------
+    path
+        The file, as it was given.
+    name
+        File names come from it.
+    text
+        The file, word for word.
+    overrides
+        Changes that were asked for beside it.
+    resolved
+        JSON values ``{"name": ..., "experiments": [...]}`` with every default filled in and
+        every override applied; written as YAML it is a configuration of the same experiments.
+    experiments
+        What it describes.
+    """
+
+    path: Path
+    name: str
+    text: str
+    resolved: Mapping[str, Any]
+    experiments: tuple[Experiment, ...]
+    overrides: tuple[str, ...] = ()
+
+
+def load_config(path: Path, *, overrides: Sequence[str] = ()) -> LoadedConfig:
+    """Read and check a configuration file.
+
+    Parameters
+    ----------
+    path
+        YAML in UTF-8.
+    overrides
+        Changes ``key.path=value``, validated like the file.
+
+    Raises
+    ------
+    ConfigError
+        Every mistake at once, each as ``file:line:column: key.path: message``.
+    """
+    source = excerpt(str(path), 1000)
+    try:
+        with path.open("rb") as file:
+            content = file.read(4 * LARGEST_DOCUMENT + 1)
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise ConfigError(f"{source}: cannot be read: {reason}") from None
+    if len(content) > LARGEST_DOCUMENT:
+        raise ConfigError(f"{source}:1:1: more than {LARGEST_DOCUMENT} bytes: too large")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = content[: error.start].decode("utf-8-sig")
+        place = Place(
+            source=source,
+            line=before.count("\n") + 1,
+            column=len(before) - (before.rfind("\n") + 1) + 1,
+        )
+        raise ConfigError(
+            f"{place}: not UTF-8 (byte 0x{content[error.start]:02x}); save the file as UTF-8"
+        ) from None
+    return parse_config(text, str(path), base=path.parent, overrides=overrides)
+
+
+def parse_config(
+    text: str, source_name: str, *, base: Path | None = None, overrides: Sequence[str] = ()
+) -> LoadedConfig:
+    """Check the text of a configuration and build its experiments.
+
+    Parameters
+    ----------
+    text
+        YAML.
+    source_name
+        What complaints call it, usually the path of the file; its stem is the default name.
+    base
+        Folder where relative paths in the text begin; no key that exists holds a path yet.
+    overrides
+        Changes ``key.path=value``, validated like the text.
+
+    Raises
+    ------
+    ConfigError
+        Every mistake at once, each as ``file:line:column: key.path: message``.
+    """
+    complaints = Complaints()
+    start = Place(source=excerpt(source_name, 1000), line=1, column=1)
+    root = read_document(text, start, complaints)
+    if root is None:
+        complaints.raise_if_any()
+        raise ConfigError(f"{start}: nothing is written here")
+    if not isinstance(root, MappingNode):
+        complaints.add(
+            root.place,
+            (),
+            f"{describe(root)} is not allowed; it must be a mapping with "
+            "name, problem, method and ladder, or with experiments",
+        )
+        complaints.raise_if_any()
+    changed = apply_overrides(root, overrides, complaints)
+    if not isinstance(changed, MappingNode):  # pragma: no cover - overrides change what is inside
+        raise ConfigError(f"{OPTION}: the configuration is no mapping any more")
+    name, read = _read(changed, Path(source_name).stem, complaints)
+    complaints.raise_if_any()
+    experiments = tuple(r.experiment for r in read if r.experiment is not None)
+    if len(experiments) != len(read) or not isinstance(name, str):
+        raise ConfigError(f"{start}: cannot be used")  # pragma: no cover - said above
+    return LoadedConfig(
+        path=Path(source_name),
+        name=name,
+        text=text,
+        resolved={"name": name, "experiments": [r.resolved for r in read]},
+        experiments=experiments,
+        overrides=tuple(overrides),
+    )
+
+
+def _read(root: MappingNode, stem: str, complaints: Complaints) -> tuple[Any, list[ReadExperiment]]:
+    several = "experiments" in root.entries
+    values = (SEVERAL if several else SINGLE).read(root, (), complaints)
+    name = values.get("name")
+    if name is None:
+        name = stem
+        if not is_name(stem):
+            complaints.add(
+                root.place,
+                ("name",),
+                f"missing; the name of the file, {excerpt(stem)!r}, cannot "
+                f"stand in for it: it must be {Name().expected}",
+            )
+    read: list[ReadExperiment] = []
+    nodes = experiment_nodes(root)
+    inner = values["experiments"] if several else [values]
+    if not isinstance(inner, list):
+        return name, read
+    seen: dict[str, int] = {}
+    for index, (entry, (node, path)) in enumerate(zip(inner, nodes, strict=True)):
+        if not isinstance(entry, Mapping) or not isinstance(node, MappingNode):
+            continue
+        own = entry["name"] if several else name
+        read.append(make_experiment(entry, own, node, path, complaints))
+        if isinstance(own, str):
+            # file systems that ignore case would mix up names that differ in case only
+            if own.lower() in seen:
+                complaints.add(
+                    node.entries["name"].node.place,
+                    (*path, "name"),
+                    f"{own!r} is the name of experiments.{seen[own.lower()]} already",
+                )
+            seen.setdefault(own.lower(), index)
+    return name, read

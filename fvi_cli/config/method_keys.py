@@ -1,0 +1,327 @@
+"""The keys of a method, their defaults, and the combinations that a mapping stands for."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, get_args
+
+from fvi_cli.config.complaints import Complaints, KeyPath, Place
+from fvi_cli.config.document import ListNode, MappingNode, Node
+from fvi_cli.config.shapes import (
+    OPTIONAL,
+    ByForm,
+    Choice,
+    Integer,
+    Key,
+    ListOf,
+    Number,
+    OneOrMany,
+    Record,
+    Shape,
+    is_complete,
+)
+from fvi_cli.integrator.method import (
+    BASELINE_NAMES,
+    BDF_NAMES,
+    LARGEST_DEGREE,
+    RUNGE_KUTTA_NAMES,
+    AnyMethod,
+    Baseline,
+    ForcingQuadrature,
+    History,
+    Method,
+    RuleSpecification,
+    Sampling,
+)
+from fvi_cli.mathematics.quadrature import LARGEST_RULE
+
+MOST_METHODS: Final = 500
+_LEADING_FIELD: Final = re.compile(r"([a-z_]+): (.*)", re.DOTALL)
+# Fields of Method under the names that a configuration has for them.
+_KEY_OF_FIELD: Final = {"start_exponents": "start"}
+
+_RULE: Final = Record(
+    keys=(
+        Key(name="rule", shape=Choice(words=("gauss", "lobatto")), meaning="Family of the rule."),
+        Key(
+            name="points",
+            shape=Integer(least=1, most=LARGEST_RULE),
+            meaning="Number of points; default: degree for gauss, degree + 1 for lobatto.",
+            default=OPTIONAL,
+        ),
+    )
+)
+_WEIGHTS: Final = Record(
+    keys=(
+        Key(
+            name="weights",
+            shape=ListOf(shape=Number(least=0.0), most=20, example="[2.5]"),
+            meaning="Exponents of t on which the corrected quadrature is exact.",
+        ),
+    )
+)
+
+
+def _several(name: str, shape: Shape, meaning: str) -> Key:
+    return Key(name=name, shape=OneOrMany(shape=shape, most=100), meaning=meaning, default=OPTIONAL)
+
+
+_ENTRY: Final = Record(
+    keys=(
+        _several(
+            "bdf", Integer(least=1, most=len(BDF_NAMES)), "Order of the BDF convolution quadrature."
+        ),
+        _several(
+            "rk",
+            Choice(words=RUNGE_KUTTA_NAMES),
+            "Runge-Kutta convolution quadrature; `gauss` is the default when no family is given.",
+        ),
+        _several(
+            "baseline",
+            Choice(words=BASELINE_NAMES),
+            "A method of another kind, for comparison; it takes no other key.",
+        ),
+        _several(
+            "sampling",
+            Choice(words=get_args(Sampling)),
+            "Where the fractional action is sampled: nodes (the paper) or quadrature points.",
+        ),
+        _several(
+            "degree",
+            Integer(least=1, most=LARGEST_DEGREE),
+            "Polynomial degree of the trajectory on a step. Default: ceil(p/2) for bdf: p, "
+            "1 with sampling: nodes, 3 for rk.",
+        ),
+        _several(
+            "stages",
+            Integer(least=1, most=LARGEST_DEGREE + 1),
+            "For rk, in place of degree: number of stages (degree; degree + 1 for lobatto-iiic).",
+        ),
+        _several(
+            "quadrature",
+            ByForm(single=Choice(words=("gauss", "lobatto")), mapping=_RULE),
+            "Rule for the action. Default: gauss with as many points as the degree.",
+        ),
+        _several(
+            "start",
+            ByForm(single=Choice(words=("none", "weights", "series")), mapping=_WEIGHTS),
+            "What is done about a singular start. Default: none for sampling: nodes, else series.",
+        ),
+        _several(
+            "forcing_quadrature",
+            Choice(words=get_args(ForcingQuadrature)),
+            "How the forcing is integrated. Default: exact for bdf at points, else galerkin.",
+        ),
+        _several(
+            "history",
+            Choice(words=get_args(History)),
+            "How the convolution is summed. Default: auto.",
+        ),
+    ),
+    refused={
+        "order": "not a key: write bdf for the order of the BDF",
+        "cq": "not a key: write bdf: 1 to 6, or rk: gauss",
+    },
+)
+
+METHODS: Final = OneOrMany(shape=_ENTRY)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Chosen:
+    """One value of a key with its place."""
+
+    value: Any
+    place: Place
+    path: KeyPath
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListedMethod:
+    """A method, its resolved keys, and the place that asks for it."""
+
+    method: AnyMethod
+    resolved: Mapping[str, Any]
+    place: Place
+    path: KeyPath
+
+
+def read_methods(node: Node | None, path: KeyPath, complaints: Complaints) -> list[ListedMethod]:
+    """Every combination under ``method``; what makes no method is noted and left out.
+
+    Parameters
+    ----------
+    node
+        What stands under the key; None when it is absent: Gauss of degree 3.
+    path
+        Path of the key.
+    complaints
+        Receives what is wrong.
+    """
+    if node is None:
+        place = Place(source="default")
+        return list(_combinations({}, MappingNode(place=place, entries={}), path, complaints))
+    found: list[ListedMethod] = []
+    read = METHODS.read(node, path, complaints)
+    entries = [(node, path)]
+    if isinstance(node, ListNode):
+        entries = [(item, (*path, index)) for index, item in enumerate(node.items)]
+    if not isinstance(read, list):
+        return found
+    for values, (entry, where) in zip(read, entries, strict=True):
+        if isinstance(values, Mapping) and isinstance(entry, MappingNode) and is_complete(values):
+            found.extend(_combinations(values, entry, where, complaints))
+    if len(found) > MOST_METHODS:
+        complaints.add(
+            node.place, path, f"{len(found)} methods in all; at most {MOST_METHODS} are allowed"
+        )
+        return []
+    cases: dict[str, ListedMethod] = {}
+    for listed_method in found:
+        case = listed_method.method.case
+        if case in cases:
+            complaints.add(listed_method.place, listed_method.path, f"{case} is given twice")
+        cases.setdefault(case, listed_method)
+    return list(cases.values())
+
+
+def _combinations(
+    values: Mapping[str, list[Any]], entry: MappingNode, path: KeyPath, complaints: Complaints
+) -> Iterator[ListedMethod]:
+    count = math.prod(len(choices) for choices in values.values())
+    if count > MOST_METHODS:
+        complaints.add(
+            entry.place, path, f"{count} combinations; at most {MOST_METHODS} are allowed"
+        )
+        return
+    if not _is_coherent(values, entry, path, complaints):
+        return
+    columns = [
+        [
+            _Chosen(value=value, place=place, path=where)
+            for value, (place, where) in zip(choices, _places(entry, path, key), strict=True)
+        ]
+        for key, choices in values.items()
+    ]
+    for combination in itertools.product(*columns):
+        chosen = dict(zip(values, combination, strict=True))
+        try:
+            method, resolved = _make({key: choice.value for key, choice in chosen.items()})
+        except ValueError as error:
+            _complain(str(error), chosen, entry, path, complaints)
+            continue
+        yield ListedMethod(method=method, resolved=resolved, place=entry.place, path=path)
+
+
+def _places(entry: MappingNode, path: KeyPath, key: str) -> list[tuple[Place, KeyPath]]:
+    node = entry.entries[key].node
+    if isinstance(node, ListNode):
+        return [(item.place, (*path, key, index)) for index, item in enumerate(node.items)]
+    return [(node.place, (*path, key))]
+
+
+def _is_coherent(
+    values: Mapping[str, list[Any]], entry: MappingNode, path: KeyPath, complaints: Complaints
+) -> bool:
+    """Whether the keys belong to one family of methods."""
+
+    def complain(key: str, message: str) -> None:
+        complaints.add(entry.entries[key].key_place, (*path, key), message)
+
+    before = len(complaints)
+    families = [key for key in ("bdf", "rk", "baseline") if key in values]
+    for extra in families[1:]:
+        complain(extra, f"not together with {families[0]}; write two list entries under method")
+    if families == ["baseline"]:
+        for key in values:
+            if key != "baseline":
+                complain(key, "a baseline takes no other key")
+    if "stages" in values:
+        if "degree" in values:
+            complain("stages", "not together with degree, which it stands for")
+        if "bdf" in values:
+            complain("stages", "only rk has stages; write degree")
+    return len(complaints) == before
+
+
+def _complain(
+    message: str,
+    chosen: Mapping[str, _Chosen],
+    entry: MappingNode,
+    path: KeyPath,
+    complaints: Complaints,
+) -> None:
+    """Put the complaint of a method to the key that it begins with."""
+    leading = _LEADING_FIELD.fullmatch(message)
+    if leading is None:
+        complaints.add(entry.place, path, message)
+        return
+    key = _KEY_OF_FIELD.get(leading.group(1), leading.group(1))
+    if key == "cq":
+        key = "rk" if "rk" in chosen else "bdf"
+    if key == "degree" and "stages" in chosen:
+        key = "stages"
+    if key in chosen:
+        complaints.add(chosen[key].place, chosen[key].path, leading.group(2))
+    else:
+        complaints.add(entry.place, (*path, key), leading.group(2))
+
+
+def _make(values: Mapping[str, Any]) -> tuple[AnyMethod, dict[str, Any]]:
+    """The method with its defaults, and the keys that say it in full."""
+    if "baseline" in values:
+        baseline = Baseline(name=values["baseline"])
+        return baseline, {"baseline": baseline.name}
+    family: dict[str, Any]
+    if "bdf" in values:
+        order = values["bdf"]
+        cq, family = BDF_NAMES[order - 1], {"bdf": order}
+        sampling = values.get("sampling", "points")
+        nodes = sampling == "nodes"
+        degree = values.get("degree", 1 if nodes else math.ceil(order / 2))
+        start = values.get("start", "none" if nodes else "series")
+        forcing_quadrature = values.get("forcing_quadrature", "galerkin" if nodes else "exact")
+    else:
+        cq = values.get("rk", "gauss")
+        family = {"rk": cq}
+        sampling = values.get("sampling", "points")
+        degree = values.get("degree", 3)
+        if "stages" in values:
+            degree = values["stages"] - (1 if cq == "lobatto-iiic" else 0)
+        start = values.get("start", "series")
+        forcing_quadrature = values.get("forcing_quadrature", "galerkin")
+    exponents: tuple[float, ...] = ()
+    if isinstance(start, Mapping):
+        exponents, start = tuple(start["weights"]), "weights"
+        if len(set(exponents)) != len(exponents):
+            raise ValueError("start: every exponent must be given once")
+    method = Method(
+        cq=cq,
+        degree=degree,
+        quadrature=_rule(values["quadrature"], degree) if "quadrature" in values else None,
+        sampling=sampling,
+        start=start,
+        start_exponents=exponents,
+        forcing_quadrature=forcing_quadrature,
+        history=values.get("history", "auto"),
+    )
+    resolved = {**family, "degree": degree}
+    if "bdf" in values:
+        resolved["sampling"] = sampling
+        resolved["quadrature"] = {"rule": method.rule.rule, "points": method.rule.points}
+    resolved["start"] = {"weights": list(exponents)} if exponents else start
+    resolved["forcing_quadrature"] = forcing_quadrature
+    resolved["history"] = method.history
+    return method, resolved
+
+
+def _rule(value: Any, degree: int) -> RuleSpecification:
+    name: Any = value if isinstance(value, str) else value["rule"]
+    points = degree + (1 if name == "lobatto" else 0)
+    if isinstance(value, Mapping):
+        points = value.get("points", points)
+    return RuleSpecification(rule=name, points=points)

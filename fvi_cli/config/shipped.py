@@ -1,0 +1,57 @@
+"""Configurations that come with the program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fvi_cli.config.complaints import excerpt, listed, suggestion
+from fvi_cli.errors import RequestError
+
+SUFFIXES = (".yaml", ".yml")
+
+
+def shipped_configs() -> tuple[str, ...]:
+    """Names of the shipped configurations, sorted."""
+    return tuple(sorted(path.stem for path in _folder().glob("*.yaml")))
+
+
+def find_config(name: str) -> Path:
+    """The file that a user means: a path if it exists, otherwise a shipped configuration.
+
+    Parameters
+    ----------
+    name
+        Path, or name of a shipped configuration with or without ``.yaml``.
+
+    Raises
+    ------
+    RequestError
+        If there is neither; the message names the nearest shipped configuration.
+    """
+    shown = excerpt(name, 200)
+    try:
+        path = Path(name)
+        if path.is_file():
+            return path
+        is_folder, exists = path.is_dir(), path.exists()
+    except (OSError, ValueError):
+        is_folder = exists = False
+    known = shipped_configs()
+    plain = next((name.removesuffix(s) for s in SUFFIXES if name.endswith(s)), name)
+    if plain in known:
+        return _folder() / f"{plain}.yaml"
+    if is_folder:
+        raise RequestError(f"{shown}: a folder, not a configuration file")
+    if exists:
+        return path
+    raise RequestError(
+        f"{shown}: no such file, and no shipped configuration has this name"
+        f"{suggestion(plain, known)} (shipped: {listed(known)})"
+    )
+
+
+def _folder() -> Path:
+    """Beside the package in a checkout, inside of it when installed."""
+    package = Path(__file__).resolve().parents[1]
+    inside = package / "shipped_configs"
+    return inside if inside.is_dir() else package.parent / "configs"
