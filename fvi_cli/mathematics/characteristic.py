@@ -21,6 +21,7 @@ LongComplexArray = NDArray[np.clongdouble]
 _LARGEST_LOGARITHM = 700.0
 _STRIPS = (2.95, 2.9, 3.0, 2.85, 3.05)
 _SAME_ZERO = 5e-3
+_SAME_POSITIVE_ZERO = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +78,8 @@ class ZeroCluster:
         The zero, or the middle of the cluster; its argument lies in [0, pi).
     radius
         No zero of the cluster is farther from the center than this, relative to abs(center).
+    clearance
+        Every other zero, and the branch point, is at least about this far away, relative too.
     multiplicity
         How many zeros there are, on both sides of the real axis if `is_real`.
     is_real
@@ -86,6 +89,7 @@ class ZeroCluster:
 
     center: np.clongdouble
     radius: float
+    clearance: float
     multiplicity: int
     is_real: bool
 
@@ -93,8 +97,9 @@ class ZeroCluster:
 def characteristic_zeros(characteristic: CharacteristicFunction) -> tuple[ZeroCluster, ...]:
     r"""Zeros with :math:`0 \le \arg s < 2.9` or so; others lie inside of every contour used.
 
-    For one damping term with positive coefficient and positive stiffness there is exactly one
-    conjugate pair on the whole principal sheet (Naber, *Int. J. Differ. Equ.* 2010, 197020).
+    One damping term with positive coefficient and positive stiffness has a single conjugate pair
+    (for orders below 1: M. Naber, *Linear fractionally damped oscillator*, Int. J. Differ. Equ.
+    2010, 197020), which is left out where it lies close to the cut.
 
     Raises
     ------
@@ -196,6 +201,13 @@ def _count(
     return None
 
 
+def _linked(first: LongComplexArray, second: LongComplexArray) -> NDArray[np.bool_]:
+    """Which zeros belong together; on the positive axis nearly double ones can be dealt with."""
+    positive = np.abs(first.imag) < _SAME_POSITIVE_ZERO
+    limit = np.where(positive, _SAME_POSITIVE_ZERO, _SAME_ZERO)
+    return np.asarray((np.abs(first[:, None] - second) < limit[:, None]).any(axis=1))
+
+
 def _clusters(
     powers: LongArray, coefficients: LongArray, zeros: LongComplexArray
 ) -> tuple[ZeroCluster, ...]:
@@ -204,20 +216,21 @@ def _clusters(
     left = everything
     while len(left):
         members = left[:1]
-        while True:
-            near = np.abs(everything[:, None] - members).min(axis=1) < _SAME_ZERO
-            if int(near.sum()) == len(members):
-                break
+        near = _linked(everything, members)
+        while int(near.sum()) > len(members):
             members = everything[near]
-        left = left[np.abs(left[:, None] - members).min(axis=1) >= _SAME_ZERO]
+            near = _linked(everything, members)
+        left = left[~_linked(left, members)]
         others = everything[~near]
         center = members.mean()
-        is_real = bool(abs(center.imag) < _SAME_ZERO)
+        # A zero that is not real is linked to its image, or at least half the distance off.
+        is_real = bool(abs(center.imag) < _SAME_ZERO / 4)
         if not is_real and center.imag < 0:
             continue
-        inner = max(float(np.abs(members - center).max()), 1e-6)
-        outer = min([0.05, *np.abs(others - center).astype(float)])
-        circle = center + math.sqrt(inner * outer) * np.exp(2j * np.pi * np.arange(257) / 256)
+        inner = float(np.abs(members - center).max())
+        outer = min([0.5, *np.abs(others - center).astype(float)])
+        radius = math.sqrt(max(inner, 1e-6) * outer)
+        circle = center + radius * np.exp(2j * np.pi * np.arange(257) / 256)
         change = _unwrapped_change(_sums(powers, coefficients, circle.astype(np.clongdouble))[0])
         multiplicity = 0 if change is None else round(change / (2 * math.pi))
         if multiplicity == 1:
@@ -225,10 +238,13 @@ def _clusters(
             center = members[np.abs(_sums(powers, coefficients, members)[0]).argmin()]
         if is_real:
             center = np.clongdouble(center.real)
-        radius = 0.0 if multiplicity == 1 else inner
         clusters.append(
             ZeroCluster(
-                center=np.exp(center), radius=radius, multiplicity=multiplicity, is_real=is_real
+                center=np.exp(center),
+                radius=0.0 if multiplicity == 1 else max(inner, 1e-6),
+                clearance=outer,
+                multiplicity=multiplicity,
+                is_real=is_real,
             )
         )
     return tuple(clusters)

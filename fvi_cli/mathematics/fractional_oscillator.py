@@ -77,7 +77,8 @@ def contour_response(
     if np.any(time < 0):
         raise ValueError("time: negative times are not allowed")
     for zero in zeros:
-        if zero.multiplicity > 1 and not zero.is_real:
+        apart = 4.0 * zero.radius <= zero.clearance
+        if zero.multiplicity > 1 and not (zero.is_real and apart):
             raise ValueError(f"characteristic function: zeros near {zero.center} nearly coincide")
     flat = time.ravel()
     result = np.full(flat.shape, numerator.get(1.0, 0.0) / characteristic.mass)
@@ -201,9 +202,9 @@ def _cluster_residues(
     time: Array,
 ) -> Array:
     """All residues of a cluster on the positive axis, by a circle round it."""
-    nodes = np.exp(2j * np.pi * (np.arange(48) + 0.5) / 48)
+    nodes = np.exp(2j * np.pi * (np.arange(96) + 0.5) / 96)
     center = float(cluster.center.real)
-    radius = np.clip(2.0 / time, 3.0 * cluster.radius * center, center / 3.0)
+    radius = np.clip(2.0 / time, 2.0 * cluster.radius * center, 0.5 * cluster.clearance * center)
     s = (center + radius[:, None] * nodes).astype(np.clongdouble)
     quotient = evaluate_powers(numerator, s) / evaluate_powers(dict(characteristic.terms), s)
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):

@@ -8,7 +8,7 @@ References
 ----------
 J.L. González-Santander, A. Apelblat, arXiv 2501.05972, for partial fractions in
 :math:`\sqrt s` and the Faddeeva function; K.S. Miller, B. Ross, *An Introduction to the Fractional
-Calculus and Fractional Differential Equations* (1993), chapter 5.
+Calculus and Fractional Differential Equations* (Wiley, 1993).
 """
 
 from __future__ import annotations
@@ -55,13 +55,14 @@ def classical_response(
     top = _integer_powers(numerator, 1)
     if denominator is None or top is None:
         return None
-    polar, rest, denominator = _divided(top, denominator)
+    top, denominator = _without_zero(top, denominator)
+    polar, rest = _divided(top, denominator)
     t: LongArray = np.asarray(time, dtype=np.longdouble)
     parts = [_power(c, t, j - 1.0) for j, c in polar.items()]
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        if len(denominator) and max(denominator) == 2:
-            parts.extend(_quadratic(denominator, rest, t))
-        elif len(denominator) and max(denominator) == 1:
+        if max(denominator) == 2:
+            parts.extend(_quadratic(denominator, top, rest, t))
+        elif max(denominator) == 1:
             rate = denominator[0] / denominator[1]
             parts.append(rest.get(0, np.longdouble(0)) / denominator[1] * np.exp(-rate * t))
         return _summed(parts, t)
@@ -100,7 +101,8 @@ def faddeeva_response(
     top = _integer_powers(numerator, 2)
     if denominator is None or top is None:
         return None
-    polar, rest, denominator = _divided(top, denominator)
+    top, denominator = _without_zero(top, denominator)
+    polar, _ = _divided(top, denominator)
     roots = _roots(denominator)
     slopes = _polynomial({j - 1: j * c for j, c in denominator.items() if j}, roots)
     if np.any(slopes == 0):
@@ -108,7 +110,8 @@ def faddeeva_response(
     t: LongArray = np.asarray(time, dtype=np.longdouble)
     parts: list[LongArray | LongComplexArray] = []
     parts.extend(_power(c, t, j / 2 - 1.0) for j, c in polar.items() if j > 1)
-    weights = _polynomial(rest, roots) / slopes * roots
+    # Not the remainder of the division, in which the slow roots' large coefficients cancel.
+    weights = _polynomial(top, roots) / slopes * roots
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):
         for root, weight in zip(roots, weights, strict=True):
             side = -1.0 if root.real > 0 else 1.0
@@ -139,13 +142,18 @@ def _integer_powers(terms: Mapping[float, float], multiple: int) -> Coefficients
     return result
 
 
-def _divided(
-    top: Coefficients, bottom: Coefficients
-) -> tuple[Coefficients, Coefficients, Coefficients]:
-    """Polar part {j: coefficient of z^-j}, remainder and denominator without its zeros at 0."""
+def _without_zero(top: Coefficients, bottom: Coefficients) -> tuple[Coefficients, Coefficients]:
+    """Both divided by the power of the variable that the denominator contains."""
     lowest = min(bottom)
-    bottom = {power - lowest: c for power, c in bottom.items()}
-    rest = {power - lowest: c for power, c in top.items() if c}
+    return (
+        {power - lowest: c for power, c in top.items() if c},
+        {power - lowest: c for power, c in bottom.items()},
+    )
+
+
+def _divided(top: Coefficients, bottom: Coefficients) -> tuple[Coefficients, Coefficients]:
+    """Polar part {j: coefficient of z^-j} at z = 0, and the numerator that remains."""
+    rest = dict(top)
     polar: Coefficients = {}
     for power in range(min(rest, default=0), 0):
         coefficient = rest.pop(power, np.longdouble(0)) / bottom[0]
@@ -156,15 +164,24 @@ def _divided(
                     rest[power + other] = (
                         rest.get(power + other, np.longdouble(0)) - coefficient * c
                     )
-    return polar, rest, bottom
+    return polar, rest
 
 
-def _quadratic(denominator: Coefficients, rest: Coefficients, t: LongArray) -> list[LongArray]:
+def _quadratic(
+    denominator: Coefficients, top: Coefficients, rest: Coefficients, t: LongArray
+) -> list[LongArray]:
     zero = np.longdouble(0)
     m = denominator[2]
     a = denominator.get(1, zero) / (2 * m)
     product = denominator[0] / m
     d = product - a * a
+    if abs(d) > 0.01 * a * a:
+        root = np.sqrt(np.clongdouble(-d))
+        large = -a - root if a > 0 else -a + root
+        pair = np.array([large, product / large])
+        weights = _polynomial(top, pair) / (2 * m * (pair + a))
+        return [np.asarray((w * np.exp(r * t)).real) for w, r in zip(weights, pair, strict=True)]
+    # Nearly equal roots: one formula across d = 0.
     if d > 0:
         root = np.sqrt(d)
         cosine = np.exp(-a * t) * np.cos(root * t)
@@ -174,9 +191,8 @@ def _quadratic(denominator: Coefficients, rest: Coefficients, t: LongArray) -> l
         sine = t * cosine
     else:
         root = np.sqrt(-d)
-        slow = root - a if a <= 0 else -product / (a + root)
-        cosine = np.exp(slow * t) * (1 + np.exp(-2 * root * t)) / 2
-        sine = -np.exp(slow * t) * np.expm1(-2 * root * t) / (2 * root)
+        cosine = np.exp((root - a) * t) * (1 + np.exp(-2 * root * t)) / 2
+        sine = -np.exp((root - a) * t) * np.expm1(-2 * root * t) / (2 * root)
     first = rest.get(1, zero) / m
     return [first * cosine, (rest.get(0, zero) / m - a * first) * sine]
 
@@ -195,10 +211,12 @@ def _roots(coefficients: Coefficients) -> LongComplexArray:
 
 
 def _polynomial(coefficients: Coefficients, z: LongComplexArray) -> LongComplexArray:
+    """Sum of powers, negative ones too."""
+    lowest = min(coefficients, default=0)
     total = np.zeros(z.shape, dtype=np.clongdouble)
-    for power in range(max(coefficients, default=0), -1, -1):
+    for power in range(max(coefficients, default=0), lowest - 1, -1):
         total = total * z + coefficients.get(power, np.longdouble(0))
-    return total
+    return total * z**lowest
 
 
 def _summed(parts: Sequence[LongArray | LongComplexArray], t: LongArray) -> tuple[Array, Array]:

@@ -35,7 +35,8 @@ SOURCES: Mapping[Route, str] = {
     "contour": "characteristic roots and branch-cut integral",
 }
 
-_LARGEST_CANCELLATION = 50.0
+# Elementary functions are good to round-off, SciPy's Faddeeva function to 1e-13 of its modulus.
+_LARGEST_CANCELLATION: Mapping[Route, float] = {"classical": 50.0, "faddeeva": 4.0}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,7 +109,7 @@ class LinearResponse:
         order = np.argsort(time, axis=None)
         largest = np.empty(time.size)
         largest[order] = np.fmax.accumulate(np.abs(values).ravel()[order])
-        doubtful = ~(size <= _LARGEST_CANCELLATION * largest.reshape(time.shape))
+        doubtful = ~(size <= _LARGEST_CANCELLATION[self.route] * largest.reshape(time.shape))
         doubtful |= ~np.isfinite(values)
         if np.any(doubtful):
             values[doubtful] = contour_response(

@@ -1,0 +1,412 @@
+"""Exact solutions of scenes against published and independently computed numbers."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.mathematics.power_sum import NotAPowerSum, PowerSum
+from fvi_cli.scenes.linear_response import linear_response, match_scene
+
+T = PowerSum.variable()
+
+# Unit step from rest, m = mu = k = 1, at t = 1, 2, 5, 10, 20: from the quartic in sqrt(s) and from
+# Laplace inversion, digits on which both agree.
+STEP_TIMES = np.array([1.0, 2.0, 5.0, 10.0, 20.0])
+STEP = {
+    0.5: [
+        0.387738214241533,
+        0.887286182411692,
+        0.668914627671081,
+        0.815396858151600,
+        0.877181068558190,
+    ],
+    1.5: [
+        0.289440727849072,
+        0.842623502331295,
+        1.48771200400921,
+        0.838616316256097,
+        0.990454834432767,
+    ],
+}
+ROUTES = [None, "contour"]
+
+
+def scene(
+    *,
+    mass=1.0,
+    stiffness=1.0,
+    damping=(),
+    x0=0.0,
+    v0=0.0,
+    forcing=None,
+    derivative="caputo",
+    potential=None,
+):
+    return Scene(
+        inertia=Inertia(mass=mass),
+        potential=potential or QuadraticPotential(stiffness=stiffness),
+        damping=tuple(FractionalDamping(order=g, coefficient=c) for g, c in damping),
+        initial_position=x0,
+        initial_velocity=v0,
+        final_time=10.0,
+        forcing=forcing,
+        derivative=derivative,
+    )
+
+
+def pieces(*items):
+    """Forcing from pairs (text, until)."""
+    return Forcing(
+        pieces=tuple(
+            ForcingPiece(components=(Expression.parse(text, variables=("t",)),), until=until)
+            for text, until in items
+        )
+    )
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("order", [0.5, 1.5])
+def test_unit_step_and_free_response(order, route):
+    common = {"mass": 1.0, "stiffness": 1.0, "damping": ((order, 1.0),), "route": route}
+    step = linear_response(**common, forcing=((0.0, PowerSum.lift(1.0)),))
+    free = linear_response(**common, position=1.0)
+    assert step(STEP_TIMES) == pytest.approx(STEP[order], abs=4e-15)
+    assert free(STEP_TIMES) == pytest.approx(1.0 - np.array(STEP[order]), abs=4e-15)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize(
+    ("order", "expected", "relative"),
+    [
+        (0.5, [0.0561329416629, 0.0178323072601], 1e-11),
+        (1.5, [-2.81851277911e-4, -8.92055356e-6], 1e-9),
+    ],
+)
+def test_tail_is_algebraic(order, expected, relative, route):
+    free = linear_response(
+        mass=1.0, stiffness=1.0, damping=((order, 1.0),), position=1.0, route=route
+    )
+    assert free(np.array([100.0, 1000.0])) == pytest.approx(expected, rel=relative)
+    leading = 1e6**-order / math.gamma(1 - order)
+    assert free(np.array([1e6]))[0] == pytest.approx(leading, rel=1e-2)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_bagley_torvik_of_podlubny(route):
+    # I. Podlubny, Fractional Differential Equations (1999), section 8.4: f = 8 up to t = 1, then 0.
+    response = linear_response(
+        mass=1.0,
+        stiffness=1.0,
+        damping=((1.5, 1.0),),
+        forcing=((0.0, PowerSum.lift(8.0)), (1.0, PowerSum())),
+        route=route,
+    )
+    times = np.array([0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 30.0])
+    expected = [
+        0.6843347531500309,
+        2.315525822792576,
+        4.425462195857781,
+        3.843966774139771,
+        -0.4556413405384094,
+        0.5316198658594876,
+        0.187375156942063,
+        0.03587938288263848,
+    ]
+    assert response(times) == pytest.approx(expected, abs=1.5e-14)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_polynomial_solution_detects_wrong_initial_terms(route):
+    times = np.linspace(0.0, 30.0, 61)
+    common = {
+        "mass": 1.0,
+        "stiffness": 1.0,
+        "damping": ((1.5, 1.0),),
+        "velocity": 1.0,
+        "route": route,
+    }
+    right = linear_response(**common, position=1.0, forcing=((0.0, 1.0 + T),))
+    assert np.abs(right(times) - 1.0 - times).max() < 1e-13
+    # The velocity's own term belongs to Caputo's derivative only.
+    caputo = linear_response(**common, forcing=((0.0, T),))
+    riemann = linear_response(**common, forcing=((0.0, T),), derivative="riemann-liouville")
+    assert np.abs(caputo(times) - times).max() < 1e-13
+    assert np.abs(riemann(times) - times).max() > 0.1
+
+
+def test_jump_as_the_order_passes_one():
+    def at_two(order):
+        response = linear_response(mass=1.0, stiffness=1.0, damping=((order, 1.0),), velocity=1.0)
+        return float(response(np.array([2.0]))[0])
+
+    classical = math.exp(-1) * math.sin(math.sqrt(3)) / math.sqrt(0.75)
+    assert at_two(1.0) == pytest.approx(classical, rel=1e-15)
+    assert at_two(1.0 - 1e-9) == pytest.approx(classical, abs=1e-8)
+    assert at_two(1.0) == pytest.approx(0.41928, abs=5e-6)
+    assert at_two(1.0 + 1e-9) == pytest.approx(1.26871, abs=5e-6)
+    # v0 = 1 in the damping term is a step force of the same size.
+    step = linear_response(
+        mass=1.0,
+        stiffness=1.0,
+        damping=((1.0, 1.0),),
+        velocity=1.0,
+        forcing=((0.0, PowerSum.lift(1.0)),),
+    )
+    assert at_two(1.0 + 1e-9) == pytest.approx(float(step(np.array([2.0]))[0]), abs=1e-8)
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_caputo_and_riemann_liouville(route):
+    values = [
+        float(
+            linear_response(
+                mass=1.0,
+                stiffness=1.0,
+                damping=((0.5, 1.0),),
+                position=1.0,
+                derivative=derivative,
+                route=route,
+            )(np.ones(1))[0]
+        )
+        for derivative in ("caputo", "riemann-liouville")
+    ]
+    assert values == pytest.approx([0.612261785758467, 0.0768387490366691], abs=2e-15)
+    # The difference is the known force -mu x0 t^(-1/2) / Gamma(1/2).
+    forced = linear_response(
+        mass=1.0,
+        stiffness=1.0,
+        damping=((0.5, 1.0),),
+        position=1.0,
+        forcing=((0.0, PowerSum({-0.5: -1 / math.sqrt(math.pi)})),),
+        route=route,
+    )
+    assert forced(np.ones(1))[0] == pytest.approx(values[1], abs=2e-15)
+
+
+def test_classical_damping_of_the_follow_up():
+    # Hariz Belgacem, Jimenez, Ober-Bloebaum, arXiv 2510.11082: two uncoupled components.
+    exact = match_scene(
+        scene(
+            mass=np.eye(2),
+            stiffness=0.5 * np.eye(2),
+            damping=((1.0, 0.25 * np.eye(2)),),
+            x0=[0.8, -0.5],
+            v0=[0.4, 0.0],
+        )
+    )
+    assert exact is not None
+    assert exact.source == "closed form (elementary functions)"
+    t = np.linspace(0.0, 30.0, 97)
+    w = math.sqrt(31) / 8
+    root = math.sqrt(31)
+    q1 = 4 / 155 * np.exp(-t / 8) * (31 * np.cos(w * t) + 5 * root * np.sin(w * t))
+    q2 = -1 / 62 * np.exp(-t / 8) * (31 * np.cos(w * t) + root * np.sin(w * t))
+    assert exact.position(t) == pytest.approx(np.stack([q1, q2], axis=-1), abs=2e-15)
+
+
+@pytest.mark.parametrize(("order", "gamma_factor"), [(1.5, 15 / 8), (0.5, 15 / 16)])
+def test_bagley_torvik_with_fractional_powers_in_the_force(order, gamma_factor):
+    # x = t^(5/2): D^(3/2) x = 15/8 sqrt(pi) t, D^(1/2) x = 15/16 sqrt(pi) t^2.
+    power = "t" if order == 1.5 else "t**2"
+    text = f"15/4*sqrt(t) + {gamma_factor}*sqrt(pi)*{power} + t**2.5"
+    exact = match_scene(scene(damping=((order, 1.0),), forcing=pieces((text, math.inf))))
+    assert exact is not None
+    assert exact.source == "closed form (Faddeeva function)"
+    t = np.linspace(0.0, 1.0, 65)
+    assert exact.position(t)[:, 0] == pytest.approx(t**2.5, abs=1e-14)
+
+
+def test_general_order_with_a_manufactured_solution():
+    # x = t^(2.3) + t^4, order 0.7, mu = 0.4, k = 3.
+    g = math.gamma
+    first = 0.4 * g(3.3) / g(2.6)
+    second = 0.4 * g(5) / g(4.3)
+    text = f"2.99*t**0.3 + 12*t**2 + {first!r}*t**1.6 + {second!r}*t**3.3 + 3*(t**2.3 + t**4)"
+    exact = match_scene(
+        scene(stiffness=3.0, damping=((0.7, 0.4),), forcing=pieces((text, math.inf)))
+    )
+    assert exact is not None
+    assert exact.source == "characteristic roots and branch-cut integral"
+    t = np.linspace(0.0, 6.0, 61)
+    expected = t**2.3 + t**4
+    assert exact.position(t)[:, 0] == pytest.approx(expected, abs=3e-14 * expected.max())
+
+
+@pytest.mark.parametrize("route", ROUTES)
+def test_pieces_are_superposed(route):
+    # A ramp that stops: the same force as t - (t - 2)_+ with its response shifted.
+    common = {"mass": 1.0, "stiffness": 2.0, "damping": ((0.5, 0.3),), "route": route}
+    stopped = linear_response(**common, forcing=((0.0, T), (2.0, PowerSum.lift(2.0))))
+    ramp = linear_response(**common, forcing=((0.0, T),))
+    times = np.linspace(0.0, 9.0, 40)
+    late = np.maximum(times - 2.0, 0.0)
+    assert stopped(times) == pytest.approx(ramp(times) - ramp(late), abs=1e-13)
+    with pytest.raises(NotAPowerSum):
+        linear_response(**common, forcing=((0.0, T**0.5), (2.0, PowerSum())))
+
+
+def test_scene_with_a_step_force():
+    exact = match_scene(scene(damping=((1.5, 1.0),), forcing=pieces(("8", 1.0), ("0", math.inf))))
+    assert exact is not None
+    assert exact.position(np.array([1.0, 2.0]))[:, 0] == pytest.approx(
+        [2.315525822792576, 4.425462195857781], abs=2e-15
+    )
+
+
+def test_modes_of_a_chain():
+    # Two masses, Rayleigh damping of fractional order: in phase and out of phase.
+    stiffness = np.array([[2.0, -1.0], [-1.0, 2.0]])
+    damping = 0.1 * np.eye(2) + 0.05 * stiffness
+    exact = match_scene(
+        scene(
+            mass=np.eye(2),
+            stiffness=stiffness,
+            damping=((0.7, damping), (1.4, 0.02 * np.eye(2))),
+            x0=[1.0, 0.0],
+            v0=[0.0, 0.5],
+            forcing=Forcing.from_text("1", "t"),
+        )
+    )
+    assert exact is not None
+    times = np.linspace(0.0, 10.0, 33)
+    modes = [
+        linear_response(
+            mass=1.0,
+            stiffness=k,
+            damping=((0.7, 0.1 + 0.05 * k), (1.4, 0.02)),
+            position=0.5,
+            velocity=0.25 * sign,
+            forcing=((0.0, 0.5 + 0.5 * sign * T),),
+        )(times)
+        for k, sign in ((1.0, 1.0), (3.0, -1.0))
+    ]
+    expected = np.stack([modes[0] + modes[1], modes[0] - modes[1]], axis=-1)
+    assert exact.position(times) == pytest.approx(expected, abs=1e-13)
+
+
+def test_unequal_masses_and_a_rigid_motion():
+    mass = np.diag([1.0, 3.0])
+    stiffness = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    exact = match_scene(scene(mass=mass, stiffness=stiffness, x0=[1.0, 0.0], v0=[0.0, 1.0]))
+    assert exact is not None
+    times = np.linspace(0.0, 10.0, 21)
+    position = exact.position(times)
+    assert position @ [0.25, 0.75] == pytest.approx(0.25 + 0.75 * times, abs=1e-14)
+    w = math.sqrt(4 / 3)
+    assert position[:, 0] - position[:, 1] == pytest.approx(
+        np.cos(w * times) - np.sin(w * times) / w, abs=1e-14
+    )
+
+
+def pendulum():
+    names = ("x",)
+    return ExpressionPotential(
+        coordinates=names,
+        energy_expression=Expression.parse("1 - cos(x)", variables=names),
+        gradient_expressions=(Expression.parse("sin(x)", variables=names),),
+        hessian_expressions=((Expression.parse("cos(x)", variables=names),),),
+    )
+
+
+@pytest.mark.parametrize(
+    "unknown",
+    [
+        scene(potential=pendulum()),
+        scene(damping=((0.5, 1.0),), forcing=Forcing.from_text("sin(t)")),
+        scene(damping=((0.5, 1.0),), forcing=Forcing.from_text("1/(1 + t)")),
+        scene(forcing=pieces(("sqrt(t)", 1.0), ("0", math.inf))),
+        scene(
+            mass=np.eye(2),
+            stiffness=np.diag([1.0, 2.0]),
+            damping=((0.5, np.array([[1.0, 0.3], [0.3, 1.0]])),),
+            x0=[0.0, 0.0],
+            v0=[0.0, 0.0],
+        ),
+    ],
+)
+def test_unknown_scenes(unknown):
+    assert match_scene(unknown) is None
+
+
+@pytest.mark.parametrize("order", [0.5, 0.7, 1.5])
+def test_residual_of_the_equation(order):
+    # m x'' + mu D x + k x = f integrated twice: m (x - x0 - v0 t) + mu J^(2-g)(x - x0 [- v0 t])
+    # + k J^2 x = J^2 f, with Gauss-Jacobi quadrature of J on graded panels.
+    from scipy.special import roots_jacobi
+
+    m, mu, k, x0, v0 = 1.3, 0.7, 2.0, 0.4, -0.6
+    response = linear_response(
+        mass=m,
+        stiffness=k,
+        damping=((order, mu),),
+        position=x0,
+        velocity=v0,
+        forcing=((0.0, 1.0 - 0.5 * T),),
+    )
+
+    def remembered(s):
+        return response(s) - x0 - (v0 * s if order > 1 else 0.0)
+
+    def integral(function, power, t):
+        """J^power of function at t."""
+        nodes, weights = np.polynomial.legendre.leggauss(24)
+        ends = t * 0.5 ** np.arange(1, 60)
+        total = 0.0
+        for right, left in itertools.pairwise(ends):
+            s = left + (right - left) * (nodes + 1) / 2
+            total += (right - left) / 2 * weights @ ((t - s) ** (power - 1) * function(s))
+        last, kernel = roots_jacobi(24, power - 1, 0.0)
+        s = t / 2 + t / 4 * (last + 1)
+        total += (t / 4) ** power * (kernel @ function(s))
+        return total / math.gamma(power)
+
+    def residual(t, change):
+        known = t**2 / 2 - t**3 / 12
+        position = float(response(np.array([t]))[0]) * (1 + change)
+        return (
+            m * (position - x0 - v0 * t)
+            + mu * integral(remembered, 2 - order, t)
+            + k * integral(response, 2.0, t)
+            - known
+        )
+
+    for t in (0.3, 2.0, 5.0):
+        assert abs(residual(t, 0.0)) < 2e-13
+        assert abs(residual(t, 1e-11)) > abs(residual(t, 0.0))
+
+
+def test_growth_does_not_hide_early_errors():
+    # The largest value is 1e20 at the end; the closed form must not be judged by it early on.
+    common = {
+        "mass": 1.0,
+        "stiffness": 1e-3,
+        "damping": ((1.0, -3.0),),
+        "position": 0.7,
+        "forcing": ((0.0, 1.0 + T**2),),
+    }
+    times = np.linspace(0.0, 20.0, 200)
+    first = linear_response(**common)(times)
+    second = linear_response(**common, route="contour")(times)
+    assert np.abs(first / second - 1.0).max() < 1e-13
+
+
+def test_refusals():
+    with pytest.raises(ValueError, match="position 0"):
+        linear_response(
+            mass=1.0,
+            stiffness=1.0,
+            damping=((1.5, 1.0),),
+            position=1.0,
+            derivative="riemann-liouville",
+        )
+    response = linear_response(mass=1.0, stiffness=1.0)
+    with pytest.raises(ValueError, match="negative"):
+        response(np.array([-1.0]))
