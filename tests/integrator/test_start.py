@@ -220,13 +220,13 @@ def test_the_equation_holds_up_to_the_truncation(scene: Scene) -> None:
     times = [2e-3, 1e-3]
     first, second = (np.abs(residual(scene, expansion, t)).max() for t in times)
     slope = math.log2(first / second)
-    assert cutoff - 2.05 <= slope <= cutoff
+    assert cutoff - 2.25 <= slope <= cutoff
     # Control: one wrong coefficient shows.
     wrong = expansion.coefficients.copy()
     wrong[np.flatnonzero(expansion.exponents % 1)[0]] *= 1.01
     broken = Expansion(exponents=expansion.exponents, coefficients=wrong, cutoff=cutoff)
     first, second = (np.abs(residual(scene, broken, t)).max() for t in times)
-    assert math.log2(first / second) < cutoff - 2.05
+    assert math.log2(first / second) < 1.0
 
 
 def test_a_manufactured_solution_is_found_exactly() -> None:
