@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Iterator
 
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 
 from fvi_cli.experiments.experiment import Experiment, FinishedRun, Observed, Run
 from fvi_cli.experiments.norms import error_norm
+from fvi_cli.experiments.reference import Reference, find_reference
+from fvi_cli.integrator.expected_order import expected_order
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
@@ -40,57 +43,48 @@ def study(
 
 def execute(run: Run) -> FinishedRun:
     """Compute one run and its error."""
-    problem = run.experiment.problem
+    experiment, problem = run.experiment, run.experiment.problem
     if isinstance(problem, DerivativeProblem):
         trajectory = _differentiate(problem, run)
     else:
         trajectory = integrate(problem.scene, run.method, run.n_steps)
-    error, floor, reference = measure(run, trajectory)
+    reference = reference_of(experiment)
+    exact = reference.values(trajectory.time)
+    scale = float(np.abs(exact).max(initial=0.0))
+    round_off = 100 * EPSILON * scale * float(np.sqrt(run.n_steps))
+    floor = max(round_off, 10 * reference.error)
+    error = error_norm(trajectory.position, exact, run.step_size, experiment.norm)
     return FinishedRun(
         run=run,
         trajectory=trajectory,
-        error=error,
+        error=error if trajectory.status != "failed" else float("nan"),
         floor=floor,
-        status=_observed(run, trajectory, error, floor),
-        expected_order=expected_order(run),
-        reference=reference,
+        status=_observed(trajectory, error, floor, scale),
+        expected_order=_expected_order(run),
+        reference=reference.source,
     )
 
 
-def measure(run: Run, trajectory: Trajectory) -> tuple[float, float, str]:
-    """Error, floor and the name of the reference; nan where there is nothing to compare with."""
-    problem = run.experiment.problem
-    largest = float(np.abs(trajectory.position).max(initial=0.0))
-    floor = 100 * EPSILON * largest * float(np.sqrt(run.n_steps))
-    if problem.exact is None or trajectory.status == "failed":
-        return float("nan"), floor, problem.exact_source
-    exact = problem.exact(trajectory.time)
-    scale = float(np.abs(exact).max(initial=0.0))
-    floor = 100 * EPSILON * scale * float(np.sqrt(run.n_steps))
-    error = error_norm(trajectory.position, exact, run.step_size, run.experiment.norm)
-    return error, floor, problem.exact_source
+@functools.lru_cache(maxsize=8)
+def reference_of(experiment: Experiment) -> Reference:
+    """What the errors of `experiment` are measured against; made once for all of its runs."""
+    return find_reference(experiment.problem, experiment.steps)
 
 
-def _observed(run: Run, trajectory: Trajectory, error: float, floor: float) -> Observed:
+def _observed(trajectory: Trajectory, error: float, floor: float, scale: float) -> Observed:
     if trajectory.status != "ok":
         return trajectory.status
+    # an error of ten times the whole solution is no approximation of it
+    if not np.isfinite(error) or error > DIVERGED_RATIO * scale > 0:
+        return "diverged"
+    return "floor" if error < floor else "ok"
+
+
+def _expected_order(run: Run) -> float:
     problem = run.experiment.problem
-    largest = float(np.abs(trajectory.position).max(initial=0.0))
-    if problem.exact is not None:
-        scale = float(np.abs(problem.exact(trajectory.time)).max(initial=0.0))
-        # an error of ten times the whole solution is no approximation of it
-        if not np.isfinite(error) or error > DIVERGED_RATIO * scale > 0:
-            return "diverged"
-        return "floor" if error < floor else "ok"
-    return "diverged" if not np.isfinite(largest) else "ok"
-
-
-def expected_order(run: Run) -> float:
-    """Order that theory expects of this run's method on its problem; nan when none is stated."""
-    method, problem = run.method, run.experiment.problem
-    if not isinstance(method, Method) or not isinstance(problem, Problem):
+    if not isinstance(problem, Problem):
         return float("nan")
-    return float(method.classical_order)
+    return expected_order(problem.scene, run.method, run.experiment.norm, run.n_steps)
 
 
 def _differentiate(problem: DerivativeProblem, run: Run) -> Trajectory:
@@ -99,7 +93,7 @@ def _differentiate(problem: DerivativeProblem, run: Run) -> Trajectory:
     if not isinstance(method, Method) or method.is_runge_kutta:
         raise ValueError("method: a fractional derivative is taken by BDF only")
     h = run.step_size
-    grid = h * np.arange(run.n_steps + 1)
+    grid = h * np.arange(run.n_steps + 1, dtype=float)
     began = time.perf_counter()
     values = left_operator(method.bdf_order, problem.order, h, problem.function(grid))
     return Trajectory(

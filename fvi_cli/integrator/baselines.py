@@ -91,7 +91,7 @@ def integrate_baseline(scene: Scene, method: Baseline, n_steps: int) -> Trajecto
         momentum = velocity[: done + 1] @ scene.inertia.mass
         energy = scene.energy(position[: done + 1], momentum)
     return Trajectory(
-        time=h * np.arange(done + 1),
+        time=h * np.arange(done + 1, dtype=float),
         position=position[: done + 1],
         momentum=momentum,
         energy=energy,

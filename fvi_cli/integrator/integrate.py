@@ -105,7 +105,7 @@ def prepare(scene: Scene, method: Method, n_steps: int) -> Prepared:
         moments = added if moments is None else moments + added
     shift = None
     if known is not None and scene.potential is not None:
-        shift = known.position(h * np.arange(n_steps), h, tables.points)
+        shift = known.position(h * np.arange(n_steps, dtype=float), h, tables.points)
     rest = np.zeros(scene.dimension)
     problem = StepProblem(
         scene=scene,
@@ -172,7 +172,7 @@ def _trajectory(
         momentum = momentum.copy()
         momentum[1:] -= 0.5 * problem.step_size * stepped.end_force[1:, 0]
     position = stepped.position
-    grid = problem.step_size * np.arange(position.shape[0])
+    grid = problem.step_size * np.arange(position.shape[0], dtype=float)
     if known is not None:
         known_position, known_velocity = known.on_grid(grid)
         position = position + known_position

@@ -64,7 +64,8 @@ class Channel:
 
     def newest(self, values: Array) -> Array:
         """w_0 applied to the samples of one step, shape ``(m, ...)`` to the same."""
-        return self.weights[0] * values if self.is_scalar else self.weights[0] @ values
+        newest = self.weights[0]
+        return np.asarray(newest * values if self.is_scalar else newest @ values)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -203,18 +204,9 @@ def _weights(method: Method, h: float, order: float, n_weights: int) -> Array:
 
 def runge_kutta_tableau(method: Method) -> ButcherTableau:
     """The Runge-Kutta method of `method`'s convolution quadrature."""
-    from fvi_cli.mathematics.runge_kutta import (
-        gauss_tableau,
-        lobatto_iiic_tableau,
-        radau_iia_tableau,
-    )
+    from fvi_cli.mathematics.runge_kutta import tableau
 
-    build = {
-        "gauss": gauss_tableau,
-        "radau-iia": radau_iia_tableau,
-        "lobatto-iiic": lobatto_iiic_tableau,
-    }
-    return build[method.cq](method.stages)
+    return tableau(method.cq, method.stages)
 
 
 def _padded_sum(a: Array, b: Array) -> Array:

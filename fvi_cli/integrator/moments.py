@@ -24,8 +24,8 @@ CHUNK = 4096
 
 def galerkin_moments(force: StepFunction, tables: StepTables, h: float, n_steps: int) -> Array:
     r""":math:`h \sum_i b_i l_\nu(c_i) f(t_k + c_i h)`, shape ``(n_steps, s + 1, d)``."""
-    values = force(h * np.arange(n_steps), h, tables.points)
-    return h * np.einsum("ni,kid->knd", tables.test_weights, values)
+    values = force(h * np.arange(n_steps, dtype=float), h, tables.points)
+    return np.asarray(h * np.einsum("ni,kid->knd", tables.test_weights, values))
 
 
 def exact_moments(
@@ -46,8 +46,8 @@ def exact_moments(
     values = basis.values(fine.nodes) * fine.weights
     chunks = []
     for first in range(0, n_steps, CHUNK):
-        steps = np.arange(first, min(first + CHUNK, n_steps))
-        chunks.append(h * np.einsum("ni,kid->knd", values, force(h * steps, h, fine.nodes)))
+        start = h * np.arange(first, min(first + CHUNK, n_steps), dtype=float)
+        chunks.append(h * np.einsum("ni,kid->knd", values, force(start, h, fine.nodes)))
     moments = np.concatenate(chunks)
     for step in singular_steps:
         moments[step] = _composite(force, method, h, step, graded_edges())

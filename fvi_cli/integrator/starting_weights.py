@@ -59,12 +59,11 @@ def starting_weights(
         Weights :math:`w_{kj}` for h = 1, shape ``(n_times, len(exponents))``, and the condition
         number of the generalised Vandermonde matrix.
     """
-    sigma = np.array(exponents, dtype=np.longdouble)
     first = 1 if offset == 0 else 0
-    nodes = first + offset + np.arange(sigma.size)
+    nodes = first + offset + np.arange(len(exponents), dtype=float)
     times = offset + np.arange(n_times, dtype=np.longdouble)
     weights = convolution_weights(bdf_order, order, n_times)
-    defects = np.zeros((sigma.size, n_times), dtype=np.longdouble)
+    defects = np.zeros((len(exponents), n_times), dtype=np.longdouble)
     later = times > 0
     for row, exponent in enumerate(exponents):
         factor = gamma_function(exponent + 1) * rgamma(exponent + 1 - order)

@@ -13,6 +13,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
+from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 
@@ -78,9 +79,9 @@ def _scene(kind: str, specification: Mapping[str, Any]) -> Scene:
 
 def _dimension(specification: Mapping[str, Any], position: object) -> int:
     """The largest size that any entry has; the others must fit."""
-    sizes = [np.atleast_1d(np.asarray(position)).shape[0]]
+    sizes = [int(np.atleast_1d(np.asarray(position)).shape[0])]
     for key in ("mass", "stiffness"):
-        sizes.append(np.atleast_1d(np.asarray(specification.get(key, 1.0))).shape[0])
+        sizes.append(int(np.atleast_1d(np.asarray(specification.get(key, 1.0))).shape[0]))
     return max(sizes)
 
 
@@ -91,7 +92,7 @@ def _matrix(value: object, dimension: int) -> Array:
 
 def _vector(value: object, dimension: int) -> Array:
     vector = np.atleast_1d(np.asarray(value, dtype=float))
-    return np.full(dimension, vector[0]) if np.ndim(value) == 0 else vector  # type: ignore[arg-type]
+    return np.full(dimension, vector[0]) if np.shape(np.asarray(value)) == () else vector
 
 
 def _damping(entry: Mapping[str, Any], index: int, dimension: int) -> FractionalDamping:
@@ -146,7 +147,8 @@ def _expressions(
 
 def _exact(value: object, scene: Scene) -> tuple[Callable[[Array], Array] | None, str]:
     if value == "auto":
-        return None, "unknown"
+        solution = match_scene(scene)
+        return (None, "unknown") if solution is None else (solution.position, solution.source)
     components = _expressions(value, scene.dimension, "exact", ("t",))
     piece = ForcingPiece(components=components)
     return piece.evaluate, "expression"
