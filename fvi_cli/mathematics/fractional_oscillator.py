@@ -97,9 +97,11 @@ def contour_response(
                 for zero in zeros
                 if zero.multiplicity == 1 or not shift or zero not in clusters
             ]
-            result[part] = _one_chunk(
-                characteristic, tuple(outside), numerator, flat[part], shift, bool(clusters)
-            )
+            # A growing response may leave the range of doubles, and is not finite from there on.
+            with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+                result[part] = _one_chunk(
+                    characteristic, tuple(outside), numerator, flat[part], shift, bool(clusters)
+                )
     return result.reshape(time.shape)
 
 
@@ -117,8 +119,7 @@ def _one_chunk(
     scale = vertex / (1.0 - math.sin(_ANGLE))
     simple = [zero for zero in zeros if zero.multiplicity == 1]
     residues = [_residue(characteristic, zero, numerator, time) for zero in simple]
-    with np.errstate(over="ignore", invalid="ignore"):
-        positions = [_preimage(complex(zero.center), time, scale, shift) for zero in simple]
+    positions = [_preimage(complex(zero.center), time, scale, shift) for zero in simple]
     candidates = [(spacing, offset) for spacing in _SPACINGS for offset in (0.0, 0.5)]
     factors = [
         [np.exp(2j * np.pi * (offset - position / spacing)) for position in positions]
@@ -190,9 +191,8 @@ def _residue(
     center = np.array([zero.center])
     slope = {power - 1.0: power * c for power, c in characteristic.terms if power}
     constant = (evaluate_powers(numerator, center) / evaluate_powers(slope, center))[0]
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        values = constant * np.exp(zero.center * time.astype(np.longdouble))
-        return np.asarray(values, dtype=complex)
+    values = constant * np.exp(zero.center * time.astype(np.longdouble))
+    return np.asarray(values, dtype=complex)
 
 
 def _cluster_residues(
@@ -207,6 +207,5 @@ def _cluster_residues(
     radius = np.clip(2.0 / time, 2.0 * cluster.radius * center, 0.5 * cluster.clearance * center)
     s = (center + radius[:, None] * nodes).astype(np.clongdouble)
     quotient = evaluate_powers(numerator, s) / evaluate_powers(dict(characteristic.terms), s)
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-        integrand = quotient * np.exp(s * time[:, None]) * nodes
-        return np.asarray(integrand.real.mean(axis=1) * radius, dtype=float)
+    integrand = quotient * np.exp(s * time[:, None]) * nodes
+    return np.asarray(integrand.real.mean(axis=1) * radius, dtype=float)

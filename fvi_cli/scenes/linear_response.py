@@ -84,7 +84,7 @@ class LinearResponse:
         return SOURCES[self.route]
 
     def __call__(self, time: Array) -> Array:
-        """X at `time`, same shape."""
+        """The position at `time`, same shape; not finite where it exceeds the range of doubles."""
         time = np.asarray(time, dtype=float)
         if np.any(time < 0):
             raise ValueError("time: negative times are not allowed")
@@ -92,7 +92,8 @@ class LinearResponse:
         for start, numerator in self.inputs:
             chosen = time >= start
             if numerator and np.any(chosen):
-                total[chosen] += self._response(numerator, time[chosen] - start)
+                with np.errstate(over="ignore", invalid="ignore"):
+                    total[chosen] += self._response(numerator, time[chosen] - start)
         return total
 
     def _response(self, numerator: Mapping[float, float], time: Array) -> Array:

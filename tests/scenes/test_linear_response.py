@@ -410,3 +410,11 @@ def test_refusals():
     response = linear_response(mass=1.0, stiffness=1.0)
     with pytest.raises(ValueError, match="negative"):
         response(np.array([-1.0]))
+
+
+@pytest.mark.parametrize("order", [0.5, 0.7, 1.0, 1.5])
+def test_what_grows_beyond_all_numbers_does_so_quietly(order):
+    growing = linear_response(mass=1.0, stiffness=2.0, damping=((order, -3.0),), position=1.0)
+    values = growing(np.array([0.0, 1e-300, 1.0, 1e5]))
+    assert np.isfinite(values).tolist() == [True, True, True, False]
+    assert values[:2] == pytest.approx([1.0, 1.0], rel=1e-14)
