@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 from matplotlib.transforms import blended_transform_factory
 from numpy.typing import NDArray
 
@@ -20,7 +23,10 @@ from fvi_cli.output.figures.style import (
     SMALL_TEXT,
     TEXT_WIDTH,
     SeriesStyle,
+    common_features,
+    fraction,
     journal_style,
+    legend_columns,
     logarithmic_ticks,
     new_figure,
     series_styles,
@@ -31,9 +37,9 @@ Array = NDArray[np.float64]
 Study = tuple[Experiment, Sequence[FinishedRun]]
 
 NORM_LABELS: dict[Norm, str] = {
-    "max": r"$\max_k\,|x_k - x(t_k)|$",
+    "max": r"$\mathrm{max}_k\,|x_k - x(t_k)|$",
     "final": r"$|x_N - x(T)|$",
-    "l2": r"$(h\,\sum_k |x_k - x(t_k)|^2)^{1/2}$",
+    "l2": r"$(h\,\Sigma_k\,|x_k - x(t_k)|^2)^{1/2}$",
 }
 KIND_TITLES = {
     "damped-oscillator": "damped oscillator",
@@ -41,7 +47,7 @@ KIND_TITLES = {
     "pendulum": "pendulum",
 }
 _ROW_HEIGHT = 7.0  # points of one row in the strip of runs without an error
-_MOST_GUIDES = 4
+_MOST_GUIDES = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,9 +83,18 @@ class Series:
         return np.array([row.step_size for row in self.rows]), np.array(errors)
 
     def curve(self) -> Curve:
-        """What is drawn, without gaps and points at the floor, as logarithms."""
+        """What is drawn, without gaps, as logarithms."""
         h, e = self.values()
-        return Curve(log_step=np.log10(h[e > 0]), log_error=np.log10(e[e > 0]))
+        return Curve(
+            log_step=np.log10(h[e > 0]),
+            log_error=np.log10(e[e > 0]),
+            log_floor=math.log10(self.floor) if self.floor > 0 else -math.inf,
+        )
+
+    @property
+    def floor(self) -> float:
+        """Largest floor of the ladder."""
+        return max((row.floor for row in self.rows if np.isfinite(row.floor)), default=0.0)
 
 
 def convergence_figure(
@@ -109,8 +124,11 @@ def convergence_figure(
     n_columns = min(3, len(studies))
     n_rows = -(-len(studies) // n_columns)
     width = COLUMN_WIDTH if len(studies) == 1 else TEXT_WIDTH
-    legend_rows = -(-len(styles) // _legend_columns(styles, width))
-    height = n_rows * (2.6 if len(studies) != 2 else 2.9) + 0.17 * legend_rows
+    labels = [style.label for style in styles.values()]
+    common = common_features(methods)
+    legend_rows = -(-len(labels) // legend_columns(labels, width)) + (common != "")
+    # many curves need room for slope triangles between them
+    height = n_rows * (2.3 + 0.12 * min(max(len(labels) - 3, 0), 7)) + 0.17 * legend_rows
     with journal_style():
         figure = new_figure(width, height)
         grid = figure.subplots(n_rows, n_columns, squeeze=False)
@@ -132,7 +150,7 @@ def convergence_figure(
                 axes.set_ylabel("error " + NORM_LABELS[experiment.norm])
             wanted = reference_orders(finished, series) if orders is None else list(orders)
             drawn.append((axes, series, wanted))
-        figure_legend(figure, list(styles.values()), width)
+        figure_legend(figure, list(styles.values()), width, title=common)
         finish_panels(figure, drawn)
     return figure
 
@@ -144,7 +162,7 @@ def panel_titles(experiments: Sequence[Experiment]) -> list[str]:
         problem = experiment.problem
         title = KIND_TITLES.get(problem.kind, problem.kind.replace("-", " "))
         if isinstance(problem, Problem) and problem.scene.damping:
-            listed = ", ".join(f"{term.order:g}" for term in problem.scene.damping)
+            listed = ", ".join(fraction(term.order) for term in problem.scene.damping)
             title += rf", $\gamma = {listed}$"
         titles.append(title)
     return [
@@ -186,7 +204,6 @@ def draw_errors(axes: Axes, series: Sequence[Series]) -> None:
     axes.set_yscale("log")
     for one in series:
         h, e = one.values()
-        floor = max((row.floor for row in one.rows if np.isfinite(row.floor)), default=0.0)
         axes.plot(
             h,
             e,
@@ -194,7 +211,7 @@ def draw_errors(axes: Axes, series: Sequence[Series]) -> None:
             marker=one.style.marker,
             linestyle=one.style.line_style,
             label=one.style.label,
-            gid=f"floor {floor:.1e}",
+            gid=f"floor {one.floor:.1e}",
             markeredgewidth=0.5,
             markeredgecolor="white",
             zorder=3,
@@ -242,7 +259,6 @@ def _draw_failures(axes: Axes, series: Sequence[Series]) -> list[Box]:
     x0, x1 = np.log10(axes.get_xlim())
     across = blended_transform_factory(axes.transData, axes.transAxes)
     top = 1.0
-    bounds: list[float] = []
     for status, members in groups.items():
         places = [(np.log10(h) - x0) / (x1 - x0) for _, steps in members for h in steps]
         word = 0.5 * SMALL_TEXT * len(_status_word(status)) / width + 0.06
@@ -284,20 +300,29 @@ def _draw_failures(axes: Axes, series: Sequence[Series]) -> list[Box]:
             va="center_baseline" if side == "center" else "center",
             fontsize=SMALL_TEXT,
         )
-        axes.axhline(
-            bottom,
+        axes.plot(
+            [0.0, 1.0],
+            [bottom, bottom],
+            transform=axes.transAxes,
             color=GUIDE_COLOUR,
             linewidth=0.5,
-            transform=axes.transAxes,
             label="_edge",
             gid="decoration",
+            scalex=False,
+            scaley=False,
         )
-        bounds.append(bottom)
         top = bottom
     _make_room(axes, 1 - top)
-    axes.axhspan(
-        top, 1.0, transform=axes.transAxes, facecolor="#f0f0f0", edgecolor="none", zorder=0
+    strip = Rectangle(
+        (0.0, top),
+        1.0,
+        1.0 - top,
+        transform=axes.transAxes,
+        facecolor="#f0f0f0",
+        edgecolor="none",
+        zorder=0,
     )
+    axes.add_patch(strip)
     return [(0.0, top, 1.0, 1.0)]
 
 
@@ -340,15 +365,15 @@ def _draw_floor(axes: Axes, series: Sequence[Series]) -> list[Box]:
     return [(0.0, 0.0, 1.0, top), (0.65, 0.0, 1.0, 0.12)]
 
 
-def _legend_columns(styles: dict[str, SeriesStyle], width: float) -> int:
-    """Number of columns that fit: the handle and the longest label at the small text size."""
-    longest = max(len(style.label.replace("$", "")) for style in styles.values())
-    entry = (0.46 * longest + 2.4 + 0.5 + 1.2) * SMALL_TEXT / 72
-    return max(1, min(len(styles), int((width - 0.3) / entry)))
-
-
-def figure_legend(figure: Figure, styles: Sequence[SeriesStyle], width: float) -> None:
-    """One legend for all panels, above them."""
+def figure_legend(
+    figure: Figure,
+    styles: Sequence[SeriesStyle],
+    width: float,
+    *,
+    title: str = "",
+    loc: Literal["outside upper center", "outside lower center"] = "outside upper center",
+) -> None:
+    """One legend for all panels, outside of them."""
     by_label = {style.label: style for style in styles}
     handles = [
         Line2D(
@@ -365,8 +390,10 @@ def figure_legend(figure: Figure, styles: Sequence[SeriesStyle], width: float) -
     ]
     figure.legend(
         handles=handles,
-        loc="outside upper center",
-        ncols=_legend_columns(by_label, width),
+        loc=loc,
+        ncols=legend_columns(list(by_label), width),
+        title=title or None,
+        title_fontsize=SMALL_TEXT,
     )
 
 

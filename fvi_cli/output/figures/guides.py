@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from fvi_cli.output.figures.style import GUIDE_COLOUR, SMALL_TEXT
+from fvi_cli.output.figures.style import GUIDE_COLOUR, SMALL_TEXT, fraction
 
 Array = NDArray[np.float64]
 Box = tuple[float, float, float, float]
@@ -17,23 +18,37 @@ Box = tuple[float, float, float, float]
 GUIDE = "guide"
 """Group id of the lines that show a reference slope."""
 
-_CLEARANCE = 5.0  # points between a triangle and anything else: a marker's radius and some air
-_GAPS = (0.0, 0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
+# points between a triangle and anything else: a marker's radius and some air, or less if it must
+_CLEARANCES = (5.0, 3.5)
+_GAPS = (0.0, 0.02, 0.04, 0.07, 0.1)
+_RUNS = (0.24, 0.19, 0.15, 0.11, 0.08)
+_HIGHEST_RISE = 0.4
+_SAME_SLOPE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curve:
-    """A curve that a reference slope may explain, as decimal logarithms."""
+    """A curve that a reference slope may explain, as decimal logarithms.
+
+    Parameters
+    ----------
+    log_step, log_error
+        Points, shape ``(n,)``.
+    log_floor
+        Below this errors say nothing about the order.
+    """
 
     log_step: Array
     log_error: Array
+    log_floor: float = -np.inf
 
     def slope(self) -> float:
-        """Slope of the last three points on the side of small steps."""
-        if self.log_step.size < 2:
+        """Slope of the last three points above the floor on the side of small steps."""
+        above = np.flatnonzero(self.log_error > self.log_floor)
+        if above.size < 2:
             return float("nan")
-        order = np.argsort(self.log_step)[:3]
-        return float(np.polyfit(self.log_step[order], self.log_error[order], 1)[0])
+        last = above[np.argsort(self.log_step[above])[:3]]
+        return float(np.polyfit(self.log_step[last], self.log_error[last], 1)[0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,8 +63,8 @@ class _Triangle:
 
 
 def order_label(order: float) -> str:
-    """``order 2``, ``order 1.5``."""
-    return f"order {order:g}"
+    """``order 2``, ``order 3/2``."""
+    return f"order {fraction(order)}"
 
 
 def draw_slopes(
@@ -57,7 +72,8 @@ def draw_slopes(
 ) -> None:
     """Draw one slope triangle for every order, near the curve that comes closest to it.
 
-    Where nothing is free a dashed line of that slope crosses the panel instead.
+    A triangle stands beside a curve of its slope. Where all these are hemmed in it is left out,
+    unless it would be the only one: that one may stand anywhere.
 
     Parameters
     ----------
@@ -79,26 +95,34 @@ def draw_slopes(
     scaled = [((c.log_step - x0) / (x1 - x0), (c.log_error - y0) / (y1 - y0)) for c in curves]
     samples = _samples(scaled)
     taken = list(blocked)
-    pad = (_CLEARANCE / width, _CLEARANCE / height)
+    drawn = 0
     for order in orders:
         label = order_label(order)
         size = (0.42 * SMALL_TEXT * len(label) / width, 1.0 * SMALL_TEXT / height)
-        nearest = _nearest(curves, order)
-        target = scaled[nearest] if nearest is not None else None
-        for triangle in _candidates(order * tilt, target):
-            boxes = _boxes(triangle, size, pad)
-            if _is_free(triangle, boxes, samples, taken, pad):
-                taken.extend(boxes)
-                _draw_triangle(axes, triangle, label, (x0, x1, y0, y1))
+        targets = [scaled[k] for k in _targets(curves, order)]
+        for clearance in _CLEARANCES:
+            pad = (clearance / width, clearance / height)
+            candidates = _beside_targets(order * tilt, targets, pad[1])
+            if not targets or (drawn == 0 and order == orders[-1]):
+                candidates = chain(candidates, _anywhere(order * tilt))
+            free = (
+                (triangle, boxes)
+                for triangle in candidates
+                if _is_free(triangle, boxes := _boxes(triangle, size, pad), samples, taken, pad)
+            )
+            chosen = next(free, None)
+            if chosen is not None:
+                taken.extend(chosen[1])
+                _draw_triangle(axes, chosen[0], label, (x0, x1, y0, y1))
+                drawn += 1
                 break
-        else:
-            _draw_line(axes, order, label, (x0, x1, y0, y1))
 
 
-def _nearest(curves: Sequence[Curve], order: float) -> int | None:
+def _targets(curves: Sequence[Curve], order: float) -> list[int]:
+    """Curves of about that slope, the best first."""
     distances = [abs(curve.slope() - order) for curve in curves]
-    finite = [k for k, distance in enumerate(distances) if np.isfinite(distance)]
-    return min(finite, key=distances.__getitem__) if finite else None
+    near = [k for k, distance in enumerate(distances) if distance < _SAME_SLOPE]
+    return sorted(near, key=distances.__getitem__)
 
 
 def _samples(scaled: Sequence[tuple[Array, Array]]) -> Array:
@@ -113,33 +137,43 @@ def _samples(scaled: Sequence[tuple[Array, Array]]) -> Array:
     return np.concatenate(parts)
 
 
-def _candidates(tilt: float, target: tuple[Array, Array] | None) -> Iterator[_Triangle]:
-    """Triangles of slope `tilt` in the panel: close to the target first, then anywhere."""
-    for run in (0.26, 0.2, 0.15, 0.1):
-        rise = tilt * run
-        if rise > 0.45:
-            continue
-        lefts = np.linspace(0.03, 0.97 - run, 25)
-        if target is not None and target[0].size > 1:
-            order = np.argsort(target[0])
-            u, v = target[0][order], target[1][order]
-            for gap in _GAPS:
-                for left in lefts:
-                    along = np.linspace(max(left, u[0]), min(left + run, u[-1]), 20)
-                    if left < u[0] - 0.02 or left + run > u[-1] + 0.02:
-                        continue
-                    offset = np.interp(along, u, v) - tilt * (along - left)
-                    for below in (True, False):
-                        low = offset.min() - gap - 0.03 if below else offset.max() + gap + 0.03
-                        yield _Triangle(
-                            left=left, right=left + run, low=low, high=low + rise, below=below
-                        )
-        for low in np.linspace(0.03, 0.97 - rise, 15):
-            for left in lefts:
+def _beside_targets(
+    tilt: float, targets: Sequence[tuple[Array, Array]], clearance: float
+) -> Iterator[_Triangle]:
+    """Triangles of slope `tilt` beside the targets: large and close ones first."""
+    for run in _runs(tilt):
+        for gap in _GAPS:
+            for u, v in targets:
+                yield from _beside(u, v, tilt, run, gap + 1.05 * clearance)
+
+
+def _anywhere(tilt: float) -> Iterator[_Triangle]:
+    """Triangles of slope `tilt` all over the panel."""
+    for run in _runs(tilt):
+        for low in np.linspace(0.03, 0.97 - tilt * run, 15):
+            for left in np.linspace(0.03, 0.97 - run, 25):
                 for below in (True, False):
                     yield _Triangle(
-                        left=left, right=left + run, low=low, high=low + rise, below=below
+                        left=left, right=left + run, low=low, high=low + tilt * run, below=below
                     )
+
+
+def _runs(tilt: float) -> list[float]:
+    return [run for run in _RUNS if tilt * run < _HIGHEST_RISE]
+
+
+def _beside(u: Array, v: Array, tilt: float, run: float, gap: float) -> Iterator[_Triangle]:
+    """Triangles whose hypotenuse keeps `gap` from one curve, from small steps to large ones."""
+    order = np.argsort(u)
+    u, v = u[order], v[order]
+    for left in np.linspace(u[0], max(u[0], u[-1] - run), 25):
+        along = np.linspace(left, left + run, 20)
+        offset = np.interp(along, u, v) - tilt * (along - left)
+        for below in (True, False):
+            low = float(offset.min() - gap if below else offset.max() + gap)
+            yield _Triangle(
+                left=left, right=left + run, low=low, high=low + tilt * run, below=below
+            )
 
 
 def _boxes(triangle: _Triangle, size: tuple[float, float], pad: tuple[float, float]) -> list[Box]:
@@ -216,37 +250,4 @@ def _draw_triangle(
         va="top" if triangle.below else "bottom",
         fontsize=SMALL_TEXT,
         color=GUIDE_COLOUR,
-    )
-
-
-def _draw_line(
-    axes: Axes, order: float, label: str, limits: tuple[float, float, float, float]
-) -> None:
-    """Dashed line through the middle of the panel, named in the legend of the panel."""
-    x0, x1, y0, y1 = limits
-    x = np.array([x0, x1])
-    y = 0.5 * (y0 + y1) + order * (x - x.mean())
-    axes.plot(
-        10**x,
-        10**y,
-        color=GUIDE_COLOUR,
-        linewidth=0.8,
-        linestyle=(0, (4, 3)),
-        label=f"_{label}",
-        gid=GUIDE,
-        zorder=1.5,
-        scalex=False,
-        scaley=False,
-    )
-    top = min(float(y[1]), y1 - 0.03 * (y1 - y0))
-    axes.annotate(
-        label,
-        xy=(float(10 ** (x.mean() + (top - y.mean()) / order)), float(10**top)),
-        xytext=(-4, 0),
-        textcoords="offset points",
-        ha="right",
-        va="top",
-        fontsize=SMALL_TEXT,
-        color=GUIDE_COLOUR,
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.8},
     )

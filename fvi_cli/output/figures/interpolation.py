@@ -23,7 +23,6 @@ Array = NDArray[np.float64]
 
 _N_STEPS = 3
 _HIGHEST = 1.45
-_SHORTEST = 0.08
 
 
 def interpolation_figure(degree: int = 2, rule: RuleSpecification | None = None) -> Figure:
@@ -31,7 +30,7 @@ def interpolation_figure(degree: int = 2, rule: RuleSpecification | None = None)
 
     On every step a polynomial of degree s through s + 1 Lobatto control points, the outer two
     shared with the neighbours, and the quadrature points at which the Lagrangian is evaluated.
-    The polynomials do not touch the curve, so that the eye can tell them apart.
+    The polynomials stay away from the curve, so that the eye can tell them apart.
 
     Parameters
     ----------
@@ -53,16 +52,15 @@ def interpolation_figure(degree: int = 2, rule: RuleSpecification | None = None)
     control = basis.control_points
     tau = np.linspace(0.0, 1.0, 101)
     # any values will do for a sketch; these make the kinks at the nodes visible
-    main = np.array([0.62, 1.02, 0.72, 1.0])
+    main = _smooth(np.arange(_N_STEPS + 1.0)) + np.array([-0.07, 0.12, -0.1, 0.06])
     with journal_style():
         figure = new_figure(COLUMN_WIDTH, 2.45)
         axes = figure.subplots()
         time = np.linspace(-0.12, _N_STEPS + 0.12, 301)
         axes.plot(time, _smooth(time), color=GUIDE_COLOUR, linestyle=(0, (4, 2)), label="$x(t)$")
         for step in range(_N_STEPS):
-            line = main[step] + (main[step + 1] - main[step]) * control
-            bulge = (0.2, -0.16, 0.22)[step] * 4 * control * (1 - control)
-            values = line + bulge * (1 + 0.5 * (control - 0.5))
+            values = _smooth(step + control) + (0.1, -0.17, 0.2)[step]
+            values[0], values[-1] = main[step], main[step + 1]
             at_points = values @ basis.values(quadrature.nodes)
             axes.plot(
                 step + tau,
@@ -106,7 +104,7 @@ def interpolation_figure(degree: int = 2, rule: RuleSpecification | None = None)
 
 
 def _smooth(time: Array) -> Array:
-    return np.asarray(0.86 + 0.2 * np.sin(2.1 * time - 0.9) + 0.05 * time)
+    return np.asarray(0.85 + 0.27 * np.sin(1.9 * time - 0.6) + 0.03 * time)
 
 
 def _draw_points(axes: Axes, step: int, nodes: Array, values: Array, is_first: bool) -> None:
@@ -136,9 +134,9 @@ def _draw_points(axes: Axes, step: int, nodes: Array, values: Array, is_first: b
             axes.annotate(
                 f"$c_{{{index}}}h$",
                 xy=(step + node, 0.0),
-                xytext=(0, 2),
+                xytext=(-1.5 if index == nodes.size > 1 else 1.5, 2),
                 textcoords="offset points",
-                ha="left" if index == nodes.size else "right",
+                ha="right" if index == nodes.size > 1 else "left",
                 va="bottom",
                 fontsize=SMALL_TEXT,
                 color=COLOURS[2],
@@ -154,10 +152,12 @@ def _name_controls(axes: Axes, control: Array, values: Array) -> None:
         axes.annotate(
             f"${name}$",
             xy=(1 + place, value),
-            xytext=(0, 7 if index in (0, last) else -7),
+            xytext=(4, 6) if index == 0 else (-3, -15 if index == last > 2 else -6),
             textcoords="offset points",
-            ha="center",
-            va="bottom" if index in (0, last) else "top",
+            ha="left" if index == 0 else "right",
+            va="bottom" if index == 0 else "top",
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.2},
+            zorder=2,
             fontsize=SMALL_TEXT,
         )
 

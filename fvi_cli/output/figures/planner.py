@@ -54,7 +54,9 @@ def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[st
     figures: dict[str, Figure] = {}
     derivatives = [study for study in studies if isinstance(study[0].problem, DerivativeProblem)]
     if derivatives:
-        figures[f"{name or _common_name(derivatives)}-saturation"] = saturation_figure(derivatives)
+        title = (name or _common_name(derivatives)).removesuffix("-saturation")
+        title = title if title == "saturation" else f"{title}-saturation"
+        figures[title] = saturation_figure(derivatives)
     ladders = []
     for experiment, finished in studies:
         if isinstance(experiment.problem, DerivativeProblem) or not finished:
@@ -73,7 +75,7 @@ def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[st
 
 
 def figure_kinds(experiment: Experiment, finished: Sequence[FinishedRun]) -> tuple[str, ...]:
-    """Kinds of figures of one experiment, in the order of drawing.
+    """Kinds of figures of one experiment that its runs have the data for, in order of drawing.
 
     Raises
     ------
@@ -83,17 +85,20 @@ def figure_kinds(experiment: Experiment, finished: Sequence[FinishedRun]) -> tup
     for kind in experiment.figures:
         if kind not in FIGURE_KINDS:
             raise ValueError(f"figures: {kind!r} is not one of {', '.join(FIGURE_KINDS)}")
+    has_trajectory = any(item.trajectory.time.size > 1 for item in finished)
+    possible = {
+        "convergence": any(np.isfinite(item.error) or item.status != "ok" for item in finished),
+        "trajectory": has_trajectory,
+        "energy": has_trajectory and any(f.trajectory.energy is not None for f in finished),
+        "error": has_trajectory and experiment.problem.exact is not None,
+    }
     if experiment.figures:
-        return experiment.figures
-    has_errors = any(np.isfinite(item.error) for item in finished)
-    if len({item.run.n_steps for item in finished}) >= _LEAST_LADDER and has_errors:
-        return ("convergence",)
-    kinds = ["trajectory"]
-    if any(item.trajectory.energy is not None for item in finished):
-        kinds.append("energy")
-    if experiment.problem.exact is not None:
-        kinds.append("error")
-    return tuple(kinds)
+        wanted = experiment.figures
+    elif possible["convergence"] and len({f.run.n_steps for f in finished}) >= _LEAST_LADDER:
+        wanted = ("convergence",)
+    else:
+        wanted = ("trajectory", "energy", "error")
+    return tuple(kind for kind in wanted if possible[kind])
 
 
 def sketches() -> dict[str, Figure]:

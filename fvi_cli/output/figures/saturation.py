@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from fractions import Fraction
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -24,6 +23,7 @@ from fvi_cli.output.figures.style import (
     SMALL_TEXT,
     TEXT_WIDTH,
     SeriesStyle,
+    fraction,
     journal_style,
     new_figure,
     series_styles,
@@ -69,7 +69,7 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
                 series = _series(columns[exponent], norm, styles)
                 draw_errors(axes, series)
                 limit = exponent - first.order if norm == "max" else exponent + 1
-                title = rf"order $\min(p,\,{_fraction(limit)})$"
+                title = rf"order $\min(p, {fraction(limit)})$"
                 axes.set_title(f"$b = {exponent:g}$\n{title}" if row == 0 else title)
                 best = max(_largest_order(one) for one in columns[exponent])
                 drawn.append((axes, series, [min(limit, best)]))
@@ -83,7 +83,7 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
         for axes in grid.flat:
             set_limits(axes, [one for _, series, _ in drawn for one in series])
         figure.suptitle(_heading(columns, first), fontsize=SMALL_TEXT)
-        figure_legend(figure, list(styles.values()), width)
+        figure_legend(figure, list(styles.values()), width, loc="outside lower center")
         finish_panels(figure, drawn)
     return figure
 
@@ -136,21 +136,14 @@ def _measured(item: FinishedRun, norm: str) -> float:
     return float(error.max() if norm == "max" else error[-1].max())
 
 
-def _fraction(value: float) -> str:
-    nearest = Fraction(value).limit_denominator(12)
-    if abs(float(nearest) - value) > 1e-9:
-        return f"{value:g}"
-    return str(nearest)
-
-
 def _heading(columns: dict[float, list[Study]], first: DerivativeProblem) -> str:
-    order = _fraction(first.order)
+    order = fraction(first.order)
     family = all(_is_family_member(exponent, studies) for exponent, studies in columns.items())
     function = r"$f(t) = t^{\,b-1} \sin t$" if family else r"$f(t) \sim t^{\,b}$ at 0"
     return (
         f"Caputo derivative of order {order} of {function} on $[0, {first.final_time:g}]$ "
         "by convolution quadrature, BDF$p$.\n"
-        rf"The order is $\min(p,\, b - {order})$ in the maximum norm and $\min(p,\, b + 1)$ at a "
+        rf"The order is $\min(p, b - {order})$ in the maximum norm and $\min(p, b + 1)$ at a "
         "fixed time; the captions of the paper say $b$."
     )
 

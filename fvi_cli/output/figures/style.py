@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal
+from fractions import Fraction
+from typing import TYPE_CHECKING, Literal
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -13,6 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+
+if TYPE_CHECKING:
+    from matplotlib.typing import RcKeyType
 
 LineStyle = Literal["-"] | tuple[float, Sequence[float]]
 
@@ -42,7 +46,7 @@ LINE_STYLES: tuple[LineStyle, ...] = (
 MARKER_SIZE = 4.0
 
 # The fonts come with matplotlib, so that a figure looks the same on every machine.
-_SETTINGS: Mapping[str, object] = {
+_SETTINGS: Mapping[RcKeyType, object] = {
     "font.family": "STIXGeneral",
     "mathtext.fontset": "stix",
     "font.size": 9.0,
@@ -87,13 +91,22 @@ _SETTINGS: Mapping[str, object] = {
     "figure.constrained_layout.w_pad": 0.03,
 }
 
+# What a user's own settings file says of these must not change a committed figure.
+_DRAWING_SETTINGS = (
+    *("axes", "figure", "font", "grid", "hatch", "legend", "lines", "markers", "mathtext"),
+    *("patch", "path", "pdf", "savefig", "text", "xtick", "ytick"),
+)
+
 
 @contextmanager
 def journal_style() -> Iterator[None]:
     """Within this context figures are made and drawn in the style of a printed journal."""
-    with mpl.rc_context():
-        mpl.rcdefaults()
-        mpl.rcParams.update(dict(_SETTINGS))  # type: ignore[arg-type]
+    factory = {
+        key: value
+        for key, value in mpl.rcParamsDefault.items()
+        if key.split(".")[0] in _DRAWING_SETTINGS and key not in _SETTINGS
+    }
+    with mpl.rc_context({**factory, **_SETTINGS}):
         yield
 
 
@@ -124,13 +137,18 @@ def series_styles(methods: Sequence[AnyMethod]) -> dict[str, SeriesStyle]:
     seen: dict[str, int] = {}
     shared = len({_family(method) for method in distinct.values()}) < len(distinct)
     markers = _choose(distinct, (lambda method: method.case) if shared else _family, MARKERS)
-    styles = {}
+    styles: dict[str, SeriesStyle] = {}
     for case, method in distinct.items():
         family = _family(method)
         variant = seen.get(family, 0)
         seen[family] = variant + 1
         colour = colours[family]
         position = variant if shared else COLOURS.index(colour)
+        while any(
+            (style.colour, style.line_style) == (colour, LINE_STYLES[position % len(LINE_STYLES)])
+            for style in styles.values()
+        ) and position < len(LINE_STYLES):
+            position += 1  # more methods than colours
         styles[case] = SeriesStyle(
             label=labels[case],
             colour=colour,
@@ -174,46 +192,101 @@ def method_labels(methods: Sequence[AnyMethod]) -> dict[str, str]:
     """
     beside_others = any(isinstance(method, Baseline) for method in methods)
     galerkin = [method for method in methods if isinstance(method, Method)]
-    features: list[Callable[[Method], str]] = [
-        lambda method: f"$s={method.degree}$",
-        lambda method: method.sampling,
-        lambda method: f"{method.rule.points} {method.rule.rule.capitalize()}",
-        lambda method: "series" if method.start == "series" else f"start {method.start}",
-        lambda method: ", ".join(f"$t^{{{e:g}}}$" for e in method.start_exponents) or "own powers",
-        lambda method: f"{method.forcing_quadrature} forcing",
-    ]
     plain = [method for method in galerkin if not method.is_runge_kutta]
-    told: list[Callable[[Method], str]] = []
-    for position, feature in enumerate(features):
-        # a Runge-Kutta family has its degree in its name and its own points
-        among = plain if position < 3 else galerkin
-        names = {(feature(method), _base_label(method)) for method in among}
-        if len(names) > len({_base_label(method) for method in among}) or (
-            position == 0 and len({feature(method) for method in among}) > 1
-        ):
+    told: list[_Feature] = [
+        feature for feature in _ACTION if len({feature(method) for method in plain}) > 1
+    ]
+    for feature in _REST:
+        if len(_names(galerkin, [*told, feature])) > len(_names(galerkin, told)):
             told.append(feature)
     labels = {}
     for method in methods:
         if isinstance(method, Baseline):
             labels[method.case] = method.name.replace("-", " ").replace("euler", "Euler")
             continue
-        own = [
-            feature(method)
-            for feature in told
-            if not (method.is_runge_kutta and feature in features[:3])
-        ]
         base = _base_label(method)
         if beside_others:
             base = f"FVI-{base.replace(' ', '')}CQ"
-        labels[method.case] = ", ".join([base, *own])
+        labels[method.case] = ", ".join([base, *_told(method, told)])
     doubled = [label for label in labels.values() if list(labels.values()).count(label) > 1]
     return {case: case if label in doubled else label for case, label in labels.items()}
+
+
+_Feature = Callable[[Method], str]
+
+
+def _sampling(method: Method) -> str:
+    return method.sampling
+
+
+def _degree(method: Method) -> str:
+    return f"$s={method.degree}$"
+
+
+def _rule(method: Method) -> str:
+    return f"{method.rule.points} {method.rule.rule.capitalize()}"
+
+
+def _start(method: Method) -> str:
+    if method.start != "weights":
+        return "series start" if method.start == "series" else "plain start"
+    if not method.start_exponents:
+        return "starting weights"
+    powers = ", ".join(f"$t^{{{fraction(e)}}}$" for e in method.start_exponents)
+    return f"starting weights for {powers}"
+
+
+def _forcing(method: Method) -> str:
+    return f"{method.forcing_quadrature} forcing"
+
+
+_ACTION: tuple[_Feature, ...] = (_sampling, _degree)
+_REST: tuple[_Feature, ...] = (_rule, _start, _forcing)
+
+
+def _told(method: Method, features: Sequence[_Feature]) -> list[str]:
+    """What a label says of its method; a Runge-Kutta method brings degree and points along."""
+    return [
+        feature(method)
+        for feature in (*_ACTION, *_REST)
+        if (feature in features and not (method.is_runge_kutta and feature not in _REST[1:]))
+        or (feature is _start and method.start == "weights")
+    ]
+
+
+def _names(methods: Sequence[Method], features: Sequence[_Feature]) -> set[tuple[str, ...]]:
+    return {(_base_label(method), *_told(method, features)) for method in methods}
+
+
+def common_features(methods: Sequence[AnyMethod]) -> str:
+    """What all BDF methods of a figure have in common: degree, quadrature points, sampling."""
+    plain = [m for m in methods if isinstance(m, Method) and not m.is_runge_kutta]
+    if len({(m.degree, m.rule.label, m.sampling) for m in plain}) != 1:
+        return ""
+    method = plain[0]
+    points = "point" if method.rule.points == 1 else "points"
+    where = "nodes" if method.sampling == "nodes" else "quadrature points"
+    return f"degree $s={method.degree}$, {_rule(method)} {points}, damping sampled at the {where}"
+
+
+def fraction(value: float) -> str:
+    """``5/2`` for 2.5, and the decimal number where no small denominator does."""
+    nearest = Fraction(value).limit_denominator(12)
+    return str(nearest) if abs(float(nearest) - value) < 1e-9 else f"{value:g}"
 
 
 def _base_label(method: Method) -> str:
     if method.is_runge_kutta:
         return f"{_FAMILY_NAMES[method.cq]} {method.stages}"
     return f"BDF{method.bdf_order}"
+
+
+def legend_columns(labels: Sequence[str], width: float) -> int:
+    """Number of equal columns of a legend that fit into `width` inches, rows filled evenly."""
+    longest = max(len(label.replace("$", "")) for label in labels)
+    entry = (0.45 * longest + 4.1) * SMALL_TEXT / 72
+    columns = max(1, min(len(labels), int((width - 0.1) / entry)))
+    return -(-len(labels) // -(-len(labels) // columns))
 
 
 def logarithmic_ticks(axes: Axes, step_sizes: Sequence[float]) -> None:

@@ -16,6 +16,7 @@ from fvi_cli.output.figures.style import (
     INK,
     SeriesStyle,
     journal_style,
+    legend_columns,
     new_figure,
     series_styles,
 )
@@ -204,6 +205,8 @@ def _draw_series(
     floor: float = float("nan"),
 ) -> None:
     """One curve with a few marks, which are shifted from curve to curve."""
+    every = max(1, time.size // _FINE_POINTS)
+    time, values = time[::every], values[::every]
     stride = max(1, time.size // _MARKS)
     axes.plot(
         time,
@@ -237,15 +240,10 @@ def _limit(axes: Axes, ranges: Sequence[Array]) -> None:
 def _finish(
     figure: Figure, axes: Axes, shown: Sequence[FinishedRun], experiment: Experiment
 ) -> None:
-    axes.set_xlabel("time $t$")
+    sizes = {item.run.step_size for item in shown}
+    step = f" (step size $h = {sizes.pop():.4g}$)" if len(sizes) == 1 else ""
+    axes.set_xlabel(f"time $t${step}")
     axes.set_xlim(0.0, experiment.problem.final_time)
     handles, labels = axes.get_legend_handles_labels()
-    sizes = {item.run.step_size for item in shown}
-    if len(sizes) == 1:
-        figure.suptitle(f"$h = {sizes.pop():.4g}$")
-    longest = max(len(label.replace("$", "")) for label in labels)
-    entry = 0.46 * longest + 4.1
-    columns = max(1, min(len(labels), int((COLUMN_WIDTH - 0.2) * 72 / 8 / entry)))
-    if len(labels) > columns:
-        columns = -(-len(labels) // -(-len(labels) // columns))
+    columns = legend_columns(labels, COLUMN_WIDTH)
     figure.legend(handles, labels, loc="outside upper center", ncols=columns)

@@ -1,0 +1,518 @@
+"""Figures are judged by what they draw: every series, every failure, the right slopes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from itertools import combinations
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.output import figures
+from fvi_cli.output.figures import saving
+from fvi_cli.output.figures.saturation import leading_exponent
+from fvi_cli.output.figures.style import method_labels, series_styles
+from fvi_cli.output.figures.time_series import exact_energy
+from fvi_cli.scenes.named import linear_oscillator
+from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
+
+NODES = tuple(Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in (1, 2, 3))
+LADDER = tuple(2**k for k in range(3, 9))
+ORDERS = {"bdf1": 1.0, "bdf2": 2.0, "bdf3": 2.0}
+
+
+def oscillator(exact: bool = True) -> Problem:
+    """x'' + x = 0, x(0) = 0, x'(0) = 1, with a damping of coefficient zero for the title."""
+    scene = linear_oscillator(
+        final_time=8.0,
+        initial_velocity=1.0,
+        damping=(FractionalDamping(order=1.5, coefficient=np.zeros((1, 1))),),
+    )
+    return Problem(
+        kind="bagley-torvik", scene=scene, exact=(lambda t: np.sin(t)[:, None]) if exact else None
+    )
+
+
+def experiment(
+    *,
+    methods: Sequence[AnyMethod] = NODES,
+    steps: Sequence[int] = LADDER,
+    problem: AnyProblem | None = None,
+    name: str = "made-up",
+    figures: tuple[str, ...] = (),
+) -> Experiment:
+    return Experiment(
+        name=name,
+        problem=problem or oscillator(),
+        problem_specification={},
+        methods=tuple(methods),
+        steps=tuple(steps),
+        figures=figures,
+    )
+
+
+def power_law(run: Run) -> float:
+    order = ORDERS.get(getattr(run.method, "cq", ""), 1.0)
+    return 0.1 / (1 + list(ORDERS).index(getattr(run.method, "cq", "bdf1"))) * run.step_size**order
+
+
+def finish(
+    one: Experiment,
+    error: Callable[[Run], float] = power_law,
+    status: Callable[[Run], str] = lambda run: "ok",
+) -> list[FinishedRun]:
+    """Runs whose trajectory is the exact solution plus the error at every point but the first."""
+    finished = []
+    for run in one.runs():
+        time = run.step_size * np.arange(run.n_steps + 1)
+        offset = np.where(time > 0, error(run), 0.0)[:, None]
+        finished.append(
+            FinishedRun(
+                run=run,
+                trajectory=Trajectory(
+                    time=time,
+                    position=np.sin(time)[:, None] + offset,
+                    momentum=np.cos(time)[:, None],
+                    energy=0.5 + offset[:, 0],
+                    n_steps=run.n_steps,
+                    step_size=run.step_size,
+                ),
+                error=error(run),
+                floor=1e-13,
+                status=status(run),  # type: ignore[arg-type]
+                expected_order=ORDERS.get(getattr(run.method, "cq", ""), float("nan")),
+            )
+        )
+    return finished
+
+
+def lines(figure: Figure, gid: str | None = None) -> list[Line2D]:
+    found = [line for axes in figure.axes for line in axes.lines]
+    if gid is None:
+        return [line for line in found if str(line.get_gid()).startswith("floor")]
+    return [line for line in found if line.get_gid() == gid]
+
+
+def words(figure: Figure) -> list[str]:
+    return [text.get_text() for axes in figure.axes for text in axes.texts]
+
+
+def slope(line: Line2D) -> float:
+    x, y = np.log(line.get_xdata()), np.log(line.get_ydata())
+    return float((y[1] - y[0]) / (x[1] - x[0]))
+
+
+def test_figures_do_without_pyplot_and_leave_the_settings_alone(tmp_path: Path) -> None:
+    script = """
+import sys
+import matplotlib
+def settings():  # asking for the backend would choose one, with pyplot
+    return {key: matplotlib.rcParams[key] for key in matplotlib.rcParams if key != "backend"}
+before = settings()
+from fvi_cli.output.figures import interpolation_figure, save_figure
+from pathlib import Path
+save_figure(interpolation_figure(), Path(sys.argv[1]), "sketch")
+print("matplotlib.pyplot" in sys.modules, settings() == before)
+"""
+    answer = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path)], capture_output=True, text=True, check=True
+    )
+    assert answer.stdout.split() == ["False", "True"]
+
+
+def test_a_users_own_settings_do_not_change_a_figure(tmp_path: Path) -> None:
+    paths = figures.save_figure(figures.interpolation_figure(), tmp_path / "plain", "sketch")
+    with mpl.rc_context({"axes.grid": True, "lines.linewidth": 5.0, "font.size": 20.0}):
+        other = figures.save_figure(figures.interpolation_figure(), tmp_path / "own", "sketch")
+    assert [path.read_bytes() for path in paths] == [path.read_bytes() for path in other]
+
+
+def test_convergence_draws_every_error_of_every_method() -> None:
+    one = experiment()
+    finished = finish(one)
+    figure = figures.convergence_figure([(one, finished)])
+    drawn = {line.get_label(): line for line in lines(figure)}
+    assert set(drawn) == {"BDF1", "BDF2", "BDF3"}
+    for method, label in zip(NODES, ("BDF1", "BDF2", "BDF3"), strict=True):
+        wanted = sorted((f.run.step_size, f.error) for f in finished if f.run.method == method)
+        got = list(zip(drawn[label].get_xdata(), drawn[label].get_ydata(), strict=True))
+        assert got == wanted
+    assert figure.axes[0].get_xlabel() == "step size $h$"
+    assert "max" in figure.axes[0].get_ylabel()
+    assert figure.axes[0].get_title() == r"Bagley–Torvik, $\gamma = 3/2$"
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["BDF1", "BDF2", "BDF3"]
+    assert "degree $s=1$" in legend.get_title().get_text()
+
+
+def test_reference_slopes_have_the_slope_that_their_label_says() -> None:
+    one = experiment()
+    figure = figures.convergence_figure([(one, finish(one))])
+    found = {line.get_label(): slope(line) for line in lines(figure, "guide")}
+    assert set(found) == {"_order 1", "_order 2"}
+    assert found["_order 1"] == pytest.approx(1, abs=1e-9)
+    assert found["_order 2"] == pytest.approx(2, abs=1e-9)
+    assert {"order 1", "order 2"} <= set(words(figure))
+    other = figures.convergence_figure([(one, finish(one))], orders=[1.5])
+    assert [slope(line) for line in lines(other, "guide")] == pytest.approx([1.5])
+    assert words(other) == ["order 3/2"]
+
+
+def test_observed_slopes_stand_in_where_theory_says_nothing() -> None:
+    one = experiment(methods=[Baseline(name="explicit-euler"), Baseline(name="implicit-euler")])
+    figure = figures.convergence_figure([(one, finish(one))])
+    assert [slope(line) for line in lines(figure, "guide")] == pytest.approx([1.0])
+
+
+def test_slope_triangles_keep_clear_of_curves() -> None:
+    one = experiment()
+    figure = figures.convergence_figure([(one, finish(one))])
+    axes = figure.axes[0]
+    curves = [line.get_transform().transform(line.get_xydata()) for line in lines(figure)]
+    for guide in lines(figure, "guide"):
+        ends = guide.get_transform().transform(guide.get_xydata())
+        for curve in curves:
+            along = np.linspace(*ends[:, 0], 50)
+            inside = (along >= curve[0, 0]) & (along <= curve[-1, 0])
+            gap = np.interp(along, *curve.T) - np.interp(along, *ends.T)
+            assert np.abs(gap[inside]).min() > 3 * figure.dpi / 72
+        low, high = axes.get_ylim()
+        assert low < min(guide.get_ydata())
+        assert max(guide.get_ydata()) < high
+
+
+def test_diverged_runs_stand_hollow_at_the_top_under_their_word() -> None:
+    one = experiment()
+
+    def status(run: Run) -> str:
+        return "diverged" if run.method.case.startswith("bdf3") and run.n_steps < 64 else "ok"
+
+    finished = finish(one, status=status)
+    figure = figures.convergence_figure([(one, finished)])
+    (marks,) = lines(figure, "failure")
+    gone = {f.run.step_size for f in finished if f.status == "diverged"}
+    assert set(marks.get_xdata()) == gone
+    assert marks.get_markerfacecolor() == "none"
+    assert min(marks.get_ydata()) > 0.8
+    assert "diverged" in words(figure)
+    kept = next(line for line in lines(figure) if line.get_label() == "BDF3")
+    finite = np.isfinite(kept.get_ydata())
+    assert set(np.asarray(kept.get_xdata())[~finite]) == gone
+    # the strip lies above every curve
+    top = figure.axes[0].transAxes.inverted()
+    for line in lines(figure):
+        inside = line.get_transform().transform(line.get_xydata()[np.isfinite(line.get_ydata())])
+        assert top.transform(inside)[:, 1].max() < min(marks.get_ydata())
+    control = figures.convergence_figure([(one, finish(one))])
+    assert not lines(control, "failure")
+    assert "diverged" not in words(control)
+
+
+@pytest.mark.parametrize("word", ["failed", "refused"])
+def test_other_failures_have_their_own_word(word: str) -> None:
+    one = experiment(methods=NODES[:1])
+    finished = finish(one, error=lambda run: float("nan"), status=lambda run: word)
+    figure = figures.convergence_figure([(one, finished)])
+    assert word in words(figure)
+    assert len(lines(figure, "failure")[0].get_xdata()) == len(LADDER)
+
+
+def test_round_off_is_hatched_only_where_it_is_reached() -> None:
+    one = experiment()
+    reached = figures.convergence_figure(
+        [(one, finish(one, error=lambda run: max(run.step_size**14, 3e-14)))]
+    )
+    assert "round-off" in words(reached)
+    assert any(patch.get_hatch() for patch in reached.axes[0].patches)
+    control = figures.convergence_figure([(one, finish(one))])
+    assert "round-off" not in words(control)
+    assert not any(patch.get_hatch() for patch in control.axes[0].patches)
+
+
+def test_methods_are_told_apart_in_colour_and_in_grey() -> None:
+    methods: list[AnyMethod] = [
+        *(Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in range(1, 7)),
+        Method(cq="bdf2", degree=2, sampling="nodes"),
+        Method(cq="bdf2", degree=2),
+        Method(cq="bdf2", degree=2, start="series"),
+        Method(cq="gauss", degree=2),
+        Method(cq="gauss", degree=3, start="series"),
+        Baseline(name="explicit-euler"),
+    ]
+    styles = series_styles(methods)
+    assert len(styles) == len(methods)
+    assert len({style.label for style in styles.values()}) == len(methods)
+    for a, b in combinations(list(styles.values()), 2):
+        assert (a.colour, a.line_style) != (b.colour, b.line_style) or a.marker != b.marker
+    plain = series_styles(methods[:6]).values()
+    for name in ("colour", "marker", "line_style"):
+        assert len({getattr(style, name) for style in plain}) == 6
+
+
+def test_labels_say_no_more_than_is_needed() -> None:
+    assert list(method_labels(NODES).values()) == ["BDF1", "BDF2", "BDF3"]
+    mixed = [NODES[1], Method(cq="bdf2", degree=2), Method(cq="gauss", degree=3)]
+    assert list(method_labels(mixed).values()) == [
+        "BDF2, nodes, $s=1$",
+        "BDF2, points, $s=2$",
+        "Gauss 3",
+    ]
+    beside = [NODES[0], Baseline(name="explicit-euler")]
+    assert list(method_labels(beside).values()) == ["FVI-BDF1CQ", "explicit Euler"]
+    corrected = Method(
+        cq="bdf3", degree=2, sampling="nodes", start="weights", start_exponents=(2.5,)
+    )
+    assert method_labels([corrected])[corrected.case] == "BDF3, starting weights for $t^{5/2}$"
+
+
+def test_trajectory_energy_and_error_show_every_method_and_the_exact_solution() -> None:
+    methods = [NODES[0], Baseline(name="explicit-euler"), Baseline(name="implicit-euler")]
+    names = ["FVI-BDF1CQ", "explicit Euler", "implicit Euler"]
+    one = experiment(methods=methods, steps=[64])
+    finished = finish(one)
+    made = figures.figures_for([(one, finished)])
+    assert set(made) == {"made-up-trajectory", "made-up-energy", "made-up-error"}
+    for kind, symbol in (("trajectory", "x(t)"), ("energy", "H(x, p)"), ("error", "x_k - x(t_k)")):
+        figure = made[f"made-up-{kind}"]
+        (axes,) = figure.axes
+        labels = [line.get_label() for line in axes.lines]
+        assert labels == ([] if kind == "error" else ["exact"]) + names
+        assert symbol in axes.get_ylabel()
+        assert "$t$" in axes.get_xlabel()
+        assert "0.125" in axes.get_xlabel()
+    drawn = made["made-up-error"].axes[0].lines[0].get_ydata()
+    assert np.isnan(drawn[0])
+    np.testing.assert_allclose(drawn[1:], power_law(finished[0].run), rtol=1e-10)
+
+
+def test_exact_energy_needs_no_velocity() -> None:
+    found = exact_energy(experiment())
+    assert found is not None
+    np.testing.assert_allclose(found[1], 0.5, atol=1e-5)
+
+
+def test_a_solution_that_runs_away_does_not_press_the_others_flat() -> None:
+    one = experiment(methods=NODES[:2], steps=[64])
+    finished = finish(one, error=lambda run: 1e6 if run.method == NODES[1] else 1e-3)
+    low, high = figures.trajectory_figure(one, finished).axes[0].get_ylim()
+    assert -3 < low < -1
+    assert 1 < high < 3
+
+
+def test_choice_of_a_step_of_the_ladder() -> None:
+    one = experiment(methods=NODES[:1])
+    finished = finish(one)
+    chosen = figures.trajectory_figure(one, finished, n_steps=16)
+    assert len(chosen.axes[0].lines[1].get_xdata()) == 17
+    with pytest.raises(ValueError, match=r"n_steps: 17 is not one of .*\[8, 16"):
+        figures.trajectory_figure(one, finished, n_steps=17)
+
+
+def derivative_study(b: int) -> tuple[Experiment, list[FinishedRun]]:
+    problem = DerivativeProblem(
+        function=lambda t: (t ** (b - 1) * np.sin(t))[:, None],
+        order=0.5,
+        final_time=1.0,
+        exact=lambda t: np.sin(t)[:, None],
+    )
+    one = experiment(problem=problem, methods=NODES, name=f"saturation-b{b}")
+    return one, finish(one, error=lambda run: 1e-3 * run.step_size ** min(2, b - 0.5))
+
+
+def test_saturation_has_a_column_for_every_b_and_a_row_for_every_norm() -> None:
+    studies = [derivative_study(b) for b in (1, 3, 4, 5)]
+    made = figures.figures_for(studies)
+    assert set(made) == {"saturation"}
+    figure = made["saturation"]
+    assert len(figure.axes) == 8
+    assert [axes.get_title() for axes in figure.axes[:4]] == [
+        f"$b = {b}$\norder $\\min(p, {2 * b - 1}/2)$" for b in (1, 3, 4, 5)
+    ]
+    assert [axes.get_title() for axes in figure.axes[4:]] == [
+        f"order $\\min(p, {b + 1})$" for b in (1, 3, 4, 5)
+    ]
+    assert len(lines(figure)) == 24
+    heading = figure.get_suptitle()
+    for phrase in ("b - 1/2", "b + 1", "captions of the paper say $b$", r"t^{\,b-1} \sin t"):
+        assert phrase in heading
+    # the second row is measured at the end of the trajectory
+    (_, finished) = studies[0]
+    last = [abs(f.trajectory.position[-1, 0] - np.sin(1.0)) for f in finished[: len(LADDER)]]
+    np.testing.assert_allclose(lines(figure)[12].get_ydata(), last[::-1], rtol=1e-12)
+
+
+def test_leading_exponent_is_read_off_the_function() -> None:
+    for b in (1, 3, 4, 5):
+        problem = derivative_study(b)[0].problem
+        assert isinstance(problem, DerivativeProblem)
+        assert leading_exponent(problem) == b
+
+
+def test_saturation_refuses_other_problems() -> None:
+    one = experiment()
+    with pytest.raises(ValueError, match="bagley-torvik"):
+        figures.saturation_figure([(one, finish(one))])
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_sketch_shows_control_and_quadrature_points(degree: int) -> None:
+    figure = figures.interpolation_figure(degree)
+    drawn = {str(line.get_label()): line for line in figure.axes[0].lines}
+    assert len(drawn["control points at nodes"].get_xdata()) == 4
+    assert len(drawn["quadrature points"].get_xdata()) == degree
+    assert ("inner control points" in drawn) == (degree > 1)
+    pieces = [line for line in figure.axes[0].lines if "piece" in str(line.get_label())]
+    assert len(pieces) == 2
+    # every piece is a polynomial of that degree, and of no lower one
+    x, y = pieces[0].get_xdata(), pieces[0].get_ydata()
+    defects = [np.abs(np.polyval(np.polyfit(x, y, k), x) - y).max() for k in (degree, degree - 1)]
+    assert defects[0] < 1e-12
+    assert defects[1] > 1e-3
+
+
+def test_sketch_refuses_what_it_cannot_show() -> None:
+    with pytest.raises(ValueError, match="1 to 5"):
+        figures.interpolation_figure(6)
+
+
+def test_which_figures_an_experiment_gets() -> None:
+    ladder = experiment()
+    assert figures.figure_kinds(ladder, finish(ladder)) == ("convergence",)
+    short = experiment(steps=[8, 16])
+    assert figures.figure_kinds(short, finish(short)) == ("trajectory", "energy", "error")
+    unknown = experiment(steps=[8], problem=oscillator(exact=False))
+    assert figures.figure_kinds(unknown, finish(unknown)) == ("trajectory", "energy")
+    named = experiment(figures=("energy", "convergence"))
+    assert figures.figure_kinds(named, finish(named)) == ("energy", "convergence")
+    wrong = experiment(figures=("enrgy",))
+    with pytest.raises(ValueError, match="'enrgy' is not one of convergence, trajectory"):
+        figures.figure_kinds(wrong, finish(wrong))
+
+
+def test_experiments_of_one_configuration_share_a_convergence_figure() -> None:
+    studies = [(one, finish(one)) for one in (experiment(name="a"), experiment(name="b"))]
+    together = figures.figures_for(studies, name="table-1")
+    assert set(together) == {"table-1-convergence"}
+    # one kind and order twice: the names tell the panels apart
+    assert [axes.get_title() for axes in together["table-1-convergence"].axes] == ["a", "b"]
+    assert set(figures.figures_for(studies)) == {"a-convergence", "b-convergence"}
+
+
+def test_saved_files_are_the_same_bytes_every_time(tmp_path: Path) -> None:
+    one = experiment()
+    kept = []
+    for folder in ("first", "second"):
+        made = figures.convergence_figure([(one, finish(one))])
+        paths = figures.save_figure(made, tmp_path / folder, "made-up")
+        assert [path.name for path in paths] == ["made-up.pdf", "made-up.png", "made-up.json"]
+        kept.append([path.read_bytes() for path in paths])
+    assert kept[0] == kept[1]
+    assert b"CreationDate" not in kept[0][0]
+    assert b"atplotlib" not in kept[0][0] + kept[0][1]
+
+
+def test_a_failure_while_saving_leaves_the_old_files_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figure = figures.interpolation_figure()
+    figures.save_figure(figure, tmp_path, "sketch")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with monkeypatch.context() as patch:
+        patch.setattr(saving.os, "fsync", _no_space)
+        with pytest.raises(OSError, match="no space"):
+            figures.save_figure(figures.interpolation_figure(1), tmp_path, "sketch")
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    figures.save_figure(figures.interpolation_figure(1), tmp_path, "sketch")
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} != before
+
+
+def _no_space(handle: int) -> None:
+    raise OSError("no space")
+
+
+@pytest.mark.parametrize("name", ["", "../up", "a/b", ".hidden", "a b"])
+def test_names_of_files_stay_in_their_folder(tmp_path: Path, name: str) -> None:
+    with pytest.raises(ValueError, match="letters, digits"):
+        figures.save_figure(figures.interpolation_figure(), tmp_path, name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_drawn_data_survives_its_file(tmp_path: Path) -> None:
+    one = experiment()
+    figure = figures.convergence_figure([(one, finish(one))])
+    path = figures.save_figure(figure, tmp_path, "made-up")[2]
+    assert path.read_text(encoding="utf-8") == figures.drawn_text(figure)
+    stored = json.loads(path.read_text(encoding="utf-8"))
+    assert figures.compare_drawn(stored, figures.drawn_data(figure)) == []
+    (panel,) = stored["panels"]
+    by_label = {line["label"]: line for line in panel["lines"]}
+    assert by_label["order 2"] == {"label": "order 2", "slope": 2.0}
+    assert by_label["BDF1"]["y"] == [float(f"{0.1 * 8.0 / n:.2e}") for n in reversed(LADDER)]
+
+
+@pytest.mark.parametrize(
+    ("factor", "differences"), [(1 + 1e-5, 0), (1.0005, 0), (1.03, len(LADDER)), (1e3, len(LADDER))]
+)
+def test_comparison_sees_the_third_digit_and_no_more(factor: float, differences: int) -> None:
+    one = experiment(methods=NODES[:1])
+    old = figures.drawn_data(figures.convergence_figure([(one, finish(one))]))
+    moved = finish(one, error=lambda run: factor * power_law(run))
+    new = figures.drawn_data(figures.convergence_figure([(one, moved)]))
+    assert len(figures.compare_drawn(old, new)) == differences
+
+
+def test_comparison_leaves_round_off_alone() -> None:
+    one = experiment(methods=NODES[:1])
+
+    def drawn(noise: float) -> object:
+        made = finish(one, error=lambda run: max(run.step_size**9, noise))
+        return figures.drawn_data(figures.convergence_figure([(one, made)]))
+
+    assert figures.compare_drawn(drawn(2e-14), drawn(5e-14)) == []
+    assert figures.compare_drawn(drawn(2e-14), drawn(5e-9)) != []
+
+
+def test_comparison_names_what_went_missing() -> None:
+    short, long = experiment(methods=NODES[:2]), experiment()
+    old = figures.drawn_data(figures.convergence_figure([(long, finish(long))]))
+    new = figures.drawn_data(figures.convergence_figure([(short, finish(short))]))
+    found = figures.compare_drawn(old, new)
+    assert any("panels.0.lines" in line for line in found)
+    diverged = finish(long, status=lambda run: "diverged" if run.n_steps == 8 else "ok")
+    assert figures.compare_drawn(
+        old, figures.drawn_data(figures.convergence_figure([(long, diverged)]))
+    )
+
+
+def test_an_empty_request_is_refused() -> None:
+    with pytest.raises(ValueError, match="at least one"):
+        figures.convergence_figure([])
+    with pytest.raises(ValueError, match="at least one"):
+        figures.saturation_figure([])
+
+
+def test_nothing_is_written_too_small_to_read() -> None:
+    studies = [derivative_study(b) for b in (1, 3, 4, 5)]
+    one = experiment()
+    made = [
+        figures.interpolation_figure(),
+        figures.saturation_figure(studies),
+        figures.convergence_figure([(one, finish(one))]),
+        figures.error_figure(one, finish(one)),
+    ]
+    for figure in made:
+        assert figure.get_figwidth() in (3.4, 7.0)
+        figure.draw_without_rendering()
+        sizes = [text.get_fontsize() for text in figure.findobj(mpl.text.Text) if text.get_text()]
+        assert min(sizes) >= 7
