@@ -255,9 +255,9 @@ def _experiment_record(name: Key) -> Record:
             Key(
                 name="figures",
                 shape=ListOf(shape=Choice(words=FIGURES), least=0, example="[convergence]"),
-                meaning="Figures to draw. Default: convergence; trajectory for one number of "
-                "steps.",
-                default=OPTIONAL,
+                meaning="Figures to draw. Default: convergence for a ladder of three or more "
+                "numbers of steps, otherwise trajectory, energy and error.",
+                default=[],
             ),
             Key(
                 name="allow_unstable",
@@ -346,12 +346,10 @@ def make_experiment(
         _check_meeting(problem, methods, complaints)
         dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
         _check_memory(dimension, steps, node, path, complaints)
-    figures = values.get("figures", ["convergence" if len(steps) > 1 else "trajectory"])
     resolved = {
         **values,
         "name": name,
         "method": [listed_method.resolved for listed_method in methods],
-        "figures": figures,
     }
     if problem is None or len(complaints) > before or not is_complete(resolved):
         return ReadExperiment(resolved=resolved, experiment=None)
@@ -366,7 +364,7 @@ def make_experiment(
         allow_unstable=values["allow_unstable"],
         store_every=values["store"]["every"],
         claims=values["claims"],
-        figures=tuple(figures),
+        figures=tuple(values["figures"]),
     )
     return ReadExperiment(resolved=resolved, experiment=experiment)
 

@@ -1,0 +1,134 @@
+"""The keys as JSON schema, and as commented files to begin with; both from the same shapes."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any, Final
+
+from fvi_cli.config.complaints import listed, suggestion
+from fvi_cli.config.experiment_keys import EXPERIMENT, SEVERAL, SINGLE
+from fvi_cli.config.problem_keys import PROBLEM
+from fvi_cli.config.shapes import Missing, Schema
+from fvi_cli.errors import RequestError
+from fvi_cli.scenes.registry import EQUATIONS
+
+WIDTH: Final = 98
+
+
+def json_schema() -> Schema:
+    """JSON schema (draft 2020-12) of a configuration, for editors.
+
+    Every key has a description, which names its unit, and its default. What holds between keys
+    is checked by :func:`fvi_cli.config.parse_config` only.
+    """
+    single = SINGLE.schema()
+    experiment = EXPERIMENT.schema()
+    shared = {
+        name: definition
+        for name, definition in single["properties"].items()
+        if name not in ("name", "experiments")
+    }
+    references = {name: {"$ref": f"#/$defs/{name}"} for name in shared}
+    for schema in (single, experiment):
+        schema["properties"] = {"name": schema["properties"]["name"], **references}
+    several = SEVERAL.schema()
+    several["properties"]["experiments"]["items"] = {"$ref": "#/$defs/experiment"}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Configuration of fvi",
+        "if": {"required": ["experiments"]},
+        "then": several,
+        "else": single,
+        "$defs": {"experiment": experiment, **shared},
+    }
+
+
+# What a starter file says where there is no default, or where the default shows little.
+_EXAMPLES: Final[dict[str, dict[str, str]]] = {
+    "damped-oscillator": {
+        "damping": "[{order: 1.0, coefficient: 0.2}]",
+        "initial": "{position: 0.0, velocity: 1.0}",
+        "final_time": "16.0",
+    },
+    "bagley-torvik": {
+        "damping": "[{order: 1.5, coefficient: 1.0}]",
+        "forcing": "1 + t",
+        "initial": "{position: 1.0, velocity: 1.0}",
+        "final_time": "5.0",
+        "exact": "1 + t",
+    },
+    "pendulum": {
+        "damping": "[{order: 0.5, coefficient: 0.3}]",
+        "initial": "{position: 1.0, velocity: 0.0}",
+        "final_time": "20.0",
+    },
+    "fractional-derivative": {
+        "order": "0.5",
+        "function": "t**2*sin(t)",
+        "final_time": "1.0",
+    },
+}
+
+
+def starter_config(kind: str, *, name: str | None = None) -> str:
+    """A commented configuration to begin with; it is valid as it stands.
+
+    Parameters
+    ----------
+    kind
+        Kind of problem.
+    name
+        Name of the experiment; default ``my-<kind>``.
+
+    Raises
+    ------
+    RequestError
+        For a kind that does not exist.
+    """
+    kinds = PROBLEM.kinds
+    if kind not in kinds:
+        raise RequestError(
+            f"{kind!r} is no kind of problem{suggestion(kind, kinds)} (known: {listed(kinds)})"
+        )
+    derivative = kind == "fractional-derivative"
+    lines = [
+        f"# {EQUATIONS[kind]}",
+        f"name: {name or f'my-{kind}'}",
+        "",
+        "problem:",
+        f"  kind: {kind}",
+    ]
+    for key in kinds[kind].keys:
+        example = _EXAMPLES[kind].get(key.name)
+        if example is None and not isinstance(key.default, Missing):
+            example = _plain(key.default)
+        lines += _comment(key.meaning, "  ")
+        lines.append(f"  {key.name}: {example}")
+    method = "{bdf: [1, 2, 3], sampling: nodes}" if derivative else "{rk: gauss, degree: [2, 3]}"
+    examples = {
+        "method": method,
+        "ladder": "{steps: [16, 32, 64, 128, 256]}",
+        "figures": "[convergence]",
+    }
+    for key in EXPERIMENT.keys:
+        if key.name in ("name", "problem"):
+            continue
+        shown = examples.get(key.name)
+        if shown is None:
+            shown = _plain(key.default)
+        lines += ["", *_comment(key.meaning, ""), f"{key.name}: {shown}"]
+    return "\n".join(lines) + "\n"
+
+
+def _comment(text: str, indent: str) -> list[str]:
+    prefix = f"{indent}# "
+    return textwrap.wrap(text, WIDTH, initial_indent=prefix, subsequent_indent=prefix)
+
+
+def _plain(value: Any) -> str:
+    """A default as it is written in one line of YAML."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_plain(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_plain(entry) for entry in value) + "]"
+    return str(value).lower() if isinstance(value, bool) else str(value)
