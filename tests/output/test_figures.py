@@ -21,8 +21,8 @@ from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.output import figures
 from fvi_cli.output.figures import saving
+from fvi_cli.output.figures.methods import method_labels, series_styles
 from fvi_cli.output.figures.saturation import leading_exponent
-from fvi_cli.output.figures.style import method_labels, series_styles
 from fvi_cli.output.figures.time_series import exact_energy
 from fvi_cli.scenes.named import linear_oscillator
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem

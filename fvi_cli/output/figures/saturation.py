@@ -9,10 +9,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fvi_cli.experiments.experiment import FinishedRun
-from fvi_cli.output.figures.convergence import (
+from fvi_cli.output.figures.convergence import Study
+from fvi_cli.output.figures.methods import SeriesStyle, series_styles
+from fvi_cli.output.figures.panels import (
     Row,
     Series,
-    Study,
     draw_errors,
     figure_legend,
     finish_panels,
@@ -22,11 +23,9 @@ from fvi_cli.output.figures.style import (
     COLUMN_WIDTH,
     SMALL_TEXT,
     TEXT_WIDTH,
-    SeriesStyle,
     fraction,
     journal_style,
     new_figure,
-    series_styles,
 )
 from fvi_cli.scenes.problem import DerivativeProblem
 

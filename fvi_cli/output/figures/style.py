@@ -1,10 +1,9 @@
-"""How figures look: sizes, fonts, and one colour, marker and line style for every method."""
+"""How figures look: sizes, fonts, colours, ticks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Literal
 
@@ -12,8 +11,6 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
-
-from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -115,170 +112,10 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-@dataclass(frozen=True, kw_only=True)
-class SeriesStyle:
-    """Name, colour, marker and line style of one method in one figure."""
-
-    label: str
-    colour: str
-    marker: str
-    line_style: LineStyle
-
-
-def series_styles(methods: Sequence[AnyMethod]) -> dict[str, SeriesStyle]:
-    """Style of every method by its case, distinct in label, marker and colour or line style.
-
-    BDF of order p has the p-th colour in every figure; what shares the convolution quadrature
-    shares the colour, and differs in marker and line style.
-    """
-    distinct = {method.case: method for method in methods}
-    labels = method_labels(list(distinct.values()))
-    colours = _choose(distinct, _family, COLOURS)
-    seen: dict[str, int] = {}
-    shared = len({_family(method) for method in distinct.values()}) < len(distinct)
-    markers = _choose(distinct, (lambda method: method.case) if shared else _family, MARKERS)
-    styles: dict[str, SeriesStyle] = {}
-    for case, method in distinct.items():
-        family = _family(method)
-        variant = seen.get(family, 0)
-        seen[family] = variant + 1
-        colour = colours[family]
-        position = variant if shared else COLOURS.index(colour)
-        while any(
-            (style.colour, style.line_style) == (colour, LINE_STYLES[position % len(LINE_STYLES)])
-            for style in styles.values()
-        ) and position < len(LINE_STYLES):
-            position += 1  # more methods than colours
-        styles[case] = SeriesStyle(
-            label=labels[case],
-            colour=colour,
-            marker=markers[case if shared else family],
-            line_style=LINE_STYLES[position % len(LINE_STYLES)],
-        )
-    return styles
-
-
-def _family(method: AnyMethod) -> str:
-    if isinstance(method, Baseline):
-        return method.name
-    return f"{method.cq}-{method.degree}" if method.is_runge_kutta else method.cq
-
-
-def _choose(
-    methods: Mapping[str, AnyMethod], key: Callable[[AnyMethod], str], values: Sequence[str]
-) -> dict[str, str]:
-    """One value for every key: BDF p takes the p-th, the others what is left, then round again."""
-    chosen: dict[str, str] = {}
-    for method in methods.values():
-        name = key(method)
-        if name == getattr(method, "cq", None) and name.startswith("bdf"):
-            chosen.setdefault(name, values[int(name[3:]) - 1])
-    for method in methods.values():
-        name = key(method)
-        if name not in chosen:
-            free = [value for value in values if value not in chosen.values()]
-            chosen[name] = free[0] if free else values[len(chosen) % len(values)]
-    return chosen
-
-
-_FAMILY_NAMES = {"gauss": "Gauss", "radau-iia": "Radau IIA", "lobatto-iiic": "Lobatto IIIC"}
-
-
-def method_labels(methods: Sequence[AnyMethod]) -> dict[str, str]:
-    """Shortest label of every method, by case, that tells it from the others.
-
-    Beside other people's methods ours say that they are variational integrators, as in
-    ``FVI-BDF1CQ``.
-    """
-    beside_others = any(isinstance(method, Baseline) for method in methods)
-    galerkin = [method for method in methods if isinstance(method, Method)]
-    plain = [method for method in galerkin if not method.is_runge_kutta]
-    told: list[_Feature] = [
-        feature for feature in _ACTION if len({feature(method) for method in plain}) > 1
-    ]
-    for feature in _REST:
-        if len(_names(galerkin, [*told, feature])) > len(_names(galerkin, told)):
-            told.append(feature)
-    labels = {}
-    for method in methods:
-        if isinstance(method, Baseline):
-            labels[method.case] = method.name.replace("-", " ").replace("euler", "Euler")
-            continue
-        base = _base_label(method)
-        if beside_others:
-            base = f"FVI-{base.replace(' ', '')}CQ"
-        labels[method.case] = ", ".join([base, *_told(method, told)])
-    doubled = [label for label in labels.values() if list(labels.values()).count(label) > 1]
-    return {case: case if label in doubled else label for case, label in labels.items()}
-
-
-_Feature = Callable[[Method], str]
-
-
-def _sampling(method: Method) -> str:
-    return method.sampling
-
-
-def _degree(method: Method) -> str:
-    return f"$s={method.degree}$"
-
-
-def _rule(method: Method) -> str:
-    return f"{method.rule.points} {method.rule.rule.capitalize()}"
-
-
-def _start(method: Method) -> str:
-    if method.start != "weights":
-        return "series start" if method.start == "series" else "plain start"
-    if not method.start_exponents:
-        return "starting weights"
-    powers = ", ".join(f"$t^{{{fraction(e)}}}$" for e in method.start_exponents)
-    return f"starting weights for {powers}"
-
-
-def _forcing(method: Method) -> str:
-    return f"{method.forcing_quadrature} forcing"
-
-
-_ACTION: tuple[_Feature, ...] = (_sampling, _degree)
-_REST: tuple[_Feature, ...] = (_rule, _start, _forcing)
-
-
-def _told(method: Method, features: Sequence[_Feature]) -> list[str]:
-    """What a label says of its method; a Runge-Kutta method brings degree and points along."""
-    return [
-        feature(method)
-        for feature in (*_ACTION, *_REST)
-        if (feature in features and not (method.is_runge_kutta and feature not in _REST[1:]))
-        or (feature is _start and method.start == "weights")
-    ]
-
-
-def _names(methods: Sequence[Method], features: Sequence[_Feature]) -> set[tuple[str, ...]]:
-    return {(_base_label(method), *_told(method, features)) for method in methods}
-
-
-def common_features(methods: Sequence[AnyMethod]) -> str:
-    """What all BDF methods of a figure have in common: degree, quadrature points, sampling."""
-    plain = [m for m in methods if isinstance(m, Method) and not m.is_runge_kutta]
-    if len({(m.degree, m.rule.label, m.sampling) for m in plain}) != 1:
-        return ""
-    method = plain[0]
-    points = "point" if method.rule.points == 1 else "points"
-    where = "nodes" if method.sampling == "nodes" else "quadrature points"
-    return f"degree $s={method.degree}$, {_rule(method)} {points}, damping sampled at the {where}"
-
-
 def fraction(value: float) -> str:
     """``5/2`` for 2.5, and the decimal number where no small denominator does."""
     nearest = Fraction(value).limit_denominator(12)
     return str(nearest) if abs(float(nearest) - value) < 1e-9 else f"{value:g}"
-
-
-def _base_label(method: Method) -> str:
-    if method.is_runge_kutta:
-        return f"{_FAMILY_NAMES[method.cq]} {method.stages}"
-    return f"BDF{method.bdf_order}"
 
 
 def legend_columns(labels: Sequence[str], width: float) -> int:

@@ -11,14 +11,13 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from fvi_cli.experiments.experiment import Experiment, FinishedRun
+from fvi_cli.output.figures.methods import SeriesStyle, series_styles
 from fvi_cli.output.figures.style import (
     COLUMN_WIDTH,
     INK,
-    SeriesStyle,
     journal_style,
     legend_columns,
     new_figure,
-    series_styles,
 )
 from fvi_cli.scenes.problem import Problem
 
