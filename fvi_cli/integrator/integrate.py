@@ -12,7 +12,7 @@ from scipy.special import rgamma
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
 from fvi_cli.integrator.break_points import steps_at_break_points
-from fvi_cli.integrator.known_part import KnownPart, SeriesPlan, plan_series
+from fvi_cli.integrator.known_part import NO_SERIES, KnownPart, plan_series
 from fvi_cli.integrator.memory import build_memory
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.moments import (
@@ -27,8 +27,6 @@ from fvi_cli.integrator.stepping import StepProblem, Stepped, run_steps
 from fvi_cli.integrator.trajectory import Trajectory
 
 Array = NDArray[np.float64]
-
-NO_SERIES = SeriesPlan(known=None, fell_back=False, remarks=())
 
 
 def integrate(scene: Scene, method: AnyMethod, n_steps: int) -> Trajectory:

@@ -35,10 +35,8 @@ from fvi_cli.mathematics.windowed_series import WindowedSeries
 Array = NDArray[np.float64]
 StepFunction = Callable[[Array, float, Array], Array]
 
-MOST_EXPONENTS: Final = 64
+MOST_EXPONENTS: Final = 128
 MOST_SWEEPS: Final = 1000
-STEPS_PER_TAU: Final = 4.0
-DECAYS_PER_TAU: Final = 4.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,7 +103,7 @@ def solution_series(scene: Scene, cutoff: float) -> tuple[PowerSeries, ...]:
     Raises
     ------
     SeriesError
-        If forcing or potential have no expansion in powers of t, or more than 64 exponents lie
+        If forcing or potential have no expansion in powers of t, or more than 128 exponents lie
         below the cutoff.
     """
     return solution_expansion(scene, cutoff).components
@@ -185,12 +183,30 @@ def jump_expansion(
     return _picard(scene, start=np.zeros((2, d)), forcing=jump, gradient=gradient, cutoff=cutoff)
 
 
-def plan_start(scene: Scene, cutoff: float, step_size: float) -> StartDecision:
+@dataclass(frozen=True, kw_only=True)
+class WindowRule:
+    r"""How fast the window decays and how well it must be resolved, in units of tau.
+
+    Parameters
+    ----------
+    decays
+        :math:`\lambda\tau`.
+    steps
+        Least :math:`\tau / h` for which the window is used.
+    """
+
+    decays: float = 4.0
+    steps: float = 4.0
+
+
+def plan_start(
+    scene: Scene, cutoff: float, step_size: float, rule: WindowRule = WindowRule()
+) -> StartDecision:
     r"""Decide whether a start series is used, and build its window.
 
     The window is :math:`S(t) = e^{-\lambda t} c(t)` with :math:`\lambda = 4/\tau`, c the expansion
     times :math:`e^{\lambda t}`, truncated. It is used if the expansion holds a fractional power
-    below the cutoff Q, has at most 64 exponents there, and :math:`\tau \ge 4h`: an expansion that
+    below the cutoff Q, has at most 128 exponents there, and :math:`\tau \ge 4h`: an expansion that
     is good only for a few steps makes things worse.
 
     Parameters
@@ -208,7 +224,7 @@ def plan_start(scene: Scene, cutoff: float, step_size: float) -> StartDecision:
         expansion = solution_expansion(scene, cutoff)
     except SeriesError as error:
         return StartDecision(use=False, reason=f"no start series: {error}")
-    return _decide(expansion, scene, step_size)
+    return _decide(expansion, scene, step_size, rule)
 
 
 def plan_jump(
@@ -217,6 +233,7 @@ def plan_jump(
     cutoff: float,
     step_size: float,
     stiffness: Array | None = None,
+    rule: WindowRule = WindowRule(),
 ) -> StartDecision:
     """Decide as :func:`plan_start` does about the response to a jump; its time is t - t_b."""
     if all(term.is_integer_order for term in scene.active_damping):
@@ -225,7 +242,7 @@ def plan_jump(
         expansion = jump_expansion(scene, break_point, cutoff, stiffness)
     except SeriesError as error:
         return StartDecision(use=False, reason=f"no series at t = {break_point:g}: {error}")
-    return _decide(expansion, scene, step_size)
+    return _decide(expansion, scene, step_size, rule)
 
 
 def window_force(
@@ -314,7 +331,9 @@ def _needed(cutoff: float) -> float:
     return max(cutoff - 2.0, 0.5)
 
 
-def _decide(expansion: Expansion, scene: Scene, step_size: float) -> StartDecision:
+def _decide(
+    expansion: Expansion, scene: Scene, step_size: float, rule: WindowRule
+) -> StartDecision:
     if expansion.is_smooth:
         return StartDecision(
             use=False,
@@ -322,12 +341,12 @@ def _decide(expansion: Expansion, scene: Scene, step_size: float) -> StartDecisi
             expansion=expansion,
         )
     tau = _time_of_validity(expansion, scene)
-    if not tau >= STEPS_PER_TAU * step_size:
+    if not tau >= rule.steps * step_size:
         return StartDecision(
             use=False,
             reason=(
                 f"no start series: the expansion is good up to t = {tau:.3g}, "
-                f"less than {STEPS_PER_TAU:g} steps of {step_size:.3g}"
+                f"less than {rule.steps:g} steps of {step_size:.3g}"
             ),
             tau=tau,
             expansion=expansion,
@@ -336,7 +355,7 @@ def _decide(expansion: Expansion, scene: Scene, step_size: float) -> StartDecisi
         expansion.exponents,
         expansion.coefficients,
         cutoff=expansion.cutoff,
-        decay=DECAYS_PER_TAU / tau,
+        decay=rule.decays / tau,
     )
     powers = ", ".join(f"{s:g}" for s in expansion.exponents if s != round(s))
     return StartDecision(
