@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from operator import itemgetter
 
 from fvi_cli.errors import ConfigError
 
@@ -55,7 +56,7 @@ class Complaints:
         """
         if not self._found:
             return
-        lines = [f"{place}: {message}" for place, message in sorted(self._found)]
+        lines = [f"{place}: {message}" for place, message in sorted(self._found, key=itemgetter(0))]
         if len(lines) > MOST_COMPLAINTS:
             left = len(lines) - MOST_COMPLAINTS
             lines = [*lines[:MOST_COMPLAINTS], f"... and {left} more"]

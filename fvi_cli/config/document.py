@@ -109,7 +109,9 @@ def _sign(text: str) -> float:
     return -1.0 if text.startswith("-") else 1.0
 
 
-def read_document(text: str, origin: Place, complaints: Complaints) -> Node | None:
+def read_document(
+    text: str, origin: Place, complaints: Complaints, path: KeyPath = ()
+) -> Node | None:
     """The tree of the single document in `text`; None, with a complaint, when there is none.
 
     Parameters
@@ -122,11 +124,13 @@ def read_document(text: str, origin: Place, complaints: Complaints) -> Node | No
     complaints
         Receives what is wrong: syntax, tags, repeated keys, several documents, and texts that
         are too large, too deep or grow too large by their anchors.
+    path
+        Where the text stands.
     """
-    builder = _Builder(text=text, origin=origin, complaints=complaints)
+    builder = _Builder(text=text, origin=origin, complaints=complaints, prefix=path)
     if len(text) > LARGEST_DOCUMENT:
         complaints.add(
-            origin, (), f"the text has more than {LARGEST_DOCUMENT} characters: too large"
+            origin, path, f"the text has more than {LARGEST_DOCUMENT} characters: too large"
         )
         return None
     try:
@@ -157,6 +161,7 @@ class _Builder:
     text: str
     origin: Place
     complaints: Complaints
+    prefix: KeyPath
     stack: list[_Open] = field(default_factory=list)
     anchors: dict[str, tuple[Node, int]] = field(default_factory=dict)
     root: Node | None = None
@@ -307,7 +312,7 @@ class _Builder:
 
     def path(self) -> KeyPath:
         """Keys that lead to the innermost open list or mapping."""
-        outer: list[str | int] = []
+        outer = list(self.prefix)
         for frame in self.stack[:-1]:
             if frame.is_mapping:
                 outer.append(frame.key.text if frame.key is not None else "?")
@@ -326,7 +331,7 @@ class _Builder:
         self.complaints.add(place, (*self.path(), *inner), message)
 
     def give_up(self, place: Place, message: str) -> None:
-        self.complaints.add(place, (), message)
+        self.complaints.add(place, self.prefix, message)
         raise _GivenUpError
 
     def place(self, mark: Any) -> Place:

@@ -8,15 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from fvi_cli.config.complaints import Complaints, Place, excerpt
-from fvi_cli.config.document import LARGEST_DOCUMENT, MappingNode, read_document
+from fvi_cli.config.document import LARGEST_DOCUMENT, MappingNode, ScalarNode, read_document
+from fvi_cli.config.experiment_checks import ReadExperiment, experiment_nodes, make_experiment
 from fvi_cli.config.experiment_keys import (
     SEVERAL,
     SINGLE,
     Name,
-    ReadExperiment,
-    experiment_nodes,
     is_name,
-    make_experiment,
 )
 from fvi_cli.config.overrides import OPTION, apply_overrides
 from fvi_cli.config.shapes import describe
@@ -116,6 +114,9 @@ def parse_config(
     complaints = Complaints()
     start = Place(source=excerpt(source_name, 1000), line=1, column=1)
     root = read_document(text, start, complaints)
+    if isinstance(root, ScalarNode) and root.value is None:
+        complaints.add(start, (), "nothing is written here")
+        root = None
     if root is None:
         complaints.raise_if_any()
         raise ConfigError(f"{start}: nothing is written here")

@@ -11,19 +11,8 @@ from typing import Any, Final, get_args
 
 from fvi_cli.config.complaints import Complaints, KeyPath, Place
 from fvi_cli.config.document import ListNode, MappingNode, Node
-from fvi_cli.config.shapes import (
-    OPTIONAL,
-    ByForm,
-    Choice,
-    Integer,
-    Key,
-    ListOf,
-    Number,
-    OneOrMany,
-    Record,
-    Shape,
-    is_complete,
-)
+from fvi_cli.config.records import ByForm, Key, ListOf, OneOrMany, Record
+from fvi_cli.config.shapes import OPTIONAL, Choice, Integer, Number, Shape, is_complete
 from fvi_cli.integrator.method import (
     BASELINE_NAMES,
     BDF_NAMES,
@@ -150,7 +139,9 @@ class ListedMethod:
     path: KeyPath
 
 
-def read_methods(node: Node | None, path: KeyPath, complaints: Complaints) -> list[ListedMethod]:
+def read_methods(
+    node: Node | None, path: KeyPath, complaints: Complaints, *, default_place: Place
+) -> list[ListedMethod]:
     """Every combination under ``method``; what makes no method is noted and left out.
 
     Parameters
@@ -161,10 +152,12 @@ def read_methods(node: Node | None, path: KeyPath, complaints: Complaints) -> li
         Path of the key.
     complaints
         Receives what is wrong.
+    default_place
+        Place of the mapping in which the key is absent.
     """
     if node is None:
-        place = Place(source="default")
-        return list(_combinations({}, MappingNode(place=place, entries={}), path, complaints))
+        absent = MappingNode(place=default_place, entries={})
+        return list(_combinations({}, absent, path, complaints))
     found: list[ListedMethod] = []
     read = METHODS.read(node, path, complaints)
     entries = [(node, path)]

@@ -41,7 +41,7 @@ def apply_overrides(root: Node, overrides: Sequence[str], complaints: Complaints
                 OPTION, (), f"{excerpt(override)!r} is not allowed; it must be key.path=value"
             )
             continue
-        node = read_document(value, OPTION, complaints)
+        node = read_document(value, OPTION, complaints, path)
         if node is not None:
             root = _changed(root, path, (), node, complaints)
     return root
