@@ -23,7 +23,7 @@ _CLEARANCES = (5.0, 3.5)
 _GAPS = (0.0, 0.02, 0.04, 0.07, 0.1)
 _RUNS = (0.24, 0.19, 0.15, 0.11, 0.08)
 _HIGHEST_RISE = 0.4
-_SAME_SLOPE = 0.5
+_SAME_SLOPE = 0.4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,11 +36,14 @@ class Curve:
         Points, shape ``(n,)``.
     log_floor
         Below this errors say nothing about the order.
+    expected_order
+        What theory says of the slope; nan when it says nothing.
     """
 
     log_step: Array
     log_error: Array
     log_floor: float = -np.inf
+    expected_order: float = np.nan
 
     def slope(self) -> float:
         """Slope of the last three points above the floor on the side of small steps."""
@@ -119,9 +122,11 @@ def draw_slopes(
 
 
 def _targets(curves: Sequence[Curve], order: float) -> list[int]:
-    """Curves of about that slope, the best first."""
+    """Curves that are expected to have that slope, or else nearly have it, the best first."""
     distances = [abs(curve.slope() - order) for curve in curves]
-    near = [k for k, distance in enumerate(distances) if distance < _SAME_SLOPE]
+    near = [k for k, curve in enumerate(curves) if curve.expected_order == order]
+    if not near:
+        near = [k for k, distance in enumerate(distances) if distance < _SAME_SLOPE]
     return sorted(near, key=distances.__getitem__)
 
 

@@ -51,6 +51,7 @@ class Series:
 
     style: SeriesStyle
     rows: tuple[Row, ...]
+    expected_order: float = math.nan
 
     def values(self) -> tuple[Array, Array]:
         """Step sizes and errors; nan where there is no error to draw.
@@ -69,6 +70,7 @@ class Series:
             log_step=np.log10(h[e > 0]),
             log_error=np.log10(e[e > 0]),
             log_floor=math.log10(self.floor) if self.floor > 0 else -math.inf,
+            expected_order=self.expected_order,
         )
 
     @property
@@ -79,19 +81,24 @@ class Series:
 
 def collect_series(finished: Sequence[FinishedRun], styles: dict[str, SeriesStyle]) -> list[Series]:
     """Ladders by method, in the order of the runs."""
-    rows: dict[str, list[Row]] = {}
+    ladders: dict[str, list[FinishedRun]] = {}
     for item in finished:
-        rows.setdefault(item.run.method.case, []).append(
-            Row(
-                step_size=item.run.step_size,
-                error=item.error,
-                floor=item.floor,
-                status=item.status,
-            )
-        )
+        ladders.setdefault(item.run.method.case, []).append(item)
     return [
-        Series(style=styles[case], rows=tuple(sorted(ladder, key=lambda row: row.step_size)))
-        for case, ladder in rows.items()
+        Series(
+            style=styles[case],
+            rows=tuple(
+                Row(
+                    step_size=item.run.step_size,
+                    error=item.error,
+                    floor=item.floor,
+                    status=item.status,
+                )
+                for item in sorted(ladder, key=lambda item: item.run.step_size)
+            ),
+            expected_order=ladder[0].expected_order,
+        )
+        for case, ladder in ladders.items()
     ]
 
 
@@ -125,7 +132,8 @@ def set_limits(axes: Axes, series: Sequence[Series]) -> None:
         low, high = low / 3, high * 3
     margin = (high / low) ** 0.06
     low, high = low / margin, high * margin
-    axes.set_xlim(min(steps) / 1.35, max(steps) * 1.35)
+    beside = (max(steps) / min(steps)) ** 0.06 if len(set(steps)) > 1 else 2.0
+    axes.set_xlim(min(steps) / beside, max(steps) * beside)
     axes.set_ylim(low, high)
     logarithmic_ticks(axes, steps)
 
