@@ -67,12 +67,11 @@ def _compute_in_processes(
         for future in as_completed(tasks):
             yield FinishedRun(run=tasks[future], **future.result())
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
         for process in set(multiprocessing.active_children()) - strangers:
             process.terminate()
         raise
     finally:
-        pool.shutdown()
+        pool.shutdown(cancel_futures=True)
 
 
 def _leave_interrupts_to_parent() -> None:
