@@ -1,0 +1,314 @@
+"""What the commands have in common: gather configurations, compute or recall runs, keep them."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fvi_cli.config import LoadedConfig, find_config, load_config, parse_config
+from fvi_cli.errors import RequestError
+from fvi_cli.experiments.executor import compute_runs
+from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
+from fvi_cli.experiments.study import execute
+from fvi_cli.output.storage import open_results, read_config_text, read_results
+from fvi_cli.progress import progress_bar
+
+_logger = logging.getLogger(__name__)
+
+STORED_SUFFIX = ".h5"
+
+Known = Callable[[Run], FinishedRun | None]
+Keep = Callable[[FinishedRun], object]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What the options of a command ask for.
+
+    Parameters
+    ----------
+    output
+        Folder of results.
+    workers
+        Number of processes.
+    fresh
+        Ignore stored runs.
+    fail_fast
+        Stop at the first unexpected failure.
+    allow_unstable
+        Compute runs that are predicted to blow up.
+    show_progress
+        Draw a progress bar where there is a terminal.
+    keep
+        Write what is computed; otherwise nothing at all is written.
+    """
+
+    output: Path
+    workers: int = 1
+    fresh: bool = False
+    fail_fast: bool = False
+    allow_unstable: bool = False
+    show_progress: bool = True
+    keep: bool = True
+
+    def path_of(self, request: Request) -> Path:
+        """Where the runs of `request` are, or would be, stored."""
+        return request.stored or self.output / f"{request.name}{STORED_SUFFIX}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Outcome:
+    """What became of one experiment.
+
+    Parameters
+    ----------
+    experiment
+        What was asked for.
+    finished
+        Finished runs in the order of the experiment's own list.
+    """
+
+    experiment: Experiment
+    finished: tuple[FinishedRun, ...]
+
+    @property
+    def unexpected(self) -> tuple[FinishedRun, ...]:
+        """Runs that came to nothing although the configuration did not say so."""
+        return tuple(f for f in self.finished if is_unexpected_failure(f))
+
+    @property
+    def missing(self) -> int:
+        """Number of runs that were not computed."""
+        return len(self.experiment.runs()) - len(self.finished)
+
+
+def is_unexpected_failure(finished: FinishedRun) -> bool:
+    """Whether the run failed and its configuration did not expect that."""
+    if finished.status in ("ok", "floor"):
+        return False
+    return not finished.run.experiment.expects_failure(finished.run.method)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Request:
+    """A configuration, and the result file that it was taken from if it was.
+
+    Parameters
+    ----------
+    name
+        Name of the files that are written.
+    loaded
+        The configuration.
+    stored
+        Result file that was named in its place; then nothing is computed.
+    """
+
+    name: str
+    loaded: LoadedConfig
+    stored: Path | None = None
+
+
+def gather(sources: Sequence[str], overrides: Sequence[str] = ()) -> list[Request]:
+    """Read configurations given as files, as names of shipped ones, or as result files.
+
+    Raises
+    ------
+    RequestError
+        With the mistakes in all of them, names that are neither files nor shipped
+        configurations, and names that occur twice.
+    """
+    requests: list[Request] = []
+    mistakes: list[str] = []
+    for source in sources:
+        try:
+            requests.append(_request(source, overrides))
+        except RequestError as error:
+            mistakes.extend(error.complaints)
+    if mistakes:
+        raise RequestError(*mistakes)
+    names = [request.name for request in requests]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise RequestError(f"{', '.join(twice)}: given twice; the files would overwrite each other")
+    return requests
+
+
+def _request(source: str, overrides: Sequence[str]) -> Request:
+    if not source.endswith(STORED_SUFFIX):
+        loaded = load_config(find_config(source), overrides=overrides)
+        return Request(name=loaded.name, loaded=loaded)
+    if overrides:
+        raise RequestError(f"{source}: --set changes a configuration, not a result file")
+    path = Path(source)
+    if not path.is_file():
+        raise RequestError(f"{source}: no such file")
+    loaded = parse_config(read_config_text(path), source)
+    return Request(name=loaded.name, loaded=loaded, stored=path)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """What would be done with one run.
+
+    Parameters
+    ----------
+    run
+        The run.
+    is_stored
+        Whether a stored result would be used.
+    reason
+        Why.
+    """
+
+    run: Run
+    is_stored: bool
+    reason: str
+
+
+def plan(requests: Sequence[Request], settings: Settings) -> list[Plan]:
+    """Tell for every run of `requests` what would be done with it; read only."""
+    plans = []
+    for request in requests:
+        with _stored_runs(request, settings) as known:
+            for experiment in request.loaded.experiments:
+                for run in experiment.runs():
+                    is_stored = known(run) is not None
+                    reason = "stored" if is_stored else "not stored"
+                    if settings.fresh and request.stored is None:
+                        is_stored, reason = False, "--fresh"
+                    plans.append(Plan(run=run, is_stored=is_stored, reason=reason))
+    return plans
+
+
+def answer(request: Request, settings: Settings) -> list[Outcome]:
+    """Recall or compute every run of one request; keep what is computed if that is wanted."""
+    experiments = list(request.loaded.experiments)
+    if settings.allow_unstable:
+        experiments = [dataclasses.replace(e, allow_unstable=True) for e in experiments]
+    if request.stored is not None:
+        return _recall(experiments, request.stored)
+    if not settings.keep:
+        with _stored_runs(request, settings) as known:
+            return carry_out(experiments, settings, title=request.name, known=known)
+    with open_results(settings.output, request.name) as results:
+        try:
+            return carry_out(
+                experiments,
+                settings,
+                title=request.name,
+                known=_never if settings.fresh else results.finished,
+                keep=results.add,
+            )
+        finally:
+            # also on Ctrl-C: what is finished is there for the next time
+            results.consolidate(request.loaded)
+
+
+@contextlib.contextmanager
+def _stored_runs(request: Request, settings: Settings) -> Iterator[Known]:
+    """Look-up of stored runs that writes nothing."""
+    path = settings.path_of(request)
+    if settings.fresh or not path.is_file():
+        yield _never
+        return
+    with read_results(path) as results:
+        yield results.finished
+
+
+def _recall(experiments: Sequence[Experiment], path: Path) -> list[Outcome]:
+    """Read the runs of a result file, and compute nothing."""
+    with read_results(path) as results:
+        outcomes = []
+        for experiment in experiments:
+            found = [results.finished(run) for run in experiment.runs()]
+            finished = tuple(one for one in found if one is not None)
+            outcomes.append(Outcome(experiment=experiment, finished=finished))
+    for outcome in outcomes:
+        if outcome.missing:
+            _logger.warning(
+                "%s: %d runs of %s are missing; run its configuration to compute them",
+                path,
+                outcome.missing,
+                outcome.experiment.name,
+            )
+    return outcomes
+
+
+def _never(run: Run) -> FinishedRun | None:
+    """No run is known."""
+    return None
+
+
+def carry_out(
+    experiments: Sequence[Experiment],
+    settings: Settings,
+    *,
+    title: str,
+    known: Known = _never,
+    keep: Keep | None = None,
+) -> list[Outcome]:
+    """Recall or compute every run of `experiments`.
+
+    Parameters
+    ----------
+    experiments
+        What to do.
+    settings
+        How.
+    title
+        Beside the progress bar.
+    known
+        Gives back a run that was finished before, or None.
+    keep
+        Called once with every run that is computed, as soon as it is finished.
+    """
+    done: dict[Run, FinishedRun] = {}
+    waiting: list[Run] = []
+    listed = [(experiment, experiment.runs()) for experiment in experiments]
+    for run in (run for _, runs in listed for run in runs):
+        earlier = known(run)
+        if earlier is None:
+            waiting.append(run)
+        else:
+            done[run] = earlier
+    _logger.info("%s: %d runs, %d of them stored", title, len(done) + len(waiting), len(done))
+    computed = compute_runs(waiting, execute, workers=settings.workers)
+    with (
+        contextlib.closing(computed),
+        progress_bar(title, len(waiting), wanted=settings.show_progress) as advance,
+    ):
+        for finished in computed:
+            if keep is not None:
+                keep(finished)
+            done[finished.run] = finished
+            advance(_describe(finished.run))
+            _report(finished)
+            if settings.fail_fast and is_unexpected_failure(finished):
+                _logger.error("stopped at the first unexpected failure (--fail-fast)")
+                break
+    return [
+        Outcome(experiment=experiment, finished=tuple(done[run] for run in runs if run in done))
+        for experiment, runs in listed
+    ]
+
+
+def _describe(run: Run) -> str:
+    return f"{run.experiment.name} {run.method.case} N={run.n_steps}"
+
+
+def _report(finished: FinishedRun) -> None:
+    """One line for a run; loud when it failed unexpectedly."""
+    level = logging.WARNING if is_unexpected_failure(finished) else logging.DEBUG
+    message = finished.trajectory.message
+    _logger.log(
+        level,
+        "%s: %s, error %.3g%s",
+        _describe(finished.run),
+        finished.status,
+        finished.error,
+        f" ({message})" if message else "",
+    )

@@ -1,0 +1,144 @@
+"""What the commands print and write, once runs are finished."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fvi_cli.config import starter_config
+from fvi_cli.config.experiment_keys import is_name
+from fvi_cli.errors import RequestError
+from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from fvi_cli.campaign import Outcome, Plan
+    from fvi_cli.experiments.experiment import Experiment, FinishedRun
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of words as columns, the first row as heading."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    lines = [
+        "  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+    return "\n".join(lines)
+
+
+def runs_as_text(outcomes: Sequence[Outcome]) -> str:
+    """One line for every finished run."""
+    rows = [("experiment", "case", "n_steps", "step_size", "error", "status", "expected")]
+    for outcome in outcomes:
+        for finished in outcome.finished:
+            run = finished.run
+            rows.append(
+                (
+                    run.experiment.name,
+                    run.method.case,
+                    str(run.n_steps),
+                    f"{run.step_size:.6g}",
+                    f"{finished.error:.3e}",
+                    finished.status,
+                    "may fail" if run.experiment.expects_failure(run.method) else "",
+                )
+            )
+    return aligned(rows)
+
+
+def plans_as_text(plans: Sequence[Plan]) -> str:
+    """One line for every run: what would be done with it, why, and which effects it has."""
+    rows = [("experiment", "case", "n_steps", "step_size", "action", "reason", "effects")]
+    for plan in plans:
+        run = plan.run
+        rows.append(
+            (
+                run.experiment.name,
+                run.method.case,
+                str(run.n_steps),
+                f"{run.step_size:.6g}",
+                "reuse" if plan.is_stored else "compute",
+                plan.reason,
+                ", ".join(effects_of(run.experiment.problem)),
+            )
+        )
+    return aligned(rows)
+
+
+def effects_of(problem: AnyProblem) -> list[str]:
+    """Names of what is simulated; what is absent costs nothing."""
+    if isinstance(problem, DerivativeProblem):
+        return [f"derivative of order {problem.order:g}"]
+    scene = problem.scene
+    effects = [f"inertia ({scene.dimension} dof)"]
+    if scene.potential is not None:
+        effects.append("linear potential" if scene.is_linear else "nonlinear potential")
+    effects += [f"damping of order {term.order:g}" for term in scene.active_damping]
+    if scene.forcing is not None:
+        effects.append("forcing")
+    return effects
+
+
+def studies(outcomes: Sequence[Outcome]) -> list[tuple[Experiment, tuple[FinishedRun, ...]]]:
+    """Experiments with their finished runs."""
+    return [(outcome.experiment, outcome.finished) for outcome in outcomes]
+
+
+def write_figures(figures: Mapping[str, Figure], output: Path) -> list[Path]:
+    """Write figures under ``figures/`` in `output`; returns the paths."""
+    from fvi_cli.output.figures import save_figure
+
+    written: list[Path] = []
+    for name, figure in figures.items():
+        written += save_figure(figure, output / "figures", name)
+    return written
+
+
+def compare_figures(figures: Mapping[str, Figure], output: Path) -> list[str]:
+    """One line for everything that the stored figures show differently."""
+    from fvi_cli.output.figures import compare_drawn, drawn_text
+
+    differences = []
+    for name, figure in figures.items():
+        path = output / "figures" / f"{name}.json"
+        missing = [
+            str(other)
+            for other in (path, path.with_suffix(".pdf"), path.with_suffix(".png"))
+            if not other.is_file()
+        ]
+        differences += [f"{other}: missing" for other in missing]
+        if not path.is_file():
+            continue
+        try:
+            stored = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError:
+            differences.append(f"{path}: cannot be read")
+            continue
+        fresh = json.loads(drawn_text(figure))
+        differences += [f"{path}: {line}" for line in compare_drawn(stored, fresh)]
+    return differences
+
+
+def write_starter(name: str, kind: str) -> Path:
+    """Write a commented configuration into the current folder; it must not be there yet.
+
+    Raises
+    ------
+    RequestError
+        For an unknown kind, a name that is not allowed, or a file that exists.
+    """
+    if not is_name(name):
+        raise RequestError(f"{name!r} is not allowed as a name; use letters, digits, - and _")
+    path = Path(f"{name}.yaml")
+    text = starter_config(kind, name=name)
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise RequestError(f"{path}: exists already; it is left as it is") from None
+    except OSError as error:
+        raise RequestError(f"{path}: cannot be written: {error.strerror}") from None
+    return path
