@@ -272,10 +272,13 @@ def test_methods_are_told_apart_in_colour_and_in_grey() -> None:
     assert len(styles) == len(methods)
     assert len({style.label for style in styles.values()}) == len(methods)
     for a, b in combinations(list(styles.values()), 2):
-        assert (a.colour, a.line_style) != (b.colour, b.line_style) or a.marker != b.marker
+        assert (a.marker, a.is_filled, a.line_style) != (b.marker, b.is_filled, b.line_style)
+        assert (a.colour, a.is_filled, a.line_style) != (b.colour, b.is_filled, b.line_style)
     plain = series_styles(methods[:6]).values()
-    for name in ("colour", "marker", "line_style"):
-        assert len({getattr(style, name) for style in plain}) == 6
+    alone = series_styles([m for m in methods if getattr(m, "cq", "") == "bdf2"]).values()
+    for some in (plain, alone):
+        for name in ("colour", "marker", "line_style"):
+            assert len({getattr(style, name) for style in some}) == len(some)
 
 
 def test_labels_say_no_more_than_is_needed() -> None:
@@ -331,6 +334,10 @@ def test_a_solution_that_runs_away_does_not_press_the_others_flat() -> None:
 def test_choice_of_a_step_of_the_ladder() -> None:
     one = experiment(methods=NODES[:1])
     finished = finish(one)
+    # errors 0.1 h on a solution of range 2: that of h = 1/2 is still visible, of h = 1/4 not
+    seen = figures.trajectory_figure(one, finished)
+    assert "h = 0.25$" not in seen.axes[0].get_xlabel()
+    assert "h = 0.5$" in seen.axes[0].get_xlabel()
     chosen = figures.trajectory_figure(one, finished, n_steps=16)
     assert len(chosen.axes[0].lines[1].get_xdata()) == 17
     with pytest.raises(ValueError, match=r"n_steps: 17 is not one of .*\[8, 16"):

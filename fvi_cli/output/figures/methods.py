@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypedDict
 
-from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.method import BDF_NAMES, AnyMethod, Baseline, Method
 from fvi_cli.output.figures.style import COLOURS, LINE_STYLES, MARKERS, LineStyle, fraction
 
 
@@ -17,39 +18,73 @@ class SeriesStyle:
     colour: str
     marker: str
     line_style: LineStyle
+    is_filled: bool = True
+
+    def line_properties(self) -> LineProperties:
+        """Keyword arguments of a line of this style, its label apart."""
+        return {
+            "color": self.colour,
+            "linestyle": self.line_style,
+            "marker": self.marker,
+            "markerfacecolor": self.colour if self.is_filled else "white",
+            # a white edge keeps filled marks apart that lie upon each other
+            "markeredgecolor": "white" if self.is_filled else self.colour,
+            "markeredgewidth": 0.5 if self.is_filled else 0.9,
+        }
+
+
+class LineProperties(TypedDict):
+    """Properties of a matplotlib line."""
+
+    color: str
+    linestyle: LineStyle
+    marker: str
+    markerfacecolor: str
+    markeredgecolor: str
+    markeredgewidth: float
 
 
 def series_styles(methods: Sequence[AnyMethod]) -> dict[str, SeriesStyle]:
-    """Style of every method by its case, distinct in label, marker and colour or line style.
+    """Style of every method by its case, told apart in colour as well as in grey.
 
-    BDF of order p has the p-th colour in every figure; what shares the convolution quadrature
-    shares the colour, and differs in marker and line style.
+    BDF of order p has the p-th colour and marker in every figure. Methods that share the
+    convolution quadrature share its colour and marker; the second is hollow and dashed. If all
+    share one, every method has a colour of its own.
     """
     distinct = {method.case: method for method in methods}
     labels = method_labels(list(distinct.values()))
-    colours = _choose(distinct, _family, COLOURS)
-    seen: dict[str, int] = {}
-    shared = len({_family(method) for method in distinct.values()}) < len(distinct)
-    markers = _choose(distinct, (lambda method: method.case) if shared else _family, MARKERS)
-    styles: dict[str, SeriesStyle] = {}
+    families: dict[str, list[str]] = {}
     for case, method in distinct.items():
-        family = _family(method)
-        variant = seen.get(family, 0)
-        seen[family] = variant + 1
+        families.setdefault(_family(method), []).append(case)
+    colours = _choose(distinct, COLOURS)
+    markers = _choose(distinct, MARKERS)
+    if len(families) == 1:
+        first = COLOURS.index(next(iter(colours.values())))
+        return {
+            case: SeriesStyle(
+                label=labels[case],
+                colour=COLOURS[(first + k) % len(COLOURS)],
+                marker=MARKERS[(first + k) % len(MARKERS)],
+                line_style=LINE_STYLES[k % len(LINE_STYLES)],
+            )
+            for k, case in enumerate(distinct)
+        }
+    spare = [marker for marker in MARKERS if marker not in markers.values()] or list(MARKERS)
+    is_shared = len(families) < len(distinct)
+    styles: dict[str, SeriesStyle] = {}
+    for position, (family, cases) in enumerate(families.items()):
         colour = colours[family]
-        position = variant if shared else COLOURS.index(colour)
-        while any(
-            (style.colour, style.line_style) == (colour, LINE_STYLES[position % len(LINE_STYLES)])
-            for style in styles.values()
-        ) and position < len(LINE_STYLES):
-            position += 1  # more methods than colours
-        styles[case] = SeriesStyle(
-            label=labels[case],
-            colour=colour,
-            marker=markers[case if shared else family],
-            line_style=LINE_STYLES[position % len(LINE_STYLES)],
-        )
-    return styles
+        # beyond the number of colours the line style has to tell methods apart
+        offset = position // len(COLOURS) + (0 if is_shared else COLOURS.index(colour))
+        for k, case in enumerate(cases):
+            styles[case] = SeriesStyle(
+                label=labels[case],
+                colour=colour,
+                marker=markers[family] if k < 2 else spare[(k // 2 - 1) % len(spare)],
+                line_style=LINE_STYLES[(k + offset) % len(LINE_STYLES)],
+                is_filled=k % 2 == 0,
+            )
+    return {case: styles[case] for case in distinct}
 
 
 def _family(method: AnyMethod) -> str:
@@ -58,17 +93,11 @@ def _family(method: AnyMethod) -> str:
     return f"{method.cq}-{method.degree}" if method.is_runge_kutta else method.cq
 
 
-def _choose(
-    methods: Mapping[str, AnyMethod], key: Callable[[AnyMethod], str], values: Sequence[str]
-) -> dict[str, str]:
-    """One value for every key: BDF p takes the p-th, the others what is left, then round again."""
-    chosen: dict[str, str] = {}
-    for method in methods.values():
-        name = key(method)
-        if name == getattr(method, "cq", None) and name.startswith("bdf"):
-            chosen.setdefault(name, values[int(name[3:]) - 1])
-    for method in methods.values():
-        name = key(method)
+def _choose(methods: Mapping[str, AnyMethod], values: Sequence[str]) -> dict[str, str]:
+    """One value for every family: BDF p takes the p-th, others what is left, then round again."""
+    names = dict.fromkeys(_family(method) for method in methods.values())
+    chosen = {name: values[int(name[3:]) - 1] for name in names if name in BDF_NAMES}
+    for name in names:
         if name not in chosen:
             free = [value for value in values if value not in chosen.values()]
             chosen[name] = free[0] if free else values[len(chosen) % len(values)]

@@ -111,13 +111,9 @@ def draw_errors(axes: Axes, series: Sequence[Series]) -> None:
         axes.plot(
             h,
             e,
-            color=one.style.colour,
-            marker=one.style.marker,
-            linestyle=one.style.line_style,
             label=one.style.label,
             gid=f"floor {one.floor:.1e}",
-            markeredgewidth=0.5,
-            markeredgecolor="white",
+            **one.style.line_properties(),
             zorder=3,
         )
 
@@ -162,6 +158,8 @@ def _draw_failures(axes: Axes, series: Sequence[Series]) -> list[Box]:
     points = extent.height * 72.0 / axes.figure.dpi
     width = extent.width * 72.0 / axes.figure.dpi
     x0, x1 = np.log10(axes.get_xlim())
+    # hollow marks, unless that already tells two methods apart
+    is_hollow = all(one.style.is_filled for one in series)
     across = blended_transform_factory(axes.transData, axes.transAxes)
     top = 1.0
     for status, members in groups.items():
@@ -188,7 +186,9 @@ def _draw_failures(axes: Axes, series: Sequence[Series]) -> list[Box]:
                 color=one.style.colour,
                 marker=one.style.marker,
                 linestyle="none",
-                markerfacecolor="none",
+                markerfacecolor=(
+                    one.style.colour if one.style.is_filled and not is_hollow else "none"
+                ),
                 markeredgewidth=0.8,
                 label=f"_{one.style.label}: {status}",
                 gid="failure",
@@ -281,17 +281,7 @@ def figure_legend(
     """One legend for all panels, outside of them."""
     by_label = {style.label: style for style in styles}
     handles = [
-        Line2D(
-            [],
-            [],
-            color=style.colour,
-            marker=style.marker,
-            linestyle=style.line_style,
-            markeredgewidth=0.5,
-            markeredgecolor="white",
-            label=label,
-        )
-        for label, style in by_label.items()
+        Line2D([], [], label=label, **style.line_properties()) for label, style in by_label.items()
     ]
     figure.legend(
         handles=handles,

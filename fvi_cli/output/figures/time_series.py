@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 _FINE_POINTS = 2001
 _MARKS = 12  # marks on one curve
 _MOST_COMPONENTS = 4
+_VISIBLE = 0.02  # share of the solution's range that an error has to have to be seen
 
 
 def trajectory_figure(
@@ -36,10 +37,10 @@ def trajectory_figure(
     Parameters
     ----------
     experiment, finished
-        The experiment and its runs; of every method the one with `n_steps` steps, by default
-        with the most.
+        The experiment and its runs.
     n_steps
-        Which step of the ladder to show.
+        Which step of the ladder to show; None: the finest at which the methods still differ
+        visibly.
 
     Raises
     ------
@@ -157,19 +158,35 @@ def error_figure(
 
 
 def select_runs(finished: Sequence[FinishedRun], n_steps: int | None) -> list[FinishedRun]:
-    """Of every method the run with `n_steps` steps, or the one with the most."""
-    chosen: dict[str, FinishedRun] = {}
-    for item in finished:
-        if n_steps is not None and item.run.n_steps != n_steps:
+    """Of every method the run with `n_steps` steps.
+
+    By default that is the finest step at which the largest error is still visible, since beyond
+    it all curves are one; the coarsest if it never is, the finest if no error is known.
+    """
+    usable = [item for item in finished if item.trajectory.time.size > 1]
+    there = sorted({item.run.n_steps for item in usable})
+    if not there or n_steps not in (None, *there):
+        listed = sorted({item.run.n_steps for item in finished})
+        raise ValueError(f"n_steps: {n_steps!r} is not one of the finished runs' {listed}")
+    if n_steps is None:
+        shares = {n: _error_share([f for f in usable if f.run.n_steps == n]) for n in there}
+        visible = [n for n in there if shares[n] > _VISIBLE]
+        known = any(np.isfinite(share) for share in shares.values())
+        n_steps = visible[-1] if visible else there[0] if known else there[-1]
+    return [item for item in usable if item.run.n_steps == n_steps]
+
+
+def _error_share(runs: Sequence[FinishedRun]) -> float:
+    """Largest error of some runs in units of the exact solution's range; nan if not known."""
+    shares = []
+    for item in runs:
+        exact = item.run.experiment.problem.exact
+        if exact is None or not np.isfinite(item.error):
             continue
-        case = item.run.method.case
-        if case not in chosen or item.run.n_steps > chosen[case].run.n_steps:
-            chosen[case] = item
-    shown = [item for item in chosen.values() if item.trajectory.time.size > 0]
-    if not shown:
-        there = sorted({item.run.n_steps for item in finished})
-        raise ValueError(f"n_steps: {n_steps!r} is not one of the finished runs' {there}")
-    return shown
+        values = exact(item.trajectory.time)
+        span = float(np.ptp(values, axis=0).max())
+        shares.append(item.error / span if span > 0 else np.nan)
+    return max(shares, default=np.nan)
 
 
 def exact_energy(experiment: Experiment) -> tuple[Array, Array] | None:
@@ -210,15 +227,11 @@ def _draw_series(
     axes.plot(
         time,
         np.where(np.isfinite(values), values, np.nan),
-        color=style.colour,
-        linestyle=style.line_style,
-        marker=style.marker,
         markevery=(((2 * position + 1) * stride // 6) % stride, stride),
-        markeredgewidth=0.5,
-        markeredgecolor="white",
         label=style.label,
         gid=f"floor {floor:.1e}" if np.isfinite(floor) else None,
         zorder=3 + 0.01 * position,
+        **style.line_properties(),
     )
 
 
@@ -240,7 +253,7 @@ def _finish(
     figure: Figure, axes: Axes, shown: Sequence[FinishedRun], experiment: Experiment
 ) -> None:
     sizes = {item.run.step_size for item in shown}
-    step = f" (step size $h = {sizes.pop():.4g}$)" if len(sizes) == 1 else ""
+    step = f" (step size $h = {sizes.pop():.8g}$)" if len(sizes) == 1 else ""
     axes.set_xlabel(f"time $t${step}")
     axes.set_xlim(0.0, experiment.problem.final_time)
     handles, labels = axes.get_legend_handles_labels()
