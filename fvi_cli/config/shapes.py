@@ -244,8 +244,9 @@ class Formula:
         except ExpressionError as error:
             place = node.place
             message = str(error)
-            if error.column is not None and node.text_place is not None and node.text == text:
-                place, message = node.text_place.shifted(error.column - 1), error.message
+            exact = node.text_place if node.text == text else None
+            if error.column is not None and exact is not None and exact.line:
+                place, message = exact.shifted(error.column - 1), error.message
             complaints.add(place, path, message)
             return INVALID
 

@@ -1,0 +1,189 @@
+"""Defaults and combinations of methods, and what is resolved."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import yaml
+
+from fvi_cli.config import find_config, load_config, parse_config, shipped_configs
+from fvi_cli.integrator.method import Baseline, Method, RuleSpecification
+
+FRAME = """\
+problem: {{kind: pendulum, final_time: 1.0}}
+method: {}
+ladder: {{steps: [4, 8]}}
+"""
+
+
+def methods(text: str) -> tuple[object, ...]:
+    (experiment,) = parse_config(FRAME.format(text), "example.yaml").experiments
+    return experiment.methods
+
+
+def gauss(points: int) -> RuleSpecification:
+    return RuleSpecification(rule="gauss", points=points)
+
+
+# one row of the table of defaults after the other
+DEFAULTS = [
+    *(
+        (
+            f"{{bdf: {p}}}",
+            Method(
+                cq=f"bdf{p}",
+                sampling="points",
+                degree=s,
+                quadrature=gauss(s),
+                start="series",
+                forcing_quadrature="exact",
+                history="auto",
+            ),
+        )
+        for p, s in [(1, 1), (2, 1), (3, 2), (4, 2), (5, 3), (6, 3)]
+    ),
+    (
+        "{bdf: 4, sampling: nodes}",
+        Method(
+            cq="bdf4",
+            sampling="nodes",
+            degree=1,
+            quadrature=gauss(1),
+            start="none",
+            forcing_quadrature="galerkin",
+            history="auto",
+        ),
+    ),
+    ("{bdf: 4, sampling: nodes, degree: 3}", Method(cq="bdf4", sampling="nodes", degree=3)),
+    ("{rk: gauss}", Method(cq="gauss", degree=3, start="series")),
+    ("{rk: gauss, stages: 4}", Method(cq="gauss", degree=4, start="series")),
+    ("{rk: radau-iia, stages: 2}", Method(cq="radau-iia", degree=2, start="series")),
+    ("{rk: lobatto-iiic, stages: 4}", Method(cq="lobatto-iiic", degree=3, start="series")),
+    ("{rk: lobatto-iiic}", Method(cq="lobatto-iiic", degree=3, start="series")),
+    ("{degree: 2, start: none}", Method(cq="gauss", degree=2, start="none")),
+    ("{}", Method(cq="gauss", degree=3, start="series")),
+    ("{baseline: implicit-euler}", Baseline(name="implicit-euler")),
+    (
+        "{bdf: 2, quadrature: lobatto}",
+        Method(
+            cq="bdf2",
+            degree=1,
+            quadrature=RuleSpecification(rule="lobatto", points=2),
+            start="series",
+            forcing_quadrature="exact",
+        ),
+    ),
+    (
+        "{bdf: 2, sampling: nodes, quadrature: {rule: gauss, points: 4}}",
+        Method(cq="bdf2", sampling="nodes", degree=1, quadrature=gauss(4)),
+    ),
+    (
+        "{bdf: 3, sampling: nodes, start: {weights: [2.5, 3]}}",
+        Method(cq="bdf3", sampling="nodes", degree=1, start="weights", start_exponents=(2.5, 3.0)),
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "method"), DEFAULTS)
+def test_defaults_of_a_method_that_is_given_in_part(text, method):
+    assert methods(text) == (method,)
+
+
+def test_without_methods_the_default_is_gauss_of_degree_3():
+    text = FRAME.replace("method: {}\n", "").format()
+    (experiment,) = parse_config(text, "example.yaml").experiments
+    assert experiment.methods == (Method(cq="gauss", degree=3, start="series"),)
+
+
+def test_lists_are_combined_and_the_order_is_that_of_the_keys():
+    found = methods("[{degree: [1, 2], bdf: [1, 2], sampling: nodes}, {baseline: explicit-euler}]")
+    assert [m.case for m in found] == [  # type: ignore[attr-defined]
+        "bdf1-nodes-s1-gauss1-none",
+        "bdf1-nodes-s2-gauss2-none",
+        "bdf2-nodes-s1-gauss1-none",
+        "bdf2-nodes-s2-gauss2-none",
+        "explicit-euler",
+    ]
+
+
+def test_every_default_is_filled_in():
+    (resolved,) = parse_config(FRAME.format("{bdf: 2}"), "example.yaml").resolved["experiments"]
+    assert resolved == {
+        "name": "example",
+        "problem": {
+            "kind": "pendulum",
+            "omega": 1.0,
+            "damping": [],
+            "derivative": "caputo",
+            "forcing": "0",
+            "initial": {"position": 0.0, "velocity": 0.0},
+            "final_time": 1.0,
+            "exact": "auto",
+        },
+        "method": [
+            {
+                "bdf": 2,
+                "degree": 1,
+                "sampling": "points",
+                "quadrature": {"rule": "gauss", "points": 1},
+                "start": "series",
+                "forcing_quadrature": "exact",
+                "history": "auto",
+            }
+        ],
+        "ladder": {"steps": [4, 8]},
+        "report": {"norm": "max"},
+        "expect": {},
+        "claims": {},
+        "figures": [],
+        "allow_unstable": False,
+        "store": {"every": 1},
+    }
+
+
+@pytest.mark.parametrize(
+    ("kind", "order"), [("damped-oscillator", 1.0), ("bagley-torvik", 1.5), ("pendulum", 1.0)]
+)
+def test_the_default_order_of_damping_follows_from_the_kind(kind, order):
+    text = FRAME.replace("pendulum", kind).replace("1.0}}", "1.0, damping: [{{coefficient: 2}}]}}")
+    (experiment,) = parse_config(text.format("{bdf: 1}"), "f.yaml").experiments
+    (term,) = experiment.problem.scene.damping
+    assert (term.order, term.coefficient.tolist()) == (order, [[2.0]])
+
+
+def test_a_ladder_by_exponents():
+    text = FRAME.replace("{{steps: [4, 8]}}", "{{from: 0, to: 3, base: 3}}").format("{bdf: 1}")
+    (experiment,) = parse_config(text, "f.yaml").experiments
+    assert experiment.steps == (1, 3, 9, 27)
+
+
+def test_several_degrees_of_freedom():
+    text = """\
+problem:
+  kind: damped-oscillator
+  mass: [[2, 0], [0, 1]]
+  stiffness: [[2, -1], [-1, 2]]
+  damping: [{order: 0.5, coefficient: [[1, 0], [0, 0]]}]
+  forcing: [sin(t), 0]
+  initial: {position: [1, 0]}
+  final_time: 2
+ladder: {steps: 8}
+"""
+    (experiment,) = parse_config(text, "two-masses.yaml").experiments
+    scene = experiment.problem.scene
+    assert scene.dimension == 2
+    assert scene.initial_position.tolist() == [1.0, 0.0]
+    assert experiment.steps == (8,)
+
+
+@pytest.mark.parametrize("name", shipped_configs())
+def test_what_is_resolved_is_a_configuration_of_the_same_experiments(name):
+    first = load_config(find_config(name))
+    text = yaml.safe_dump(json.loads(json.dumps(first.resolved)), sort_keys=False)
+    second = parse_config(text, "again.yaml")
+    assert second.resolved == first.resolved
+    for one, other in zip(first.experiments, second.experiments, strict=True):
+        assert other.methods == one.methods
+        assert other.steps == one.steps
+        assert other.problem_specification == one.problem_specification

@@ -1,0 +1,93 @@
+"""Changes by ``--set``."""
+
+from __future__ import annotations
+
+import pytest
+
+from fvi_cli.config import parse_config
+from fvi_cli.errors import ConfigError
+
+TEXT = """\
+name: example
+problem:
+  kind: bagley-torvik
+  damping: [{order: 1.5, coefficient: 1.0}]
+  final_time: 1.0
+method: {bdf: [1, 2], sampling: nodes}
+ladder: {steps: [2, 4]}
+"""
+
+
+def changed(*overrides: str) -> dict[str, object]:
+    (experiment,) = parse_config(TEXT, "f.yaml", overrides=overrides).resolved["experiments"]
+    return experiment  # type: ignore[no-any-return]
+
+
+def test_values_are_replaced():
+    found = changed("problem.mass=2", "problem.damping.0.order=0.5", "ladder.steps=[3, 6]")
+    assert found["problem"]["mass"] == 2.0  # type: ignore[index]
+    assert found["problem"]["damping"] == [{"order": 0.5, "coefficient": 1.0}]  # type: ignore[index]
+    assert found["ladder"] == {"steps": [3, 6]}
+
+
+def test_missing_mappings_are_made():
+    assert changed("report.norm=final")["report"] == {"norm": "final"}
+
+
+def test_the_last_one_counts():
+    assert changed("name=a", "name=b")["name"] == "b"
+
+
+def test_a_value_may_hold_an_equals_sign_and_an_expression():
+    assert changed("problem.forcing=1 + t**2")["problem"]["forcing"] == "1 + t**2"  # type: ignore[index]
+    with pytest.raises(ConfigError, match=r"--set: problem\.forcing: column 3: '=' is not allowed"):
+        changed("problem.forcing=t == 2")
+
+
+def test_the_text_stays_as_it_is_and_the_changes_are_kept():
+    config = parse_config(TEXT, "f.yaml", overrides=["name=other"])
+    assert config.text == TEXT
+    assert config.overrides == ("name=other",)
+    assert config.name == "other"
+
+
+MISTAKES = [
+    ("problem.mas=2", "--set: problem.mas: not known; did you mean 'mass'?"),
+    ("problem.mass=heavy", "--set: problem.mass: the text 'heavy' is not allowed"),
+    ("problem.mass=", "--set: problem.mass: nothing is written here"),
+    ("problem.mass", "--set: 'problem.mass' is not allowed; it must be key.path=value"),
+    ("=3", "--set: '=3' is not allowed"),
+    ("problem..mass=3", "--set: 'problem..mass=3' is not allowed"),
+    ("problem.damping.1.order=1", "--set: problem.damping.1: the list there has"),
+    ("problem.damping.x.order=1", "--set: problem.damping.x: the list there has"),
+    ("name.first=a", "--set: name.first: the text 'example' stands there"),
+    ("problem.mass=a: b: c", "--set: problem.mass: not YAML"),
+    ("problem.mass=!!float 1", "--set: problem.mass: the tag"),
+    ("problem.damping.0.alpha=0.75", "--set: problem.damping.0.alpha: not a key"),
+    ("ladder.steps=[1, 2.5]", "--set: ladder.steps.1: 2.5 is not allowed"),
+]
+
+
+@pytest.mark.parametrize(("override", "begins"), MISTAKES)
+def test_mistakes_are_told_with_the_option_as_their_place(override, begins):
+    with pytest.raises(ConfigError) as caught:
+        changed(override)
+    assert any(line.startswith(begins) for line in caught.value.complaints), caught.value
+
+
+def test_mistakes_of_the_file_and_of_changes_are_told_together():
+    with pytest.raises(ConfigError) as caught:
+        parse_config(TEXT.replace("1.0}", "x}"), "f.yaml", overrides=["name=a b", "problem.mass=0"])
+    places = [line.split(": ")[0] for line in caught.value.complaints]
+    assert places == ["--set", "--set", "f.yaml:4:39"]
+
+
+def test_one_of_several_experiments_is_meant_by_its_number():
+    text = (
+        "experiments:\n  - {name: a, problem: {kind: pendulum, final_time: 1}, "
+        "ladder: {steps: 4}, method: {bdf: 1}}\n"
+    )
+    config = parse_config(text, "f.yaml", overrides=["experiments.0.ladder.steps=8"])
+    assert config.experiments[0].steps == (8,)
+    with pytest.raises(ConfigError, match=r"write experiments\.0\.ladder"):
+        parse_config(text, "f.yaml", overrides=["ladder.steps=8"])

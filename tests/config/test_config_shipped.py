@@ -1,0 +1,143 @@
+"""The shipped configurations, how they are found, and that a wheel carries them."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from fvi_cli.config import find_config, json_schema, load_config, shipped_configs, starter_config
+from fvi_cli.config import parse_config as parse
+from fvi_cli.config.problem_keys import PROBLEM
+from fvi_cli.errors import RequestError
+
+PROJECT = Path(__file__).parents[2]
+NAMES = shipped_configs()
+
+
+def test_every_experiment_of_the_paper_has_its_configuration():
+    assert {
+        "table-1",
+        "table-2",
+        "damped-oscillator",
+        "damped-oscillator-comparison",
+        "bagley-torvik-1-2",
+        "bagley-torvik-3-2",
+        "bagley-torvik-3-2-long",
+        "corrected-bdf3",
+        "saturation",
+    } <= set(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_shipped_configuration_is_valid_and_named_like_its_file(name):
+    config = load_config(find_config(name))
+    assert config.name == name
+    assert config.experiments
+    assert all(experiment.methods and experiment.steps for experiment in config.experiments)
+
+
+def test_names_of_experiments_are_unique_over_all_files():
+    names = [e.name for n in NAMES for e in load_config(find_config(n)).experiments]
+    assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("name", ["table-1", "table-2"])
+def test_the_tables_have_the_ladders_and_claims_of_the_paper(name):
+    oscillator, half, three_halves = load_config(find_config(name)).experiments
+    assert oscillator.steps == tuple(2**k for k in range(4, 12))
+    assert half.steps == three_halves.steps == tuple(2**k for k in range(1, 9))
+    for experiment in (oscillator, half, three_halves):
+        assert experiment.allow_unstable
+        assert [method.case.split("-")[0] for method in experiment.methods] == [
+            "bdf1",
+            "bdf2",
+            "bdf3",
+        ]
+        assert all(experiment.claim(method) is not None for method in experiment.methods)
+
+
+def test_the_comparison_is_at_the_step_size_of_the_paper():
+    (experiment,) = load_config(find_config("damped-oscillator-comparison")).experiments
+    assert [run.step_size for run in experiment.runs()] == [0.125] * 3
+
+
+class TestFinding:
+    def test_by_name_from_any_folder(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        assert find_config("table-1") == find_config("table-1.yaml")
+        assert find_config("table-1").is_file()
+
+    def test_a_file_goes_first(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        Path("table-1").write_text("name: mine")
+        assert find_config("table-1") == Path("table-1")
+
+    def test_a_folder_of_the_same_name_does_not_hide_it(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        Path("table-1").mkdir()
+        assert find_config("table-1").name == "table-1.yaml"
+
+    @pytest.mark.parametrize("name", ["tabel-1", "tabel-1.yaml"])
+    def test_the_nearest_name_is_suggested(self, name):
+        with pytest.raises(RequestError, match="did you mean 'table-1'"):
+            find_config(name)
+
+    @pytest.mark.parametrize("name", ["", "a/b/c", "../configs/table-1", "x\x00y", "a" * 5000])
+    def test_nothing_else_is_found(self, name, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        with pytest.raises(RequestError):
+            find_config(name)
+
+
+def test_the_wheel_holds_every_package_and_the_configurations():
+    setuptools = tomllib.loads((PROJECT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    packages = {
+        ".".join(path.parent.relative_to(PROJECT).parts)
+        for path in (PROJECT / "fvi_cli").rglob("__init__.py")
+    }
+    assert set(setuptools["packages"]) == packages | {"fvi_cli.shipped_configs"}
+    assert setuptools["package-dir"] == {"fvi_cli.shipped_configs": "configs"}
+    assert setuptools["package-data"]["fvi_cli.shipped_configs"] == ["*.yaml"]
+    assert {path.stem for path in (PROJECT / "configs").iterdir()} == set(NAMES)
+
+
+@pytest.mark.parametrize("kind", list(PROBLEM.kinds))
+def test_a_starter_file_is_valid_and_shows_every_key_of_the_problem(kind):
+    text = starter_config(kind)
+    config = parse(text, "starter.yaml")
+    (resolved,) = config.resolved["experiments"]
+    assert config.name == f"my-{kind}"
+    for key in PROBLEM.kinds[kind].keys:
+        assert f"\n  {key.name}: " in text
+        assert key.name in resolved["problem"]
+    assert max(map(len, text.splitlines())) <= 100
+
+
+def test_a_starter_file_of_an_unknown_kind_is_refused():
+    with pytest.raises(RequestError, match="did you mean 'pendulum'"):
+        starter_config("pendelum")
+
+
+def objects(schema: object) -> list[dict[str, object]]:
+    if isinstance(schema, list):
+        return [found for entry in schema for found in objects(entry)]
+    if not isinstance(schema, dict):
+        return []
+    inner = [found for entry in schema.values() for found in objects(entry)]
+    return [schema, *inner] if "properties" in schema else inner
+
+
+def test_the_schema_describes_every_key():
+    schema = json_schema()
+    assert schema["$schema"].startswith("https://json-schema.org/draft/")
+    found = objects(schema)
+    assert len(found) > 10
+    for record in found:
+        assert record["additionalProperties"] is False
+        for name, described in record["properties"].items():  # type: ignore[union-attr, attr-defined]
+            if "$ref" in described:
+                assert described["$ref"].removeprefix("#/$defs/") in schema["$defs"]
+            else:
+                assert described["description"], name
