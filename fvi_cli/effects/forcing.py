@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -49,7 +50,7 @@ class Forcing:
         if not self.pieces:
             raise ValueError("forcing: at least one piece is needed")
         ends = [0.0, *(piece.until for piece in self.pieces)]
-        if any(not a < b for a, b in zip(ends, ends[1:], strict=False)):
+        if any(not a < b for a, b in itertools.pairwise(ends)):
             raise ValueError(f"forcing: until must increase from 0, got {ends[1:]}")
         if self.pieces[-1].until != math.inf:
             raise ValueError("forcing: the last piece must not have an end")
@@ -98,7 +99,7 @@ class Forcing:
         return result
 
     def __call__(self, time: Array) -> Array:
-        """f at `time`, shape ``(...)`` to ``(..., d)``; at a break point the earlier piece."""
+        """F at `time`, shape ``(...)`` to ``(..., d)``; at a break point the earlier piece."""
         time = np.asarray(time, dtype=float)
         which = np.searchsorted(np.array(self.break_points), time)
         result = np.empty((*time.shape, self.dimension))

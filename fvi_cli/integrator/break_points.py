@@ -42,4 +42,6 @@ def nearest_fitting(scene: Scene, n_steps: int, *, limit: int = 2**20) -> tuple[
 
 def _fits(scene: Scene, n_steps: int) -> bool:
     places = [t / scene.final_time * n_steps for t in scene.break_points]
-    return all(math.isclose(p, round(p), rel_tol=0, abs_tol=TOLERANCE * max(1.0, p)) for p in places)
+    return all(
+        math.isclose(p, round(p), rel_tol=0, abs_tol=TOLERANCE * max(1.0, p)) for p in places
+    )

@@ -23,7 +23,7 @@ from fvi_cli.integrator.moments import (
 )
 from fvi_cli.integrator.starting_weights import correct_start
 from fvi_cli.integrator.step_tables import StepTables, step_tables
-from fvi_cli.integrator.stepping import StepProblem, Stepped, run_steps
+from fvi_cli.integrator.stepping import Stepped, StepProblem, run_steps
 from fvi_cli.integrator.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -87,9 +87,7 @@ def prepare(scene: Scene, method: Method, n_steps: int) -> Prepared:
     series = plan_series(scene, method, n_steps) if method.start == "series" else NO_SERIES
     known = series.known
     from_rest = known is not None and known.carries_start
-    memory = build_memory(
-        scene, method, tables, n_steps, scene.active_damping, from_rest=from_rest
-    )
+    memory = build_memory(scene, method, tables, n_steps, scene.active_damping, from_rest=from_rest)
     moments = None
     if known is not None:
         # smooth by construction: the action's own rule is exact enough

@@ -129,7 +129,7 @@ def series_cutoff(method: Method) -> float:
 # order, the more the window's own error weighs, and the better it must be resolved.
 RUNGE_KUTTA_RULES = {
     3: WindowRule(decays=3.0, steps=6.0),
-    5: WindowRule(decays=8.0, steps=8.0),
+    5: WindowRule(decays=6.0, steps=6.0),
     7: WindowRule(decays=8.0, steps=4.0),
 }
 BDF_RULES = {

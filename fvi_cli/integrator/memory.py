@@ -181,9 +181,7 @@ def _channels(
         else:
             directions.append(direction)
             weights.append(own)
-    return tuple(
-        Channel(direction=d, weights=w) for d, w in zip(directions, weights, strict=True)
-    )
+    return tuple(Channel(direction=d, weights=w) for d, w in zip(directions, weights, strict=True))
 
 
 def _weights(method: Method, h: float, order: float, n_weights: int) -> Array:

@@ -107,7 +107,9 @@ class Method:
         }
         for name, values in permitted.items():
             if getattr(self, name) not in values:
-                raise ValueError(f"{name}: {getattr(self, name)!r} is not one of {', '.join(values)}")
+                raise ValueError(
+                    f"{name}: {getattr(self, name)!r} is not one of {', '.join(values)}"
+                )
         if not 1 <= self.degree <= LARGEST_DEGREE:
             raise ValueError(
                 f"degree: {self.degree} is not allowed; it must be 1 to {LARGEST_DEGREE}"

@@ -166,7 +166,9 @@ def correct_start(
         unknown = unknown + update
         if float(np.abs(update).max()) <= 1e-14 * float(np.abs(unknown).max()):
             break
-    remark = f"starting weights on {', '.join(f't^{e:g}' for e in exponents)}: condition {worst:.2g}"
+    remark = (
+        f"starting weights on {', '.join(f't^{e:g}' for e in exponents)}: condition {worst:.2g}"
+    )
     if worst > CONDITION_WARNING:
         remark += " (ill conditioned: expect to lose that many digits)"
     return replace(problem, extra_force=force_of(unknown.reshape(count, m, d))), (remark,)

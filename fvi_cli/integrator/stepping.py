@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,6 +104,20 @@ class Stepped:
     failure: str = ""
 
 
+class History(Protocol):
+    """The finished part of the convolution, step by step."""
+
+    @property
+    def operations(self) -> int:
+        """Multiply-adds, weight times sample, done so far."""
+
+    def known(self) -> Array:
+        """Force of all finished samples on the step to come, shape ``(m, d)``."""
+
+    def push(self, samples: Array) -> None:
+        """Append the samples of a finished step, shape ``(m, d)``."""
+
+
 class Stepper:
     """Matrices of one step; `advance` solves its equations."""
 
@@ -120,16 +135,18 @@ class Stepper:
         self._linear = linear
         self._stiffness: Array | None = None
         self._potential: Potential | None = problem.scene.potential
-        self._weighted_basis = np.einsum(
-            "ni,mi->inm", tables.test_weights[:-1], tables.basis[1:]
-        )
+        self._weighted_basis = np.einsum("ni,mi->inm", tables.test_weights[:-1], tables.basis[1:])
         if isinstance(self._potential, QuadraticPotential):
             self._stiffness = self._potential.stiffness
             linear = linear - h * np.kron(self._weighted_basis.sum(axis=0), self._stiffness)
         self._inverse = np.linalg.inv(linear) if problem.scene.is_linear else None
-        self._free_motion = np.outer(
-            tables.control_points[1:], np.linalg.solve(problem.scene.inertia.mass, problem.momentum)
-        ) * h
+        self._free_motion = (
+            np.outer(
+                tables.control_points[1:],
+                np.linalg.solve(problem.scene.inertia.mass, problem.momentum),
+            )
+            * h
+        )
 
     @property
     def first_guess(self) -> Array:
@@ -145,7 +162,13 @@ class Stepper:
         return force
 
     def advance(
-        self, index: int, position: Array, momentum: Array, known: Array, offset: Array, guess: Array
+        self,
+        index: int,
+        position: Array,
+        momentum: Array,
+        known: Array,
+        offset: Array,
+        guess: Array,
     ) -> tuple[Array, Array, Array, tuple[float, ...]]:
         """Solve step `index`: increments, damping force, momentum increment, residuals.
 
@@ -181,9 +204,7 @@ class Stepper:
             change = change + moments.sum(axis=0)
         return increments, force, change, residuals
 
-    def _newton(
-        self, base: Array, right: Array, guess: Array
-    ) -> tuple[Array, tuple[float, ...]]:
+    def _newton(self, base: Array, right: Array, guess: Array) -> tuple[Array, tuple[float, ...]]:
         """Solve linear(delta) - h sum b l grad V(X) = right with the exact Jacobian."""
         potential, tables, h = self._potential, self._problem.tables, self._problem.step_size
         if potential is None:  # pragma: no cover - linear scenes never come here
@@ -220,12 +241,21 @@ class Stepper:
         )
 
 
-def run_steps(problem: StepProblem) -> Stepped:
-    """All steps, one after the other, until the end or until the numbers cease to be finite."""
+def run_steps(problem: StepProblem, history: History | None = None) -> Stepped:
+    """All steps, one after the other, until the end or until the numbers cease to be finite.
+
+    Parameters
+    ----------
+    problem
+        Everything that the steps need.
+    history
+        Sums up the memory; None: directly.
+    """
     tables, memory, n_steps = problem.tables, problem.memory, problem.n_steps
     d, m = problem.scene.dimension, tables.sample_points.size
     stepper = Stepper(problem)
-    history = DirectHistory(memory, n_steps, d)
+    if history is None:
+        history = DirectHistory(memory, n_steps, d)
     positions = np.empty((n_steps + 1, d))
     momenta = np.empty((n_steps + 1, d))
     samples = np.empty((n_steps, m, d))
@@ -294,7 +324,7 @@ def stepper_without_kick(
     return stepper.advance(index, position, momentum, zero, zero, guess)
 
 
-def _known(problem: StepProblem, history: DirectHistory, index: int) -> Array:
+def _known(problem: StepProblem, history: History, index: int) -> Array:
     known = history.known()
     if problem.memory.known_force is not None:
         known = known + problem.memory.known_force[index]

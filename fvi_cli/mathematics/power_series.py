@@ -295,7 +295,7 @@ def _gamma_ratio(argument: float, order: float) -> float:
 
 def initial_terms(exponents: Array, order: float) -> NDArray[np.bool_]:
     """Which exponents are the integers 0, 1, ... below `order`."""
-    below = (exponents >= 0) & (exponents < order - SAME_EXPONENT)
+    below = (exponents >= 0) & (exponents < order)
     return np.asarray(below & (exponents == np.round(exponents)))
 
 

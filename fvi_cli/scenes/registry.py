@@ -13,11 +13,14 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
+from fvi_cli.mathematics.power_series import SeriesError, expand
 from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 
 Array = NDArray[np.float64]
+
+SERIES_CUTOFF = 48.0
 
 EQUATIONS: Mapping[str, str] = {
     "damped-oscillator": "M x'' + sum mu D^gamma x + K x = f(t)",
@@ -79,10 +82,8 @@ def _scene(kind: str, specification: Mapping[str, Any]) -> Scene:
 
 def _dimension(specification: Mapping[str, Any], position: object) -> int:
     """The largest size that any entry has; the others must fit."""
-    sizes = [int(np.atleast_1d(np.asarray(position)).shape[0])]
-    for key in ("mass", "stiffness"):
-        sizes.append(int(np.atleast_1d(np.asarray(specification.get(key, 1.0))).shape[0]))
-    return max(sizes)
+    entries = [position, *(specification.get(key, 1.0) for key in ("mass", "stiffness"))]
+    return max(int(np.atleast_1d(np.asarray(entry)).shape[0]) for entry in entries)
 
 
 def _matrix(value: object, dimension: int) -> Array:
@@ -157,12 +158,50 @@ def _exact(value: object, scene: Scene) -> tuple[Callable[[Array], Array] | None
 def _derivative_problem(specification: Mapping[str, Any]) -> DerivativeProblem:
     order = float(specification["order"])
     (function,) = _expressions(specification["function"], 1, "function", ("t",))
-    (exact,) = _expressions(specification["exact"], 1, "exact", ("t",))
+    final_time = float(specification["final_time"])
+    if not 0 < order < 2:
+        raise ValueError(f"order: {order!r} is not allowed; it must lie in (0, 2)")
+    given = specification.get("exact", "auto")
+    if given == "auto":
+        exact = _termwise_derivative(function, order, final_time)
+        source = "power series, term by term"
+    else:
+        exact = ForcingPiece(components=_expressions(given, 1, "exact", ("t",))).evaluate
+        source = "expression"
     return DerivativeProblem(
         function=ForcingPiece(components=(function,)).evaluate,
         order=order,
-        final_time=float(specification["final_time"]),
-        exact=ForcingPiece(components=(exact,)).evaluate,
-        exact_source="expression",
+        final_time=final_time,
+        exact=exact,
+        exact_source=source,
         equation=f"D^{order:g} of {function.text}",
     )
+
+
+def _termwise_derivative(
+    function: Expression, order: float, final_time: float
+) -> Callable[[Array], Array]:
+    """Caputo derivative of a function by its expansion at 0, where that converges up to T.
+
+    Raises
+    ------
+    ValueError
+        If the function has no such expansion, or its terms do not become small on [0, T].
+    """
+    try:
+        series = expand(function, SERIES_CUTOFF).without_initial_terms(order)
+        derivative = series.fractional_derivative(order)
+    except SeriesError as error:
+        raise ValueError(f"exact: auto needs an expansion of the function: {error}") from None
+    if derivative.exponents.size and derivative.exponents[0] < 0:
+        raise ValueError("exact: the derivative is not bounded at 0; it cannot be measured there")
+    sizes = np.abs(derivative.coefficients) * final_time**derivative.exponents
+    last = sizes[derivative.exponents > SERIES_CUTOFF - order - 6.0]
+    if last.sum() > 1e-16 * sizes.sum() or sizes.max(initial=0.0) > 100 * abs(
+        float(derivative(np.array(final_time)))
+    ):
+        raise ValueError(
+            f"exact: the expansion of {function.text!r} does not converge on [0, {final_time:g}] "
+            "fast enough; give the derivative as an expression"
+        )
+    return lambda time: derivative(time)[:, None]

@@ -71,9 +71,7 @@ def test_any_degree_is_the_algorithm_of_the_paper(degree: int, bdf_order: int) -
     problem = damped_oscillator()
     method = Method(cq=f"bdf{bdf_order}", sampling="nodes", degree=degree)
     ours = integrate(problem.scene, method, 64).position[:, 0]
-    theirs = literal_galerkin(
-        1.0, 0.2, 1.0, 1.0, np.zeros_like, 16.0, 64, bdf_order, degree
-    )
+    theirs = literal_galerkin(1.0, 0.2, 1.0, 1.0, np.zeros_like, 16.0, 64, bdf_order, degree)
     assert np.abs(ours - theirs).max() <= 1e-12
 
 
@@ -148,7 +146,8 @@ def test_terms_of_one_order_add_up(sampling: str, derivative: str) -> None:
 def test_integer_order_has_a_finite_memory() -> None:
     method = Method(cq="bdf3", degree=2)
     scene = linear_oscillator(
-        final_time=3.0, damping=[FractionalDamping(order=1.0, coefficient=0.2)],
+        final_time=3.0,
+        damping=[FractionalDamping(order=1.0, coefficient=0.2)],
         initial_velocity=1.0,
     )
     counts = [integrate(scene, method, n).history_operations for n in (100, 200)]

@@ -1,0 +1,147 @@
+"""Initial data and conventions: values from outside, and what must be refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method
+from fvi_cli.scenes.named import linear_oscillator
+
+METHODS = [
+    Method(cq="gauss", degree=3),
+    Method(cq="gauss", degree=3, start="series"),
+    Method(cq="radau-iia", degree=3),
+    Method(cq="lobatto-iiic", degree=3),
+    Method(cq="bdf4", degree=2, start="series", forcing_quadrature="exact"),
+]
+
+
+@pytest.mark.parametrize("method", [*METHODS, Method(cq="bdf2", degree=1, sampling="nodes")])
+def test_polynomial_solution(method: Method) -> None:
+    """x'' + D^{3/2} x + x = 1 + t with x(0) = x'(0) = 1 has x = 1 + t."""
+    scene = linear_oscillator(
+        final_time=1.0,
+        damping=[FractionalDamping(order=1.5, coefficient=1.0)],
+        forcing=Forcing.from_text("1 + t"),
+        initial_position=1.0,
+        initial_velocity=1.0,
+    )
+    trajectory = integrate(scene, method, 64)
+    assert np.abs(trajectory.position[:, 0] - 1 - trajectory.time).max() < 1e-13
+    wrong = linear_oscillator(
+        final_time=1.0,
+        damping=[FractionalDamping(order=1.5, coefficient=1.0)],
+        forcing=Forcing.from_text("1 + t"),
+        initial_position=1.0,
+        initial_velocity=1.0001,
+    )
+    assert np.abs(integrate(wrong, method, 64).position - trajectory.position).max() > 1e-6
+
+
+@pytest.mark.parametrize(
+    ("derivative", "value"),
+    [("caputo", 0.612261785758467), ("riemann-liouville", 0.0768387490366691)],
+)
+def test_caputo_and_riemann_liouville(derivative: str, value: float) -> None:
+    """x'' + D^{1/2} x + x = 0, x0 = 1, v0 = 0 at t = 1, by Laplace inversion."""
+    scene = linear_oscillator(
+        final_time=1.0,
+        damping=[FractionalDamping(order=0.5, coefficient=1.0)],
+        initial_position=1.0,
+        derivative=derivative,
+    )
+    for method in METHODS[:2]:
+        assert integrate(scene, method, 128).position[-1, 0] == pytest.approx(value, abs=1e-12)
+    other = {"caputo": "riemann-liouville", "riemann-liouville": "caputo"}[derivative]
+    swapped = linear_oscillator(
+        final_time=1.0,
+        damping=[FractionalDamping(order=0.5, coefficient=1.0)],
+        initial_position=1.0,
+        derivative=other,
+    )
+    assert abs(integrate(swapped, METHODS[0], 128).position[-1, 0] - value) > 0.5
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_caputo_solution_jumps_as_the_order_passes_1(method: Method) -> None:
+    """x0 = 0, v0 = mu = k = 1, t = 2: 0.41928 up to order 1, 1.26871 just above."""
+
+    def value(order: float) -> float:
+        scene = linear_oscillator(
+            final_time=2.0,
+            damping=[FractionalDamping(order=order, coefficient=1.0)],
+            initial_velocity=1.0,
+        )
+        return float(integrate(scene, method, 256).position[-1, 0])
+
+    assert value(1 - 1e-9) == pytest.approx(0.41928, abs=5e-6)
+    assert value(1.0) == pytest.approx(0.41928, abs=5e-6)
+    assert value(1 + 1e-9) == pytest.approx(1.26871, abs=6e-6)
+
+
+def test_riemann_liouville_above_1_with_a_position_at_0_is_refused() -> None:
+    with pytest.raises(ValueError, match="not integrable"):
+        linear_oscillator(
+            final_time=1.0,
+            damping=[FractionalDamping(order=1.5, coefficient=1.0)],
+            initial_position=1.0,
+            derivative="riemann-liouville",
+        )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_orders_on_both_sides_of_1_together(method: Method) -> None:
+    """The velocity is subtracted for the order above 1 only; against a fine run of Gauss4."""
+    scene = linear_oscillator(
+        final_time=3.0,
+        stiffness=2.0,
+        damping=[
+            FractionalDamping(order=0.5, coefficient=0.4),
+            FractionalDamping(order=1.5, coefficient=0.3),
+        ],
+        initial_position=1.0,
+        initial_velocity=0.7,
+    )
+    fine = integrate(scene, Method(cq="gauss", degree=4, start="series"), 256).position[-1, 0]
+    assert integrate(scene, method, 128).position[-1, 0] == pytest.approx(fine, abs=2e-4)
+    from fvi_cli.scenes.linear_response import match_scene
+
+    exact = match_scene(scene)
+    assert exact is not None
+    assert fine == pytest.approx(exact.position(np.array([3.0]))[0, 0], abs=1e-12)
+
+
+def test_public_data_of_the_follow_up() -> None:
+    """Lobatto IIIC with classical damping (arXiv 2510.11082; data: repository khaledharizb/RKCQ)."""
+    table = {
+        1: (3.78281711e-2, 9.13940845e-3, 2.28712214e-3, 5.70202712e-4),
+        2: (3.05875383e-4, 1.86120011e-5, 1.15820322e-6, 7.24071e-8),
+        3: (3.8855294e-7, 6.27779e-9, 9.67e-11, 1.5e-12),
+    }
+    scene = linear_oscillator(
+        final_time=30.0,
+        mass=np.eye(2),
+        stiffness=0.5 * np.eye(2),
+        damping=[FractionalDamping(order=1.0, coefficient=0.25 * np.eye(2))],
+        initial_position=[0.8, -0.5],
+        initial_velocity=[0.4, 0.0],
+    )
+    w, r = np.sqrt(31) / 8, np.sqrt(31)
+    for degree, row in table.items():
+        for n_steps, published in zip((32, 64, 128, 256), row, strict=True):
+            trajectory = integrate(scene, Method(cq="lobatto-iiic", degree=degree), n_steps)
+            t = trajectory.time
+            decay = np.exp(-t / 8)
+            exact = np.stack(
+                [
+                    4 / 155 * decay * (31 * np.cos(w * t) + 5 * r * np.sin(w * t)),
+                    -1 / 62 * decay * (31 * np.cos(w * t) + r * np.sin(w * t)),
+                ],
+                axis=1,
+            )
+            error = np.abs(trajectory.position - exact).max()
+            assert error == pytest.approx(published, rel=2e-6 if published > 1e-10 else 0.1)
