@@ -1,0 +1,400 @@
+"""What the command line promises: results on stdout, talk on stderr, exit codes, no tracebacks."""
+
+import csv
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import fvi_cli
+from fvi_cli import campaign
+from fvi_cli.cli import app
+
+QUICK = """\
+name: quick
+problem:
+  kind: bagley-torvik
+  damping: [{order: 1.5, coefficient: 1.0}]
+  forcing: 15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5
+  initial: {position: 0.0, velocity: 0.0}
+  final_time: 1.0
+  exact: t**2.5
+method: {bdf: [1, 2], sampling: nodes, degree: 1}
+ladder: {steps: [4, 8, 16, 32]}
+"""
+# explicit in the damping: BDF6 leaves every bound at once
+DIVERGING = QUICK.replace("bdf: [1, 2]", "bdf: [6, 1]").replace("quick", "diverging")
+DIVERGING = DIVERGING.replace("[4, 8, 16, 32]", "[64, 128]") + "allow_unstable: true\n"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    package = str(Path(fvi_cli.__file__).parents[1])
+    inherited = os.environ.get("PYTHONPATH")
+    # for processes: the package that is tested here, from a checkout as well
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, [inherited, package])))
+    (tmp_path / "quick.yaml").write_text(QUICK)
+    (tmp_path / "diverging.yaml").write_text(DIVERGING)
+    return tmp_path
+
+
+def fvi(*arguments):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert "Traceback" not in result.output
+    return result
+
+
+def in_a_process(*arguments, **options):
+    command = [sys.executable, "-m", "fvi_cli", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, **options)
+
+
+def files(folder):
+    return sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
+
+
+# --- the outside ----------------------------------------------------------------------------------
+
+
+def modules_after(statement):
+    code = f"import sys; {statement}; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    return {name.partition(".")[0] for name in done.stdout.split()}
+
+
+def test_the_command_line_loads_nothing_heavy():
+    heavy = {"numpy", "scipy", "matplotlib", "h5py", "yaml", "sympy", "mpmath"}
+    assert not heavy & modules_after("import fvi_cli.cli")
+    # control: the same look at a module that does need NumPy
+    assert "numpy" in modules_after("import fvi_cli.campaign")
+
+
+def test_help_names_every_command_and_version_the_version():
+    done = in_a_process("--help")
+    assert done.returncode == 0
+    for command in ("run", "convergence", "plot", "check", "show", "schema", "new"):
+        assert re.search(rf"^  {command} ", done.stdout, re.MULTILINE)
+        assert in_a_process(command, "--help").returncode == 0
+    assert in_a_process("--version").stdout == f"fvi {fvi_cli.__version__}\n"
+
+
+def test_without_arguments_the_help_is_shown_and_the_request_is_wrong():
+    result = fvi()
+    assert result.exit_code == 2
+    assert "Usage" in result.output
+
+
+# --- run ------------------------------------------------------------------------------------------
+
+
+def test_run_stores_results_and_prints_them_on_stdout(folder):
+    result = fvi("run", "quick.yaml")
+    assert result.exit_code == 0, result.output
+    *table, path = result.stdout.splitlines()
+    assert path == str(Path("results") / "quick.h5")
+    assert Path(path).is_file()
+    assert len(table) == 1 + 8
+    assert "quick: 8 runs, 0 of them stored" in result.stderr
+    assert "runs" not in result.stdout
+
+
+def test_what_is_stored_is_used_again_unless_fresh(folder):
+    first = fvi("run", "quick.yaml")
+    second = fvi("run", "quick.yaml")
+    assert "8 runs, 8 of them stored" in second.stderr
+    assert second.stdout == first.stdout
+    assert "8 runs, 0 of them stored" in fvi("run", "quick.yaml", "--fresh").stderr
+    # control: another problem of the same name is another run
+    changed = fvi("run", "quick.yaml", "--set", "problem.stiffness=2.0")
+    assert "8 runs, 0 of them stored" in changed.stderr
+
+
+def test_quiet_says_nothing_and_verbose_names_every_run(folder):
+    assert fvi("run", "quick.yaml", "-q").stderr == ""
+    told = fvi("run", "quick.yaml", "-v", "--fresh").stderr
+    assert told.count("quick bdf1-nodes-s1-gauss1-none N=") == 4
+
+
+def test_a_dry_run_lists_every_run_and_writes_nothing(folder):
+    before = files(folder)
+    result = fvi("run", "quick.yaml", "--dry-run")
+    assert result.exit_code == 0
+    rows = result.stdout.splitlines()[1:]
+    assert len(rows) == 8
+    assert all("compute" in row and "damping of order 1.5" in row for row in rows)
+    assert files(folder) == before
+    fvi("run", "quick.yaml", "-q")
+    rows = fvi("run", "quick.yaml", "--dry-run").stdout.splitlines()[1:]
+    assert all("reuse" in row for row in rows)
+
+
+def test_several_processes_store_the_same_table(folder):
+    assert fvi("convergence", "quick.yaml", "--output", "one").exit_code == 0
+    assert fvi("convergence", "quick.yaml", "--output", "two", "--workers", "2").exit_code == 0
+    one, two = (folder / name / "tables" / "quick.csv" for name in ("one", "two"))
+    assert one.read_text() == two.read_text()
+
+
+def test_an_unexpected_failure_exits_1_and_the_others_are_stored(folder):
+    result = fvi("run", "diverging.yaml")
+    assert result.exit_code == 1
+    rows = [row.split() for row in result.stdout.splitlines()[1:-1]]
+    assert len(rows) == 4
+    assert {row[-1] for row in rows if row[1].startswith("bdf1")} == {"ok"}
+    assert "diverged" in {row[-1] for row in rows if row[1].startswith("bdf6")}
+    assert "did not expect" in result.stderr
+    assert (folder / "results" / "diverging.h5").is_file()
+    # the same, foretold
+    (folder / "diverging.yaml").write_text(DIVERGING + "expect: {bdf6: unstable}\n")
+    assert fvi("run", "diverging.yaml").exit_code == 0
+
+
+def test_fail_fast_stops_at_the_first_failure(folder):
+    result = fvi("run", "diverging.yaml", "quick.yaml", "--fail-fast")
+    assert result.exit_code == 1
+    assert len(result.stdout.splitlines()) < 1 + 4 + 1
+    assert not (folder / "results" / "quick.h5").exists()
+
+
+SLOW = QUICK.replace("[4, 8, 16, 32]", "[8, 16, 20000000]").replace("[1, 2]", "[1]")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_interrupted_run_keeps_what_is_finished(folder, number, workers):
+    (folder / "quick.yaml").write_text(SLOW)
+    command = [sys.executable, "-m", "fvi_cli", "run", "quick.yaml", "-v"]
+    if workers > 1:
+        command += ["--workers", str(workers)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        told = ""
+        while told.count("error") < 2:
+            line = process.stderr.readline()
+            assert line, told
+            told += line
+        process.send_signal(number)
+        stdout, stderr = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130, stderr
+    assert "Traceback" not in told + stderr
+    assert "interrupted" in stderr
+    assert stdout == ""
+    rows = fvi("run", "quick.yaml", "--dry-run").stdout.splitlines()[1:]
+    assert [("reuse" in row) for row in rows] == [True, True, False]
+
+
+# --- convergence ----------------------------------------------------------------------------------
+
+
+def test_convergence_writes_four_forms_of_one_table(folder):
+    result = fvi("convergence", "quick.yaml")
+    assert result.exit_code == 0, result.output
+    tables = folder / "results" / "tables"
+    assert sorted(p.name for p in tables.iterdir()) == [
+        f"quick.{suffix}" for suffix in ("csv", "json", "md", "tex")
+    ]
+    for suffix in ("csv", "json", "md", "tex"):
+        assert str(Path("results/tables") / f"quick.{suffix}") in result.stdout.splitlines()
+    with (tables / "quick.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 8
+    assert ",".join(rows[0]) == (
+        "experiment,case,cq,sampling,degree,quadrature,start,gamma,norm,n_steps,step_size,error,"
+        "pairwise_order,used_in_fit,slope,fit_residual,expected_order,predicted,status"
+    )
+
+
+def test_convergence_takes_a_result_file_and_computes_nothing(folder):
+    fvi("run", "quick.yaml", "-q")
+    assert fvi("convergence", "quick.yaml", "--output", "direct").exit_code == 0
+    result = fvi("convergence", "results/quick.h5", "--output", "stored")
+    assert result.exit_code == 0, result.output
+    direct, stored = (folder / n / "tables" / "quick.csv" for n in ("direct", "stored"))
+    assert stored.read_text() == direct.read_text()
+    assert not (folder / "stored" / "quick.h5").exists()
+
+
+def test_a_check_holds_until_the_table_is_changed(folder):
+    fvi("convergence", "quick.yaml", "-q")
+    before = {p: p.read_bytes() for p in (folder / "results").rglob("*") if p.is_file()}
+    assert fvi("convergence", "quick.yaml", "--check").exit_code == 0
+    assert fvi("convergence", "quick.yaml", "--check", "--fresh").exit_code == 0
+    assert {p: p.read_bytes() for p in before} == before
+    table = folder / "results" / "tables" / "quick.csv"
+    with table.open(newline="") as file:
+        first = next(csv.DictReader(file))
+    table.write_text(table.read_text().replace(first["error"], repr(1.01 * float(first["error"]))))
+    stale = fvi("convergence", "quick.yaml", "--check", "--fresh")
+    assert stale.exit_code == 3
+    assert "error" in stale.stdout
+
+
+def test_a_check_without_tables_does_not_hold_and_writes_nothing(folder):
+    before = files(folder)
+    result = fvi("convergence", "quick.yaml", "--check", "--output", "nowhere")
+    assert result.exit_code == 3
+    assert files(folder) == before
+    assert not (folder / "nowhere").exists()
+
+
+# --- plot -----------------------------------------------------------------------------------------
+
+
+def test_plot_draws_and_checks_figures(folder):
+    result = fvi("plot", "quick.yaml")
+    assert result.exit_code == 0, result.output
+    written = [Path(line) for line in result.stdout.splitlines()]
+    assert {path.suffix for path in written} == {".pdf", ".png", ".json"}
+    assert all(path.is_file() for path in written)
+    assert fvi("plot", "quick.yaml", "--check").exit_code == 0
+    changed = fvi("plot", "quick.yaml", "--check", "--set", "problem.stiffness=1.3")
+    assert changed.exit_code == 3
+
+
+# --- the other commands ---------------------------------------------------------------------------
+
+
+def test_check_validates_and_writes_nothing(folder):
+    before = files(folder)
+    result = fvi("check", "quick.yaml", "table-1")
+    assert result.exit_code == 0
+    assert "quick.yaml: valid, 1 experiments, 8 runs" in result.stdout
+    assert files(folder) == before
+
+
+def test_show_lists_runs_and_gives_the_configuration_back(folder):
+    fvi("run", "quick.yaml", "-q")
+    listing = fvi("show", "results/quick.h5")
+    assert listing.exit_code == 0, listing.output
+    assert listing.stdout.count("bdf2-nodes-s1-gauss1-none") == 4
+    assert fvi("show", "results/quick.h5", "--config").stdout == QUICK
+
+
+def test_schema_is_json(folder):
+    assert json.loads(fvi("schema").stdout)["$schema"]
+
+
+def test_new_writes_a_valid_configuration_once(folder):
+    result = fvi("new", "mine", "--kind", "pendulum")
+    assert result.exit_code == 0
+    assert result.stdout == "mine.yaml\n"
+    assert fvi("check", "mine.yaml").exit_code == 0
+    again = fvi("new", "mine")
+    assert again.exit_code == 2
+    assert "exists already" in again.stderr
+    assert "kind: pendulum" in (folder / "mine.yaml").read_text()
+
+
+# --- mistakes -------------------------------------------------------------------------------------
+
+WRONG = QUICK.replace("final_time: 1.0", "final_time: -1.0").replace("bdf: [1, 2]", "bdf: [1, 7]")
+
+
+@pytest.mark.parametrize("command", ["run", "convergence", "plot", "check"])
+def test_every_mistake_is_told_with_its_place_and_nothing_is_written(folder, command):
+    (folder / "wrong.yaml").write_text(WRONG)
+    (folder / "worse.yaml").write_text("name: worse\n")
+    before = files(folder)
+    result = fvi(command, "wrong.yaml", "worse.yaml", "quick.yaml", "absent.yaml")
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert re.search(r"^wrong\.yaml:7:\d+: problem\.final_time: ", result.stderr, re.MULTILINE)
+    assert re.search(r"^wrong\.yaml:9:\d+: method\.?0?\.bdf", result.stderr, re.MULTILINE)
+    assert re.search(r"^worse\.yaml:\d+:\d+: ", result.stderr, re.MULTILINE)
+    assert "absent.yaml: no such file" in result.stderr
+    assert files(folder) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["run"], "CONFIG"),
+        (["rum", "quick.yaml"], "rum"),
+        (["run", "quick.yaml", "--nonsense"], "--nonsense"),
+        (["run", "quick.yaml", "--workers", "0"], "--workers"),
+        (["run", "quick.yaml", "--set", "problem.stifness=2"], "stiffness"),
+        (["run", "quick.yaml", "--set", "nonsense"], "key.path=value"),
+        (["run", "quick.yaml", "quick.yaml"], "given twice"),
+        (["run", "damped-oscilator"], "damped-oscillator"),
+        (["run", "."], "."),
+        (["show", "absent.h5"], "absent.h5"),
+        (["show", "quick.yaml"], "quick.yaml"),
+        (["convergence", "absent.h5"], "absent.h5"),
+        (["convergence", "text.h5"], "text.h5"),
+        (["new", "../mine"], "../mine"),
+        (["new", "mine", "--kind", "pendulums"], "pendulum"),
+        (["run", "quick.yaml", "--output", "quick.yaml"], "quick.yaml"),
+        (["convergence", "quick.yaml", "--output", "quick.yaml/below"], "quick.yaml"),
+    ],
+)
+def test_a_mistake_of_the_user_exits_2_with_a_hint(folder, arguments, told):
+    (folder / "text.h5").write_text("no HDF5")
+    before = files(folder)
+    result = fvi(*arguments)
+    assert result.exit_code == 2, result.output
+    assert told in result.stderr
+    assert files(folder) == before
+
+
+def test_an_unexpected_error_shows_its_traceback_only_when_asked(folder, monkeypatch):
+    def broken(*arguments):
+        raise RuntimeError("the moon is full")
+
+    monkeypatch.setattr(campaign, "gather", broken)
+    result = fvi("check", "quick.yaml")
+    assert result.exit_code == 1
+    assert "the moon is full" in result.stderr
+    assert "-v" in result.stderr
+    verbose = CliRunner().invoke(app, ["check", "quick.yaml", "-v"])
+    assert verbose.exit_code == 1
+    assert "Traceback" in verbose.stderr
+
+
+def test_a_reader_that_goes_away_is_no_error_message(folder):
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "fvi_cli", "schema"]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert done.stderr == ""
+    assert done.returncode == 141
+
+
+def test_a_progress_bar_is_drawn_on_a_terminal_only(folder):
+    pty = pytest.importorskip("pty")
+    leader, follower = pty.openpty()
+    command = [sys.executable, "-m", "fvi_cli", "run", "quick.yaml"]
+    environment = {**os.environ, "TERM": "xterm"}
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=follower, text=True, env=environment
+    )
+    os.close(follower)
+    drawn = b""
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        try:
+            part = os.read(leader, 4096)
+        except OSError:  # the other end is closed
+            break
+        if not part:
+            break
+        drawn += part
+    stdout, _ = process.communicate(timeout=60)
+    os.close(leader)
+    assert process.returncode == 0
+    assert b"8/8" in drawn
+    assert "8/8" not in stdout
+    # control: no terminal, no bar
+    assert "8/8" not in in_a_process("run", "quick.yaml", "--fresh").stderr
