@@ -12,6 +12,7 @@ from scipy.special import rgamma
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
 from fvi_cli.integrator.break_points import steps_at_break_points
+from fvi_cli.integrator.engine import run
 from fvi_cli.integrator.known_part import NO_SERIES, KnownPart, plan_series
 from fvi_cli.integrator.memory import build_memory
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
@@ -23,7 +24,7 @@ from fvi_cli.integrator.moments import (
 )
 from fvi_cli.integrator.starting_weights import correct_start
 from fvi_cli.integrator.step_tables import StepTables, step_tables
-from fvi_cli.integrator.stepping import Stepped, StepProblem, run_steps
+from fvi_cli.integrator.stepping import Stepped, StepProblem
 from fvi_cli.integrator.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -63,7 +64,7 @@ def integrate(scene: Scene, method: AnyMethod, n_steps: int) -> Trajectory:
         corrected, remarks = correct_start(prepared.problem, method, scene)
         prepared = replace(prepared, problem=corrected, remarks=remarks)
     ready = time.perf_counter()
-    stepped = run_steps(prepared.problem)
+    stepped = run(prepared.problem, method.history)
     finished = time.perf_counter()
     return _trajectory(
         scene, method, prepared, stepped, setup=ready - began, stepping=finished - ready

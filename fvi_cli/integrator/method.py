@@ -16,7 +16,7 @@ RuleName = Literal["gauss", "lobatto", "radau"]
 Sampling = Literal["nodes", "points"]
 Start = Literal["none", "weights", "series"]
 ForcingQuadrature = Literal["galerkin", "exact", "projected"]
-History = Literal["auto", "direct"]
+History = Literal["auto", "direct", "fft"]
 
 BDF_NAMES = tuple(f"bdf{p}" for p in range(1, 7))
 RUNGE_KUTTA_NAMES = ("gauss", "radau-iia", "lobatto-iiic")
@@ -80,7 +80,8 @@ class Method:
         ``galerkin`` (the action's rule), ``exact`` (moments to round-off) or ``projected``
         (moments of the L2 projection).
     history
-        ``auto`` or ``direct``.
+        ``direct`` (every sum written out, one step after the other), ``fft`` (block by block) or
+        ``auto`` (the quicker one; the same to round-off).
 
     Raises
     ------
@@ -103,7 +104,7 @@ class Method:
             "sampling": ("nodes", "points"),
             "start": ("none", "weights", "series"),
             "forcing_quadrature": ("galerkin", "exact", "projected"),
-            "history": ("auto", "direct"),
+            "history": ("auto", "direct", "fft"),
         }
         for name, values in permitted.items():
             if getattr(self, name) not in values:

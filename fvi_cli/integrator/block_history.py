@@ -1,0 +1,332 @@
+r"""History in O(N log(N)^2): finished groups of steps are convolved into the future by FFT.
+
+The steps are cut into groups of equal length. When b groups are done, the last :math:`2^j` of
+them, :math:`2^j` the largest power of two that divides b, are convolved once into the next
+:math:`2^j` (Hairer, Lubich, Schlichte, *Fast numerical solution of nonlinear Volterra
+convolution equations*, SIAM J. Sci. Stat. Comput. 6, 1985). Inside a group the sum is direct.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.memory import Channel, Memory
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+FREQUENCY_SLAB = 4096
+"""Frequencies multiplied at a time, so that matrix weights work in the cache."""
+LARGEST_CACHED = 2**16
+"""Longer convolutions happen once or twice: their transforms are made one by one, not kept."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BatchedChannel:
+    """A channel for a batch of independent systems of e coupled components each.
+
+    Parameters
+    ----------
+    channel
+        Weights (and the direction in the scene's coordinates).
+    directions
+        The direction in the coordinates of the batch, shape ``(q, e, e)``.
+    """
+
+    channel: Channel
+    directions: Array
+
+
+def lag_kernel(channels: tuple[BatchedChannel, ...], first: int, last: int, samples: int) -> Array:
+    r"""Force of one sample after `first` <= n < `last` steps, as matrices.
+
+    Parameters
+    ----------
+    channels
+        The channels of one batch.
+    first, last
+        Range of lags.
+    samples
+        Number m of samples per step.
+
+    Returns
+    -------
+    Array
+        :math:`\sum_D w^{(D)}_n[i, j] D[a, b]` at ``[q, n, (i, b), (j, a)]``, shape
+        ``(q, last - first, m e, m e)``.
+    """
+    q, e, _ = channels[0].directions.shape
+    size = samples * e
+    kernel = np.zeros((q, last - first, samples, e, samples, e))
+    for batched in channels:
+        weights = batched.channel.weights[first:last]
+        if batched.channel.is_scalar:
+            weights = weights[:, None, None] * np.eye(samples)
+        kernel[:, : weights.shape[0]] += np.einsum(
+            "nij,qab->qnibja", weights, batched.directions, optimize=False
+        )
+    return kernel.reshape(q, last - first, size, size)
+
+
+def reversed_strip(kernel: Array, rows: int, reach: int) -> Array:
+    """Force of the last `reach` samples on the next `rows` steps.
+
+    Parameters
+    ----------
+    kernel
+        From `lag_kernel` with lags 0 .. rows + reach - 1 at least, shape ``(q, n, k, k)``.
+    rows, reach
+        Number of steps ahead and of samples behind.
+
+    Returns
+    -------
+    Array
+        Shape ``(q, rows k, reach k)``; columns in the order of time, so that fewer samples take
+        the last columns.
+    """
+    q, _, k, _ = kernel.shape
+    strip = np.empty((q, rows, k, reach, k))
+    backwards = kernel[:, ::-1]
+    total = kernel.shape[1]
+    for row in range(rows):
+        # the column before the last has lag row + 2, the last row + 1
+        start = total - 1 - (row + reach)
+        strip[:, row] = backwards[:, start : start + reach].transpose(0, 2, 1, 3)
+    return strip.reshape(q, rows * k, reach * k)
+
+
+class GroupHistory:
+    """Forces of finished groups on later ones, and the finished samples, in one buffer.
+
+    Until its turn comes, a group's part of the buffer holds the force on it; afterwards its
+    samples.
+
+    Parameters
+    ----------
+    channels
+        Directions and weights; those whose memory reaches no further than the next group are
+        summed directly.
+    samples
+        Number m of samples per step.
+    group
+        Number of steps in a group.
+    n_steps
+        Number of steps that are wanted.
+    """
+
+    def __init__(
+        self, channels: tuple[BatchedChannel, ...], samples: int, group: int, n_steps: int
+    ) -> None:
+        self._group = group
+        self._n_groups = -(-n_steps // group)
+        self._end = self._n_groups * group
+        self._long = tuple(c for c in channels if c.channel.memory - 1 > group)
+        self._short = tuple(c for c in channels if 1 < c.channel.memory <= group + 1)
+        q, e = (channels[0].directions.shape[:2]) if channels else (1, 1)
+        self._shape = (q, samples, e)
+        self._buffer = np.zeros((q, samples, e, self._end))
+        self._transforms: dict[int, list[ComplexArray]] = {}
+        self.operations = 0
+        self._tail: Array | None = None
+        self._reach = 0
+        if self._short and self._n_groups > 1:
+            self._reach = max(c.channel.memory for c in self._short) - 1
+            kernel = lag_kernel(self._short, 0, 2 * self._reach, samples)
+            self._tail = reversed_strip(kernel, self._reach, self._reach)
+
+    @property
+    def samples(self) -> Array:
+        """The finished samples, shape ``(q, m, e, n)`` with n a multiple of the group."""
+        return self._buffer
+
+    def force_on(self, index: int) -> Array:
+        """Force of all finished groups on group `index`, a copy of shape ``(q, group, m, e)``."""
+        part = self._buffer[..., index * self._group : (index + 1) * self._group]
+        return np.ascontiguousarray(part.transpose(0, 3, 1, 2))
+
+    def finish(self, index: int, samples: Array) -> None:
+        """Store the samples of group `index`, shape ``(q, group, m, e)``, and spread its force."""
+        end = (index + 1) * self._group
+        self._buffer[..., end - self._group : end] = samples.transpose(0, 2, 3, 1)
+        if end >= self._end:
+            return
+        if self._tail is not None:
+            self._spread_short(end, samples)
+        if self._long:
+            finished = index + 1
+            self._spread_long(end, (finished & -finished) * self._group)
+
+    def _spread_short(self, end: int, samples: Array) -> None:
+        if self._tail is None:  # pragma: no cover - checked by the caller
+            return
+        q, m, e = self._shape
+        last = samples[:, -self._reach :].reshape(q, -1, 1)
+        force = np.matmul(self._tail, last).reshape(q, self._reach, m, e)
+        self._buffer[..., end : end + self._reach] += force.transpose(0, 2, 3, 1)
+        self.operations += self._tail.size
+
+    def _spread_long(self, end: int, length: int) -> None:
+        """Convolve the last `length` samples into the next ones."""
+        wanted = min(length, self._end - end)
+        # what wraps around falls on the first `length` entries, which are not used
+        period = 2 * length if wanted == length else _even_fast_length(length + wanted)
+        past = self._buffer[..., end - length : end]
+        target = self._buffer[..., end : end + wanted]
+        if period > LARGEST_CACHED:
+            self._spread_one_by_one(past, target, length, period)
+            return
+        spectrum = np.fft.rfft(past, period)
+        total = np.zeros_like(spectrum)
+        for batched, transform in zip(self._long, self._transform(period), strict=True):
+            _accumulate(total, transform, spectrum, batched)
+        target += np.fft.irfft(total, period)[..., length : length + wanted]
+        self._count(period, spectrum.shape[-1])
+
+    def _spread_one_by_one(self, past: Array, target: Array, length: int, period: int) -> None:
+        """The same with one transform of weights in memory at a time."""
+        q, m, e = self._shape
+        spectrum = np.fft.rfft(past, period)
+        for i in range(m):
+            total = np.zeros((q, e, spectrum.shape[-1]), dtype=complex)
+            for batched in self._long:
+                channel = batched.channel
+                for j in (i,) if channel.is_scalar else range(m):
+                    weights = channel.weights if channel.is_scalar else channel.weights[:, i, j]
+                    transform = _weights_transform(weights, period)
+                    _multiply_add(total, transform, spectrum[:, j], batched.directions)
+            target[:, i] += np.fft.irfft(total, period)[..., length : length + target.shape[-1]]
+        self._count(period, spectrum.shape[-1])
+
+    def _transform(self, period: int) -> list[ComplexArray]:
+        """Transforms of the first `period` weights of each channel, the newest one left out."""
+        if period not in self._transforms:
+            self._transforms[period] = [
+                _weights_transform(
+                    c.channel.weights
+                    if c.channel.is_scalar
+                    else c.channel.weights[:period].transpose(1, 2, 0),
+                    period,
+                )
+                for c in self._long
+            ]
+        return self._transforms[period]
+
+    def _count(self, period: int, frequencies: int) -> None:
+        """5/4 n log2(n) multiply-adds for a real transform, 4 for a complex product."""
+        q, m, e = self._shape
+        transforms = 2 * q * m * e * int(1.25 * period * math.log2(period))
+        products = 0
+        for batched in self._long:
+            per_frequency = 1 if batched.channel.is_scalar else m
+            products += 4 * per_frequency * q * m * e * e * frequencies
+        self.operations += transforms + products
+
+
+def _weights_transform(weights: Array, period: int) -> ComplexArray:
+    """Transform along the last axis of the weights w_1 .. of at most `period`, at their places."""
+    part = np.array(weights[..., :period])
+    part[..., 0] = 0.0
+    return np.asarray(np.fft.rfft(part, period))
+
+
+def _accumulate(
+    total: ComplexArray, transform: ComplexArray, spectrum: ComplexArray, batched: BatchedChannel
+) -> None:
+    """Add weights times samples times direction at every frequency, slab by slab."""
+    m = spectrum.shape[1]
+    for first in range(0, spectrum.shape[-1], FREQUENCY_SLAB):
+        slab = slice(first, first + FREQUENCY_SLAB)
+        for i in range(m):
+            for j in (i,) if batched.channel.is_scalar else range(m):
+                weights = transform if batched.channel.is_scalar else transform[i, j]
+                _multiply_add(
+                    total[:, i, :, slab], weights[slab], spectrum[:, j, :, slab], batched.directions
+                )
+
+
+def _multiply_add(
+    total: ComplexArray, weights: ComplexArray, spectrum: ComplexArray, directions: Array
+) -> None:
+    """total[q, b] += weights * sum_a spectrum[q, a] directions[q, a, b], last axis frequency."""
+    product = spectrum * weights
+    if directions.shape[-1] == 1:
+        if np.all(directions == 1.0):
+            total += product
+        else:
+            total += product * directions
+    else:
+        total += np.matmul(directions.transpose(0, 2, 1), product)
+
+
+def _even_fast_length(at_least: int) -> int:
+    """The smallest even 2^a 3^b >= `at_least` with b <= 2: lengths whose transforms are quick."""
+    candidates = []
+    for factor in (1, 3, 9):
+        power = 2
+        while power * factor < at_least:
+            power *= 2
+        candidates.append(power * factor)
+    return min(candidates)
+
+
+class SteppedHistory:
+    """The same history for steps taken one at a time: what `DirectHistory` gives, in less work.
+
+    Parameters
+    ----------
+    memory
+        Weights and directions.
+    n_steps
+        Number N of steps; the force at the end of the last is available as well.
+    dimension
+        Number d of degrees of freedom.
+    group
+        Steps per group, summed directly among themselves.
+    """
+
+    def __init__(self, memory: Memory, n_steps: int, dimension: int, group: int = 128) -> None:
+        m = memory.sample_matrix.shape[1]
+        batched = tuple(
+            BatchedChannel(channel=c, directions=c.direction[None]) for c in memory.channels
+        )
+        self._group, self._size = group, (m, dimension)
+        self._groups = GroupHistory(batched, m, group, n_steps + 1)
+        self._count = 0
+        self._force = np.zeros((group, m, dimension))
+        self._own = np.zeros((group, m, dimension))
+        self._row: Array | None = None
+        self._direct = 0
+        if batched:
+            # lags 1 .. group - 1 side by side, the newest last
+            kernel = lag_kernel(batched, 0, group, m)
+            self._row = reversed_strip(kernel, 1, group - 1)[0] if group > 1 else None
+
+    @property
+    def operations(self) -> int:
+        """Multiply-adds done so far."""
+        return self._direct + self._groups.operations
+
+    def known(self) -> Array:
+        """Force of all finished samples on the step to come, shape ``(m, d)``."""
+        place = self._count % self._group
+        force = self._force[place]
+        if place and self._row is not None:
+            past = self._own[:place].ravel()
+            row = self._row[:, self._row.shape[1] - past.size :]
+            self._direct += row.size
+            force = force + (row @ past).reshape(self._size)
+        return np.asarray(force)
+
+    def push(self, samples: Array) -> None:
+        """Append the samples of a finished step, shape ``(m, d)``."""
+        self._own[self._count % self._group] = samples
+        self._count += 1
+        if self._count % self._group == 0:
+            index = self._count // self._group
+            self._groups.finish(index - 1, self._own[None])
+            if index * self._group < self._groups.samples.shape[-1]:
+                self._force = self._groups.force_on(index)[0]

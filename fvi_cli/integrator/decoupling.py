@@ -1,0 +1,99 @@
+r"""Coordinates in which a linear scene falls apart into independent systems.
+
+When mass M, stiffness K and all damping directions D are simultaneously diagonalisable there are
+modes :math:`\Phi` with :math:`\Phi^T M \Phi = 1` and diagonal :math:`\Phi^T K \Phi`,
+:math:`\Phi^T D \Phi`, and the components of y in :math:`q = \Phi y` do not know of each other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.memory import Memory
+
+Array = NDArray[np.float64]
+
+DIAGONAL_TOLERANCE = 1e-13
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Decoupling:
+    """How components of the scene map to a batch of q systems of e coupled components.
+
+    Parameters
+    ----------
+    mass
+        M, shape ``(d, d)``.
+    modes
+        The matrix Phi, shape ``(d, d)``, then q = d and e = 1; None: q = 1 and e = d.
+    """
+
+    mass: Array
+    modes: Array | None
+
+    @property
+    def batch(self) -> int:
+        """Number q of systems."""
+        return 1 if self.modes is None else int(self.mass.shape[0])
+
+    def matrices(self, matrix: Array) -> Array:
+        """A form of the scene (M, K or D) in the coordinates of the batch, ``(q, e, e)``."""
+        if self.modes is None:
+            return matrix[None]
+        return np.diagonal(self.modes.T @ matrix @ self.modes).copy()[:, None, None]
+
+    def positions(self, values: Array) -> Array:
+        """Positions ``(..., d)`` as ``(q, ..., e)``."""
+        return self._split(values if self.modes is None else values @ (self.mass @ self.modes))
+
+    def forces(self, values: Array) -> Array:
+        """Momenta and forces ``(..., d)`` as ``(q, ..., e)``."""
+        return self._split(values if self.modes is None else values @ self.modes)
+
+    def scene_positions(self, values: Array) -> Array:
+        """Positions ``(q, ..., e)`` as ``(..., d)``."""
+        if self.modes is None:
+            return np.asarray(values[0])
+        return np.asarray(np.moveaxis(values[..., 0], 0, -1) @ self.modes.T)
+
+    def scene_forces(self, values: Array) -> Array:
+        """Momenta and forces ``(q, ..., e)`` as ``(..., d)``."""
+        if self.modes is None:
+            return np.asarray(values[0])
+        return np.asarray(np.moveaxis(values[..., 0], 0, -1) @ (self.modes.T @ self.mass))
+
+    def _split(self, values: Array) -> Array:
+        if self.modes is None:
+            return values[None]
+        return np.moveaxis(values, -1, 0)[..., None]
+
+
+def decouple(mass: Array, stiffness: Array | None, memory: Memory) -> Decoupling:
+    """Modes of the scene where it has any; otherwise everything stays coupled."""
+    d = mass.shape[0]
+    if d == 1:
+        return Decoupling(mass=mass, modes=None)
+    forms = [channel.direction for channel in memory.channels]
+    if stiffness is not None:
+        forms.insert(0, stiffness)
+    root = np.linalg.cholesky(mass)
+    inverse = np.linalg.inv(root)
+    reduced = [inverse @ form @ inverse.T for form in forms]
+    scaled = [form / size for form in reduced if (size := float(np.abs(form).max())) > 0]
+    if not scaled:
+        return Decoupling(mass=mass, modes=inverse.T)
+    # a generic combination has the common eigenvectors as its only ones, except where all the
+    # forms are degenerate together
+    mixed = sum(
+        (np.sqrt(2.0 + 3.0 * index) * form for index, form in enumerate(scaled)),
+        start=np.zeros((d, d)),
+    )
+    _, vectors = np.linalg.eigh(mixed)
+    for form in scaled:
+        diagonal = vectors.T @ form @ vectors
+        if np.abs(diagonal - np.diag(np.diagonal(diagonal))).max() > DIAGONAL_TOLERANCE * d:
+            return Decoupling(mass=mass, modes=None)
+    return Decoupling(mass=mass, modes=inverse.T @ vectors)
