@@ -96,7 +96,7 @@ class Run:
 
     @property
     def step_size(self) -> float:
-        """h = T / N."""
+        """H = T / N."""
         return self.experiment.problem.final_time / self.n_steps
 
     def specification(self) -> dict[str, Any]:

@@ -193,10 +193,13 @@ class WindowRule:
         :math:`\lambda\tau`.
     steps
         Least :math:`\tau / h` for which the window is used.
+    powers
+        Q less the order of the method: how many powers beyond that order the series carries.
     """
 
     decays: float = 4.0
     steps: float = 4.0
+    powers: float = 2.0
 
 
 def plan_start(

@@ -107,7 +107,7 @@ def own_exponents(scene: Scene, method: Method) -> tuple[float, ...]:
     cutoff = method.bdf_order + order - 1
     found: set[float] = set()
     for series in solution_series(scene, cutoff):
-        found.update(float(e) for e, c in zip(series.exponents, series.coefficients) if c != 0)
+        found.update(series.exponents[series.coefficients != 0].tolist())
     least = 1.0 if all(term.order > 1 for term in scene.active_damping) else 0.0
     return tuple(sorted(e for e in found if least < e < cutoff))
 

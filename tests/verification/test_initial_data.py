@@ -116,7 +116,7 @@ def test_orders_on_both_sides_of_1_together(method: Method) -> None:
 
 
 def test_public_data_of_the_follow_up() -> None:
-    """Lobatto IIIC with classical damping (arXiv 2510.11082; data: repository khaledharizb/RKCQ)."""
+    """Lobatto IIIC, classical damping (arXiv 2510.11082; data: repository khaledharizb/RKCQ)."""
     table = {
         1: (3.78281711e-2, 9.13940845e-3, 2.28712214e-3, 5.70202712e-4),
         2: (3.05875383e-4, 1.86120011e-5, 1.15820322e-6, 7.24071e-8),

@@ -37,11 +37,11 @@ def literal_galerkin(order, mu, k, v0, force, final_time, n_steps, bdf_order, de
     nodes, weights = np.polynomial.legendre.leggauss(degree)
     c, b = (nodes + 1) / 2, weights / 2
     basis = lobatto_basis(degree)
-    l, dl = basis.values(c), basis.derivatives(c)
-    mass, stiffness = (dl * b) @ dl.T / h, h * k * (l * b) @ l.T
+    value, slope = basis.values(c), basis.derivatives(c)
+    mass, stiffness = (slope * b) @ slope.T / h, h * k * (value * b) @ value.T
     x, p = np.zeros(n_steps + 1), v0
     for j in range(n_steps):
-        load = h * (l * b) @ force((j + c) * h)
+        load = h * (value * b) @ force((j + c) * h)
         kick = h * mu * np.dot(w[: j + 1], x[j::-1]) if j else 0.0
         # D L_d = (mass - stiffness) x + load; row 0: p = -(D_1 L_d - kick)
         matrix = mass - stiffness

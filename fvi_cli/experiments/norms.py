@@ -1,0 +1,39 @@
+"""Norms of an error over a grid."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Norm = Literal["max", "final", "l2"]
+
+
+def error_norm(position: Array, exact: Array, step_size: float, norm: Norm) -> float:
+    r"""Norm of position - exact, both of shape ``(n, d)``.
+
+    ``max``: over components and grid points; ``final``: over components at the last point;
+    ``l2``: :math:`(h \sum_k |e_k|^2)^{1/2}` with the Euclidean norm of the components.
+    Values that are not finite give nan or infinity, never a number that looks right.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ or the norm is not known.
+    """
+    if position.shape != exact.shape:
+        raise ValueError(f"shapes differ: {position.shape} and {exact.shape}")
+    with np.errstate(over="ignore", invalid="ignore"):
+        error = np.abs(position - exact)
+        if norm == "max":
+            return float(error.max())
+        if norm == "final":
+            return float(error[-1].max())
+        if norm == "l2":
+            scale = float(error.max())
+            if not 0 < scale < np.inf:
+                return scale
+            return scale * float(np.sqrt(step_size * ((error / scale) ** 2).sum()))
+    raise ValueError(f"norm: {norm!r} is not one of max, final, l2")
