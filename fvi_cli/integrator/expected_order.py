@@ -6,12 +6,20 @@ import math
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.known_part import KnownPart, plan_series
+from fvi_cli.integrator.known_part import (
+    KnownPart,
+    forcing_powers,
+    plan_series,
+    settled_method,
+)
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.start import Expansion, solution_expansion
 from fvi_cli.mathematics.power_series import SeriesError
+
+Array = NDArray[np.float64]
 
 Norm = Literal["max", "final", "l2"]
 
@@ -22,26 +30,26 @@ def expected_order(scene: Scene, method: AnyMethod, norm: Norm, n_steps: int) ->
     r"""Order to expect on `scene` in `norm` with `n_steps` steps; nan where none is stated.
 
     Smooth starts, and starts carried by a series: the order on smooth data (for Radau IIA and
-    Lobatto IIIC of degree s it is min(classical, s + 3 - gamma), as measured). Otherwise the first
-    fractional power :math:`\sigma^*` of the solution limits it:
+    Lobatto IIIC of degree s it is min(classical, s + 3 - gamma), as measured). Otherwise
 
-    - Gauss: min(2m, sigma*) in norms over the grid, min(2m, 2 sigma*) at the final time, measured
-      for gamma = 0.3 to 1.9, not proved;
-    - BDF: the force that the quadrature of the step sees behaves like :math:`t^e`, and its moments
-      err by :math:`h^{e+1}`; e = sigma* - 2, or larger where the forcing is integrated exactly and
-      carries the singularity alone.
+    - a forcing that starts like :math:`t^{e_f}`, e_f not an integer, under ``galerkin``: its
+      moments err by :math:`h^{e_f + 1}`;
+    - the quadrature of forces that start like :math:`t^e` because of the fractional derivative or
+      of fractional powers of the solution: :math:`h^{e + 2}` in norms over the grid, which for a
+      free motion is :math:`h^{\sigma^*}` with its first fractional power :math:`\sigma^*`; Gauss
+      methods reach :math:`h^{2 \sigma^*}` at the final time. Measured for gamma = 0.3 to 1.9 on
+      Runge-Kutta methods and on BDF at the quadrature points, not proved.
 
-    After a break point that is left without a series the same holds for the power there.
+    A jump of the force that is left without a series counts with the power t**2 of its response.
     """
     if isinstance(method, Baseline):
         return 1.0
     smooth = smooth_order(scene, method)
-    if not scene.active_damping or all(t.is_integer_order for t in scene.active_damping):
-        return min(smooth, _singular_order(scene, method, norm))
     if method.start == "series":
         plan = plan_series(scene, method, n_steps)
-        if not plan.fell_back:
+        if plan.known is not None and not plan.fell_back:
             return _after_breaks(scene, plan.known, smooth)
+        method = settled_method(scene, method, plan)
     if method.start == "weights":
         # what the weights leave is not covered by a rule that was measured widely enough
         return smooth if method.sampling == "points" else math.nan
@@ -66,45 +74,38 @@ def _after_breaks(scene: Scene, known: KnownPart | None, order: float) -> float:
 
 
 def _singular_order(scene: Scene, method: Method, norm: Norm) -> float:
-    if scene.break_points and scene.active_damping:
-        # a jump of the force: its response starts like t**2, the damping like t**(2 - gamma)
-        highest = max(t.order for t in scene.active_damping)
-        singular = 4.0 - highest
-        if all(t.is_integer_order for t in scene.active_damping):
-            return math.inf
-    else:
-        singular = math.inf
+    """Limit that powers at the start and at break points set; infinite where there are none."""
     try:
-        expansion = solution_expansion(scene, LARGEST_CUTOFF)
+        solution = _powers(solution_expansion(scene, LARGEST_CUTOFF))
+        forcing = forcing_powers(scene)
     except SeriesError:
         return math.nan
-    fractional = _fractional(expansion)
-    singular = min(singular, fractional[0] if fractional.size else math.inf)
-    if math.isinf(singular):
-        return math.inf
-    if method.is_runge_kutta:
-        return 2 * singular if norm == "final" and method.cq == "gauss" else singular
-    if method.forcing_quadrature == "exact" and method.sampling == "points":
-        return _force_exponent(scene, singular) + 1.0
-    return singular - 1.0
-
-
-def _fractional(expansion: Expansion) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    exponents = expansion.exponents[np.any(expansion.coefficients != 0, axis=1)]
-    return np.asarray(exponents[exponents != np.round(exponents)])
-
-
-def _force_exponent(scene: Scene, singular: float) -> float:
-    """First fractional power of what is left of M x'' when the forcing is taken out."""
-    try:
-        free = solution_expansion(scene, LARGEST_CUTOFF)
-    except SeriesError:
-        return math.nan
-    exponents = free.exponents[np.any(free.coefficients != 0, axis=1)]
-    powers = [exponents]
+    limit = math.inf
+    singular = forcing[~_is_integer(forcing)]
+    if method.forcing_quadrature == "galerkin" and singular.size:
+        limit = float(singular.min()) + 1.0
+    if method.sampling == "nodes":
+        return limit
+    if scene.break_points:
+        solution = np.append(solution, 2.0)
+    forces = [solution[~_is_integer(solution)]] if scene.potential is not None else []
     for term in scene.active_damping:
-        lowest = 2.0 if term.order > 1 else 1.0
-        powers.append(exponents[exponents >= lowest - 1e-9] - term.order)
-    forces = np.concatenate(powers)
-    fractional = forces[np.abs(forces - np.round(forces)) > 1e-9]
-    return float(fractional.min()) if fractional.size else math.inf
+        # the Caputo derivative subtracts these
+        moving = solution[solution > (1.5 if term.order > 1 else 0.5)]
+        derivative = moving - term.order
+        forces.append(derivative[~(_is_integer(moving) & _is_integer(derivative))])
+    exponents = np.concatenate(forces) if forces else np.empty(0)
+    if not exponents.size:
+        return limit
+    on_grid = float(exponents.min()) + 2.0
+    free = forcing.size == 0 and not scene.break_points
+    twice = norm == "final" and method.cq == "gauss" and free
+    return min(limit, 2 * on_grid if twice else on_grid)
+
+
+def _powers(expansion: Expansion) -> Array:
+    return np.asarray(expansion.exponents[np.any(expansion.coefficients != 0, axis=1)])
+
+
+def _is_integer(exponents: Array) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(exponents - np.round(exponents)) < 1e-9)

@@ -13,7 +13,12 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.engine import run
-from fvi_cli.integrator.known_part import NO_SERIES, KnownPart, plan_series
+from fvi_cli.integrator.known_part import (
+    NO_SERIES,
+    KnownPart,
+    plan_series,
+    settled_method,
+)
 from fvi_cli.integrator.memory import build_memory
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.moments import (
@@ -87,6 +92,7 @@ def prepare(scene: Scene, method: Method, n_steps: int) -> Prepared:
     breaks = steps_at_break_points(scene, n_steps)
     series = plan_series(scene, method, n_steps) if method.start == "series" else NO_SERIES
     known = series.known
+    method = settled_method(scene, method, series)
     from_rest = known is not None and known.carries_start
     memory = build_memory(scene, method, tables, n_steps, scene.active_damping, from_rest=from_rest)
     moments = None

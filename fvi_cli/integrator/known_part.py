@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from fvi_cli.integrator.start import (
     residual_force,
     window_force,
 )
+from fvi_cli.mathematics.power_series import SeriesError, expand
 from fvi_cli.mathematics.windowed_series import WindowedSeries
 
 Array = NDArray[np.float64]
@@ -114,6 +115,7 @@ class SeriesPlan:
     remarks: tuple[str, ...]
 
 
+FORCING_CUTOFF = 8.0
 NO_SERIES = SeriesPlan(known=None, fell_back=False, remarks=())
 
 
@@ -131,6 +133,42 @@ BDF_RULES = {
     4: WindowRule(decays=8.0, steps=28.0, powers=4.0),
     5: WindowRule(decays=4.0, steps=4.0),
 }
+
+
+def forcing_powers(scene: Scene) -> Array:
+    """Powers of t with which the forcing starts.
+
+    Raises
+    ------
+    SeriesError
+        If it has no expansion in powers.
+    """
+    if scene.forcing is None:
+        return np.empty(0)
+    series = [expand(c, FORCING_CUTOFF) for c in scene.forcing.pieces[0].components]
+    return np.concatenate([s.exponents[s.coefficients != 0] for s in series])
+
+
+def settled_method(scene: Scene, method: Method, plan: SeriesPlan) -> Method:
+    """`method` with the forcing quadrature that a singular forcing needs where no series is used.
+
+    ``start: series`` promises a cure for singular starts. Where the order is too low for a series
+    to pay, or the series fell back, moments to round-off are the cure for a forcing that starts
+    with a fractional power (for Runge-Kutta with an order above 1 those of the L2 projection).
+    """
+    if method.start != "series" or plan.known is not None or scene.forcing is None:
+        return method
+    try:
+        powers = forcing_powers(scene)
+    except SeriesError:
+        return method
+    if method.forcing_quadrature != "galerkin" or np.all(powers == np.round(powers)):
+        return method
+    above_one = any(term.order > 1 for term in scene.active_damping)
+    return replace(
+        method,
+        forcing_quadrature="projected" if method.is_runge_kutta and above_one else "exact",
+    )
 
 
 def window_rule(method: Method) -> WindowRule | None:

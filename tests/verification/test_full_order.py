@@ -97,7 +97,9 @@ def test_gauss_has_order_2m(gamma: float, name: str, stages: int) -> None:
         assert order == pytest.approx(8, abs=0.15)
     else:
         assert order == pytest.approx(2 * stages, abs=0.1)
-    assert expected_order(problem.scene, method, "max", 64) == 2 * stages
+    # the forcing of x = t^8 starts like t^(8 - gamma), which the Gauss points see: 7.5 at most
+    limit = 9 - gamma if gamma > 1 else math.inf
+    assert expected_order(problem.scene, method, "max", 64) == min(2 * stages, limit)
 
 
 LADDERS = {1: (64, 128, 256, 512), 2: (64, 128, 256, 512), 3: (48, 64, 80, 96)}
