@@ -195,11 +195,23 @@ class WindowRule:
         Least :math:`\tau / h` for which the window is used.
     powers
         Q less the order of the method: how many powers beyond that order the series carries.
+    powers_lost
+        l: without series the maximal error on :math:`t^\sigma` is of order :math:`\sigma - l`; 0
+        for Runge-Kutta convolution quadrature, 1 for BDF.
+    largest_cost
+        Limit of the window's own error, relative to that of the singular terms it removes: with
+        the order p, the limit of the quotient of
+
+        .. math:: \Bigl(\frac{h}{\tau}\Bigr)^p \sum_\sigma |a_\sigma| \tau^\sigma
+                  \quad\text{and}\quad \max_{\sigma \notin Z,\, \sigma - l < p}
+                  |a_\sigma| \tau^\sigma \Bigl(\frac{h}{\tau}\Bigr)^{\sigma - l} .
     """
 
     decays: float = 4.0
     steps: float = 4.0
     powers: float = 2.0
+    powers_lost: float = 0.0
+    largest_cost: float = math.inf
 
 
 def plan_start(
@@ -227,7 +239,7 @@ def plan_start(
         expansion = solution_expansion(scene, cutoff)
     except SeriesError as error:
         return StartDecision(use=False, reason=f"no start series: {error}")
-    return _decide(expansion, scene, step_size, rule)
+    return _decide(expansion, scene, step_size, rule, cutoff - rule.powers)
 
 
 def plan_jump(
@@ -245,7 +257,7 @@ def plan_jump(
         expansion = jump_expansion(scene, break_point, cutoff, stiffness)
     except SeriesError as error:
         return StartDecision(use=False, reason=f"no series at t = {break_point:g}: {error}")
-    return _decide(expansion, scene, step_size, rule)
+    return _decide(expansion, scene, step_size, rule, cutoff - rule.powers)
 
 
 def window_force(
@@ -335,7 +347,7 @@ def _needed(cutoff: float) -> float:
 
 
 def _decide(
-    expansion: Expansion, scene: Scene, step_size: float, rule: WindowRule
+    expansion: Expansion, scene: Scene, step_size: float, rule: WindowRule, order: float
 ) -> StartDecision:
     if expansion.is_smooth:
         return StartDecision(
@@ -350,6 +362,16 @@ def _decide(
             reason=(
                 f"no start series: the expansion is good up to t = {tau:.3g}, "
                 f"less than {rule.steps:g} steps of {step_size:.3g}"
+            ),
+            tau=tau,
+            expansion=expansion,
+        )
+    if _cost(expansion, scene, step_size / tau, tau, rule, order) > rule.largest_cost:
+        return StartDecision(
+            use=False,
+            reason=(
+                f"no start series: with steps of {step_size:.3g} its window of length {tau:.3g} "
+                "costs more than the singular terms"
             ),
             tau=tau,
             expansion=expansion,
@@ -370,6 +392,29 @@ def _decide(
     )
 
 
+def _cost(
+    expansion: Expansion,
+    scene: Scene,
+    steps: float,
+    tau: float,
+    rule: WindowRule,
+    order: float,
+) -> float:
+    """The quotient that :class:`WindowRule` limits; infinite when no power limits the order."""
+    exponents = expansion.exponents
+    relative = _sizes(expansion, scene) * tau**exponents
+    orders = exponents - rule.powers_lost
+    limiting = (exponents % 1 != 0) & (orders < order - SAME_EXPONENT)
+    saved = float(np.max(relative[limiting] * steps ** orders[limiting], initial=0.0))
+    return float(relative.sum()) * steps**order / saved if saved > 0 else math.inf
+
+
+def _sizes(expansion: Expansion, scene: Scene) -> Array:
+    """Norms of the coefficients by the mass matrix, the same in all coordinates."""
+    a = expansion.coefficients
+    return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", a, scene.inertia.mass, a)))
+
+
 def _time_of_validity(expansion: Expansion, scene: Scene) -> float:
     r"""Largest t at which the last terms do not outweigh the others.
 
@@ -379,9 +424,7 @@ def _time_of_validity(expansion: Expansion, scene: Scene) -> float:
     of coordinates. The quotient of the two sums increases with t, so that bisection in log t finds
     the time. A sum that ends before Q - 2 is good for ever; it gets the length of the run.
     """
-    sizes = np.sqrt(
-        np.einsum("ni,ij,nj->n", expansion.coefficients, scene.inertia.mass, expansion.coefficients)
-    )
+    sizes = _sizes(expansion, scene)
     used = (expansion.exponents > 0) & (sizes > 0)
     exponents, logs = expansion.exponents[used], np.log(sizes[used])
     last = exponents >= expansion.cutoff - 2.0 - SAME_EXPONENT

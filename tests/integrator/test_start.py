@@ -16,6 +16,7 @@ from fvi_cli.effects.potential import ExpressionPotential, Potential, QuadraticP
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.integrator.start import (
     Expansion,
+    WindowRule,
     jump_expansion,
     plan_jump,
     plan_start,
@@ -499,3 +500,17 @@ def test_expansion_against_the_formula_of_the_forcing() -> None:
         4 * second(times), force.evaluate({"t": times}, NUMPY_FUNCTIONS), rtol=1e-12
     )
     assert found(0.0) == 1.0
+
+
+def test_a_window_that_costs_more_than_it_saves_is_not_used() -> None:
+    """Order 2 loses nothing on t^2.5; order 4 does, and the finer the step the clearer."""
+    scene = oscillator(1.5, 0.7, stiffness=2.0, velocity=0.5)
+    step = 8.0 / 64
+    assert plan_start(scene, 4.0, step / 16, WindowRule()).use
+    refused = plan_start(scene, 4.0, step / 16, WindowRule(largest_cost=1e9))
+    assert not refused.use
+    assert "costs more" in refused.reason
+    for steps, used in [(step, False), (step / 64, True)]:
+        assert plan_start(scene, 6.0, steps, WindowRule(largest_cost=0.03)).use is used
+    # A method that loses one power on a singular term has more to gain.
+    assert plan_start(scene, 6.0, step, WindowRule(largest_cost=0.03, powers_lost=1.0)).use
