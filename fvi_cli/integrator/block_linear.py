@@ -50,7 +50,7 @@ def block_sizes(system: LinearSystem, n_steps: int) -> BlockSizes | None:
         block //= 2
     if block * size > LARGEST_DENSE:
         return None
-    while block > 8 and 8 * block > n_steps:
+    while block > 8 and 32 * block > n_steps:
         block //= 2
     blocks = 8
     while blocks > 1 and system.batch * block * block * blocks * size * size > LARGEST_STRIP:
@@ -73,6 +73,7 @@ def linear_system(problem: StepProblem, decoupling: Decoupling) -> LinearSystem:
         tables=problem.tables,
         sample_matrix=memory.sample_matrix,
         carry_matrix=memory.carry_matrix,
+        force_weights=memory.force_weights,
         offset=decoupling.positions(memory.offset),
         step_size=problem.step_size,
     )
@@ -322,7 +323,7 @@ def known_moments(problem: StepProblem, first: int, last: int) -> Array:
     moments = np.zeros((last - first, tables.degree + 1, problem.scene.dimension))
     if problem.moments is not None:
         moments += problem.moments[first:last]
-    to_moments = h * tables.sample_test_weights
+    to_moments = h * memory.force_weights
     start = 1 if first == 0 and problem.skip_first_kick else 0
     for force in (memory.known_force, problem.extra_force):
         if force is not None:

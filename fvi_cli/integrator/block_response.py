@@ -36,6 +36,8 @@ class LinearSystem:
         Numbers of the method.
     sample_matrix, carry_matrix
         E and C of the samples, shape ``(s, m)``.
+    force_weights
+        Weights of the force samples in every row, shape ``(s + 1, m)``.
     offset
         Constant part of the samples, shape ``(q, m, e)``.
     step_size
@@ -48,6 +50,7 @@ class LinearSystem:
     tables: StepTables
     sample_matrix: Array
     carry_matrix: Array
+    force_weights: Array
     offset: Array
     step_size: float
 
@@ -193,8 +196,8 @@ def _first_step_responses(system: LinearSystem, block: int) -> _Impulses:
             reversed_lags = reversed_strip(kernel, 1, block - 1)
     to_sample = np.kron(system.sample_matrix.T, np.eye(e))
     to_carry = np.kron(system.carry_matrix.T, np.eye(e))
-    to_rows = h * np.kron(tables.sample_test_weights[:-1], np.eye(e))
-    to_change = -h * np.kron(tables.sample_weights[None], np.eye(e))
+    to_rows = h * np.kron(system.force_weights[:-1], np.eye(e))
+    to_change = -h * np.kron(system.force_weights.sum(axis=0)[None], np.eye(e))
     to_points = np.kron(tables.basis[1:].T, np.eye(e))
     matrix = linear.reshape(q, s * e, s * e) - to_rows @ newest @ to_sample
     if system.stiffness is not None:

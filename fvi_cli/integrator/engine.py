@@ -7,7 +7,7 @@ from fvi_cli.integrator.block_linear import run_linear_blocks
 from fvi_cli.integrator.method import History
 from fvi_cli.integrator.stepping import Stepped, StepProblem, run_steps
 
-LEAST_BLOCK_STEPS = 48
+LEAST_BLOCK_STEPS = 16
 """Fewer steps are done sooner one after the other than the matrices of a block are made."""
 
 

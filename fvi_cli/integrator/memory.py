@@ -8,7 +8,7 @@ over the distinct directions D of the coefficient matrices.
 
 - BDF: :math:`U_{i,k} = X_{i,k} - X_{i,k-1}` are differences of the sampled positions, and
   :math:`\sum w_n z^n = \sum_j \mu_j h^{-\gamma_j} \gamma_p(z)^{\gamma_j} / (1 - z)` are scalars.
-- Runge-Kutta: :math:`U_{i,k}` is the velocity at the stage, and
+- Runge-Kutta: :math:`U_{i,k}` are the Legendre coefficients of the velocity at the stages, and
   :math:`\sum w_n z^n = \sum_j \mu_j h^{1-\gamma_j} \Delta(z)^{\gamma_j - 1}` are m x m matrices
   (stage order m makes :math:`(\Delta/h) (X - x_0)` the derivative of the polynomial, so nothing is
   approximated by this).
@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.stage_basis import legendre_stages, legendre_weights
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.bdf import difference_weights
 
@@ -84,6 +85,9 @@ class Memory:
         C, shape ``(s, m)``.
     first_offset, offset
         Offset of the first and of every later step, shape ``(m, d)``.
+    force_weights
+        Weights of the force samples in the row of each basis function, :math:`\beta_i
+        l_\nu(\chi_i)` where they are values at points, shape ``(s + 1, m)``.
     known_force
         Force that is known in advance, because a velocity is subtracted for some orders only,
         shape ``(n_steps + 1, m, d)``; None when there is none.
@@ -94,7 +98,13 @@ class Memory:
     carry_matrix: Array
     first_offset: Array
     offset: Array
+    force_weights: Array
     known_force: Array | None = None
+
+    @property
+    def momentum_weights(self) -> Array:
+        """Weights of the force samples in the momentum increment, shape ``(m,)``."""
+        return np.asarray(self.force_weights.sum(axis=0))
 
 
 def build_memory(
@@ -138,12 +148,17 @@ def build_memory(
                 _channels(method, h, n_steps + 1, above), tables, method, h, n_steps + 1, velocity
             )
     if method.is_runge_kutta:
+        basis = legendre_stages(tables.sample_points)
+        # a constant has no Legendre coefficients but the first
+        constant = zero.copy()
+        constant[0] -= subtract
         return Memory(
             channels=channels,
-            sample_matrix=tables.slopes[1:] / h,
+            sample_matrix=tables.slopes[1:] @ basis.to_coefficients.T / h,
             carry_matrix=np.zeros((tables.degree, samples)),
-            first_offset=zero - subtract,
-            offset=zero - subtract,
+            first_offset=constant,
+            offset=constant,
+            force_weights=tables.sample_test_weights @ basis.to_values,
             known_force=known,
         )
     sample = tables.sample_basis[1:]
@@ -158,6 +173,7 @@ def build_memory(
         carry_matrix=np.eye(tables.degree)[:, -1:] - sample,
         first_offset=first,
         offset=zero - h * subtract,
+        force_weights=tables.sample_test_weights,
         known_force=known,
     )
 
@@ -190,10 +206,7 @@ def _weights(method: Method, h: float, order: float, n_weights: int) -> Array:
         if order == 1.0:
             # Delta(z)**0: the derivative of the polynomial itself, no memory at all
             return np.eye(method.stages)[None]
-        # imported here, so that runs by BDF do not pay for it
-        from fvi_cli.mathematics.runge_kutta_weights import runge_kutta_weights
-
-        weights = runge_kutta_weights(runge_kutta_tableau(method), order - 1.0, n_weights)
+        weights = legendre_weights(runge_kutta_tableau(method), order - 1.0, n_weights)
         return np.asarray(h ** (1.0 - order) * weights)
     if order == 1.0:
         n_weights = min(n_weights, method.bdf_order)
@@ -232,7 +245,7 @@ def _force_of_constant_velocity(
         weights[:count] = channel.weights[:count]
         total = np.cumsum(weights, axis=0)
         if method.is_runge_kutta:
-            response = total.sum(axis=2)
+            response = total[:, :, 0]
         else:
             # the first difference is chi h v0, every later one h v0
             response = h * ((total - weights)[:, None] + np.outer(weights, tables.sample_points))

@@ -131,7 +131,7 @@ class Stepper:
         linear = np.kron(tables.mass_matrix / h, problem.scene.inertia.mass)
         for channel in memory.channels:
             response = channel.newest(memory.sample_matrix.T)
-            linear -= h * np.kron(tables.sample_test_weights[:-1] @ response, channel.direction.T)
+            linear -= h * np.kron(memory.force_weights[:-1] @ response, channel.direction.T)
         self._linear = linear
         self._stiffness: Array | None = None
         self._potential: Potential | None = problem.scene.potential
@@ -183,7 +183,7 @@ class Stepper:
         shift = None if problem.position_shift is None else problem.position_shift[index]
         base = position if shift is None else position + shift
         force = self.damping_force(known, offset, np.zeros(self._shape))
-        right = h * tables.sample_test_weights[:-1] @ force
+        right = h * problem.memory.force_weights[:-1] @ force
         right[0] -= momentum
         if moments is not None:
             right -= moments[:-1]
@@ -196,7 +196,7 @@ class Stepper:
         else:
             increments, residuals = self._newton(base, right, guess)
         force = self.damping_force(known, offset, increments)
-        change = -h * tables.sample_weights @ force
+        change = -h * problem.memory.momentum_weights @ force
         if self._potential is not None:
             points = base + tables.basis[1:].T @ increments
             change = change - h * tables.weights @ self._potential.gradient(points)
