@@ -93,7 +93,10 @@ def _singular_order(scene: Scene, method: Method, norm: Norm) -> float:
         # the Caputo derivative subtracts these
         moving = solution[solution > (1.5 if term.order > 1 else 0.5)]
         derivative = moving - term.order
-        forces.append(derivative[~(_is_integer(moving) & _is_integer(derivative))])
+        if method.is_runge_kutta:
+            derivative = derivative[~(_is_integer(moving) & _is_integer(derivative))]
+        # backward differences err on every power in their first steps
+        forces.append(derivative)
     exponents = np.concatenate(forces) if forces else np.empty(0)
     if not exponents.size:
         return limit

@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 StepFunction = Callable[[Array, float, Array], Array]
 
 MOST_EXPONENTS: Final = 128
+LISTED_POWERS: Final = 4
 MOST_SWEEPS: Final = 1000
 
 
@@ -81,6 +82,8 @@ class StartDecision:
         Whether to solve for x - S.
     reason
         In words for the reader of a table.
+    wanted
+        Whether there is something that a series could take away.
     window
         S; None unless it is used.
     tau
@@ -92,6 +95,7 @@ class StartDecision:
 
     use: bool
     reason: str
+    wanted: bool = True
     window: WindowedSeries | None = None
     tau: float = 0.0
     expansion: Expansion | None = None
@@ -198,6 +202,9 @@ class WindowRule:
     powers_lost
         l: without series the maximal error on :math:`t^\sigma` is of order :math:`\sigma - l`; 0
         for Runge-Kutta convolution quadrature, 1 for BDF.
+    integer_powers
+        Whether integer powers are a reason for a series as well: backward differences lose order
+        on every power at the start.
     largest_cost
         Limit of the window's own error, relative to that of the singular terms it removes: with
         the order p, the limit of the quotient of
@@ -212,6 +219,7 @@ class WindowRule:
     powers: float = 2.0
     powers_lost: float = 0.0
     largest_cost: float = math.inf
+    integer_powers: bool = False
 
 
 def plan_start(
@@ -233,13 +241,19 @@ def plan_start(
     step_size
         h.
     """
-    if scene.forcing is None and all(term.is_integer_order for term in scene.active_damping):
-        return StartDecision(use=False, reason="no start series: the solution starts smoothly")
+    on_every_power = rule.integer_powers and bool(scene.active_damping)
+    memoryless = all(term.is_integer_order for term in scene.active_damping)
+    if scene.forcing is None and memoryless and not on_every_power:
+        reason = "no start series: the solution starts smoothly"
+        return StartDecision(use=False, wanted=False, reason=reason)
     try:
         expansion = solution_expansion(scene, cutoff)
+        smooth = expansion.is_smooth and _forcing_is_smooth(scene, cutoff)
     except SeriesError as error:
         return StartDecision(use=False, reason=f"no start series: {error}")
-    return _decide(expansion, scene, step_size, rule, cutoff - rule.powers)
+    order = cutoff - rule.powers
+    wanted = not smooth or (on_every_power and _moves(expansion, scene))
+    return _decide(expansion, scene, step_size, rule, order, wanted=wanted)
 
 
 def plan_jump(
@@ -252,12 +266,14 @@ def plan_jump(
 ) -> StartDecision:
     """Decide as :func:`plan_start` does about the response to a jump; its time is t - t_b."""
     if all(term.is_integer_order for term in scene.active_damping):
-        return StartDecision(use=False, reason="no series: without memory a jump leaves no trace")
+        reason = "no series: without memory a jump leaves no trace"
+        return StartDecision(use=False, wanted=False, reason=reason)
     try:
         expansion = jump_expansion(scene, break_point, cutoff, stiffness)
     except SeriesError as error:
         return StartDecision(use=False, reason=f"no series at t = {break_point:g}: {error}")
-    return _decide(expansion, scene, step_size, rule, cutoff - rule.powers)
+    order = cutoff - rule.powers
+    return _decide(expansion, scene, step_size, rule, order, wanted=not expansion.is_smooth)
 
 
 def window_force(
@@ -341,17 +357,40 @@ def residual_force(scene: Scene, decision: StartDecision) -> StepFunction:
     return force
 
 
+def _forcing_is_smooth(scene: Scene, cutoff: float) -> bool:
+    """Whether the forcing starts with integer powers only."""
+    if scene.forcing is None:
+        return True
+    return _forcing_expansion(scene.forcing.pieces[0], _needed(cutoff), 0.0).is_smooth
+
+
+def _moves(expansion: Expansion, scene: Scene) -> bool:
+    """Whether there is a power besides those that the Caputo derivative subtracts."""
+    subtracted = 0.0
+    if scene.derivative == "caputo" and all(term.order > 1 for term in scene.active_damping):
+        subtracted = 1.0
+    present = np.any(expansion.coefficients != 0, axis=1)
+    return bool(np.any(expansion.exponents[present] > subtracted))
+
+
 def _needed(cutoff: float) -> float:
     """How far a force must be known: two integrations add two powers."""
     return max(cutoff - 2.0, 0.5)
 
 
 def _decide(
-    expansion: Expansion, scene: Scene, step_size: float, rule: WindowRule, order: float
+    expansion: Expansion,
+    scene: Scene,
+    step_size: float,
+    rule: WindowRule,
+    order: float,
+    *,
+    wanted: bool,
 ) -> StartDecision:
-    if expansion.is_smooth:
+    if not (wanted and np.any(expansion.coefficients)):
         return StartDecision(
             use=False,
+            wanted=False,
             reason=f"no start series: no fractional power below t^{expansion.cutoff:g}",
             expansion=expansion,
         )
@@ -382,10 +421,14 @@ def _decide(
         cutoff=expansion.cutoff,
         decay=rule.decays / tau,
     )
-    powers = ", ".join(f"{s:g}" for s in expansion.exponents if s != round(s))
+    fractional = [f"{s:g}" for s in expansion.exponents if s != round(s)]
+    powers = ", ".join(fractional[:LISTED_POWERS]) + (
+        f", ... ({len(fractional)} in all)" if len(fractional) > LISTED_POWERS else ""
+    )
     return StartDecision(
         use=True,
-        reason=f"start series below t^{expansion.cutoff:g} with the powers {powers}",
+        reason=f"start series below t^{expansion.cutoff:g}"
+        + (f" with the powers {powers}" if powers else ""),
         window=window,
         tau=tau,
         expansion=expansion,
@@ -403,8 +446,15 @@ def _cost(
     """The quotient that :class:`WindowRule` limits; infinite when no power limits the order."""
     exponents = expansion.exponents
     relative = _sizes(expansion, scene) * tau**exponents
-    orders = exponents - rule.powers_lost
-    limiting = (exponents % 1 != 0) & (orders < order - SAME_EXPONENT)
+    if expansion.is_smooth:
+        # singular are the forces only: D^gamma of t^sigma, integrated twice
+        highest = max((term.order for term in scene.active_damping), default=0.0)
+        orders = exponents - highest + 2.0
+        limiting = exponents > (1.0 if highest > 1 else 0.0)
+    else:
+        orders = exponents - rule.powers_lost
+        limiting = exponents % 1 != 0
+    limiting &= orders < order - SAME_EXPONENT
     saved = float(np.max(relative[limiting] * steps ** orders[limiting], initial=0.0))
     return float(relative.sum()) * steps**order / saved if saved > 0 else math.inf
 
