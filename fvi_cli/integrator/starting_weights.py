@@ -106,7 +106,7 @@ def own_exponents(scene: Scene, method: Method) -> tuple[float, ...]:
     order = max(term.order for term in scene.active_damping)
     cutoff = method.bdf_order + order - 1
     found: set[float] = set()
-    for series in solution_series(scene, cutoff):
+    for series in solution_series(scene, max(cutoff, 4.0)):
         found.update(series.exponents[series.coefficients != 0].tolist())
     least = 1.0 if all(term.order > 1 for term in scene.active_damping) else 0.0
     return tuple(sorted(e for e in found if least < e < cutoff))
@@ -131,6 +131,8 @@ def correct_start(
     n_first = count + first
     if problem.n_steps < n_first:
         return problem, (f"starting weights left out: {problem.n_steps} steps are too few",)
+    h = problem.step_size
+    times = h * (np.arange(first, n_first)[:, None] + tables.sample_points)
     maps, worst = [], 1.0
     for term in scene.active_damping:
         per_sample = []
@@ -139,13 +141,20 @@ def correct_start(
                 method.bdf_order, term.order, exponents, problem.n_steps + 1, offset=float(chi)
             )
             worst = max(worst, condition)
-            per_sample.append(problem.step_size ** (-term.order) * weights)
-        maps.append((np.stack(per_sample, axis=1), term.coefficient))
+            per_sample.append(h ** (-term.order) * weights)
+        # what Caputo subtracts above order 1, besides the position
+        subtracted = np.zeros((count, m, d))
+        if scene.derivative == "caputo" and term.order > 1:
+            subtracted = times[:, :, None] * scene.initial_velocity
+        maps.append((np.stack(per_sample, axis=1), subtracted, term.coefficient))
 
     def force_of(samples: Array) -> Array:
         """Added force, shape ``(N + 1, m, d)``, of samples with shape ``(count, m, d)``."""
         return sum(
-            (np.einsum("kij,jid->kid", weights, samples) @ matrix for weights, matrix in maps),
+            (
+                np.einsum("kij,jid->kid", weights, samples - away) @ matrix
+                for weights, away, matrix in maps
+            ),
             start=np.zeros((problem.n_steps + 1, m, d)),
         )
 
@@ -156,7 +165,7 @@ def correct_start(
     unknown = np.zeros(count * m * d)
     for _ in range(2 if scene.is_linear else 20):
         value = samples_of(unknown, n_first)
-        size = max(1e-3 * problem.step_size, float(np.abs(value).max()))
+        size = max(1e-3 * h, float(np.abs(value).max()))
         jacobian = np.empty((unknown.size, unknown.size))
         for column in range(unknown.size):
             moved = unknown.copy()
