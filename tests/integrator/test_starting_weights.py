@@ -69,7 +69,8 @@ def test_classical_damping_at_the_points_reaches_order_p(bdf_order: int) -> None
     degree = (bdf_order + 1) // 2
     corrected = Method(cq=f"bdf{bdf_order}", degree=degree, start="weights")
     ladder = (32, 64, 128)
-    assert last_order(scene, exact, corrected, ladder) == pytest.approx(bdf_order, abs=0.15)
+    tolerance = 0.15 if bdf_order < 6 else 0.35  # near round-off
+    assert last_order(scene, exact, corrected, ladder) == pytest.approx(bdf_order, abs=tolerance)
     assert expected_order(scene, corrected, "max", 256) == bdf_order
     # without them the first steps hold the order at 2
     plain = Method(cq=f"bdf{bdf_order}", degree=degree)
