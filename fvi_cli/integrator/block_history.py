@@ -19,6 +19,9 @@ from fvi_cli.integrator.memory import Channel, Memory
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
+LARGEST_NEAR = 192
+"""Lags below this, over the numbers in a sample, are summed directly: a transform of all weights
+would round each of them as if it were as large as the first."""
 FREQUENCY_SLAB = 4096
 """Frequencies multiplied at a time, so that matrix weights work in the cache."""
 LARGEST_CACHED = 2**16
@@ -131,11 +134,17 @@ class GroupHistory:
         self._buffer = np.zeros((q, samples, e, self._end))
         self._transforms: dict[int, list[ComplexArray]] = {}
         self.operations = 0
+        self._near = min(group, max(1, LARGEST_NEAR // (samples * e))) if self._long else 1
         self._tail: Array | None = None
         self._reach = 0
-        if self._short and self._n_groups > 1:
-            self._reach = max(c.channel.memory for c in self._short) - 1
-            kernel = lag_kernel(self._short, 0, 2 * self._reach, samples)
+        if self._n_groups > 1 and (self._short or self._near > 1):
+            memories = [c.channel.memory for c in self._short]
+            self._reach = max(memories, default=1) - 1
+            self._reach = max(self._reach, self._near - 1)
+            kernel = np.zeros((q, 2 * self._reach, samples * e, samples * e))
+            for batched in (*self._short, *self._long):
+                last = 2 * self._reach if batched.channel.memory <= group + 1 else self._near
+                kernel[:, :last] += lag_kernel((batched,), 0, last, samples)
             self._tail = reversed_strip(kernel, self._reach, self._reach)
 
     @property
@@ -196,19 +205,20 @@ class GroupHistory:
                 channel = batched.channel
                 for j in (i,) if channel.is_scalar else range(m):
                     weights = channel.weights if channel.is_scalar else channel.weights[:, i, j]
-                    transform = _weights_transform(weights, period)
+                    transform = _weights_transform(weights, self._near, period)
                     _multiply_add(total, transform, spectrum[:, j], batched.directions)
             target[:, i] += np.fft.irfft(total, period)[..., length : length + target.shape[-1]]
         self._count(period, spectrum.shape[-1])
 
     def _transform(self, period: int) -> list[ComplexArray]:
-        """Transforms of the first `period` weights of each channel, the newest one left out."""
+        """Transforms of the first `period` weights of each channel, the nearest left out."""
         if period not in self._transforms:
             self._transforms[period] = [
                 _weights_transform(
                     c.channel.weights
                     if c.channel.is_scalar
                     else c.channel.weights[:period].transpose(1, 2, 0),
+                    self._near,
                     period,
                 )
                 for c in self._long
@@ -226,10 +236,10 @@ class GroupHistory:
         self.operations += transforms + products
 
 
-def _weights_transform(weights: Array, period: int) -> ComplexArray:
-    """Transform along the last axis of the weights w_1 .. of at most `period`, at their places."""
+def _weights_transform(weights: Array, first: int, period: int) -> ComplexArray:
+    """Transform along the last axis of the weights from `first` on, at most `period`."""
     part = np.array(weights[..., :period])
-    part[..., 0] = 0.0
+    part[..., :first] = 0.0
     return np.asarray(np.fft.rfft(part, period))
 
 

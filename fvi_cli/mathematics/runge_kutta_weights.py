@@ -180,22 +180,12 @@ def exponential_sum(tableau: ButcherTableau, theta: float, n_steps: int) -> Expo
             columns=np.empty((0, m)),
             rows=np.empty((0, m)),
         )
-    u = _grid(np.log(n_steps + 1.0) + _MARGIN)
-    x = np.exp(u)
-    inner_columns, inner_rows = _resolvent_vectors(tableau, x)
+    nodes, factors = real_axis_rule(theta, n_steps)
+    inner_columns, inner_rows = _resolvent_vectors(tableau, nodes[1:-1])
     inverse = np.linalg.inv(tableau.A)
-    nodes = np.concatenate([[0.0], x, [np.inf]])
     columns = np.concatenate([np.ones((1, m)), inner_columns, [inverse.sum(axis=1)]])
     rows = np.concatenate([[tableau.b], inner_rows, [tableau.b @ inverse]])
-    factors = np.concatenate(
-        [
-            [np.exp((theta + 1) * u[0]) / np.expm1(_STEP * (theta + 1))],
-            np.exp((theta + 1) * u),
-            [np.exp((theta - 1) * u[-1]) / np.expm1(_STEP * (1 - theta))],
-        ]
-    )
     signs, log_magnitudes = log_stability(tableau, nodes)
-    factors *= -_STEP * _sine_of_pi(theta) / np.pi
     return ExponentialSum(
         tableau=tableau,
         theta=float(theta),
@@ -207,6 +197,34 @@ def exponential_sum(tableau: ButcherTableau, theta: float, n_steps: int) -> Expo
         columns=factors[:, None] * columns,
         rows=rows,
     )
+
+
+def real_axis_rule(theta: float, n_steps: int) -> tuple[Array, Array]:
+    r"""Nodes and weights of :math:`-\frac{\sin \pi\theta}{\pi} \int_0^\infty x^\theta g(x) dx`.
+
+    Parameters
+    ----------
+    theta
+        Exponent in (-1, 1).
+    n_steps
+        Largest n for which g may decay like ``R(-x)^(n - 1)``.
+
+    Returns
+    -------
+    tuple
+        Nodes x_j from 0 to infinity, and weights; the one at infinity belongs to the limit of
+        ``x^2 g(x)``, each shape ``(J,)``.
+    """
+    u = _grid(np.log(n_steps + 1.0) + _MARGIN)
+    nodes = np.concatenate([[0.0], np.exp(u), [np.inf]])
+    factors = np.concatenate(
+        [
+            [np.exp((theta + 1) * u[0]) / np.expm1(_STEP * (theta + 1))],
+            np.exp((theta + 1) * u),
+            [np.exp((theta - 1) * u[-1]) / np.expm1(_STEP * (1 - theta))],
+        ]
+    )
+    return nodes, factors * (-_STEP * _sine_of_pi(theta) / np.pi)
 
 
 def runge_kutta_weights(tableau: ButcherTableau, theta: float, n_weights: int) -> Array:
@@ -385,6 +403,7 @@ __all__ = [
     "ExponentialSum",
     "exponential_sum",
     "left_operator_rk",
+    "real_axis_rule",
     "right_operator_rk",
     "runge_kutta_weights",
 ]
