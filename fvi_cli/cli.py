@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 DONE, RUN_FAILED, WRONG_REQUEST, CHECK_FAILED, BROKEN_PIPE, INTERRUPTED = 0, 1, 2, 3, 141, 130
 
-PAPER_TABLES = ("table-1", "table-2")
-PAPER_FIGURES = (
+DEFAULT_TABLES = ("table-1", "table-2", "full-order")
+DEFAULT_FIGURES = (
     "saturation",
     "damped-oscillator-comparison",
     "damped-oscillator",
@@ -220,7 +220,7 @@ def convergence(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:
-    """Make tables of orders; without argument those of the paper."""
+    """Make tables of orders; without argument those of the paper and of full order."""
     from fvi_cli import campaign, reports
 
     settings = campaign.Settings(
@@ -232,7 +232,7 @@ def convergence(
         show_progress=not quiet,
         keep=not check,
     )
-    requests = campaign.gather(sources or PAPER_TABLES, overrides or ())
+    requests = campaign.gather(sources or DEFAULT_TABLES, overrides or ())
     if dry_run:
         print(reports.plans_as_text(campaign.plan(requests, settings)))
         return DONE
@@ -241,17 +241,15 @@ def convergence(
     for request in requests:
         computed = campaign.answer(request, settings)
         outcomes += computed
+        if _stop(settings, computed):
+            break
         if check:
             differences += reports.compare_with_stored(request.name, computed, output)
         else:
             text, paths = reports.write_order_tables(request.name, computed, output)
             print(text)
             print(*paths, sep="\n")
-        if _stop(settings, computed):
-            break
-    if check:
-        return _verdict(differences)
-    return _code(outcomes)
+    return (_verdict(differences) if check else DONE) or _code(outcomes)
 
 
 @app.command()
@@ -285,7 +283,7 @@ def plot(
         show_progress=not quiet,
         keep=not check,
     )
-    requests = campaign.gather(sources or PAPER_FIGURES, overrides or ())
+    requests = campaign.gather(sources or DEFAULT_FIGURES, overrides or ())
     if dry_run:
         print(reports.plans_as_text(campaign.plan(requests, settings)))
         return DONE
@@ -296,13 +294,11 @@ def plot(
     for request in requests:
         computed = campaign.answer(request, settings)
         outcomes += computed
-        drawn = figures.figures_for(reports.studies(computed), name=request.name)
-        differences += _draw(drawn, output, check=check)
         if _stop(settings, computed):
             break
-    if check:
-        return _verdict(differences)
-    return _code(outcomes)
+        drawn = figures.figures_for(reports.studies(computed), name=request.name)
+        differences += _draw(drawn, output, check=check)
+    return (_verdict(differences) if check else DONE) or _code(outcomes)
 
 
 @app.command()
