@@ -1,0 +1,185 @@
+"""Moments, break points, baselines, Newton's iteration and what an integration reports."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.potential import ExpressionPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.break_points import nearest_fitting, steps_at_break_points
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.integrator.moments import exact_moments, galerkin_moments, projected_moments
+from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.mathematics.lagrange import lobatto_basis
+from fvi_cli.scenes.named import linear_oscillator, pendulum
+
+
+@pytest.mark.parametrize("power", [-0.9, -0.5, 0.5, 1.5, 3.0])
+def test_exact_moments_of_powers(power: float) -> None:
+    """Against the integrals of t**(power + j), on the first, second and tenth step."""
+    method = Method(cq="bdf1", degree=2)
+    force = Forcing.from_text(f"t**({power})").on_steps
+    h = 0.3
+    moments = exact_moments(force, method, h, 12)[:, :, 0]
+    basis = lobatto_basis(2)
+    # coefficients of the basis in powers of tau
+    vandermonde = np.vander(basis.control_points, increasing=True)
+    coefficients = np.linalg.inv(vandermonde).T
+    for k in (0, 1, 9):
+        # int_0^1 tau^j (k + tau)^power: from integrals of (k + tau)^(power + i)
+        integrals = [
+            ((k + 1.0) ** (power + i + 1) - float(k) ** (power + i + 1)) / (power + i + 1)
+            for i in range(3)
+        ]
+        shifted = [
+            sum(math.comb(j, i) * (-k) ** (j - i) * integrals[i] for i in range(j + 1))
+            for j in range(3)
+        ]
+        expected = h ** (power + 1) * coefficients @ np.array(shifted)
+        assert moments[k] == pytest.approx(expected, rel=1e-12 if k < 2 else 1e-10, abs=1e-13)
+    plain = galerkin_moments(force, step_tables(method), h, 12)[:, :, 0]
+    if power != 3.0:
+        assert abs(plain[0] - moments[0]).max() > 1e-6
+
+
+@pytest.mark.parametrize("stages", [1, 2, 3])
+def test_projected_moments_are_those_of_polynomials_on_the_points(stages: int) -> None:
+    """For forces of degree below the number of points, projection changes nothing."""
+    method = Method(cq="gauss", degree=stages)
+    tables = step_tables(method)
+    force = Forcing.from_text(f"1 + t**{stages - 1}").on_steps
+    exact = exact_moments(force, method, 0.5, 4)
+    assert np.abs(projected_moments(exact, method, tables) - exact).max() < 1e-14
+    rough = exact_moments(Forcing.from_text("sqrt(t)").on_steps, method, 0.5, 4)
+    assert np.abs(projected_moments(rough, method, tables) - rough).max() > 1e-4
+
+
+def piecewise(*ends: float, final_time: float = 3.0) -> Scene:
+    pieces = [
+        ForcingPiece(components=(Expression.parse(str(i), variables=("t",)),), until=end)
+        for i, end in enumerate([*ends, math.inf])
+    ]
+    return linear_oscillator(final_time=final_time, forcing=Forcing(pieces=tuple(pieces)))
+
+
+def test_break_points_on_the_grid() -> None:
+    scene = piecewise(1.0, 1.5)
+    assert steps_at_break_points(scene, 6) == (2, 3)
+    assert steps_at_break_points(scene, 600) == (200, 300)
+    with pytest.raises(ValueError, match="between two steps; the nearest that fit are 6 and 12"):
+        steps_at_break_points(scene, 8)
+    assert nearest_fitting(scene, 1) == (0, 6)
+    # break points beyond the end do not matter
+    assert steps_at_break_points(piecewise(4.0), 7) == ()
+    assert steps_at_break_points(piecewise(0.1, final_time=0.3), 3) == (1,)
+
+
+def test_one_sided_values_at_break_points() -> None:
+    forcing = piecewise(1.0).forcing
+    assert forcing is not None
+    values = forcing.on_steps(np.array([0.0, 1.0]), 1.0, np.array([0.0, 1.0]))
+    assert values[..., 0].tolist() == [[0.0, 0.0], [1.0, 1.0]]
+    assert forcing(np.array([1.0, 1.0 + 1e-12]))[:, 0].tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("name", ["explicit-euler", "implicit-euler"])
+@pytest.mark.parametrize("order", [0.5, 1.0, 1.5])
+def test_euler_is_of_order_1(name: str, order: float) -> None:
+    scene = linear_oscillator(
+        final_time=2.0,
+        damping=[FractionalDamping(order=order, coefficient=0.5)],
+        initial_position=1.0,
+        initial_velocity=0.3,
+    )
+    fine = integrate(scene, Method(cq="gauss", degree=3, start="series"), 128).position[-1, 0]
+    errors = [
+        abs(integrate(scene, Baseline(name=name), n).position[-1, 0] - fine)
+        for n in (400, 800, 1600)
+    ]
+    assert np.log2(errors[-2] / errors[-1]) == pytest.approx(1.0, abs=0.1)
+
+
+def test_euler_with_classical_damping_is_the_textbook_scheme() -> None:
+    scene = linear_oscillator(
+        final_time=1.0,
+        damping=[FractionalDamping(order=1.0, coefficient=0.2)],
+        initial_velocity=1.0,
+    )
+    h, x, v = 0.125, 0.0, 1.0
+    y, w = 0.0, 1.0
+    for _ in range(8):
+        x, v = x + h * v, v + h * (-x - 0.2 * v)
+        w = (w - h * y) / (1 + 0.2 * h + h * h)
+        y = y + h * w
+    explicit = integrate(scene, Baseline(name="explicit-euler"), 8)
+    implicit = integrate(scene, Baseline(name="implicit-euler"), 8)
+    assert explicit.position[-1, 0] == pytest.approx(x, abs=1e-14)
+    assert implicit.position[-1, 0] == pytest.approx(y, abs=1e-14)
+
+
+def test_implicit_euler_on_the_pendulum() -> None:
+    scene = pendulum(
+        final_time=2.0,
+        damping=[FractionalDamping(order=0.5, coefficient=0.3)],
+        initial_position=1.0,
+    )
+    trajectory = integrate(scene, Baseline(name="implicit-euler"), 400)
+    fine = integrate(scene, Method(cq="gauss", degree=3, start="series"), 64)
+    assert trajectory.position[-1, 0] == pytest.approx(fine.position[-1, 0], abs=5e-3)
+    assert trajectory.newton.iterations > 400
+
+
+def test_newton_converges_quadratically_and_keeps_its_history() -> None:
+    scene = pendulum(final_time=4.0, initial_position=2.5, initial_velocity=0.5)
+    method = Method(cq="bdf1", degree=2, sampling="nodes", history="direct")
+    record = integrate(scene, method, 8).newton
+    assert record.iterations >= 16
+    assert record.largest == len(record.worst_residuals)
+    residuals = [r for r in record.worst_residuals if r > 1e-15]
+    assert residuals[1] < residuals[0] ** 1.5
+
+
+def test_a_step_without_solution_fails_with_evidence() -> None:
+    """V = -exp(x) pulls so hard that no long step exists."""
+    names = ("x",)
+    runaway = ExpressionPotential(
+        coordinates=names,
+        energy_expression=Expression.parse("-exp(x)", variables=names),
+        gradient_expressions=(Expression.parse("-exp(x)", variables=names),),
+        hessian_expressions=((Expression.parse("-exp(x)", variables=names),),),
+    )
+    base = pendulum(final_time=20.0, initial_position=1.0)
+    scene = Scene(
+        inertia=base.inertia,
+        potential=runaway,
+        initial_position=base.initial_position,
+        initial_velocity=base.initial_velocity,
+        final_time=20.0,
+    )
+    trajectory = integrate(scene, Method(cq="bdf1", degree=1, sampling="nodes"), 10)
+    assert trajectory.status in ("failed", "diverged")
+    assert "step" in trajectory.message
+    assert "t = " in trajectory.message
+    assert trajectory.position.shape[0] == trajectory.time.size <= 10
+    assert np.isfinite(trajectory.position[:-1]).all()
+
+
+@pytest.mark.parametrize("n_steps", [0, -3, 2.0, True, "8"])
+def test_step_counts_must_be_positive_integers(n_steps: object) -> None:
+    scene = linear_oscillator(final_time=1.0, initial_position=1.0)
+    with pytest.raises(ValueError, match="n_steps"):
+        integrate(scene, Method(cq="bdf1", degree=1), n_steps)  # type: ignore[arg-type]
+
+
+def test_final_time_is_reached_exactly() -> None:
+    scene = linear_oscillator(final_time=0.3, initial_position=1.0)
+    trajectory = integrate(scene, Method(cq="gauss", degree=2), 3)
+    assert trajectory.time[-1] == pytest.approx(0.3, abs=1e-16)
+    assert trajectory.time.size == 4

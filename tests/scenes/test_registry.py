@@ -1,0 +1,113 @@
+"""Problems from plain mappings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fvi_cli.scenes.problem import DerivativeProblem, Problem
+from fvi_cli.scenes.registry import build_problem
+
+
+def test_a_damped_oscillator_finds_its_own_exact_solution() -> None:
+    problem = build_problem(
+        {
+            "kind": "damped-oscillator",
+            "damping": [{"order": 1.0, "coefficient": 0.2}],
+            "initial": {"position": 0.0, "velocity": 1.0},
+            "final_time": 16.0,
+        }
+    )
+    assert isinstance(problem, Problem)
+    assert problem.exact is not None
+    t = np.linspace(0, 16, 9)
+    w = np.sqrt(0.99)
+    assert problem.exact(t)[:, 0] == pytest.approx(np.exp(-t / 10) * np.sin(w * t) / w, abs=1e-14)
+    assert "closed form" in problem.exact_source
+
+
+def test_a_pendulum_has_no_exact_solution() -> None:
+    problem = build_problem({"kind": "pendulum", "final_time": 1.0, "omega": 2.0})
+    assert isinstance(problem, Problem)
+    assert problem.exact is None
+    assert problem.exact_source == "unknown"
+    assert problem.scene.potential is not None
+    assert problem.scene.potential.gradient(np.array([[0.5]]))[0, 0] == pytest.approx(
+        4 * np.sin(0.5)
+    )
+
+
+def test_matrices_numbers_and_vectors_are_brought_to_one_size() -> None:
+    problem = build_problem(
+        {
+            "kind": "damped-oscillator",
+            "mass": 2.0,
+            "stiffness": [[2.0, -1.0], [-1.0, 2.0]],
+            "damping": [{"order": 0.5, "coefficient": 0.1}],
+            "forcing": ["t", "0"],
+            "initial": {"position": [1.0, 0.0], "velocity": 0.0},
+            "final_time": 1.0,
+        }
+    )
+    assert isinstance(problem, Problem)
+    scene = problem.scene
+    assert scene.dimension == 2
+    assert scene.inertia.mass.tolist() == [[2.0, 0.0], [0.0, 2.0]]
+    assert scene.damping[0].coefficient.tolist() == [[0.1, 0.0], [0.0, 0.1]]
+    assert scene.initial_velocity.tolist() == [0.0, 0.0]
+
+
+def test_a_force_that_is_zero_is_no_effect() -> None:
+    for forcing in (0, "0", "3 - 3"):
+        problem = build_problem({"kind": "bagley-torvik", "final_time": 1.0, "forcing": forcing})
+        assert isinstance(problem, Problem)
+        assert problem.scene.forcing is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"kind": "wave"}, "kind: 'wave'"),
+        ({"forcing": "sin(u)"}, "forcing: "),
+        ({"forcing": ["t", "t"]}, "forcing: 2 entries for 1"),
+        ({"damping": [{"order": 2.5, "coefficient": 1}]}, "damping.0.order"),
+        ({"exact": "t +"}, "exact: "),
+        ({"forcing": {"pieces": [{"until": 1, "value": "q"}, {"value": 0}]}}, "forcing.pieces.0"),
+    ],
+)
+def test_mistakes_name_their_place(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        build_problem({"kind": "bagley-torvik", "final_time": 1.0, **changes})
+
+
+def derivative(function: str, **changes: object) -> dict[str, object]:
+    return {
+        "kind": "fractional-derivative",
+        "function": function,
+        "order": 0.5,
+        "final_time": 1.0,
+        **changes,
+    }
+
+
+def test_a_derivative_is_taken_term_by_term() -> None:
+    problem = build_problem(derivative("t**2"))
+    assert isinstance(problem, DerivativeProblem)
+    t = np.array([0.0, 0.3, 1.0])
+    # Gamma(3)/Gamma(5/2) t^(3/2)
+    assert problem.exact(t)[:, 0] == pytest.approx(1.5045055561273502 * t**1.5, abs=1e-15)
+    assert problem.function(t)[:, 0] == pytest.approx(t**2)
+
+
+@pytest.mark.parametrize(
+    ("specification", "message"),
+    [
+        (derivative("t**2", order=2.0), "order"),
+        (derivative("log(t)"), "needs an expansion"),
+        (derivative("exp(40*t)"), "does not converge"),
+        (derivative("t**0.2"), "not bounded"),
+    ],
+)
+def test_derivatives_that_cannot_be_taken(specification: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        build_problem(specification)
