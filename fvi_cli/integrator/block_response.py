@@ -101,6 +101,8 @@ class BlockResponse:
         To the damping force of every step, ``(B, m, e)``.
     points
         To the positions at the quadrature points relative to the start, ``(B, r, e)``.
+    carry
+        To the carry after every step, ``(B, m, e)``.
     state
         To the increments of position and momentum over the block and the carry after it,
         ``(2e + m e)``.
@@ -112,6 +114,7 @@ class BlockResponse:
     momentum: Array
     force: Array
     points: Array
+    carry: Array
     state: Array
 
 
@@ -136,14 +139,14 @@ def block_response(system: LinearSystem, block: int) -> BlockResponse:
         return np.concatenate(parts, axis=-1)
 
     position, momentum = dense(impulses.position), dense(impulses.momentum)
-    last = dense(impulses.carry)[:, -me:]
-    # the offset of the step after the block
-    last[:, :, block * me + n_state - 1] += system.offset.reshape(q, me)
+    carry = dense(impulses.carry)
+    # the offset of the next step
+    carry[:, :, block * me + n_state - 1] += np.tile(system.offset.reshape(q, me), (1, block))
     end = np.concatenate(
         [
             position.reshape(q, block, e, -1).sum(axis=1),
             momentum.reshape(q, block, e, -1).sum(axis=1),
-            last,
+            carry[:, -me:],
         ],
         axis=1,
     )
@@ -154,6 +157,7 @@ def block_response(system: LinearSystem, block: int) -> BlockResponse:
         momentum=momentum,
         force=dense(impulses.force),
         points=dense(impulses.points),
+        carry=carry,
         state=end,
     )
 

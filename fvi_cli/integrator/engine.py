@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fvi_cli.integrator.block_history import SteppedHistory
 from fvi_cli.integrator.block_linear import run_linear_blocks
+from fvi_cli.integrator.block_newton import run_newton_blocks
 from fvi_cli.integrator.method import History
 from fvi_cli.integrator.stepping import Stepped, StepProblem, run_steps
 
@@ -31,6 +32,10 @@ def run(problem: StepProblem, history: History) -> Stepped:
         return run_steps(problem)
     if problem.scene.is_linear:
         finished = run_linear_blocks(problem)
+        if finished is not None:
+            return finished
+    else:
+        finished = run_newton_blocks(problem)
         if finished is not None:
             return finished
     memory = problem.memory

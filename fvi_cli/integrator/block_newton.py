@@ -1,0 +1,457 @@
+r"""Nonlinear scenes, block by block: Newton's iteration with a frozen linear response.
+
+With a constant matrix K in place of the Hessian of the potential the steps of a block are linear,
+and the equations of the block become a fixed point for what is left of the force at the quadrature
+points, :math:`N_i = \nabla V(X_i) - K X_i`:
+
+.. math:: X = X_\text{known} + P N(X),
+
+P being the response of the linear scene with K. This is Newton's iteration for the whole block
+with the Jacobian of the linear scene; it contracts like :math:`|V'' - K| (B h)^2 / 2`, so a block
+that does not contract is halved, down to single steps with their own Jacobians.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.potential import Potential
+from fvi_cli.integrator.block_history import (
+    BatchedChannel,
+    GroupHistory,
+    lag_kernel,
+    reversed_strip,
+)
+from fvi_cli.integrator.block_linear import known_moments
+from fvi_cli.integrator.block_response import BlockResponse, LinearSystem, block_response
+from fvi_cli.integrator.stepping import (
+    StepFailedError,
+    Stepped,
+    Stepper,
+    StepProblem,
+    stepper_without_kick,
+)
+from fvi_cli.integrator.trajectory import NewtonRecord
+
+Array = NDArray[np.float64]
+
+LARGEST_BLOCK = 64
+LEAST_BLOCK = 4
+LARGEST_DENSE = 512
+"""Block times samples times components, at most."""
+BLOCKS_PER_GROUP = 8
+ITERATION_LIMIT = 40
+GROWING_ITERATIONS = 12
+"""After a block with at most as many the next one is twice as long."""
+PATIENCE = 16
+"""Blocks before a size that has failed is tried again."""
+TOLERANCE = 1e-15
+REFRESH_AFTER = 150
+"""Iterations beyond four per block that pay for a new linear response."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Frozen:
+    """Matrices for blocks of n steps with the constant stiffness K.
+
+    Parameters
+    ----------
+    block, stiffness
+        n and K.
+    known_points
+        From all that goes into a block to the positions at its quadrature points.
+    remainder_points
+        From what is left of the force there to those positions.
+    outputs
+        From all that goes into a block to its samples, increments and carry.
+    remainder_moments
+        From what is left of the force in a step to moments.
+    """
+
+    block: int
+    stiffness: Array
+    known_points: Array
+    remainder_points: Array
+    outputs: Array
+    remainder_moments: Array
+
+
+def run_newton_blocks(problem: StepProblem) -> Stepped | None:
+    """All steps of a nonlinear scene; None where its blocks would be too large.
+
+    Returns
+    -------
+    Stepped
+        As `run_steps` gives it, without the samples; with the damping force at the nodes only
+        where the samples lie on them.
+    """
+    potential = problem.scene.potential
+    size = problem.tables.sample_points.size * problem.scene.dimension
+    if potential is None or LEAST_BLOCK * size > LARGEST_DENSE:
+        return None
+    return _NewtonBlocks(problem, potential, size).run()
+
+
+class _NewtonBlocks:
+    """State and matrices of one run."""
+
+    def __init__(self, problem: StepProblem, potential: Potential, size: int) -> None:
+        self._problem, self._potential = problem, potential
+        memory, d = problem.memory, problem.scene.dimension
+        largest = LARGEST_BLOCK
+        while largest > LEAST_BLOCK and (
+            largest * size > LARGEST_DENSE or 16 * largest > problem.n_steps
+        ):
+            largest //= 2
+        self._largest, self._group = largest, largest * BLOCKS_PER_GROUP
+        self._d, self._m, self._size = d, problem.tables.sample_points.size, size
+        self._channels = tuple(
+            BatchedChannel(channel=c, directions=c.direction[None]) for c in memory.channels
+        )
+        self._reaches = max((c.memory for c in memory.channels), default=0)
+        self._damped = self._reaches > 1
+        self._on_nodes = problem.skip_first_kick and bool(memory.channels)
+        steps = problem.n_steps + 1 if self._on_nodes else problem.n_steps
+        self._history = GroupHistory(
+            self._channels if self._damped else (), self._m, self._group, steps
+        )
+        self._strip: Array | None = None
+        if self._damped:
+            kernel = lag_kernel(self._channels, 0, largest + self._group, self._m)
+            self._strip = reversed_strip(kernel, largest, self._group)[0]
+        self._stepper = Stepper(problem)
+        self._state = np.concatenate(
+            [problem.position, problem.momentum, memory.first_offset.ravel(), [1.0]]
+        )
+        self._lost = np.zeros(2 * d)
+        self._responses: BlockResponse | None = None
+        self._sized: dict[int, _Frozen] = {}
+        self._excess = 0
+        self._count = self._ceiling = largest
+        self._waiting, self._quiet, self._patience = 0, 0, LEAST_BLOCK
+        self._newton = NewtonRecord()
+        self._remainder = np.zeros((problem.tables.points.size, d))
+        self.operations = 0
+        self._samples = np.zeros((self._group, size))
+        self._group_force = np.zeros((self._group, size))
+        self._group_moments = np.zeros(0)
+
+    def run(self) -> Stepped:
+        problem, d = self._problem, self._d
+        n_steps = problem.n_steps
+        positions, momenta = np.empty((n_steps + 1, d)), np.empty((n_steps + 1, d))
+        forces = np.zeros((n_steps + 1, self._m, d)) if self._on_nodes else None
+        positions[0], momenta[0] = problem.position, problem.momentum
+        done, failure = 0, ""
+        self._freeze()
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            while done < n_steps and not failure:
+                if done % self._group == 0:
+                    self._begin_group(done)
+                count = self._next_size(done)
+                if count and self._block(done, count, positions, momenta, forces):
+                    done += count
+                elif not count:
+                    failure = self._step(done, positions, momenta, forces)
+                    done += 0 if failure.startswith("step") else 1
+                else:
+                    continue
+                if done % self._group == 0 and self._damped and not failure:
+                    shape = (1, self._group, self._m, d)
+                    self._history.finish(done // self._group - 1, self._samples.reshape(shape))
+        if forces is not None and done == n_steps and not failure:
+            if done % self._group == 0:
+                self._begin_group(done)
+            forces[done] = self._newest_force(self._known(done, 1))
+        return self._stepped(positions, momenta, forces, done, failure)
+
+    def _next_size(self, done: int) -> int:
+        """Steps in the next block: as many as contract and fit; 0: a single step."""
+        if self._waiting:
+            self._waiting -= 1
+            return 0
+        count = min(self._count, self._group - done % self._group)
+        left = self._problem.n_steps - done
+        while count > left:
+            count //= 2
+        return count if count >= LEAST_BLOCK else 0
+
+    def _judge(self, count: int, iterations: int) -> None:
+        """Choose the size of later blocks from how one of `count` steps went (0: it did not)."""
+        if iterations == 0:
+            self._count, self._ceiling, self._quiet = count // 2, count // 2, PATIENCE
+            if self._count < LEAST_BLOCK:
+                # single steps for a while, longer after every vain attempt
+                self._count = self._ceiling = LEAST_BLOCK
+                self._waiting = self._patience
+                self._patience = min(2 * self._patience, self._group)
+            return
+        self._patience = LEAST_BLOCK
+        self._quiet = max(0, self._quiet - 1)
+        if self._quiet == 0:
+            self._ceiling = self._largest
+        if iterations <= GROWING_ITERATIONS and count == self._count:
+            self._count = min(2 * count, self._ceiling)
+
+    def _begin_group(self, done: int) -> None:
+        problem = self._problem
+        if self._damped:
+            force = self._history.force_on(done // self._group)
+            self._group_force = force.reshape(self._group, self._size)
+        last = min(done + self._group, problem.n_steps)
+        if last > done:
+            self._group_moments = known_moments(problem, done, last)
+
+    def _known(self, done: int, count: int) -> Array:
+        """Force of all finished samples on the next `count` steps, ``(count, m d)``."""
+        place = done % self._group
+        known = self._group_force[place : place + count]
+        if place and self._strip is not None:
+            reach = min(place, self._reaches - 1) * self._size
+            past = self._samples[:place].reshape(-1)[place * self._size - reach :]
+            strip = self._strip[: count * self._size, self._strip.shape[1] - reach :]
+            self.operations += strip.size
+            known = known + (strip @ past).reshape(count, self._size)
+        return np.asarray(known)
+
+    def _freeze(self) -> None:
+        """Linear response with the Hessian at the position that is reached."""
+        problem, memory = self._problem, self._problem.memory
+        stiffness = self._potential.hessian(self._state[: self._d])
+        if not np.isfinite(stiffness).all():
+            stiffness = np.zeros((self._d, self._d))
+        stiffness = 0.5 * (stiffness + stiffness.T)
+        self._stiffness = stiffness
+        system = LinearSystem(
+            mass=problem.scene.inertia.mass[None],
+            stiffness=stiffness[None],
+            channels=self._channels,
+            tables=problem.tables,
+            sample_matrix=memory.sample_matrix,
+            carry_matrix=memory.carry_matrix,
+            force_weights=memory.force_weights,
+            offset=memory.offset[None],
+            step_size=problem.step_size,
+        )
+        self._responses = block_response(system, self._largest)
+        self._sized = {}
+        self._excess = 0
+
+    def _frozen(self, count: int) -> _Frozen:
+        """The part of the matrices that `count` steps need."""
+        if count in self._sized:
+            return self._sized[count]
+        response = self._responses
+        if response is None:  # pragma: no cover - made before the first block
+            raise ValueError("no linear response")
+        tables, d, size = self._problem.tables, self._d, self._size
+        largest, r = self._largest, tables.points.size
+        n_state, width = self._state.size, (tables.degree + 1) * d
+        columns = np.concatenate(
+            [
+                np.arange(count * size),
+                largest * size + np.arange(n_state),
+                largest * size + n_state + np.arange(count * width),
+            ]
+        )
+
+        def part(matrix: Array, rows: int) -> Array:
+            return matrix[0][: count * rows][:, columns]
+
+        points = part(response.points, r * d)
+        position, momentum = part(response.position, d), part(response.momentum, d)
+        outputs = [part(response.samples, size), position, momentum]
+        if self._on_nodes:
+            outputs.append(part(response.force, size))
+        outputs.append(part(response.carry, size)[-size:])
+        to_moments: Array = -self._problem.step_size * np.kron(tables.test_weights, np.eye(d))
+        driven = points[:, count * size + n_state :].reshape(-1, count, width)
+        self._sized[count] = _Frozen(
+            block=count,
+            stiffness=self._stiffness,
+            known_points=points,
+            remainder_points=np.ascontiguousarray(
+                (driven @ to_moments).reshape(count * r * d, count * r * d)
+            ),
+            outputs=np.concatenate(outputs),
+            remainder_moments=to_moments,
+        )
+        return self._sized[count]
+
+    def _block(
+        self, done: int, count: int, positions: Array, momenta: Array, forces: Array | None
+    ) -> bool:
+        """Attempt `count` steps; whether they are done."""
+        frozen = self._frozen(count)
+        problem, d, size = self._problem, self._d, self._size
+        r, place, n_state = problem.tables.points.size, done % self._group, self._state.size
+        moments = self._group_moments[place : place + count]
+        at = count * size
+        inputs = np.empty(at + n_state + moments.size)
+        inputs[:at] = self._known(done, count).ravel()
+        inputs[at : at + n_state] = self._state
+        inputs[at + n_state :] = moments.ravel()
+        origin = self._state[:d]
+        fixed = (frozen.known_points @ inputs).reshape(count, r, d)
+        shift = problem.position_shift
+        known = None if shift is None else shift[done : done + count]
+        remainder = np.broadcast_to(self._remainder, (count, r, d))
+        found = self._iterate(frozen, origin, fixed, known, remainder)
+        if found is None:
+            self._judge(count, 0)
+            return False
+        remainder, changes = found
+        inputs[at + n_state :] += (
+            remainder.reshape(count, r * d) @ frozen.remainder_moments.T
+        ).ravel()
+        result = frozen.outputs @ inputs
+        steps = result[at : at + count * d].reshape(count, d)
+        kicks = result[at + count * d : at + 2 * count * d].reshape(count, d)
+        samples = result[:at].reshape(count, size)
+        path = np.cumsum(steps, axis=0)
+        momentum_path = np.cumsum(kicks, axis=0)
+        if not (np.isfinite(path).all() and np.isfinite(momentum_path).all()):
+            self._judge(count, 0)
+            return False
+        positions[done + 1 : done + count + 1] = origin + path
+        momenta[done + 1 : done + count + 1] = self._state[d : 2 * d] + momentum_path
+        if forces is not None:
+            force = result[at + 2 * count * d : -size].reshape(count, self._m, d)
+            forces[done : done + count] = force
+        self._samples[place : place + count] = samples
+        self._move(np.concatenate([path[-1], momentum_path[-1]]))
+        self._state[2 * d : -1] = result[-size:]
+        self._remainder = remainder[-1, -1:]
+        self._note(done, tuple(changes))
+        if self._damped:
+            self.operations += (count * (count + 1) // 2) * size * size
+        self._judge(count, len(changes))
+        self._excess += len(changes) - 4
+        if self._excess > REFRESH_AFTER:
+            self._freeze()
+        return True
+
+    def _iterate(
+        self, frozen: _Frozen, origin: Array, fixed: Array, known: Array | None, remainder: Array
+    ) -> tuple[Array, list[float]] | None:
+        """The fixed point: remainder of the force and how the positions changed; None: none."""
+        stiffness, matrix = frozen.stiffness, frozen.remainder_points
+        points = fixed + (matrix @ remainder.ravel()).reshape(fixed.shape)
+        least = TOLERANCE * float(np.abs(points).max()) + 1e-16 * float(np.abs(origin).max())
+        changes: list[float] = []
+        for _ in range(ITERATION_LIMIT):
+            position = origin + points
+            true = self._potential.gradient(position if known is None else position + known)
+            remainder = true - position @ stiffness
+            moved = fixed + (matrix @ remainder.ravel()).reshape(fixed.shape)
+            change = float(np.abs(moved - points).max())
+            points = moved
+            changes.append(change)
+            if change <= least:
+                return remainder, changes
+            if len(changes) > 1:
+                # a Volterra equation contracts the better the longer it is iterated
+                rate = change / changes[-2]
+                if not rate <= 1.0:
+                    return None
+                if change * rate <= least:
+                    return remainder, changes
+            elif not math.isfinite(change):
+                return None
+        return None
+
+    def _move(self, change: Array) -> None:
+        value = self._state[: 2 * self._d]
+        corrected = change - self._lost
+        total = value + corrected
+        self._lost = (total - value) - corrected
+        self._state[: 2 * self._d] = total
+
+    def _newest_force(self, known: Array) -> Array:
+        """Force at the start of the next step, samples on the nodes, ``(m, d)``."""
+        total = known.reshape(self._m, self._d)
+        carry = self._state[2 * self._d : -1].reshape(self._m, self._d)
+        for channel in self._problem.memory.channels:
+            total = total + channel.newest(carry) @ channel.direction
+        return np.asarray(total)
+
+    def _step(self, done: int, positions: Array, momenta: Array, forces: Array | None) -> str:
+        """One step with its own Jacobian; in words what went wrong, if anything."""
+        problem, d, memory = self._problem, self._d, self._problem.memory
+        shape = (self._m, d)
+        position, momentum = self._state[:d].copy(), self._state[d : 2 * d].copy()
+        offset = self._state[2 * d : -1].reshape(shape).copy()
+        finished = known = self._known(done, 1).reshape(shape)
+        for part in (memory.known_force, problem.extra_force):
+            if part is not None:
+                known = known + part[done]
+        guess = self._guess()
+        try:
+            if problem.skip_first_kick and done == 0:
+                found = stepper_without_kick(
+                    self._stepper, done, position, momentum, guess, np.zeros(shape)
+                )
+            else:
+                found = self._stepper.advance(done, position, momentum, known, offset, guess)
+        except StepFailedError as error:
+            self._note(done, error.residuals)
+            return f"step {done}, t = {done * problem.step_size:.6g}: {error}"
+        increments, force, change, residuals = found
+        self._note(done, residuals)
+        if self._damped:
+            sample = memory.sample_matrix.T @ increments + offset
+            self._samples[done % self._group] = sample.ravel()
+        if forces is not None:
+            # what is known in advance is added at the end
+            forces[done] = force - (known - finished)
+        self._move(np.concatenate([increments[-1], change]))
+        carry = memory.carry_matrix.T @ increments + memory.offset
+        self._state[2 * d : -1] = carry.ravel()
+        positions[done + 1], momenta[done + 1] = self._state[:d], self._state[d : 2 * d]
+        if not np.isfinite(self._state[: 2 * d]).all():
+            return f"not finite after step {done}, t = {(done + 1) * problem.step_size:.6g}"
+        return ""
+
+    def _guess(self) -> Array:
+        """Increments of free motion from where the last step ended, ``(s, d)``."""
+        velocity = np.linalg.solve(
+            self._problem.scene.inertia.mass, self._state[self._d : 2 * self._d]
+        )
+        return self._problem.step_size * np.outer(self._problem.tables.control_points[1:], velocity)
+
+    def _note(self, step: int, residuals: tuple[float, ...]) -> None:
+        record = self._newton
+        worst = len(residuals) > record.largest
+        self._newton = NewtonRecord(
+            iterations=record.iterations + len(residuals),
+            largest=max(record.largest, len(residuals)),
+            worst_step=step if worst else record.worst_step,
+            worst_residuals=residuals if worst else record.worst_residuals,
+        )
+
+    def _stepped(
+        self, positions: Array, momenta: Array, forces: Array | None, done: int, failure: str
+    ) -> Stepped:
+        problem = self._problem
+        end_force = np.zeros((0, self._m, self._d))
+        if forces is not None:
+            end_force = forces[: done + 1]
+            for known in (problem.memory.known_force, problem.extra_force):
+                if known is not None:
+                    end_force = end_force + known[: done + 1]
+            end_force[0] = 0.0
+            if done < problem.n_steps or failure:
+                end_force[done] = 0.0
+        return Stepped(
+            position=positions[: done + 1],
+            momentum=momenta[: done + 1],
+            samples=np.zeros((0, self._m, self._d)),
+            end_force=end_force,
+            operations=self.operations + self._history.operations,
+            newton=self._newton,
+            failure=failure,
+        )
