@@ -22,10 +22,10 @@ ComplexArray = NDArray[np.complex128]
 LARGEST_NEAR = 192
 """Lags below this, over the numbers in a sample, are summed directly: a transform of all weights
 would round each of them as if it were as large as the first."""
+Transform = list[list[ComplexArray]]
+"""Transforms of the weights, ``[i][j - i]`` for j >= i with parity, else ``[i][j]``."""
 FREQUENCY_SLAB = 4096
 """Frequencies multiplied at a time, so that matrix weights work in the cache."""
-LARGEST_CACHED = 2**16
-"""Longer convolutions happen once or twice: their transforms are made one by one, not kept."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,7 +132,7 @@ class GroupHistory:
         q, e = (channels[0].directions.shape[:2]) if channels else (1, 1)
         self._shape = (q, samples, e)
         self._buffer = np.zeros((q, samples, e, self._end))
-        self._transforms: dict[int, list[ComplexArray]] = {}
+        self._transforms: dict[int, list[Transform]] = {}
         self.operations = 0
         self._near = min(group, max(1, LARGEST_NEAR // (samples * e))) if self._long else 1
         self._tail: Array | None = None
@@ -185,45 +185,58 @@ class GroupHistory:
         period = 2 * length if wanted == length else _even_fast_length(length + wanted)
         past = self._buffer[..., end - length : end]
         target = self._buffer[..., end : end + wanted]
-        if period > LARGEST_CACHED:
-            self._spread_one_by_one(past, target, length, period)
+        again = end + 2 * length < self._end and wanted == length
+        if not again and period not in self._transforms:
+            self._spread_once(past, target, length, period)
             return
+        if period not in self._transforms:
+            self._transforms[period] = [self._transform(c.channel, period) for c in self._long]
         spectrum = np.fft.rfft(past, period)
         total = np.zeros_like(spectrum)
-        for batched, transform in zip(self._long, self._transform(period), strict=True):
+        for batched, transform in zip(self._long, self._transforms[period], strict=True):
             _accumulate(total, transform, spectrum, batched)
         target += np.fft.irfft(total, period)[..., length : length + wanted]
         self._count(period, spectrum.shape[-1])
+        if not again:
+            del self._transforms[period]
 
-    def _spread_one_by_one(self, past: Array, target: Array, length: int, period: int) -> None:
+    def _spread_once(self, past: Array, target: Array, length: int, period: int) -> None:
         """The same with one transform of weights in memory at a time."""
         q, m, e = self._shape
         spectrum = np.fft.rfft(past, period)
+        total = np.zeros((m, q, e, spectrum.shape[-1]), dtype=complex)
+        for batched in self._long:
+            channel, directions = batched.channel, batched.directions
+            if channel.is_scalar:
+                transform = _weights_transform(channel.weights, self._near, period)
+                for i in range(m):
+                    _multiply_add(total[i], transform, spectrum[:, i], directions, 1)
+                continue
+            for i in range(m):
+                for j in range(i if channel.has_parity else 0, m):
+                    transform = _weights_transform(channel.weights[:, i, j], self._near, period)
+                    _multiply_add(total[i], transform, spectrum[:, j], directions, 1)
+                    if channel.has_parity and i != j:
+                        sign = -1 if (i + j) % 2 else 1
+                        _multiply_add(total[j], transform, spectrum[:, i], directions, sign)
+        frequencies = spectrum.shape[-1]
+        del spectrum
         for i in range(m):
-            total = np.zeros((q, e, spectrum.shape[-1]), dtype=complex)
-            for batched in self._long:
-                channel = batched.channel
-                for j in (i,) if channel.is_scalar else range(m):
-                    weights = channel.weights if channel.is_scalar else channel.weights[:, i, j]
-                    transform = _weights_transform(weights, self._near, period)
-                    _multiply_add(total, transform, spectrum[:, j], batched.directions)
-            target[:, i] += np.fft.irfft(total, period)[..., length : length + target.shape[-1]]
-        self._count(period, spectrum.shape[-1])
+            target[:, i] += np.fft.irfft(total[i], period)[..., length : length + target.shape[-1]]
+        self._count(period, frequencies)
 
-    def _transform(self, period: int) -> list[ComplexArray]:
-        """Transforms of the first `period` weights of each channel, the nearest left out."""
-        if period not in self._transforms:
-            self._transforms[period] = [
-                _weights_transform(
-                    c.channel.weights
-                    if c.channel.is_scalar
-                    else c.channel.weights[:period].transpose(1, 2, 0),
-                    self._near,
-                    period,
-                )
-                for c in self._long
+    def _transform(self, channel: Channel, period: int) -> Transform:
+        """Transforms of the first `period` weights, the nearest left out."""
+        if channel.is_scalar:
+            return [[_weights_transform(channel.weights, self._near, period)]]
+        m = channel.weights.shape[1]
+        return [
+            [
+                _weights_transform(channel.weights[:, i, j], self._near, period)
+                for j in range(i if channel.has_parity else 0, m)
             ]
-        return self._transforms[period]
+            for i in range(m)
+        ]
 
     def _count(self, period: int, frequencies: int) -> None:
         """5/4 n log2(n) multiply-adds for a real transform, 4 for a complex product."""
@@ -237,39 +250,49 @@ class GroupHistory:
 
 
 def _weights_transform(weights: Array, first: int, period: int) -> ComplexArray:
-    """Transform along the last axis of the weights from `first` on, at most `period`."""
-    part = np.array(weights[..., :period])
-    part[..., :first] = 0.0
+    """Transform of the weights from `first` on, at most `period`."""
+    part = np.array(weights[:period])
+    part[:first] = 0.0
     return np.asarray(np.fft.rfft(part, period))
 
 
 def _accumulate(
-    total: ComplexArray, transform: ComplexArray, spectrum: ComplexArray, batched: BatchedChannel
+    total: ComplexArray, transform: Transform, spectrum: ComplexArray, batched: BatchedChannel
 ) -> None:
     """Add weights times samples times direction at every frequency, slab by slab."""
-    m = spectrum.shape[1]
+    m, channel, directions = spectrum.shape[1], batched.channel, batched.directions
     for first in range(0, spectrum.shape[-1], FREQUENCY_SLAB):
         slab = slice(first, first + FREQUENCY_SLAB)
+        part, result = spectrum[..., slab], total[..., slab]
         for i in range(m):
-            for j in (i,) if batched.channel.is_scalar else range(m):
-                weights = transform if batched.channel.is_scalar else transform[i, j]
-                _multiply_add(
-                    total[:, i, :, slab], weights[slab], spectrum[:, j, :, slab], batched.directions
-                )
+            if channel.is_scalar:
+                _multiply_add(result[:, i], transform[0][0][slab], part[:, i], directions, 1)
+                continue
+            for j in range(m):
+                if channel.has_parity and j < i:
+                    weights, sign = transform[j][i - j], -1 if (i + j) % 2 else 1
+                else:
+                    weights, sign = transform[i][j - i if channel.has_parity else j], 1
+                _multiply_add(result[:, i], weights[slab], part[:, j], directions, sign)
 
 
 def _multiply_add(
-    total: ComplexArray, weights: ComplexArray, spectrum: ComplexArray, directions: Array
+    total: ComplexArray,
+    weights: ComplexArray,
+    spectrum: ComplexArray,
+    directions: Array,
+    sign: int,
 ) -> None:
-    """total[q, b] += weights * sum_a spectrum[q, a] directions[q, a, b], last axis frequency."""
+    """total[q, b] += sign weights sum_a spectrum[q, a] directions[q, a, b], frequencies last."""
     product = spectrum * weights
-    if directions.shape[-1] == 1:
-        if np.all(directions == 1.0):
-            total += product
-        else:
-            total += product * directions
+    if directions.shape[-1] > 1:
+        product = np.matmul(directions.transpose(0, 2, 1), product)
+    elif directions.size > 1 or directions[0, 0, 0] != 1.0:
+        product *= directions
+    if sign > 0:
+        total += product
     else:
-        total += np.matmul(directions.transpose(0, 2, 1), product)
+        total -= product
 
 
 def _even_fast_length(at_least: int) -> int:

@@ -52,7 +52,7 @@ def block_sizes(system: LinearSystem, n_steps: int) -> BlockSizes | None:
         return None
     while block > 8 and 32 * block > n_steps:
         block //= 2
-    blocks = 8
+    blocks = 8 if size == 1 else 4
     while blocks > 1 and system.batch * block * block * blocks * size * size > LARGEST_STRIP:
         blocks //= 2
     return BlockSizes(block=block, blocks=blocks)
@@ -115,22 +115,29 @@ class _LinearBlocks:
         q, e = system.batch, system.coupled
         self._width = system.sample_size
         self._on_nodes = problem.skip_first_kick and bool(system.channels)
-        self._n_history = sizes.block * self._width
+        # a finite memory reaches from the last steps of a block to the first of the next
+        self._far = min(sizes.block, max(system.memory - 1, 0))
+        self._n_history = self._far * self._width
         self._n_state = system.state_size
         self._n_first = self._n_history + self._n_state
-        inside = np.concatenate([response.samples, response.state], axis=1)
+        whole = sizes.block * self._width
+        columns = np.r_[: self._n_history, whole : response.state.shape[2]]
+        inside = np.concatenate(
+            [response.samples[:, whole - self._n_history :], response.state], axis=1
+        )[:, :, columns]
         self._sequential = np.ascontiguousarray(inside[:, :, : self._n_first])
         self._driven = np.ascontiguousarray(inside[:, :, self._n_first :].transpose(0, 2, 1))
         outputs = [response.position, response.momentum]
         if self._on_nodes:
             outputs.append(response.force)
-        self._outputs = np.ascontiguousarray(np.concatenate(outputs, axis=1).transpose(0, 2, 1))
+        joined = np.concatenate(outputs, axis=1)[:, :, columns]
+        self._outputs = np.ascontiguousarray(joined.transpose(0, 2, 1))
         self._reach = 0
         self._strip: Array | None = None
         if system.memory > 1 and sizes.blocks > 1:
             self._reach = min(sizes.block * (sizes.blocks - 1), system.memory - 1)
-            kernel = lag_kernel(system.channels, 0, sizes.block + self._reach, system.samples)
-            self._strip = reversed_strip(kernel, sizes.block, self._reach)
+            kernel = lag_kernel(system.channels, 0, self._far + self._reach, system.samples)
+            self._strip = reversed_strip(kernel, self._far, self._reach)
         n_steps = problem.n_steps
         self._history = GroupHistory(
             system.channels if system.memory > 1 else (), system.samples, sizes.group, n_steps
@@ -225,7 +232,7 @@ class _LinearBlocks:
             inputs[:, :, self._n_first :] = moments.reshape(q, count, -1)
             driven = np.matmul(inputs[:, :, self._n_first :], self._driven)
         samples = np.zeros((q, blocks * block * width))
-        n_samples, begin = block * width, self._n_history
+        whole, begin = block * width, self._n_history
         damped = self._system.memory > 1
         strip = self._strip
         force: Array | None = None
@@ -235,27 +242,29 @@ class _LinearBlocks:
             row = inputs[:, index]
             if damped:
                 if place == 0 or force is None:
-                    force = self._history.force_on(group).reshape(q, blocks, n_samples)
-                known = force[:, place]
+                    force = self._history.force_on(group).reshape(q, blocks, whole)
+                known = force[:, place, :begin]
                 if place and strip is not None:
                     reach = min(self._reach, place * block) * width
-                    past = samples[:, place * n_samples - reach : place * n_samples]
+                    past = samples[:, place * whole - reach : place * whole]
                     known = known + _apply(strip[:, :, strip.shape[2] - reach :], past)
-                    self.operations += q * n_samples * reach
+                    self.operations += q * begin * reach
                 row[:, :begin] = known
             row[:, begin : self._n_first] = self._state
             result = _apply(self._sequential, row[:, : self._n_first])
             if driven is not None:
                 result = result + driven[:, index]
-            self._move(result[:, n_samples:], e)
+            self._move(result[:, begin:], e)
             if damped:
-                samples[:, place * n_samples : (place + 1) * n_samples] = result[:, :n_samples]
+                end = (place + 1) * whole
+                samples[:, end - begin : end] = result[:, :begin]
                 if place == blocks - 1:
                     shape = (q, blocks * block, self._system.samples, e)
                     self._history.finish(group, samples.reshape(shape))
         if damped:
             # what a block sums over its own steps stands in its matrix
-            self.operations += q * count * (block * (block + 1) // 2) * width * width
+            own = sum(min(index + 1, self._system.memory) for index in range(block))
+            self.operations += q * count * own * width * width
         return inputs
 
     def _move(self, change: Array, e: int) -> None:

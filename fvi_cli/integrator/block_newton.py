@@ -260,7 +260,7 @@ class _NewtonBlocks:
         )
 
         def part(matrix: Array, rows: int) -> Array:
-            return matrix[0][: count * rows][:, columns]
+            return np.asarray(matrix[0][: count * rows][:, columns])
 
         points = part(response.points, r * d)
         position, momentum = part(response.position, d), part(response.momentum, d)
@@ -268,7 +268,7 @@ class _NewtonBlocks:
         if self._on_nodes:
             outputs.append(part(response.force, size))
         outputs.append(part(response.carry, size)[-size:])
-        to_moments: Array = -self._problem.step_size * np.kron(tables.test_weights, np.eye(d))
+        to_moments = np.asarray(-self._problem.step_size * np.kron(tables.test_weights, np.eye(d)))
         driven = points[:, count * size + n_state :].reshape(-1, count, width)
         self._sized[count] = _Frozen(
             block=count,

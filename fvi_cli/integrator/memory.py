@@ -48,10 +48,13 @@ class Channel:
     weights
         w_0 .. w_{M-1}: scalars, shape ``(M,)``, the same for every sample of a step (BDF), or
         matrices, shape ``(M, m, m)`` (Runge-Kutta); what lies beyond is zero.
+    has_parity
+        Whether :math:`w_n[j, i] = (-1)^{i + j} w_n[i, j]` (Gauss, in Legendre coefficients).
     """
 
     direction: Array
     weights: Array
+    has_parity: bool = False
 
     @property
     def memory(self) -> int:
