@@ -1,0 +1,172 @@
+"""Every error of an experiment, methods side by side."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+
+from fvi_cli.experiments.order import OrderCase, OrderRow, OrderTable
+from fvi_cli.output.tables.document import (
+    Block,
+    Bullets,
+    Code,
+    Grid,
+    Heading,
+    Paragraph,
+    Words,
+)
+from fvi_cli.output.tables.naming import MethodName, number
+from fvi_cli.output.tables.summary import NORMS, steps_phrase
+
+METHODS_PER_GRID = 4
+"""Methods side by side; each has two columns."""
+
+_SOURCES: Mapping[str, str] = {
+    "expression": "the exact solution (expression of the configuration)",
+    "unknown": "a reference that is not stated",
+}
+
+
+def details(table: OrderTable, names: Mapping[str, MethodName]) -> list[Block]:
+    """Heading, equation, grids of errors and orders, remarks."""
+    blocks: list[Block] = [
+        Heading(level=2, words=table.experiment),
+        Paragraph(words=_setting(table)),
+    ]
+    if not table.cases:
+        return [*blocks, Paragraph(words="No run is finished.")]
+    blocks += [
+        _grid(table.cases[start : start + METHODS_PER_GRID], names)
+        for start in range(0, len(table.cases), METHODS_PER_GRID)
+    ]
+    remarks = _remarks(table, names)
+    if remarks:
+        blocks.append(Bullets(items=tuple(remarks)))
+    return blocks
+
+
+def _setting(table: OrderTable) -> Words:
+    orders = table.gamma.replace(";", ", ")
+    return (
+        "Equation: ",
+        Code(table.equation or "not stated"),
+        f"; {f'gamma = {orders}; ' if orders else ''}T = {table.final_time:g}. Errors in the "
+        f"{NORMS[table.norm]}, against {_reference(table.reference)}.",
+    )
+
+
+def _reference(source: str) -> str:
+    if source.startswith("refined run"):
+        return f"a {source}"
+    return _SOURCES.get(source, f"the exact solution ({source})")
+
+
+def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
+    header = ["N", "h"]
+    for case in cases:
+        header += [names[case.method.case].label, "order"]
+    steps = sorted({row.n_steps for case in cases for row in case.rows})
+    found = [{row.n_steps: k for k, row in enumerate(case.rows)} for case in cases]
+    rows = []
+    for n_steps in steps:
+        sizes = [
+            case.rows[at[n_steps]].step_size
+            for case, at in zip(cases, found, strict=True)
+            if n_steps in at
+        ]
+        line = [str(n_steps), f"{sizes[0]:.4g}"]
+        for case, at in zip(cases, found, strict=True):
+            line += _entries(case, at[n_steps]) if n_steps in at else ["not computed", ""]
+        rows.append(tuple(line))
+    return Grid(
+        header=tuple(header),
+        rows=tuple(rows),
+        summary_rows=tuple(_summary_rows(cases)),
+        text_columns=0,
+    )
+
+
+def _entries(case: OrderCase, k: int) -> list[str]:
+    row = case.rows[k]
+    error = error_entry(row)
+    if k == 0 or math.isnan(row.pairwise_order):
+        return [error, ""]
+    order = f"{row.pairwise_order:.2f}"
+    both = row.used_in_fit and case.rows[k - 1].used_in_fit
+    return [error, order if both else f"({order})"]
+
+
+def error_entry(row: OrderRow) -> str:
+    """The error; in parentheses, with its status, where the slope does not use it."""
+    error = f"{row.error:.2e}" if math.isfinite(row.error) else ""
+    if row.used_in_fit:
+        return error
+    status = row.status if row.status != "ok" else "not used"
+    return f"({', '.join(filter(None, (error, status)))})"
+
+
+def _summary_rows(cases: Sequence[OrderCase]) -> list[tuple[str, ...]]:
+    lines = [
+        ("slope", [number(case.slope, ".2f") for case in cases]),
+        ("residual", [number(case.fit_residual, ".3f") for case in cases]),
+        ("expected", [number(case.expected_order, ".3g") for case in cases]),
+    ]
+    if any(not math.isnan(case.claim) for case in cases):
+        lines.append(("published", [number(case.claim, "g") for case in cases]))
+    rows = []
+    for title, values in lines:
+        row = [title, ""]
+        for value in values:
+            row += ["", value]
+        rows.append(tuple(row))
+    return rows
+
+
+def _remarks(table: OrderTable, names: Mapping[str, MethodName]) -> list[Words]:
+    sentences: list[Words] = []
+    if any(not row.used_in_fit for case in table.cases for row in case.rows):
+        sentences.append(
+            "Errors in parentheses are not used for the slope; floor: below round-off or the "
+            "error of the reference."
+        )
+    for case in table.cases:
+        label = names[case.method.case].label
+        steps = [row.n_steps for row in case.rows]
+        unstable = [row.n_steps for row in case.rows if row.predicted == "unstable"]
+        if unstable:
+            sentences.append(f"{label}, {steps_phrase(steps, unstable)}: predicted unstable.")
+        if case.expected_failure:
+            sentences.append(f"{label}: the configuration expects failures.")
+        sentences += [f"{label}, {words}." for words in _expected_orders(case)]
+        for told, text, is_example in _told(case):
+            example = f" (numbers of N = {told[0]})" if is_example else ""
+            sentences.append(f"{label}, {steps_phrase(steps, told)}: {text}{example}.")
+    return sentences
+
+
+def _expected_orders(case: OrderCase) -> list[str]:
+    """Where the expected order depends on the step size, because a start series falls back."""
+    by_order: dict[str, list[int]] = {}
+    for row in case.rows:
+        by_order.setdefault(number(row.expected_order, ".3g", "not stated"), []).append(row.n_steps)
+    if len(by_order) == 1:
+        return []
+    steps = [row.n_steps for row in case.rows]
+    return [f"{steps_phrase(steps, at)}: expected order {order}" for order, at in by_order.items()]
+
+
+def _told(case: OrderCase) -> list[tuple[list[int], str, bool]]:
+    """Remarks and messages with the N that they are about; those that differ in numbers once."""
+    found: dict[str, tuple[list[int], list[str]]] = {}
+    for row in case.rows:
+        for text in (*row.remarks, *((row.message,) if row.message else ())):
+            at, texts = found.setdefault(without_numbers(text), ([], []))
+            at.append(row.n_steps)
+            texts.append(text.rstrip("."))
+    return [(at, texts[0], len(set(texts)) > 1) for at, texts in found.values()]
+
+
+def without_numbers(text: str) -> str:
+    """The text with every number blotted out: two of these are the same but for numbers."""
+    return re.sub(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?", "#", text)

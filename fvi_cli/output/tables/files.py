@@ -1,0 +1,94 @@
+"""The four files of one configuration."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from fvi_cli.errors import StorageError
+from fvi_cli.experiments.order import OrderTable
+from fvi_cli.output.tables.csv_table import to_csv
+from fvi_cli.output.tables.details import details
+from fvi_cli.output.tables.document import Block, Heading
+from fvi_cli.output.tables.json_table import to_json
+from fvi_cli.output.tables.latex import to_latex
+from fvi_cli.output.tables.markdown import to_markdown
+from fvi_cli.output.tables.plain_text import to_text
+from fvi_cli.output.tables.summary import names_of, summary
+
+FORMS = ("csv", "md", "tex", "json")
+
+
+def table_paths(directory: Path, name: str) -> dict[str, Path]:
+    """Where the forms of the tables of `name` are, by suffix."""
+    return {form: directory / f"{name}.{form}" for form in FORMS}
+
+
+def rendered(name: str, tables: Sequence[OrderTable]) -> dict[str, str]:
+    """The text of every form."""
+    blocks = report(name, tables)
+    texts: Mapping[str, str] = {
+        "csv": to_csv(tables),
+        "md": to_markdown(blocks),
+        "tex": to_latex(blocks),
+        "json": to_json(name, tables),
+    }
+    return {form: texts[form] for form in FORMS}
+
+
+def report(name: str, tables: Sequence[OrderTable]) -> list[Block]:
+    """Summary first, then every experiment in detail."""
+    blocks: list[Block] = [Heading(level=1, words=f"Orders of convergence: {name}")]
+    blocks += summary(name, tables)
+    names = names_of(tables)
+    for table in tables:
+        blocks += details(table, names)
+    return blocks
+
+
+def summary_text(name: str, tables: Sequence[OrderTable]) -> str:
+    """What a terminal shows: the title and the summary."""
+    title = Heading(level=1, words=f"Orders of convergence: {name}")
+    return to_text([title, *summary(name, tables)])
+
+
+def write_tables(directory: Path, name: str, tables: Sequence[OrderTable]) -> list[Path]:
+    """Write ``<name>.csv``, ``.md``, ``.tex`` and ``.json`` into `directory`; returns the paths.
+
+    All are made before the first is written, and each appears whole or not at all: it is written
+    under a temporary name, flushed to the disk and renamed.
+
+    Raises
+    ------
+    StorageError
+        If the folder or a file cannot be written.
+    """
+    texts = rendered(name, tables)
+    paths = table_paths(directory, name)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        for form, text in texts.items():
+            _replace(paths[form], text.encode("utf-8"))
+    except OSError as error:
+        place = error.filename or directory
+        raise StorageError(f"{place}: cannot be written: {error.strerror}") from None
+    return list(paths.values())
+
+
+def _replace(path: Path, content: bytes) -> None:
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        # mkstemp gives the file to its owner alone; a table is as readable as other files
+        mask = os.umask(0)
+        os.umask(mask)
+        Path(temporary).chmod(0o666 & ~mask)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise

@@ -1,0 +1,156 @@
+"""Names of methods and numbers as people read them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeGuard
+
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+
+_FAMILIES: Mapping[str, str] = {
+    "gauss": "Gauss",
+    "radau-iia": "Radau IIA ",
+    "lobatto-iiic": "Lobatto IIIC ",
+}
+_RULES: Mapping[str, str] = {"gauss": "Gauss", "lobatto": "Lobatto", "radau": "Radau"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodName:
+    """Name of a method in two parts.
+
+    Parameters
+    ----------
+    family
+        ``BDF2``, ``Gauss3``, ``Lobatto IIIC 4`` (Runge-Kutta families with their number of
+        stages), ``explicit Euler``.
+    variant
+        What tells it from methods of the same family; empty when there is no other.
+    """
+
+    family: str
+    variant: str = ""
+
+    @property
+    def label(self) -> str:
+        """Both parts."""
+        return f"{self.family}, {self.variant}" if self.variant else self.family
+
+
+def method_names(methods: Sequence[AnyMethod]) -> dict[str, MethodName]:
+    """The shortest name of every method, by case, that tells it from the others in `methods`."""
+    distinct = {method.case: method for method in methods}
+    told = [feature for feature in _FEATURES if _is_needed(feature, list(distinct.values()))]
+    plain = [method for method in distinct.values() if _is_bdf(method)]
+    is_mixed = len({method.sampling for method in plain}) > 1
+    names = {}
+    for case, method in distinct.items():
+        family = _family(method)
+        if is_mixed and _is_bdf(method):
+            family = f"{family} {method.sampling}"
+        variant = ", ".join(filter(None, (feature(method) for feature in told)))
+        names[case] = MethodName(family=family, variant=variant)
+    labels = [name.label for name in names.values()]
+    return {
+        case: MethodName(family=case) if labels.count(name.label) > 1 else name
+        for case, name in names.items()
+    }
+
+
+def describe_method(method: AnyMethod) -> str:
+    """What a method is, in words."""
+    if isinstance(method, Baseline):
+        return "for comparison"
+    words = [f"degree {method.degree}"]
+    if method.is_runge_kutta:
+        words.append(f"{method.stages} stages" if method.stages > 1 else "1 stage")
+    else:
+        points = "point" if method.rule.points == 1 else "points"
+        words.append(f"{method.rule.points} {_RULES[method.rule.rule]} {points}")
+        where = "nodes" if method.sampling == "nodes" else "quadrature points"
+        words.append(f"damping sampled at the {where}")
+    words.append(_start(method))
+    words.append(f"{method.forcing_quadrature} forcing")
+    if method.history != "auto":
+        words.append(f"{method.history} history")
+    return ", ".join(words)
+
+
+def _is_bdf(method: AnyMethod) -> TypeGuard[Method]:
+    return isinstance(method, Method) and not method.is_runge_kutta
+
+
+def _family(method: AnyMethod) -> str:
+    if isinstance(method, Baseline):
+        return method.name.replace("-", " ").replace("euler", "Euler")
+    if method.is_runge_kutta:
+        return f"{_FAMILIES[method.cq]}{method.stages}"
+    return f"BDF{method.bdf_order}"
+
+
+_Feature = Callable[[AnyMethod], str]
+
+
+def _degree(method: AnyMethod) -> str:
+    return f"degree {method.degree}" if _is_bdf(method) else ""
+
+
+def _rule(method: AnyMethod) -> str:
+    return f"{method.rule.points} {_RULES[method.rule.rule]}" if _is_bdf(method) else ""
+
+
+def _start(method: AnyMethod) -> str:
+    if not isinstance(method, Method):
+        return ""
+    if method.start == "none":
+        return "plain start"
+    if method.start == "series":
+        return "start by series"
+    powers = ", ".join(f"t^{exponent:g}" for exponent in method.start_exponents)
+    return f"starting weights on {powers}" if powers else "starting weights"
+
+
+def _forcing(method: AnyMethod) -> str:
+    return f"{method.forcing_quadrature} forcing" if isinstance(method, Method) else ""
+
+
+def _history(method: AnyMethod) -> str:
+    return f"{method.history} history" if isinstance(method, Method) else ""
+
+
+_FEATURES: tuple[_Feature, ...] = (_degree, _rule, _start, _forcing, _history)
+
+
+def _is_needed(feature: _Feature, methods: Sequence[AnyMethod]) -> bool:
+    """Whether two methods of one family differ in `feature`, and in no earlier one alone."""
+    if feature is _rule:
+        # the rule follows from the degree unless it is given: ask only beside equal degrees
+        return _differs(feature, methods, also=_degree)
+    return _differs(feature, methods)
+
+
+def _differs(feature: _Feature, methods: Sequence[AnyMethod], also: _Feature | None = None) -> bool:
+    seen: dict[tuple[str, ...], str] = {}
+    for method in methods:
+        key: tuple[str, ...] = (_family(method),)
+        if isinstance(method, Method):
+            key += (method.sampling,)
+        if also is not None:
+            key += (also(method),)
+        if seen.setdefault(key, feature(method)) != feature(method):
+            return True
+    return False
+
+
+def number(value: float, form: str, missing: str = "-") -> str:
+    """A number in a format; `missing` for nan."""
+    return missing if math.isnan(value) else format(value, form)
+
+
+def listing(numbers: Sequence[int]) -> str:
+    """Numbers in a row; a long row by its ends."""
+    if len(numbers) > 4:
+        return f"{numbers[0]}, {numbers[1]}, ..., {numbers[-1]}"
+    return ", ".join(map(str, numbers))

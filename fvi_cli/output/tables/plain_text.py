@@ -1,0 +1,41 @@
+"""Reports as text for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fvi_cli.output.tables.document import (
+    Block,
+    Bullets,
+    Grid,
+    Heading,
+    Paragraph,
+    column_texts,
+    plain,
+)
+
+
+def to_text(blocks: Sequence[Block]) -> str:
+    """The blocks as plain text, without a newline at the end."""
+    return "\n\n".join(_block(block) for block in blocks)
+
+
+def _block(block: Block) -> str:
+    if isinstance(block, Heading | Paragraph):
+        return plain(block.words)
+    if isinstance(block, Bullets):
+        return "\n".join(f"- {plain(item)}" for item in block.items)
+    return _grid(block)
+
+
+def _grid(grid: Grid) -> str:
+    rows = list(column_texts(grid))
+    widths = [max(len(row[k]) for row in rows) for k in range(len(grid.header))]
+    lines = []
+    for row in rows:
+        cells = [
+            cell.ljust(width) if k < grid.text_columns else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
