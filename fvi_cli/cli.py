@@ -222,7 +222,9 @@ def convergence(
 ) -> int:
     """Make tables of orders; without argument those of the paper and of full order."""
     from fvi_cli import campaign, reports
+    from fvi_cli.output import tables
 
+    directory = output / "tables"
     settings = campaign.Settings(
         output=output,
         workers=workers,
@@ -243,12 +245,12 @@ def convergence(
         outcomes += computed
         if _stop(settings, computed):
             break
+        made = reports.order_tables(computed)
         if check:
-            differences += reports.compare_with_stored(request.name, computed, output)
+            differences += tables.compare_with_tables(directory, request.name, made)
         else:
-            text, paths = reports.write_order_tables(request.name, computed, output)
-            print(text)
-            print(*paths, sep="\n")
+            written = tables.write_tables(directory, request.name, made)
+            print(tables.summary_text(request.name, made), *written, "", sep="\n")
     return (_verdict(differences) if check else DONE) or _code(outcomes)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from fvi_cli.config import starter_config
 from fvi_cli.config.experiment_keys import is_name
 from fvi_cli.errors import RequestError
+from fvi_cli.experiments.order import OrderTable, order_table
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 
 if TYPE_CHECKING:
@@ -109,6 +110,11 @@ def _order_tables(outcomes: Sequence[Outcome]) -> list[OrderTable]:
     from fvi_cli.experiments.order import order_table
 
     return [order_table(experiment, finished) for experiment, finished in studies(outcomes)]
+
+
+def order_tables(outcomes: Sequence[Outcome]) -> list[OrderTable]:
+    """One table of orders for every experiment."""
+    return [order_table(outcome.experiment, outcome.finished) for outcome in outcomes]
 
 
 def write_figures(figures: Mapping[str, Figure], output: Path) -> list[Path]:
