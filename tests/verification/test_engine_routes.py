@@ -1,0 +1,259 @@
+"""The engine's routes give what one step after the other gives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.engine import run
+from fvi_cli.integrator.integrate import integrate, prepare
+from fvi_cli.integrator.method import Method, RuleSpecification
+from fvi_cli.integrator.stepping import StepProblem, run_steps
+from fvi_cli.scenes.named import linear_oscillator, pendulum
+
+TOLERANCE = 1e-12
+
+LINEAR_METHODS = [
+    *(Method(cq=f"bdf{p}", sampling="nodes", degree=1 + p % 2) for p in range(1, 7)),
+    *(Method(cq=f"bdf{p}", degree=1 + p % 3) for p in range(1, 7)),
+    *(Method(cq="gauss", degree=m) for m in range(1, 5)),
+    *(Method(cq=name, degree=m) for name in ("radau-iia", "lobatto-iiic") for m in (1, 2, 3)),
+    Method(cq="bdf3", degree=2, quadrature=RuleSpecification(rule="lobatto", points=4)),
+]
+
+
+def difference(problem: StepProblem, other: StepProblem | None = None) -> float:
+    """Largest relative difference of positions, momenta and forces between the two routes."""
+    direct = run_steps(problem)
+    blocks = run(other or problem, "fft")
+    assert direct.failure == blocks.failure
+    assert blocks.position.shape == direct.position.shape
+    pairs = [(direct.position, blocks.position), (direct.momentum, blocks.momentum)]
+    if problem.skip_first_kick and problem.memory.channels:
+        pairs.append((direct.end_force, blocks.end_force))
+    return max(float(np.abs(a - b).max() / np.abs(a).max()) for a, b in pairs)
+
+
+def oscillator(orders: tuple[float, ...], derivative: str, coefficient: float) -> Scene:
+    regular = derivative == "caputo" or max(orders) < 1
+    return linear_oscillator(
+        final_time=3.0,
+        stiffness=2.0,
+        damping=[
+            FractionalDamping(order=order, coefficient=coefficient * (index + 1))
+            for index, order in enumerate(orders)
+        ],
+        forcing=Forcing.from_text("cos(t)"),
+        initial_position=0.7 if regular else 0.0,
+        initial_velocity=0.4,
+        derivative=derivative,
+    )
+
+
+def small(method: Method) -> float:
+    """A coefficient with which the method is stable on these steps."""
+    return 0.5 if method.is_runge_kutta else 1e-3
+
+
+@pytest.mark.parametrize("method", LINEAR_METHODS, ids=lambda method: method.case)
+@pytest.mark.parametrize("orders", [(0.3,), (1.0,), (1.5,), (0.5, 1.0), (0.3, 1.5)])
+def test_linear_blocks(method: Method, orders: tuple[float, ...]) -> None:
+    for derivative, n_steps in (("caputo", 333), ("riemann-liouville", 64), ("caputo", 5)):
+        scene = oscillator(orders, derivative, small(method))
+        assert difference(prepare(scene, method, n_steps).problem) <= TOLERANCE
+
+
+@pytest.mark.parametrize("cq", ["gauss", "bdf3"])
+def test_many_groups_agree(cq: str) -> None:
+    method = Method(cq=cq, degree=2)
+    scene = oscillator((0.3, 1.5), "caputo", small(method))
+    assert difference(prepare(scene, method, 2500).problem) <= TOLERANCE
+
+
+def wrong_weight(problem: StepProblem, lag: int) -> StepProblem:
+    channel = problem.memory.channels[0]
+    weights = channel.weights.copy(order="K")
+    weights[lag] *= 1.0 + 1e-3
+    memory = replace(problem.memory, channels=(replace(channel, weights=weights),))
+    return replace(problem, memory=memory)
+
+
+@pytest.mark.parametrize("lag", [0, 1, 40, 300])
+def test_one_wrong_weight_is_seen(lag: int) -> None:
+    for method in (Method(cq="gauss", degree=2), Method(cq="bdf2", sampling="nodes", degree=1)):
+        problem = prepare(oscillator((0.5,), "caputo", 0.5), method, 600).problem
+        assert difference(problem) <= TOLERANCE
+        assert difference(problem, wrong_weight(problem, lag)) > 100 * TOLERANCE
+
+
+def positive(rng: np.random.Generator, d: int) -> np.ndarray:
+    matrix = rng.normal(size=(d, d))
+    return matrix @ matrix.T / d + np.eye(d)
+
+
+@pytest.mark.parametrize("kind", ["modal", "general"])
+@pytest.mark.parametrize(
+    "method",
+    [
+        Method(cq="bdf2", sampling="nodes", degree=1),
+        Method(cq="bdf3", degree=2),
+        Method(cq="gauss", degree=2),
+        Method(cq="lobatto-iiic", degree=2),
+    ],
+    ids=lambda method: method.case,
+)
+def test_three_degrees_of_freedom(kind: str, method: Method) -> None:
+    rng = np.random.default_rng(5)
+    mass, stiffness = positive(rng, 3), positive(rng, 3)
+    directions = [mass, stiffness] if kind == "modal" else [positive(rng, 3), positive(rng, 3)]
+    for orders in ((0.5, 1.5), (1.0, 0.3), (1.0, 1.0)):
+        scene = linear_oscillator(
+            final_time=3.0,
+            mass=mass,
+            stiffness=stiffness,
+            damping=[
+                FractionalDamping(order=order, coefficient=0.01 * matrix)
+                for order, matrix in zip(orders, directions, strict=True)
+            ],
+            forcing=Forcing.from_text("cos(t)", "t", "1"),
+            initial_position=[1.0, 0.2, 0.3],
+            initial_velocity=[0.1, 0.2, -0.3],
+        )
+        for n_steps in (128, 310):
+            assert difference(prepare(scene, method, n_steps).problem) <= TOLERANCE
+
+
+def test_a_chain_too_large_for_dense_blocks_takes_steps_with_the_fast_history() -> None:
+    d, n_steps = 300, 260
+    stiffness = 2.0 * np.eye(d) - np.eye(d, k=1) - np.eye(d, k=-1)
+    mixed = np.diag(1.0 + np.arange(d) / d)
+    scene = linear_oscillator(
+        final_time=2.0,
+        mass=np.eye(d),
+        stiffness=stiffness,
+        damping=[FractionalDamping(order=0.5, coefficient=0.1 * mixed)],
+        initial_position=np.sin(np.arange(d)),
+        initial_velocity=np.zeros(d),
+    )
+    problem = prepare(scene, Method(cq="bdf2", degree=1), n_steps).problem
+    assert difference(problem) <= TOLERANCE
+
+
+@pytest.mark.parametrize("sampling", ["nodes", "points"])
+def test_added_force_and_known_parts(sampling: str) -> None:
+    """Starting weights, a start series, exact moments, and mixed orders with v0."""
+    scene = oscillator((0.5, 1.5), "caputo", 1e-3)
+    rng = np.random.default_rng(3)
+    method = Method(cq="bdf2", degree=2, sampling=sampling, forcing_quadrature="exact")
+    problem = prepare(scene, method, 200).problem
+    samples = problem.tables.sample_points.size
+    added = replace(problem, extra_force=rng.normal(size=(201, samples, 1)))
+    assert problem.memory.known_force is not None
+    assert difference(added) <= TOLERANCE
+    shifted = replace(added, position_shift=rng.normal(size=(200, problem.tables.points.size, 1)))
+    assert difference(shifted) <= TOLERANCE
+    series = Method(cq="bdf2", degree=2, start="series")
+    assert difference(prepare(scene, series, 200).problem) <= TOLERANCE
+    corrected = replace(method, start="weights", history="fft")
+    both = [integrate(scene, replace(corrected, history=h), 200) for h in ("fft", "direct")]
+    assert np.abs(both[0].position - both[1].position).max() <= TOLERANCE
+    assert np.abs(both[0].momentum - both[1].momentum).max() <= TOLERANCE
+
+
+NONLINEAR_METHODS = [
+    Method(cq="gauss", degree=2),
+    Method(cq="gauss", degree=3, start="series"),
+    Method(cq="bdf3", degree=2),
+    Method(cq="bdf2", sampling="nodes", degree=1),
+    Method(cq="lobatto-iiic", degree=2),
+]
+
+
+@pytest.mark.parametrize("method", NONLINEAR_METHODS, ids=lambda method: method.case)
+@pytest.mark.parametrize("orders", [(0.5,), (1.0,), (1.5, 0.5)])
+def test_newton_on_whole_blocks(method: Method, orders: tuple[float, ...]) -> None:
+    scene = pendulum(
+        final_time=20.0,
+        damping=[FractionalDamping(order=order, coefficient=0.05) for order in orders],
+        forcing=Forcing.from_text("0.1*cos(t)"),
+        initial_position=1.0,
+        initial_velocity=0.3,
+    )
+    for n_steps in (12, 90, 300):
+        problem = prepare(scene, method, n_steps).problem
+        assert difference(problem) <= TOLERANCE
+    finished = run(problem, "fft").newton
+    assert 0 < finished.iterations < n_steps
+    assert finished.largest == len(finished.worst_residuals)
+    assert finished.worst_residuals[-1] < 1e-9 * finished.worst_residuals[0]
+
+
+def test_newton_sees_one_wrong_weight() -> None:
+    scene = pendulum(
+        final_time=5.0,
+        damping=[FractionalDamping(order=0.5, coefficient=0.5)],
+        initial_position=1.0,
+    )
+    problem = prepare(scene, Method(cq="gauss", degree=2), 300).problem
+    assert difference(problem, wrong_weight(problem, 100)) > 100 * TOLERANCE
+
+
+def test_steps_too_long_for_any_block_fall_back_to_single_steps() -> None:
+    """A stiff pendulum over a few turns per step: the frozen response does not contract."""
+    scene = pendulum(
+        final_time=20.0,
+        omega=6.0,
+        damping=[FractionalDamping(order=0.5, coefficient=0.3)],
+        initial_position=2.0,
+    )
+    problem = prepare(scene, Method(cq="gauss", degree=2), 64).problem
+    assert difference(problem) <= 1e-9
+
+
+def test_growth_beyond_the_range_of_numbers_stops_with_what_is_finished() -> None:
+    scene = linear_oscillator(
+        final_time=66.0,
+        damping=[FractionalDamping(order=1.5, coefficient=1.0)],
+        initial_velocity=1.0,
+    )
+    problem = prepare(scene, Method(cq="bdf6", sampling="nodes", degree=1), 1000).problem
+    direct, blocks = run_steps(problem), run(problem, "fft")
+    assert "not finite after step" in direct.failure
+    assert "not finite after step" in blocks.failure
+    # intermediate sums overflow a little sooner or later
+    assert abs(direct.position.shape[0] - blocks.position.shape[0]) <= 8
+    common = min(direct.position.shape[0], blocks.position.shape[0]) - 9
+    ratio = blocks.position[1:common] / direct.position[1:common]
+    assert np.abs(ratio - 1).max() < 1e-6
+
+
+def test_work_is_counted() -> None:
+    scene = oscillator((0.5,), "caputo", 0.5)
+    method = Method(cq="gauss", degree=2)
+    fast = [run(prepare(scene, method, n).problem, "fft").operations for n in (2**12, 2**14)]
+    direct = 2**14 * (2**14 - 1) // 2 * 4
+    assert fast[1] < direct / 8
+    assert fast[1] < 6.5 * fast[0]
+    finite = oscillator((1.0,), "caputo", 0.5)
+    counts = [
+        run(prepare(finite, Method(cq="bdf2", degree=2), n).problem, "fft").operations
+        for n in (2**12, 2**13)
+    ]
+    assert counts[1] < 2.1 * counts[0]
+    none = run(prepare(finite, method, 2**12).problem, "fft")
+    assert none.operations == 0
+
+
+def test_auto_takes_the_direct_sum_for_a_few_steps_only() -> None:
+    scene = oscillator((0.5,), "caputo", 0.5)
+    method = Method(cq="gauss", degree=2)
+    for n_steps, same in ((8, "direct"), (100, "fft")):
+        problem = prepare(scene, method, n_steps).problem
+        chosen = run(problem, "auto")
+        assert np.array_equal(chosen.position, run(problem, same).position)
+        assert chosen.operations == run(problem, same).operations
