@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from fvi_cli.experiments.order import OrderCase, OrderRow, OrderTable
 from fvi_cli.output.tables.document import (
@@ -18,9 +18,6 @@ from fvi_cli.output.tables.document import (
 )
 from fvi_cli.output.tables.naming import MethodName, number
 from fvi_cli.output.tables.summary import NORMS, steps_phrase
-
-METHODS_PER_GRID = 4
-"""Methods side by side; each has two columns."""
 
 _SOURCES: Mapping[str, str] = {
     "expression": "the exact solution (expression of the configuration)",
@@ -36,10 +33,7 @@ def details(table: OrderTable, names: Mapping[str, MethodName]) -> list[Block]:
     ]
     if not table.cases:
         return [*blocks, Paragraph(words="No run is finished.")]
-    blocks += [
-        _grid(table.cases[start : start + METHODS_PER_GRID], names)
-        for start in range(0, len(table.cases), METHODS_PER_GRID)
-    ]
+    blocks.append(_grid(table.cases, names))
     remarks = _remarks(table, names)
     if remarks:
         blocks.append(Bullets(items=tuple(remarks)))
@@ -48,12 +42,21 @@ def details(table: OrderTable, names: Mapping[str, MethodName]) -> list[Block]:
 
 def _setting(table: OrderTable) -> Words:
     orders = table.gamma.replace(";", ", ")
+    floors = [row.floor for case in table.cases for row in case.rows]
     return (
         "Equation: ",
         Code(table.equation or "not stated"),
         f"; {f'gamma = {orders}; ' if orders else ''}T = {table.final_time:g}. Errors in the "
-        f"{NORMS[table.norm]}, against {_reference(table.reference)}.",
+        f"{NORMS[table.norm]}, against {_reference(table.reference)}{_floor(floors)}.",
     )
+
+
+def _floor(floors: Sequence[float]) -> str:
+    found = [floor for floor in floors if math.isfinite(floor)]
+    if not found:
+        return ""
+    ends = dict.fromkeys(f"{end:.0e}" for end in (min(found), max(found)))
+    return f"; floor {' to '.join(ends)}"
 
 
 def _reference(source: str) -> str:
@@ -84,6 +87,8 @@ def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
         rows=tuple(rows),
         summary_rows=tuple(_summary_rows(cases)),
         text_columns=0,
+        key_columns=2,
+        groups=(2,) * len(cases),
     )
 
 
@@ -124,25 +129,32 @@ def _summary_rows(cases: Sequence[OrderCase]) -> list[tuple[str, ...]]:
 
 
 def _remarks(table: OrderTable, names: Mapping[str, MethodName]) -> list[Words]:
+    """Sentences below the grids; what is said of several methods is said once."""
     sentences: list[Words] = []
     if any(not row.used_in_fit for case in table.cases for row in case.rows):
         sentences.append(
-            "Errors in parentheses are not used for the slope; floor: below round-off or the "
+            "Errors in parentheses are not used for the slope; floor: round-off, or ten times the "
             "error of the reference."
         )
+    said: dict[str, list[str]] = {}
     for case in table.cases:
-        label = names[case.method.case].label
-        steps = [row.n_steps for row in case.rows]
-        unstable = [row.n_steps for row in case.rows if row.predicted == "unstable"]
-        if unstable:
-            sentences.append(f"{label}, {steps_phrase(steps, unstable)}: predicted unstable.")
-        if case.expected_failure:
-            sentences.append(f"{label}: the configuration expects failures.")
-        sentences += [f"{label}, {words}." for words in _expected_orders(case)]
-        for told, text, is_example in _told(case):
-            example = f" (numbers of N = {told[0]})" if is_example else ""
-            sentences.append(f"{label}, {steps_phrase(steps, told)}: {text}{example}.")
+        for sentence in _of_case(case):
+            said.setdefault(sentence, []).append(names[case.method.case].label)
+    sentences += [f"{'; '.join(labels)}: {sentence}." for sentence, labels in said.items()]
     return sentences
+
+
+def _of_case(case: OrderCase) -> Iterator[str]:
+    steps = [row.n_steps for row in case.rows]
+    unstable = [row.n_steps for row in case.rows if row.predicted == "unstable"]
+    if unstable:
+        yield f"predicted unstable at {steps_phrase(steps, unstable)}"
+    if case.expected_failure:
+        yield "the configuration expects failures"
+    yield from _expected_orders(case)
+    for told, text, is_example in _told(case):
+        example = f" (numbers of N = {told[0]})" if is_example else ""
+        yield f"{steps_phrase(steps, told)}: {text}{example}"
 
 
 def _expected_orders(case: OrderCase) -> list[str]:
@@ -153,7 +165,8 @@ def _expected_orders(case: OrderCase) -> list[str]:
     if len(by_order) == 1:
         return []
     steps = [row.n_steps for row in case.rows]
-    return [f"{steps_phrase(steps, at)}: expected order {order}" for order, at in by_order.items()]
+    told = "; ".join(f"{order} at {steps_phrase(steps, at)}" for order, at in by_order.items())
+    return [f"expected order {told}"]
 
 
 def _told(case: OrderCase) -> list[tuple[list[int], str, bool]]:

@@ -16,7 +16,7 @@ from fvi_cli.output.tables.json_table import to_json
 from fvi_cli.output.tables.latex import to_latex
 from fvi_cli.output.tables.markdown import to_markdown
 from fvi_cli.output.tables.plain_text import to_text
-from fvi_cli.output.tables.summary import names_of, summary
+from fvi_cli.output.tables.summary import legend, names_of, summary
 
 FORMS = ("csv", "md", "tex", "json")
 
@@ -42,6 +42,7 @@ def report(name: str, tables: Sequence[OrderTable]) -> list[Block]:
     """Summary first, then every experiment in detail."""
     blocks: list[Block] = [Heading(level=1, words=f"Orders of convergence: {name}")]
     blocks += summary(name, tables)
+    blocks += legend(tables)
     names = names_of(tables)
     for table in tables:
         blocks += details(table, names)

@@ -14,6 +14,7 @@ from fvi_cli.output.tables.document import (
     Paragraph,
     Words,
     pieces,
+    split_wide,
 )
 
 _PREAMBLE = r"""\documentclass{article}
@@ -26,6 +27,9 @@ _PREAMBLE = r"""\documentclass{article}
 \setlength{\tabcolsep}{4pt}
 \raggedright
 \begin{document}"""
+
+WIDEST = 118
+"""Letters in a line of a table that fit into the width of the text in footnote size."""
 
 _SECTIONS = ("section*", "subsection*", "subsubsection*")
 
@@ -68,7 +72,7 @@ def _block(block: Block) -> str:
     if isinstance(block, Bullets):
         items = "\n".join(f"\\item {{}}{_inline(item)}" for item in block.items)
         return f"\\begin{{itemize}}\n{items}\n\\end{{itemize}}"
-    return _grid(block)
+    return "\n\n".join(_grid(part) for part in split_wide(block, WIDEST))
 
 
 def _inline(words: Words) -> str:

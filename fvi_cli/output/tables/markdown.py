@@ -13,11 +13,15 @@ from fvi_cli.output.tables.document import (
     Heading,
     Paragraph,
     Words,
-    column_texts,
     pieces,
+    split_wide,
 )
 
 _ACTIVE = re.compile(r"([\\`*_\[\]<>|~#$&])")
+
+
+WIDEST = 160
+"""Letters in a line of a table: what a browser shows side by side."""
 
 
 def to_markdown(blocks: Sequence[Block]) -> str:
@@ -32,7 +36,7 @@ def _block(block: Block) -> str:
         return _inline(block.words)
     if isinstance(block, Bullets):
         return "\n".join(f"- {_inline(item)}" for item in block.items)
-    return _grid(block)
+    return "\n\n".join(_grid(part) for part in split_wide(block, WIDEST))
 
 
 def _inline(words: Words) -> str:
@@ -55,7 +59,7 @@ def _code(text: str) -> str:
 
 
 def _grid(grid: Grid) -> str:
-    rows = [[escape_markdown(cell) for cell in row] for row in column_texts(grid)]
+    rows = [[escape_markdown(cell) for cell in row] for row in grid.lines]
     widths = [max(3, *(len(row[k]) for row in rows)) for k in range(len(grid.header))]
     rule = [
         "-" * width if k < grid.text_columns else "-" * (width - 1) + ":"

@@ -16,6 +16,12 @@ _FAMILIES: Mapping[str, str] = {
 }
 _RULES: Mapping[str, str] = {"gauss": "Gauss", "lobatto": "Lobatto", "radau": "Radau"}
 
+_FORCINGS: Mapping[str, str] = {
+    "galerkin": "forcing by the rule of the action",
+    "exact": "forcing by exact moments",
+    "projected": "forcing by exact moments of its projection",
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class MethodName:
@@ -59,10 +65,10 @@ def method_names(methods: Sequence[AnyMethod]) -> dict[str, MethodName]:
     }
 
 
-def describe_method(method: AnyMethod) -> str:
-    """What a method is, in words."""
+def describe_method(method: AnyMethod) -> list[str]:
+    """What a method is, in phrases."""
     if isinstance(method, Baseline):
-        return "for comparison"
+        return ["for comparison"]
     words = [f"degree {method.degree}"]
     if method.is_runge_kutta:
         words.append(f"{method.stages} stages" if method.stages > 1 else "1 stage")
@@ -71,11 +77,12 @@ def describe_method(method: AnyMethod) -> str:
         words.append(f"{method.rule.points} {_RULES[method.rule.rule]} {points}")
         where = "nodes" if method.sampling == "nodes" else "quadrature points"
         words.append(f"damping sampled at the {where}")
-    words.append(_start(method))
-    words.append(f"{method.forcing_quadrature} forcing")
+    starts = {"none": "no start correction", "series": "start by series"}
+    words.append(starts.get(method.start) or f"starting {_start(method)}")
+    words.append(_FORCINGS[method.forcing_quadrature])
     if method.history != "auto":
         words.append(f"{method.history} history")
-    return ", ".join(words)
+    return words
 
 
 def _is_bdf(method: AnyMethod) -> TypeGuard[Method]:
@@ -104,12 +111,10 @@ def _rule(method: AnyMethod) -> str:
 def _start(method: AnyMethod) -> str:
     if not isinstance(method, Method):
         return ""
-    if method.start == "none":
-        return "plain start"
-    if method.start == "series":
-        return "start by series"
+    if method.start != "weights":
+        return "plain" if method.start == "none" else "series"
     powers = ", ".join(f"t^{exponent:g}" for exponent in method.start_exponents)
-    return f"starting weights on {powers}" if powers else "starting weights"
+    return f"weights {powers}" if powers else "weights"
 
 
 def _forcing(method: AnyMethod) -> str:

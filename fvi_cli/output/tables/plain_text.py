@@ -10,9 +10,12 @@ from fvi_cli.output.tables.document import (
     Grid,
     Heading,
     Paragraph,
-    column_texts,
     plain,
+    split_wide,
 )
+
+WIDEST = 120
+"""Letters in a line of a table."""
 
 
 def to_text(blocks: Sequence[Block]) -> str:
@@ -25,14 +28,13 @@ def _block(block: Block) -> str:
         return plain(block.words)
     if isinstance(block, Bullets):
         return "\n".join(f"- {plain(item)}" for item in block.items)
-    return _grid(block)
+    return "\n\n".join(_grid(part) for part in split_wide(block, WIDEST))
 
 
 def _grid(grid: Grid) -> str:
-    rows = list(column_texts(grid))
-    widths = [max(len(row[k]) for row in rows) for k in range(len(grid.header))]
+    widths = grid.widths()
     lines = []
-    for row in rows:
+    for row in grid.lines:
         cells = [
             cell.ljust(width) if k < grid.text_columns else cell.rjust(width)
             for k, (cell, width) in enumerate(zip(row, widths, strict=True))

@@ -6,14 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from fvi_cli.experiments.order import OrderCase, OrderTable
-from fvi_cli.output.tables.document import (
-    Block,
-    Bullets,
-    Code,
-    Grid,
-    Paragraph,
-    Words,
-)
+from fvi_cli.output.tables.document import Block, Bullets, Code, Grid, Paragraph, Words
 from fvi_cli.output.tables.naming import (
     MethodName,
     describe_method,
@@ -26,10 +19,15 @@ NOTED_DIFFERENCE = 0.06
 """A measured slope that is further from the published order than this is pointed out."""
 
 ASYMPTOTIC_DIFFERENCE = 0.1
-"""A slope that is further than this from the finest pairwise order is not asymptotic."""
+"""A slope further than this from the finest pairwise order, or the expected one, is no order."""
 
-MOST_COLUMNS = 9
-"""Columns of numbers that a page or a screen holds."""
+FAILURES = ("diverged", "failed", "refused")
+
+NORMS: Mapping[str, str] = {
+    "max": "maximum norm over components and grid points",
+    "final": "maximum norm over components at the final time",
+    "l2": "l2 norm over the grid, weighted by h",
+}
 
 
 def names_of(tables: Sequence[OrderTable]) -> dict[str, MethodName]:
@@ -38,11 +36,17 @@ def names_of(tables: Sequence[OrderTable]) -> dict[str, MethodName]:
 
 
 def short_titles(name: str, tables: Sequence[OrderTable]) -> dict[str, str]:
-    """Titles of the experiments, without the name of the configuration where all begin with it."""
+    """Titles of the experiments, without words that repeat the beginning of `name`.
+
+    What is left of every title begins with a letter; otherwise all stay whole.
+    """
     titles = [table.experiment for table in tables]
-    prefix = f"{name}-"
-    if all(title.startswith(prefix) for title in titles):
-        return {title: title.removeprefix(prefix) for title in titles}
+    words = name.split("-")
+    for count in range(len(words), 0, -1):
+        prefix = "-".join(words[:count]) + "-"
+        short = {title: title.removeprefix(prefix) for title in titles}
+        if all(rest != title and rest[:1].isalpha() for title, rest in short.items()):
+            return short
     return {title: title for title in titles}
 
 
@@ -50,35 +54,63 @@ def summary(name: str, tables: Sequence[OrderTable]) -> list[Block]:
     """Orders of all experiments side by side, with what a reader should know of them."""
     names = names_of(tables)
     titles = short_titles(name, tables)
+    groups = _groups(tables)
+    if not groups:
+        return [Paragraph(words="No run is finished.")]
     blocks: list[Block] = [Paragraph(words=_explanation(tables))]
-    for group in _groups(tables):
-        blocks += _grids(group, names, titles)
-    remarks = [sentence for table in tables for sentence in _published(table, names, titles)]
+    blocks += [_grid(group, names, titles) for group in groups]
+    remarks: list[Words] = []
+    for table in tables:
+        remarks += _published(table, names, titles)
+    for table in tables:
+        remarks += _failures(table, names, titles)
     if remarks:
         blocks.append(Bullets(items=tuple(remarks)))
-    blocks += _legend(tables, names)
     return blocks
 
 
+def legend(tables: Sequence[OrderTable]) -> list[Block]:
+    """What every method is, and its case in the other files; what all share is said once."""
+    names = names_of(tables)
+    methods = {case.method.case: case.method for table in tables for case in table.cases}
+    if not methods:
+        return []
+    told = {case: describe_method(method) for case, method in methods.items()}
+    shared = [
+        phrase
+        for phrase in next(iter(told.values()))
+        if len(told) > 1 and all(phrase in phrases for phrases in told.values())
+    ]
+    items: list[Words] = []
+    for case, phrases in told.items():
+        own = ", ".join(phrase for phrase in phrases if phrase not in shared)
+        items.append((f"{names[case].label}: {own}{', ' if own else ''}case ", Code(case)))
+    title = f"Methods, all with {', '.join(shared)}:" if shared else "Methods:"
+    return [Paragraph(words=title), Bullets(items=tuple(items))]
+
+
 def _explanation(tables: Sequence[OrderTable]) -> str:
-    text = (
-        "Every entry is the least-squares slope of log(error) against log(h), then the order "
-        "between the two finest step sizes of the fit. Where they disagree, the slope is not "
-        "asymptotic."
-    )
+    cases = [case for table in tables for case in table.cases]
+    if all(len(case.rows) == 1 for case in cases):
+        text = "Entries: the error on the only step size."
+    else:
+        text = (
+            "Entries: the least-squares slope of log(error) against log(h) over all rows that can "
+            "be used, then the order between the two finest of them. Where the two disagree, the "
+            "slope is not asymptotic."
+        )
+    if any(sum(row.used_in_fit for row in case.rows) == 2 for case in cases):
+        text += " One number alone comes from two rows."
+    if any(order_entry(case) == "floor" for case in cases):
+        text += " floor: all errors but one at most are below round-off."
     norms = {table.norm for table in tables}
     if len(norms) == 1:
         text += f" Errors are measured in the {NORMS[norms.pop()]}."
-    if any(not math.isnan(case.claim) for table in tables for case in table.cases):
-        text += ' "published" is what the source of the experiment prints.'
+    if any(_has_claims(table) for table in tables):
+        text += " published: what the source of the experiment prints."
+    if any(row.status in FAILURES for case in cases for row in case.rows):
+        text += " A star marks methods that came to nothing on some step sizes."
     return text
-
-
-NORMS: Mapping[str, str] = {
-    "max": "maximum norm over components and grid points",
-    "final": "maximum norm over components at the final time",
-    "l2": "l2 norm over the grid, weighted by h",
-}
 
 
 def _groups(tables: Sequence[OrderTable]) -> list[list[OrderTable]]:
@@ -91,13 +123,13 @@ def _groups(tables: Sequence[OrderTable]) -> list[list[OrderTable]]:
     return list(groups.values())
 
 
-def _grids(
+def _grid(
     group: Sequence[OrderTable], names: Mapping[str, MethodName], titles: Mapping[str, str]
-) -> list[Block]:
-    cases = [case.method.case for case in group[0].cases]
-    families = list(dict.fromkeys(names[case].family for case in cases))
-    variants = list(dict.fromkeys(names[case].variant for case in cases))
-    if len(cases) == len(families) * len(variants):
+) -> Grid:
+    own = [names[case.method.case] for case in group[0].cases]
+    families = list(dict.fromkeys(name.family for name in own))
+    variants = list(dict.fromkeys(name.variant for name in own))
+    if len(own) == len(families) * len(variants):
         return _paper_layout(group, names, titles, families, variants)
     return _method_layout(group, names, titles)
 
@@ -108,64 +140,60 @@ def _paper_layout(
     titles: Mapping[str, str],
     families: Sequence[str],
     variants: Sequence[str],
-) -> list[Block]:
-    """Rows: problems (and what varies beside the family); columns: families of methods."""
-    has_variants = any(variants)
+) -> Grid:
+    """Rows: problems, and what varies within a family; columns: families of methods."""
     claimed = {
         names[case.method.case].family
         for table in group
         for case in table.cases
         if not math.isnan(case.claim)
     }
-    blocks: list[Block] = []
-    per_grid = MOST_COLUMNS // 2 if claimed else MOST_COLUMNS
-    for start in range(0, len(families), per_grid):
-        chosen = families[start : start + per_grid]
-        header = ["problem", *(["method"] if has_variants else []), "gamma", "N"]
-        for family in chosen:
-            header += [family, "published"] if family in claimed else [family]
-        rows = []
-        for table in group:
-            by_name = {
-                (names[case.method.case].family, names[case.method.case].variant): case
-                for case in table.cases
-            }
-            for variant in variants:
-                row = [titles[table.experiment], *([variant] if has_variants else [])]
-                row += [table.gamma or "-", _ladder(table)]
-                for family in chosen:
-                    case = by_name[family, variant]
-                    row.append(order_entry(case))
-                    if family in claimed:
-                        row.append(number(case.claim, "g"))
-                rows.append(tuple(row))
-        blocks.append(Grid(header=tuple(header), rows=tuple(rows), text_columns=3 + has_variants))
-    return blocks
+    with_variant = ["method"] if any(variants) else []
+    header = ["problem", *with_variant, "gamma", "N"]
+    key_columns = len(header)
+    for family in families:
+        header += [family, "published"] if family in claimed else [family]
+    rows = []
+    for table in group:
+        found = {names[case.method.case].label: case for case in table.cases}
+        for variant in variants:
+            row = [titles[table.experiment], *([variant] if with_variant else [])]
+            row += [table.gamma or "-", _ladder(table)]
+            for family in families:
+                case = found[MethodName(family=family, variant=variant).label]
+                row.append(order_entry(case))
+                if family in claimed:
+                    row.append(number(case.claim, "g"))
+            rows.append(tuple(row))
+    return Grid(
+        header=tuple(header),
+        rows=tuple(rows),
+        text_columns=key_columns,
+        key_columns=key_columns,
+        groups=tuple(2 if family in claimed else 1 for family in families),
+    )
 
 
 def _method_layout(
     group: Sequence[OrderTable], names: Mapping[str, MethodName], titles: Mapping[str, str]
-) -> list[Block]:
+) -> Grid:
     """Rows: methods; columns: problems. For methods that do not fill a rectangle."""
-    blocks: list[Block] = []
-    per_grid = 4
-    for start in range(0, len(group), per_grid):
-        chosen = group[start : start + per_grid]
-        header = ["method"]
-        for table in chosen:
-            header.append(titles[table.experiment])
+    header = ["method"]
+    for table in group:
+        header += [titles[table.experiment], *(["published"] if _has_claims(table) else [])]
+    rows = []
+    for k, first in enumerate(group[0].cases):
+        row = [names[first.method.case].label]
+        for table in group:
+            row.append(order_entry(table.cases[k]))
             if _has_claims(table):
-                header.append("published")
-        rows = []
-        for k, first in enumerate(group[0].cases):
-            row = [names[first.method.case].label]
-            for table in chosen:
-                row.append(order_entry(table.cases[k]))
-                if _has_claims(table):
-                    row.append(number(table.cases[k].claim, "g"))
-            rows.append(tuple(row))
-        blocks.append(Grid(header=tuple(header), rows=tuple(rows)))
-    return blocks
+                row.append(number(table.cases[k].claim, "g"))
+        rows.append(tuple(row))
+    return Grid(
+        header=tuple(header),
+        rows=tuple(rows),
+        groups=tuple(2 if _has_claims(table) else 1 for table in group),
+    )
 
 
 def _has_claims(table: OrderTable) -> bool:
@@ -178,44 +206,51 @@ def _ladder(table: OrderTable) -> str:
 
 
 def order_entry(case: OrderCase) -> str:
-    """Slope and finest order, and how many rows came to nothing."""
-    failed = [row for row in case.rows if row.status not in ("ok", "floor")]
-    at_floor = [row for row in case.rows if row.status == "floor"]
-    total = len(case.rows)
-    if not math.isnan(case.slope):
-        entry = f"{case.slope:.2f}, {case.last_order:.2f}"
-    elif total == 1 and not failed:
-        return f"error {case.rows[0].error:.1e}"
-    elif at_floor:
-        entry = f"- ({len(at_floor)} of {total} floor)"
-    else:
-        entry = "-"
-    if failed:
-        words = "/".join(dict.fromkeys(row.status for row in failed))
-        entry += f" ({len(failed)} of {total} {words})"
-    return entry
+    """Slope and finest order; a star where rows came to nothing."""
+    failures = [row.status for row in case.rows if row.status in FAILURES]
+    star = "*" if failures else ""
+    used = [row for row in case.rows if row.used_in_fit]
+    if len(used) > 2:
+        return f"{case.slope:.2f}, {case.last_order:.2f}{star}"
+    if len(used) == 2:
+        return f"{case.slope:.2f}{star}"
+    if failures:
+        return f"{failures[0]}*"
+    if len(case.rows) == 1 and used:
+        return f"error {used[0].error:.1e}"
+    return "floor" if any(row.status == "floor" for row in case.rows) else "-"
+
+
+def _failures(
+    table: OrderTable, names: Mapping[str, MethodName], titles: Mapping[str, str]
+) -> list[Words]:
+    """One sentence on the rows of an experiment that came to nothing."""
+    parts = []
+    for case in table.cases:
+        for status in FAILURES:
+            count = sum(row.status == status for row in case.rows)
+            if count:
+                label = names[case.method.case].label
+                parts.append(f"{label} {status} in {count} of {len(case.rows)} rows")
+    return [f"* {titles[table.experiment]}: {'; '.join(parts)}."] if parts else []
 
 
 def _published(
     table: OrderTable, names: Mapping[str, MethodName], titles: Mapping[str, str]
 ) -> list[Words]:
-    """Sentences on every published order that is not met or is not an order."""
+    """Sentences on every published order that is not met, or is no order."""
     sentences: list[Words] = []
     for case in table.cases:
-        if math.isnan(case.claim) or math.isnan(case.slope):
-            if not math.isnan(case.claim):
-                sentences.append(
-                    f"{titles[table.experiment]}, {names[case.method.case].label}: published "
-                    f"{case.claim:g}; too few rows can be used for a slope."
-                )
+        if math.isnan(case.claim):
             continue
         parts = []
-        difference = case.slope - case.claim
-        if abs(difference) > NOTED_DIFFERENCE:
-            parts.append(f"published {case.claim:g}, measured {case.slope:.2f}")
-        slope = _not_asymptotic(case)
-        if slope:
-            parts.append(slope)
+        if math.isnan(case.slope):
+            parts.append(f"published {case.claim:g}; too few rows can be used for a slope")
+        else:
+            if abs(case.slope - case.claim) > NOTED_DIFFERENCE:
+                parts.append(f"published {case.claim:g}, measured {case.slope:.2f}")
+            if not_asymptotic := _not_asymptotic(case):
+                parts.append(not_asymptotic)
         if parts:
             title = f"{titles[table.experiment]}, {names[case.method.case].label}"
             sentences.append(f"{title}: {'; '.join(parts)}.")
@@ -239,18 +274,6 @@ def _not_asymptotic(case: OrderCase) -> str:
     return text
 
 
-def _legend(tables: Sequence[OrderTable], names: Mapping[str, MethodName]) -> list[Block]:
-    """What every method is, and its name in the other files."""
-    methods = {case.method.case: case.method for table in tables for case in table.cases}
-    items: list[Words] = [
-        (f"{names[case].label}: {describe_method(method)} (", Code(case), ")")
-        for case, method in methods.items()
-    ]
-    if not items:
-        return []
-    return [Paragraph(words="Methods:"), Bullets(items=tuple(items))]
-
-
-def steps_phrase(table_steps: Sequence[int], steps: Sequence[int]) -> str:
-    """Which rows of a ladder: ``every N`` or the N."""
-    return "every N" if list(table_steps) == list(steps) else f"N = {listing(steps)}"
+def steps_phrase(ladder: Sequence[int], steps: Sequence[int]) -> str:
+    """Which rows of a ladder: ``every N``, or the N."""
+    return "every N" if list(ladder) == list(steps) else f"N = {listing(steps)}"
