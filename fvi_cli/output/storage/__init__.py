@@ -1,0 +1,31 @@
+"""Result files: plain HDF5, written atomically, readable by xarray and netCDF4.
+
+``<name>.h5`` holds ``/<experiment>/<case>/n000016/`` with the datasets ``time(time)``,
+``position(time, dof)``, ``momentum(time, dof)``, ``energy(time)`` and attributes that name method,
+run and result, and ``/<experiment>/<case>/convergence`` with ``n_steps``, ``step_size``, ``error``,
+``seconds``, ``history_operations`` and ``status``. The attributes of the root say where the file
+comes from.
+"""
+
+from fvi_cli.output.storage.contents import (
+    StoredConfiguration,
+    StoredFile,
+    StoredRun,
+    list_runs,
+    read_config_text,
+    read_configuration,
+)
+from fvi_cli.output.storage.results import Results, StoredRuns, open_results, read_results
+
+__all__ = [
+    "Results",
+    "StoredConfiguration",
+    "StoredFile",
+    "StoredRun",
+    "StoredRuns",
+    "list_runs",
+    "open_results",
+    "read_config_text",
+    "read_configuration",
+    "read_results",
+]

@@ -1,0 +1,361 @@
+"""Runs that are finished: look them up, keep them one by one, consolidate them into one file."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.experiments.experiment import FinishedRun, Run
+from fvi_cli.output.provenance import (
+    canonical_json,
+    identity,
+    origin,
+    package_versions,
+    platform_name,
+    sha256,
+)
+from fvi_cli.output.storage.files import UNFINISHED, damage_told, reading, replacing, told
+from fvi_cli.output.storage.locking import folder_lock
+from fvi_cli.output.storage.records import (
+    COMPLETE,
+    Place,
+    Record,
+    attribute,
+    finished_of,
+    group_path,
+    place_of,
+    read_record,
+    record_of,
+    write_datasets,
+    write_record,
+)
+
+_logger = logging.getLogger(__name__)
+
+SUFFIX = ".h5"
+PARTS_SUFFIX = ".parts"
+CONVERGENCE = "convergence"
+
+
+class Configuration(Protocol):
+    """What a file says of the configuration that made it."""
+
+    @property
+    def text(self) -> str:
+        """Word for word."""
+
+    @property
+    def resolved(self) -> Mapping[str, Any]:
+        """With every default filled in."""
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """Changes that were asked for beside it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Location:
+    """Where a complete run is stored."""
+
+    file: Path
+    place: Place
+    identity: str
+
+    def read(self) -> Record:
+        with reading(self.file) as file:
+            return read_record(file[group_path(self.place)])
+
+
+@dataclass(kw_only=True, eq=False)
+class StoredRuns:
+    """The complete runs of a result file and of the parts beside it, by identity."""
+
+    path: Path
+    _by_identity: dict[str, _Location] = field(default_factory=dict)
+    _by_place: dict[Place, _Location] = field(default_factory=dict)
+
+    def finished(self, run: Run) -> FinishedRun | None:
+        """The run with its result, read back; None if it is not there or not complete.
+
+        Raises
+        ------
+        StorageError
+            If what is stored is damaged.
+        """
+        location = self._by_identity.get(identity(run))
+        if location is None:
+            return None
+        record = location.read()
+        with damage_told(location.file):
+            return finished_of(record, run)
+
+    def _learn(self, locations: Iterable[_Location]) -> None:
+        for location in locations:
+            self._by_identity[location.identity] = location
+            self._by_place[location.place] = location
+
+
+@dataclass(kw_only=True, eq=False)
+class Results(StoredRuns):
+    """A result file that is open for new runs; made by :func:`open_results`."""
+
+    parts: Path
+    is_fresh: bool = False
+    _asked: dict[Place, str] = field(default_factory=dict)
+
+    def finished(self, run: Run) -> FinishedRun | None:
+        """As :meth:`StoredRuns.finished`; what is found belongs to the consolidated file."""
+        found = super().finished(run)
+        if found is not None:
+            self._asked[place_of(run)] = identity(run)
+        return found
+
+    def add(self, finished: FinishedRun) -> None:
+        """Write a finished run at once, as a part of its own.
+
+        Raises
+        ------
+        StorageError
+            If it cannot be written; other runs stay as they are.
+        """
+        record = record_of(finished)
+        with told(self.parts):
+            self.parts.mkdir(exist_ok=True)
+        path = self.parts / f"{record.identity}{SUFFIX}"
+        with replacing(path) as file:
+            write_record(file, record)
+        self._learn([_Location(file=path, place=record.place, identity=record.identity)])
+        self._asked[record.place] = record.identity
+
+    def consolidate(self, configuration: Configuration) -> Path | None:
+        """Put all finished runs into one file, then remove the parts.
+
+        Runs that were not asked for this time are kept, unless their experiment has become
+        another one, or everything was to be computed anew.
+
+        Returns
+        -------
+        Path or None
+            The file; None when there is no finished run.
+
+        Raises
+        ------
+        StorageError
+            If it cannot be written; then the file that was there and the parts are untouched.
+        """
+        chosen = self._chosen()
+        if not chosen:
+            return None
+        if not self._is_current(chosen, configuration):
+            with replacing(self.path) as file:
+                _write_root(file, configuration)
+                _write_runs(file, chosen)
+        self._remove_parts()
+        self._by_identity.clear()
+        self._by_place.clear()
+        self._learn(index(self.path))
+        return self.path
+
+    def _chosen(self) -> dict[Place, _Location]:
+        """What the file is to hold, in the order of asking, what was not asked for behind."""
+        chosen = {place: self._by_identity[asked] for place, asked in self._asked.items()}
+        bases = {place[0]: location.read().basis for place, location in chosen.items()}
+        superseded = 0
+        for place, location in self._by_place.items():
+            if place in chosen:
+                superseded += location.identity != chosen[place].identity
+                continue
+            basis = bases.get(place[0])
+            if basis is not None and location.read().basis != basis:
+                superseded += 1
+            elif not (self.is_fresh and self._asked and location.file == self.path):
+                chosen[place] = location
+        if superseded:
+            _logger.info("%s: %d runs of an earlier problem are replaced", self.path, superseded)
+        return chosen
+
+    def _is_current(self, chosen: Mapping[Place, _Location], configuration: Configuration) -> bool:
+        """Whether the file holds just that already."""
+        if not self.path.is_file() or any(
+            location.file != self.path or location.place != place
+            for place, location in chosen.items()
+        ):
+            return False
+        described = _described(configuration)
+        with reading(self.path) as file:
+            return all(file.attrs.get(name) == value for name, value in described.items())
+
+    def _remove_parts(self) -> None:
+        with told(self.parts):
+            if self.parts.is_dir():
+                for path in _part_paths(self.parts):
+                    path.unlink()
+                with contextlib.suppress(OSError):  # somebody keeps other files there
+                    self.parts.rmdir()
+
+
+@contextlib.contextmanager
+def open_results(directory: Path, name: str, *, fresh: bool = False) -> Iterator[Results]:
+    """Open ``<name>.h5`` in `directory` for reading and for new runs.
+
+    The folder is held by a lock of the kernel until the block ends.
+
+    Parameters
+    ----------
+    directory
+        Folder of results; it is made when it is missing.
+    name
+        Of the configuration.
+    fresh
+        Forget what is stored as soon as a new run is added.
+
+    Raises
+    ------
+    StorageError
+        If another process writes there, the folder cannot be used, or a file of that name cannot
+        be read or is not ours.
+    """
+    path = directory / f"{name}{SUFFIX}"
+    parts = directory / f"{name}{PARTS_SUFFIX}"
+    with folder_lock(directory):
+        _sweep(path, parts)
+        results = Results(path=path, parts=parts, is_fresh=fresh)
+        results._learn(_all_locations(path, parts))
+        yield results
+
+
+@contextlib.contextmanager
+def read_results(path: Path) -> Iterator[StoredRuns]:
+    """Look up runs of a result file, and of parts that wait beside it; nothing is written.
+
+    Raises
+    ------
+    StorageError
+        If neither is there, or one cannot be read.
+    """
+    stored = StoredRuns(path=path)
+    # parts first: when they are consolidated meanwhile, the file is read after that
+    locations = _part_locations(path.with_suffix(PARTS_SUFFIX))
+    if path.exists() or not locations:
+        stored._learn(index(path))
+    stored._learn(locations)
+    yield stored
+
+
+def index(path: Path) -> list[_Location]:
+    """Every complete run of a file.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be read or is not ours.
+    """
+    with reading(path) as file:
+        return [
+            _Location(
+                file=path,
+                place=(experiment, case, int(group.attrs["n_steps"])),
+                identity=str(group.attrs["identity"]),
+            )
+            for experiment, case, group in run_groups(file)
+            if COMPLETE in group.attrs
+        ]
+
+
+def run_groups(file: h5py.File) -> Iterator[tuple[str, str, h5py.Group]]:
+    """Every run of a file with the names of its experiment and case."""
+    for experiment, cases in file.items():
+        for case, runs in cases.items():
+            for name, group in runs.items():
+                if name != CONVERGENCE:
+                    yield experiment, case, group
+
+
+def _all_locations(path: Path, parts: Path) -> list[_Location]:
+    stored = index(path) if path.exists() else []
+    return stored + _part_locations(parts)
+
+
+def _part_locations(parts: Path) -> list[_Location]:
+    found = []
+    for path in _part_paths(parts):
+        # another process may just have consolidated it
+        if path.exists():
+            found += index(path)
+    return found
+
+
+def _part_paths(parts: Path) -> Sequence[Path]:
+    return sorted(parts.glob(f"[!.]*{SUFFIX}"))
+
+
+def _sweep(path: Path, parts: Path) -> None:
+    """Remove what a crash has left half written; the lock says that nobody is writing it."""
+    unfinished = [
+        *path.parent.glob(f".{path.name}.*{UNFINISHED}"),
+        *parts.glob(f".*{SUFFIX}.*{UNFINISHED}"),
+    ]
+    for leftover in unfinished:
+        with told(leftover):
+            leftover.unlink(missing_ok=True)
+
+
+def _described(configuration: Configuration) -> dict[str, str]:
+    resolved = canonical_json(configuration.resolved)
+    return {
+        "config": configuration.text,
+        "config_overrides": json.dumps(list(configuration.overrides), ensure_ascii=False),
+        "resolved_config": resolved,
+        "resolved_config_sha256": sha256(resolved),
+    }
+
+
+def _write_root(file: h5py.File, configuration: Configuration) -> None:
+    attributes = {
+        **_described(configuration),
+        **origin(),
+        "packages": canonical_json(package_versions()),
+        "hdf5_version": h5py.version.hdf5_version,
+        "platform": platform_name(),
+    }
+    for name, value in attributes.items():
+        file.attrs[name] = attribute(value)
+
+
+def _write_runs(file: h5py.File, chosen: Mapping[Place, _Location]) -> None:
+    """Write all runs, one in memory at a time, and the summary of every case."""
+    rows: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for place, location in chosen.items():
+        experiment, case, n_steps = place
+        record = location.read()
+        # the same numbers may have been stored under another experiment's name
+        named = {"experiment": experiment, "case": case, "n_steps": n_steps}
+        record = Record(attributes={**record.attributes, **named}, datasets=record.datasets)
+        write_record(file, record)
+        rows.setdefault((experiment, case), []).append(record.attributes)
+    for (experiment, case), attributes in rows.items():
+        group = file.create_group(f"/{experiment}/{case}/{CONVERGENCE}", track_order=True)
+        ordered = sorted(attributes, key=lambda row: int(row["n_steps"]))
+        datasets = _convergence(ordered)
+        write_datasets(group, datasets, dict.fromkeys(datasets, ("n_steps",)))
+        group.attrs["norm"] = attribute(ordered[0]["norm"])
+
+
+def _convergence(rows: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[Any]]:
+    return {
+        "n_steps": np.array([row["n_steps"] for row in rows], dtype=np.int64),
+        "step_size": np.array([row["step_size"] for row in rows], dtype=float),
+        "error": np.array([row["error"] for row in rows], dtype=float),
+        "seconds": np.array([row["stepping_seconds"] for row in rows], dtype=float),
+        "history_operations": np.array([row["history_operations"] for row in rows], dtype=np.int64),
+        "status": np.array([row["status"] for row in rows], dtype=object),
+    }
