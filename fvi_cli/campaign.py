@@ -14,12 +14,13 @@ from fvi_cli.errors import RequestError
 from fvi_cli.experiments.executor import compute_runs
 from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
 from fvi_cli.experiments.study import execute
-from fvi_cli.output.storage import open_results, read_config_text, read_results
+from fvi_cli.output.storage import open_results, read_configuration, read_results
 from fvi_cli.progress import progress_bar
 
 _logger = logging.getLogger(__name__)
 
 STORED_SUFFIX = ".h5"
+PARTS_SUFFIX = ".parts"
 
 Known = Callable[[Run], FinishedRun | None]
 Keep = Callable[[FinishedRun], object]
@@ -117,6 +118,8 @@ def gather(sources: Sequence[str], overrides: Sequence[str] = ()) -> list[Reques
 
     Raises
     ------
+    StorageError
+        For a result file that cannot be read.
     RequestError
         With the mistakes in all of them, names that are neither files nor shipped
         configurations, and names that occur twice.
@@ -144,9 +147,7 @@ def _request(source: str, overrides: Sequence[str]) -> Request:
     if overrides:
         raise RequestError(f"{source}: --set changes a configuration, not a result file")
     path = Path(source)
-    if not path.is_file():
-        raise RequestError(f"{source}: no such file")
-    loaded = parse_config(read_config_text(path), source)
+    loaded = parse_config(read_configuration(path).resolved, source)
     return Request(name=loaded.name, loaded=loaded, stored=path)
 
 
@@ -194,7 +195,7 @@ def answer(request: Request, settings: Settings) -> list[Outcome]:
     if not settings.keep:
         with _stored_runs(request, settings) as known:
             return carry_out(experiments, settings, title=request.name, known=known)
-    with open_results(settings.output, request.name) as results:
+    with open_results(settings.output, request.name, fresh=settings.fresh) as results:
         try:
             return carry_out(
                 experiments,
@@ -212,7 +213,7 @@ def answer(request: Request, settings: Settings) -> list[Outcome]:
 def _stored_runs(request: Request, settings: Settings) -> Iterator[Known]:
     """Look-up of stored runs that writes nothing."""
     path = settings.path_of(request)
-    if settings.fresh or not path.is_file():
+    if settings.fresh or not (path.exists() or path.with_suffix(PARTS_SUFFIX).exists()):
         yield _never
         return
     with read_results(path) as results:

@@ -129,6 +129,11 @@ def _guarded(command: Callable[P, int]) -> Callable[P, None]:
             # whoever read the result has gone; the interpreter would complain once more at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = BROKEN_PIPE
+        except OSError as error:
+            # a folder that is not there, a full disk, no permission
+            place = f"{error.filename}: " if error.filename else ""
+            _say(f"fvi: {place}{error.strerror or error}")
+            code = WRONG_REQUEST
         except Exception as error:
             # the last line of defence: nobody should have to read a traceback unasked
             if verbose:
@@ -332,8 +337,15 @@ def show(
 ) -> int:
     """List what a result file holds, or print the configuration that made it."""
     from fvi_cli import reports
+    from fvi_cli.output.storage import list_runs, read_configuration
 
-    print(reports.configuration_of(file) if config else reports.contents_of(file))
+    if not config:
+        print(reports.contents_as_text(list_runs(file)))
+        return DONE
+    configuration = read_configuration(file)
+    print(configuration.text, end="")
+    for override in configuration.overrides:
+        _logger.warning("made with --set %s", override)
     return DONE
 
 
