@@ -9,12 +9,12 @@ convolution equations*, SIAM J. Sci. Stat. Comput. 6, 1985). Inside a group the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.memory import Channel, Memory
+from fvi_cli.integrator.memory import Channel, DirectHistory, Memory
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -131,7 +131,8 @@ class GroupHistory:
         self._short = tuple(c for c in channels if 1 < c.channel.memory <= group + 1)
         q, e = (channels[0].directions.shape[:2]) if channels else (1, 1)
         self._shape = (q, samples, e)
-        self._buffer = np.zeros((q, samples, e, self._end))
+        # without channels there is nothing to keep
+        self._buffer = np.zeros((q, samples, e, self._end if channels else 0))
         self._transforms: dict[int, list[Transform]] = {}
         self.operations = 0
         self._near = min(group, max(1, LARGEST_NEAR // (samples * e))) if self._long else 1
@@ -326,40 +327,34 @@ class SteppedHistory:
         batched = tuple(
             BatchedChannel(channel=c, directions=c.direction[None]) for c in memory.channels
         )
-        self._group, self._size = group, (m, dimension)
+        self._group, self._dimension = group, dimension
         self._groups = GroupHistory(batched, m, group, n_steps + 1)
+        near = tuple(replace(c, weights=c.weights[:group]) for c in memory.channels)
+        self._near = replace(memory, channels=near)
+        self._own = DirectHistory(self._near, group, dimension)
         self._count = 0
         self._force = np.zeros((group, m, dimension))
-        self._own = np.zeros((group, m, dimension))
-        self._row: Array | None = None
+        self._samples = np.zeros((group, m, dimension))
         self._direct = 0
-        if batched:
-            # lags 1 .. group - 1 side by side, the newest last
-            kernel = lag_kernel(batched, 0, group, m)
-            self._row = reversed_strip(kernel, 1, group - 1)[0] if group > 1 else None
 
     @property
     def operations(self) -> int:
         """Multiply-adds done so far."""
-        return self._direct + self._groups.operations
+        return self._direct + self._own.operations + self._groups.operations
 
     def known(self) -> Array:
         """Force of all finished samples on the step to come, shape ``(m, d)``."""
-        place = self._count % self._group
-        force = self._force[place]
-        if place and self._row is not None:
-            past = self._own[:place].ravel()
-            row = self._row[:, self._row.shape[1] - past.size :]
-            self._direct += row.size
-            force = force + (row @ past).reshape(self._size)
-        return np.asarray(force)
+        return np.asarray(self._force[self._count % self._group] + self._own.known())
 
     def push(self, samples: Array) -> None:
         """Append the samples of a finished step, shape ``(m, d)``."""
-        self._own[self._count % self._group] = samples
+        self._samples[self._count % self._group] = samples
+        self._own.push(samples)
         self._count += 1
         if self._count % self._group == 0:
+            self._direct += self._own.operations
+            self._own = DirectHistory(self._near, self._group, self._dimension)
             index = self._count // self._group
-            self._groups.finish(index - 1, self._own[None])
+            self._groups.finish(index - 1, self._samples[None])
             if index * self._group < self._groups.samples.shape[-1]:
                 self._force = self._groups.force_on(index)[0]

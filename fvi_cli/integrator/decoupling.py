@@ -28,7 +28,8 @@ class Decoupling:
     mass
         M, shape ``(d, d)``.
     modes
-        The matrix Phi, shape ``(d, d)``, then q = d and e = 1; None: q = 1 and e = d.
+        The matrix Phi, shape ``(d, d)``, or its diagonal, shape ``(d,)``, where the components
+        are uncoupled as they stand; then q = d and e = 1. None: q = 1 and e = d.
     """
 
     mass: Array
@@ -43,32 +44,41 @@ class Decoupling:
         """A form of the scene (M, K or D) in the coordinates of the batch, ``(q, e, e)``."""
         if self.modes is None:
             return matrix[None]
+        if self.modes.ndim == 1:
+            return np.asarray(np.diagonal(matrix) * self.modes**2)[:, None, None]
         return np.diagonal(self.modes.T @ matrix @ self.modes).copy()[:, None, None]
 
     def positions(self, values: Array) -> Array:
         """Positions ``(..., d)`` as ``(q, ..., e)``."""
-        return self._split(values if self.modes is None else values @ (self.mass @ self.modes))
+        if self.modes is None:
+            return values[None]
+        if self.modes.ndim == 1:
+            return _split(values / self.modes)
+        return _split(values @ (self.mass @ self.modes))
 
     def forces(self, values: Array) -> Array:
         """Momenta and forces ``(..., d)`` as ``(q, ..., e)``."""
-        return self._split(values if self.modes is None else values @ self.modes)
+        if self.modes is None:
+            return values[None]
+        return _split(values * self.modes if self.modes.ndim == 1 else values @ self.modes)
 
     def scene_positions(self, values: Array) -> Array:
         """Positions ``(q, ..., e)`` as ``(..., d)``."""
         if self.modes is None:
             return np.asarray(values[0])
-        return np.asarray(np.moveaxis(values[..., 0], 0, -1) @ self.modes.T)
+        joined = np.moveaxis(values[..., 0], 0, -1)
+        if self.modes.ndim == 1:
+            return np.asarray(joined * self.modes)
+        return np.asarray(joined @ self.modes.T)
 
     def scene_forces(self, values: Array) -> Array:
         """Momenta and forces ``(q, ..., e)`` as ``(..., d)``."""
         if self.modes is None:
             return np.asarray(values[0])
-        return np.asarray(np.moveaxis(values[..., 0], 0, -1) @ (self.modes.T @ self.mass))
-
-    def _split(self, values: Array) -> Array:
-        if self.modes is None:
-            return values[None]
-        return np.moveaxis(values, -1, 0)[..., None]
+        joined = np.moveaxis(values[..., 0], 0, -1)
+        if self.modes.ndim == 1:
+            return np.asarray(joined / self.modes)
+        return np.asarray(joined @ (self.modes.T @ self.mass))
 
 
 def decouple(mass: Array, stiffness: Array | None, memory: Memory) -> Decoupling:
@@ -79,6 +89,8 @@ def decouple(mass: Array, stiffness: Array | None, memory: Memory) -> Decoupling
     forms = [channel.direction for channel in memory.channels]
     if stiffness is not None:
         forms.insert(0, stiffness)
+    if all(np.array_equal(form, np.diag(np.diagonal(form))) for form in (mass, *forms)):
+        return Decoupling(mass=mass, modes=1.0 / np.sqrt(np.diagonal(mass)))
     root = np.linalg.cholesky(mass)
     inverse = np.linalg.inv(root)
     reduced = [inverse @ form @ inverse.T for form in forms]
@@ -97,3 +109,8 @@ def decouple(mass: Array, stiffness: Array | None, memory: Memory) -> Decoupling
         if np.abs(diagonal - np.diag(np.diagonal(diagonal))).max() > DIAGONAL_TOLERANCE * d:
             return Decoupling(mass=mass, modes=None)
     return Decoupling(mass=mass, modes=inverse.T @ vectors)
+
+
+def _split(values: Array) -> Array:
+    """Components first, each a system of its own: ``(..., d)`` to ``(d, ..., 1)``."""
+    return np.moveaxis(values, -1, 0)[..., None]
