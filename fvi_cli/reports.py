@@ -172,43 +172,6 @@ def compare_figures(figures: Mapping[str, Figure], output: Path) -> list[str]:
     return differences
 
 
-def configuration_of(file: Path) -> str:
-    """The configuration that made a result file, without the newline at its end.
-
-    Word for word; if it was changed by ``--set``, the configuration that came of that.
-    """
-    from fvi_cli.output.storage import read_configuration
-
-    stored = read_configuration(file)
-    if not stored.overrides:
-        return stored.text.removesuffix("\n")
-    changes = [f"# with --set {change}" for change in stored.overrides]
-    return "\n".join([*changes, json.dumps(json.loads(stored.resolved), indent=2)])
-
-
-def contents_of(file: Path) -> str:
-    """Where a result file comes from, and one line for every run in it."""
-    from fvi_cli.output.storage import list_runs
-
-    stored = list_runs(file)
-    rows = [("experiment", "case", "n_steps", "step_size", "norm", "error", "status", "")]
-    for run in stored.runs:
-        rows.append(
-            (
-                run.experiment,
-                run.case,
-                str(run.n_steps),
-                f"{run.step_size:.6g}",
-                run.norm,
-                f"{run.error:.3e}",
-                run.status,
-                "" if run.is_complete else "incomplete",
-            )
-        )
-    origin = aligned(list(stored.provenance.items()))
-    return f"{origin}\n\n{aligned(rows)}"
-
-
 def write_starter(name: str, kind: str) -> Path:
     """Write a commented configuration into the current folder; it must not be there yet.
 
