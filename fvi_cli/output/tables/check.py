@@ -125,19 +125,17 @@ def _cases(stored: OrderCase, fresh: OrderCase) -> Iterator[str]:
         yield _differ("expected failure", stored.expected_failure, fresh.expected_failure)
     if _used(old) != _used(new):
         return  # told above, row by row; slopes through other rows are other slopes
-    yield from _slopes(stored, fresh)
+    pairs = [(old[n_steps], new[n_steps]) for n_steps in _used(old)]
+    yield from _slopes(stored, fresh, pairs)
 
 
 def _used(rows: Mapping[int, OrderRow]) -> list[int]:
     return [n_steps for n_steps, row in rows.items() if row.used_in_fit]
 
 
-def _slopes(stored: OrderCase, fresh: OrderCase) -> Iterator[str]:
-    used = [
-        (old, new)
-        for old, new in zip(stored.rows, fresh.rows, strict=True)
-        if old.used_in_fit and new.used_in_fit
-    ]
+def _slopes(
+    stored: OrderCase, fresh: OrderCase, used: Sequence[tuple[OrderRow, OrderRow]]
+) -> Iterator[str]:
     reliable = [pair for pair in used if all(_is_reliable(row) for row in pair)]
     slopes, what = (stored.slope, fresh.slope), "slope"
     if len(reliable) < len(used):
@@ -146,7 +144,7 @@ def _slopes(stored: OrderCase, fresh: OrderCase) -> Iterator[str]:
     if not _near(*slopes, SLOPE_TOLERANCE):
         yield _differ(what, *slopes)
     # whatever the rows: a slope belongs to the rows beside it
-    own = _slope([row for row in stored.rows if row.used_in_fit])
+    own = _slope([row for row, _ in used])
     if not _near(stored.slope, own, SLOPE_TOLERANCE):
         yield f"slope: {stored.slope!r} is stored; its own rows give {own!r}"
 

@@ -20,7 +20,7 @@ from fvi_cli.output.tables.naming import MethodName, number
 from fvi_cli.output.tables.summary import NORMS, steps_phrase
 
 _SOURCES: Mapping[str, str] = {
-    "expression": "the exact solution (expression of the configuration)",
+    "expression": "the exact solution, an expression of the configuration",
     "unknown": "a reference that is not stated",
 }
 
@@ -62,7 +62,7 @@ def _floor(floors: Sequence[float]) -> str:
 def _reference(source: str) -> str:
     if source.startswith("refined run"):
         return f"a {source}"
-    return _SOURCES.get(source, f"the exact solution ({source})")
+    return _SOURCES.get(source, f"the exact solution, {source}")
 
 
 def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
@@ -114,7 +114,7 @@ def error_entry(row: OrderRow) -> str:
 def _summary_rows(cases: Sequence[OrderCase]) -> list[tuple[str, ...]]:
     lines = [
         ("slope", [number(case.slope, ".2f") for case in cases]),
-        ("residual", [number(case.fit_residual, ".3f") for case in cases]),
+        ("residual", [_residual(case) for case in cases]),
         ("expected", [number(case.expected_order, ".3g") for case in cases]),
     ]
     if any(not math.isnan(case.claim) for case in cases):
@@ -126,6 +126,12 @@ def _summary_rows(cases: Sequence[OrderCase]) -> list[tuple[str, ...]]:
             row += ["", value]
         rows.append(tuple(row))
     return rows
+
+
+def _residual(case: OrderCase) -> str:
+    # a line through two points has none, which says nothing
+    used = sum(row.used_in_fit for row in case.rows)
+    return number(case.fit_residual, ".3f") if used > 2 else "-"
 
 
 def _remarks(table: OrderTable, names: Mapping[str, MethodName]) -> list[Words]:

@@ -68,12 +68,13 @@ def write_tables(directory: Path, name: str, tables: Sequence[OrderTable]) -> li
     """
     texts = rendered(name, tables)
     paths = table_paths(directory, name)
+    place = directory
     try:
         directory.mkdir(parents=True, exist_ok=True)
         for form, text in texts.items():
-            _replace(paths[form], text.encode("utf-8"))
+            place = paths[form]
+            _replace(place, text.encode("utf-8"))
     except OSError as error:
-        place = error.filename or directory
         raise StorageError(f"{place}: cannot be written: {error.strerror}") from None
     return list(paths.values())
 

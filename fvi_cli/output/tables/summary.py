@@ -42,7 +42,8 @@ def short_titles(name: str, tables: Sequence[OrderTable]) -> dict[str, str]:
     """
     titles = [table.experiment for table in tables]
     words = name.split("-")
-    for count in range(len(words), 0, -1):
+    # one title alone repeats nothing
+    for count in range(len(words) if len(titles) > 1 else 0, 0, -1):
         prefix = "-".join(words[:count]) + "-"
         short = {title: title.removeprefix(prefix) for title in titles}
         if all(rest != title and rest[:1].isalpha() for title, rest in short.items()):

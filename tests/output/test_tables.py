@@ -1,0 +1,937 @@
+"""Order tables say what the runs say, in four forms, and notice when the files say otherwise."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import math
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fvi_cli.errors import StorageError
+from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
+from fvi_cli.experiments.order import OrderCase, OrderRow, OrderTable, order_table
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method, RuleSpecification
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.output import tables
+from fvi_cli.output.tables import files
+from fvi_cli.output.tables.csv_table import COLUMNS
+from fvi_cli.output.tables.details import without_numbers
+from fvi_cli.output.tables.document import Bullets, Code, Grid, Heading, Paragraph, split_wide
+from fvi_cli.output.tables.json_table import from_json, to_json
+from fvi_cli.output.tables.latex import escape_latex, to_latex
+from fvi_cli.output.tables.markdown import escape_markdown, to_markdown
+from fvi_cli.output.tables.naming import method_names
+from fvi_cli.output.tables.summary import order_entry, short_titles
+from fvi_cli.scenes.named import linear_oscillator
+from fvi_cli.scenes.problem import Problem
+
+BDF1, BDF2 = (Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in (1, 2))
+GAUSS3 = Method(cq="gauss", degree=3, start="series")
+STEPS = (2, 4, 8, 16)
+
+ErrorOf = Callable[[int], float]
+
+
+def finished(
+    run: Run,
+    error: float,
+    *,
+    status: str = "ok",
+    floor: float = 1e-13,
+    expected_order: float = 2.0,
+    remarks: tuple[str, ...] = (),
+    message: str = "",
+    reference: str = "expression",
+    seconds: float = 0.0,
+) -> FinishedRun:
+    time = np.linspace(0.0, 1.0, run.n_steps + 1)
+    return FinishedRun(
+        run=run,
+        trajectory=Trajectory(
+            time=time,
+            position=time[:, None],
+            n_steps=run.n_steps,
+            step_size=run.step_size,
+            remarks=remarks,
+            message=message,
+            setup_seconds=seconds,
+            stepping_seconds=seconds,
+        ),
+        error=error,
+        floor=floor,
+        status=status,
+        expected_order=expected_order,
+        reference=reference,
+    )
+
+
+def experiment(
+    methods: Sequence[AnyMethod] = (BDF1, BDF2),
+    *,
+    name: str = "made-up",
+    equation: str = "x'' + x = t**2*sin(t)",
+    steps: Sequence[int] = STEPS,
+    claims: dict[str, float] | None = None,
+    expect: dict[str, str] | None = None,
+) -> Experiment:
+    scene = linear_oscillator(final_time=1.0, initial_velocity=1.0)
+    return Experiment(
+        name=name,
+        problem=Problem(kind="bagley-torvik", scene=scene, equation=equation),
+        problem_specification={},
+        methods=tuple(methods),
+        steps=tuple(steps),
+        claims=claims or {},
+        expect=expect or {},
+    )
+
+
+def powers(run: Run) -> FinishedRun:
+    """BDF1 has order 1, everything else order 2, with round constants."""
+    order = 1 if run.method == BDF1 else 2
+    return finished(run, 2.0 ** (-order * math.log2(run.n_steps)), expected_order=float(order))
+
+
+def table_of(
+    make: Callable[[Run], FinishedRun] = powers, described: Experiment | None = None
+) -> OrderTable:
+    described = described or experiment()
+    return order_table(described, [make(run) for run in described.runs()])
+
+
+# --- CSV ------------------------------------------------------------------------------------------
+
+GOLDEN_CSV = """\
+experiment,case,cq,sampling,degree,quadrature,start,gamma,norm,n_steps,step_size,error,\
+pairwise_order,used_in_fit,slope,fit_residual,expected_order,predicted,status
+made-up,bdf2-nodes-s1-gauss1-none,bdf2,nodes,1,gauss1,none,,max,2,0.5,0.25,\
+,yes,2.0,0.0,2.0,unknown,ok
+made-up,bdf2-nodes-s1-gauss1-none,bdf2,nodes,1,gauss1,none,,max,4,0.25,0.0625,\
+2.0,yes,2.0,0.0,2.0,unknown,ok
+made-up,bdf2-nodes-s1-gauss1-none,bdf2,nodes,1,gauss1,none,,max,8,0.125,,\
+,no,2.0,0.0,2.0,unknown,diverged
+"""
+
+
+def one_case(*rows: OrderRow, slope: float = 2.0, **changes: object) -> OrderTable:
+    case = OrderCase(method=BDF2, rows=rows, slope=slope, fit_residual=0.0)
+    return dataclasses.replace(
+        OrderTable(
+            experiment="made-up",
+            equation="x'' = 0",
+            gamma="",
+            reference="expression",
+            norm="max",
+            final_time=1.0,
+            cases=(case,),
+        ),
+        **changes,
+    )
+
+
+def row(n_steps: int, error: float, pairwise: float = math.nan, **changes: object) -> OrderRow:
+    made = OrderRow(
+        n_steps=n_steps,
+        step_size=1.0 / n_steps,
+        error=error,
+        floor=1e-13,
+        pairwise_order=pairwise,
+        used_in_fit=math.isfinite(error),
+        status="ok" if math.isfinite(error) else "diverged",
+        predicted="unknown",
+        expected_order=2.0,
+    )
+    return dataclasses.replace(made, **changes)
+
+
+SMALL = one_case(row(2, 0.25), row(4, 0.0625, 2.0), row(8, math.nan))
+
+
+def test_a_small_table_as_csv_letter_by_letter():
+    assert tables.rendered("made-up", [SMALL])["csv"] == GOLDEN_CSV
+
+
+def test_the_csv_has_one_row_for_every_run_and_numbers_that_read_back():
+    made = table_of(lambda run: finished(run, math.pi * 10.0**-run.n_steps))
+    text = tables.rendered("made-up", [made])["csv"]
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert tuple(rows[0]) == COLUMNS
+    assert [(r["case"], int(r["n_steps"])) for r in rows] == [
+        (method.case, n) for method in (BDF1, BDF2) for n in STEPS
+    ]
+    # to the last bit
+    assert [float(r["error"]) for r in rows] == 2 * [math.pi * 10.0**-n for n in STEPS]
+    assert [float(r["slope"]) for r in rows] == [c.slope for c in made.cases for _ in c.rows]
+    assert "\r" not in text
+    assert "float64" not in text
+
+
+def test_numbers_of_numpy_are_written_like_those_of_python():
+    plain, numpy = (one_case(row(2, kind(0.1))) for kind in (float, np.float64))
+    assert tables.rendered("a", [plain]) == tables.rendered("a", [numpy])
+
+
+# --- JSON -----------------------------------------------------------------------------------------
+
+METHODS: tuple[AnyMethod, ...] = (
+    BDF1,
+    GAUSS3,
+    Baseline(name="explicit-euler"),
+    Method(cq="lobatto-iiic", degree=2),
+    Method(
+        cq="bdf3",
+        degree=2,
+        quadrature=RuleSpecification(rule="lobatto", points=4),
+        sampling="nodes",
+        start="weights",
+        start_exponents=(2.5, 3.0),
+        forcing_quadrature="projected",
+        history="direct",
+    ),
+)
+
+
+def same(one: object, other: object) -> bool:
+    """Equality by which nan is nan."""
+    return repr(one) == repr(other)
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.case)
+def test_json_reads_back_as_the_same_table(method):
+    made = table_of(
+        lambda run: finished(run, math.inf if run.n_steps == 2 else 0.1, remarks=("a", "b")),
+        experiment([method], claims={method.case: 1.5}, expect={method.case: "unstable"}),
+    )
+    (read,) = from_json(to_json("made-up", [made]))
+    assert same(read, made)
+    assert read.cases[0].claim == 1.5
+    assert math.isinf(read.cases[0].rows[0].error)
+
+
+@given(
+    error=st.floats(allow_nan=True, allow_infinity=True),
+    floor=st.floats(min_value=0, allow_nan=False, allow_infinity=False),
+    words=st.text(),
+)
+def test_json_loses_neither_bits_nor_letters(error, floor, words):
+    made = one_case(row(2, error, floor=floor, message=words, remarks=(words,)), equation=words)
+    text = to_json("made-up", [made])
+    assert same(from_json(text), [made])
+    # strict: other readers know neither NaN nor Infinity
+    json.loads(text, parse_constant=lambda name: pytest.fail(name))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('"format": 1', '"format": 2', "format"),
+        ('"max"', '"maximum"', "norm"),
+        ('"n_steps": 2,', '"n_steps": true,', "n_steps"),
+        ('"n_steps": 2,', '"n_steps": 2.5,', "n_steps"),
+        ('"error": 0.25', '"error": "a"', "error"),
+        ('"floor": 1e-13,', "", "floor"),
+        ('"cq": "bdf2"', '"cq": "bdf7"', "cq"),
+        ('"status": "ok"', '"status": "fine"', "status"),
+        ('"experiments": [', '"others": [', "experiments"),
+        ("{", "[", "Expecting"),
+    ],
+)
+def test_json_of_another_shape_is_refused(old, new, told):
+    text = to_json("made-up", [SMALL])
+    assert old in text
+    with pytest.raises(ValueError, match=told):
+        from_json(text.replace(old, new, 1))
+
+
+# --- what people read -----------------------------------------------------------------------------
+
+GOLDEN_MARKDOWN = """\
+# Orders of convergence: made-up
+
+Entries: the least-squares slope of log(error) against log(h) over all rows that can be used, \
+then the order between the two finest of them. Where the two disagree, the slope is not \
+asymptotic. One number alone comes from two rows. Errors are measured in the maximum norm over \
+components and grid points. A star marks methods that came to nothing on some step sizes.
+
+| problem | gamma | N      |   BDF2 |
+| ------- | ----- | ------ | -----: |
+| made-up | -     | 2 to 8 | 2.00\\* |
+
+- \\* made-up: BDF2 diverged in 1 of 3 rows.
+
+Methods:
+
+- BDF2: degree 1, 1 Gauss point, damping sampled at the nodes, no start correction, forcing by the \
+rule of the action, case `bdf2-nodes-s1-gauss1-none`
+
+## made-up
+
+Equation: `x'' = 0`; T = 1. Errors in the maximum norm over components and grid points, against \
+the exact solution, an expression of the configuration; floor 1e-13.
+
+|        N |     h |       BDF2 | order |
+| -------: | ----: | ---------: | ----: |
+|        2 |   0.5 |   2.50e-01 |       |
+|        4 |  0.25 |   6.25e-02 |  2.00 |
+|        8 | 0.125 | (diverged) |       |
+|    slope |       |            |  2.00 |
+| residual |       |            |     - |
+| expected |       |            |     2 |
+
+- Errors in parentheses are not used for the slope; floor: round-off, or ten times the error of \
+the reference.
+"""
+
+GOLDEN_TABULAR = r"""{\footnotesize
+\begin{tabular}{rrrr}
+\hline
+N & h & BDF2 & order \\
+\hline
+$2$ & $0.5$ & $2.50\cdot10^{-1}$ &  \\
+$4$ & $0.25$ & $6.25\cdot10^{-2}$ & $2.00$ \\
+$8$ & $0.125$ & (diverged) &  \\
+\hline
+slope &  &  & $2.00$ \\
+residual &  &  & - \\
+expected &  &  & $2$ \\
+\hline
+\end{tabular}
+
+}"""
+
+
+def test_a_small_table_as_markdown_letter_by_letter():
+    assert tables.rendered("made-up", [SMALL])["md"] == GOLDEN_MARKDOWN
+
+
+def test_a_small_table_as_latex_letter_by_letter():
+    assert GOLDEN_TABULAR in tables.rendered("made-up", [SMALL])["tex"]
+
+
+def markdown_tables(text: str) -> list[list[list[str]]]:
+    """Cells of every table, the line below the header left out."""
+    found: list[list[list[str]]] = []
+    before = ""
+    for line in text.split("\n"):
+        if line.startswith("|"):
+            if not before.startswith("|"):
+                found.append([])
+            found[-1].append([cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]])
+        before = line
+    for table in found:
+        rule = table.pop(1)
+        assert all(re.fullmatch("-+:?", cell) for cell in rule)
+        assert len(rule) == len(table[0])
+    return found
+
+
+def test_the_summary_has_the_layout_of_the_paper_with_its_orders_beside_ours():
+    claims = {"bdf1": 1.0, "bdf2": 2.0}
+    made = [
+        table_of(powers, experiment(name=f"table-9-{name}", claims=claims))
+        for name in ("oscillator", "torvik")
+    ]
+    text = tables.rendered("table-9", made)["md"]
+    assert markdown_tables(text)[0] == [
+        ["problem", "gamma", "N", "BDF1", "published", "BDF2", "published"],
+        ["oscillator", "-", "2 to 16", "1.00, 1.00", "1", "2.00, 2.00", "2"],
+        ["torvik", "-", "2 to 16", "1.00, 1.00", "1", "2.00, 2.00", "2"],
+    ]
+    # nothing to remark: every order is met
+    assert "pre-asymptotic" not in text
+    assert "measured 1" not in text
+
+
+def bent(run: Run) -> FinishedRun:
+    """Order 2 that becomes 1 on the finest step."""
+    error = {2: 1.0, 4: 0.25, 8: 0.0625, 16: 0.03125}[run.n_steps]
+    return finished(run, error, expected_order=1.0)
+
+
+def test_published_orders_that_are_not_met_or_not_asymptotic_are_told():
+    made = table_of(bent, experiment([BDF2], claims={"bdf2": 2.0}))
+    (case,) = made.cases
+    assert case.slope == pytest.approx(1.7)
+    text = tables.rendered("made-up", [made])["md"]
+    assert (
+        "- made-up, BDF2: published 2, measured 1.70; the slope 1.70 is pre-asymptotic: the order "
+        "between N = 8 and 16 is 1.00, 1 is expected for small steps."
+    ) in text
+    # within 0.06 of what is published: only the second half
+    near = table_of(bent, experiment([BDF2], claims={"bdf2": 1.75}))
+    text = tables.rendered("made-up", [near])["md"]
+    assert "measured" not in text.partition("##")[0].replace("Errors are measured", "")
+    assert "the slope 1.70 is pre-asymptotic" in text
+    # without a claim there is nothing to correct
+    assert "asymptotic:" not in tables.rendered("made-up", [table_of(bent)])["md"]
+
+
+def test_a_slope_that_misses_the_expected_order_is_pre_asymptotic_though_pairs_agree():
+    def straight(run: Run) -> FinishedRun:
+        return finished(run, run.n_steps**-1.78, expected_order=1.5)
+
+    made = table_of(straight, experiment([BDF2], claims={"bdf2": 1.78}))
+    assert "the slope 1.78 is pre-asymptotic" in tables.rendered("a", [made])["md"]
+
+
+def blowing_up(run: Run) -> FinishedRun:
+    """BDF2 diverges on two steps and reaches the floor on one; nothing is expected of BDF1."""
+    if run.method == BDF1:
+        return finished(run, 1.0 / run.n_steps, expected_order=math.nan)
+    error, status = {
+        2: (0.5, "ok"),
+        4: (3e25, "diverged"),
+        8: (math.nan, "failed"),
+        16: (1e-15, "floor"),
+    }[run.n_steps]
+    return finished(run, error, status=status, message="Newton stopped" if run.n_steps == 8 else "")
+
+
+def test_no_row_is_dropped_and_what_is_not_used_is_marked():
+    made = table_of(blowing_up, experiment(expect={"bdf2": "unstable"}))
+    text = tables.rendered("made-up", [made])["md"]
+    summary, detail = markdown_tables(text)
+    assert summary[1][-2:] == ["1.00, 1.00", r"diverged\*"]
+    assert [line[:2] + line[4:] for line in detail[1:5]] == [
+        ["2", "0.5", "5.00e-01", ""],
+        ["4", "0.25", "(3.00e+25, diverged)", "(-85.63)"],
+        ["8", "0.125", "(failed)", ""],
+        ["16", "0.0625", "(1.00e-15, floor)", ""],
+    ]
+    assert detail[5][-1] == "-"
+    assert "- BDF2: the configuration expects failures." in text
+    assert "- BDF2: N = 8: Newton stopped." in text
+    assert r"- \* made-up: BDF2 diverged in 1 of 4 rows; BDF2 failed in 1 of 4 rows." in text
+
+
+def test_the_reader_is_told_equation_reference_norm_and_floor():
+    def refined(run: Run) -> FinishedRun:
+        floor = 1e-12 * run.n_steps
+        reference = "refined run (gauss-s4-series, N = 256, estimated error 1.0e-14)"
+        return finished(run, 0.1, floor=floor, reference=reference)
+
+    described = dataclasses.replace(experiment(), norm="l2")
+    text = tables.rendered("made-up", [table_of(refined, described)])["md"]
+    assert (
+        "Equation: `x'' + x = t**2*sin(t)`; T = 1. Errors in the l2 norm over the grid, weighted "
+        "by h, against a refined run (gauss-s4-series, N = 256, estimated error 1.0e-14); floor "
+        "2e-12 to 2e-11."
+    ) in text
+
+
+def test_remarks_are_told_once_with_the_steps_and_methods_they_are_about():
+    def remarked(run: Run) -> FinishedRun:
+        remarks = ("start series below t^8",)
+        if run.n_steps < 8 and run.method == GAUSS3:
+            remarks = (f"no start series: less than 4 steps of {run.step_size:g}",)
+        order = 2.5 if run.n_steps < 8 else 6.0
+        return finished(run, 0.1, remarks=remarks, expected_order=order)
+
+    text = tables.rendered("a", [table_of(remarked, experiment([BDF1, BDF2, GAUSS3]))])["md"]
+    assert "- BDF1; BDF2: every N: start series below t^8." in text
+    assert "- Gauss3: N = 8, 16: start series below t^8." in text
+    assert (
+        "- Gauss3: N = 2, 4: no start series: less than 4 steps of 0.5 (numbers of N = 2)." in text
+    )
+    assert "- BDF1; BDF2; Gauss3: expected order 2.5 at N = 2, 4; 6 at N = 8, 16." in text
+
+
+def test_predictions_of_instability_are_shown():
+    made = one_case(row(2, 0.25), row(4, 0.0625, 2.0, predicted="unstable"))
+    assert "- BDF2: predicted unstable at N = 4." in tables.rendered("a", [made])["md"]
+
+
+@pytest.mark.parametrize(
+    ("rows", "entry"),
+    [
+        ([row(2, 0.25), row(4, 0.0625), row(8, 0.015625)], "2.00, 2.00"),
+        ([row(2, 0.25), row(4, 0.0625)], "2.00"),
+        ([row(2, 0.25)], "error 2.5e-01"),
+        ([row(2, 0.25), row(4, 1e-15, status="floor", used_in_fit=False)], "floor"),
+        ([row(2, math.nan), row(4, math.nan)], "diverged*"),
+        ([row(2, math.nan)], "diverged*"),
+        ([row(2, 0.0, used_in_fit=False)], "-"),
+    ],
+)
+def test_an_entry_says_how_much_there_is_to_go_by(rows, entry):
+    (case,) = one_case(*rows).cases
+    assert order_entry(case) == entry
+
+
+def test_names_of_methods():
+    mixed = [
+        Method(cq="gauss", degree=3),
+        Method(cq="lobatto-iiic", degree=3),
+        Method(cq="radau-iia", degree=2),
+        Baseline(name="explicit-euler"),
+        BDF2,
+    ]
+    assert [name.label for name in method_names(mixed).values()] == [
+        "Gauss3",
+        "Lobatto IIIC 4",
+        "Radau IIA 2",
+        "explicit Euler",
+        "BDF2",
+    ]
+    both = [BDF2, Method(cq="bdf4", degree=2, sampling="points", start="series")]
+    assert [name.label for name in method_names(both).values()] == ["BDF2 nodes", "BDF4 points"]
+
+
+def test_methods_of_one_family_are_told_apart_by_what_differs():
+    def bdf3(**changes: object) -> Method:
+        return Method(**{"cq": "bdf3", "sampling": "nodes", "degree": 2, **changes})
+
+    corrected = [
+        bdf3(start="weights", start_exponents=(2.5,)),
+        bdf3(),
+        bdf3(degree=1),
+        bdf3(quadrature=RuleSpecification(points=5)),
+    ]
+    names = method_names(corrected)
+    assert [name.label for name in names.values()] == [
+        "BDF3, degree 2, 2 Gauss, weights t^2.5",
+        "BDF3, degree 2, 2 Gauss, plain",
+        "BDF3, degree 1, 1 Gauss, plain",
+        "BDF3, degree 2, 5 Gauss, plain",
+    ]
+    # the rule follows from the degree: one of them is enough
+    two = method_names([bdf3(), bdf3(degree=1)])
+    assert [name.label for name in two.values()] == ["BDF3, degree 2", "BDF3, degree 1"]
+    # whatever differs, no two share a name
+    every = [*METHODS, *corrected, bdf3(history="direct"), bdf3(history="fft")]
+    labels = [name.label for name in method_names(every).values()]
+    assert len(set(labels)) == len(labels)
+
+
+def test_problems_in_rows_unless_methods_fill_no_rectangle():
+    degrees = [Method(cq=f"bdf{p}", degree=s, sampling="nodes") for p in (1, 2, 3) for s in (1, 2)]
+    text = tables.rendered("a", [table_of(powers, experiment(degrees))])["md"]
+    summary = markdown_tables(text)[0]
+    assert summary[0] == ["problem", "method", "gamma", "N", "BDF1", "BDF2", "BDF3"]
+    assert [line[1] for line in summary[1:]] == ["degree 1", "degree 2"]
+    # BDF3 of degree 1 left out
+    ragged = tables.rendered("a", [table_of(powers, experiment(degrees[:-2] + degrees[-1:]))])["md"]
+    summary = markdown_tables(ragged)[0]
+    assert summary[0] == ["method", "made-up"]
+    assert len(summary) == 1 + 5
+
+
+def test_experiments_with_other_methods_have_a_summary_of_their_own():
+    made = [
+        table_of(powers, experiment(name="a")),
+        table_of(powers, experiment([GAUSS3], name="b")),
+        table_of(powers, experiment(name="c")),
+    ]
+    first, second, *_ = markdown_tables(tables.rendered("x", made)["md"])
+    assert [line[0] for line in first[1:]] == ["a", "c"]
+    assert [line[0] for line in second[1:]] == ["b"]
+
+
+@pytest.mark.parametrize(
+    ("name", "titles", "short"),
+    [
+        ("table-1", ["table-1-a", "table-1-b"], ["a", "b"]),
+        ("full-order", ["full-a", "full-b"], ["a", "b"]),
+        ("full-order", ["full-a", "other"], ["full-a", "other"]),
+        ("torvik", ["torvik-1-2", "torvik-3-2"], ["torvik-1-2", "torvik-3-2"]),
+        ("torvik-3-2", ["torvik-3-2"], ["torvik-3-2"]),
+        ("table", ["table", "table-a"], ["table", "table-a"]),
+    ],
+)
+def test_titles_lose_what_they_repeat_and_no_more(name, titles, short):
+    made = [dataclasses.replace(SMALL, experiment=title) for title in titles]
+    assert list(short_titles(name, made).values()) == short
+
+
+def test_what_is_not_finished_yet_is_said():
+    empty = order_table(experiment(), [])
+    texts = tables.rendered("made-up", [empty])
+    assert texts["md"].count("No run is finished.") == 2
+    assert texts["csv"].count("\n") == 1
+    described = experiment()
+    some = order_table(described, [powers(run) for run in described.runs()[:-1]])
+    detail = markdown_tables(tables.rendered("a", [some])["md"])[1]
+    assert detail[4][-2:] == ["not computed", ""]
+
+
+def test_the_terminal_gets_the_summary_in_columns():
+    text = tables.summary_text("made-up", [table_of()])
+    assert re.search(r"^made-up +- +2 to 16 +1\.00, 1\.00 +2\.00, 2\.00$", text, re.MULTILINE)
+    assert "5.00e-01" not in text
+    assert "case" not in text
+
+
+# --- grids, escaping ------------------------------------------------------------------------------
+
+
+def test_a_wide_grid_is_split_between_groups_and_repeats_its_keys():
+    header = ("N", *(f"{letter}{k}" for letter in "abcde" for k in (1, 2)))
+    grid = Grid(
+        header=header,
+        rows=(tuple(str(k) for k in range(11)),),
+        summary_rows=(header,),
+        groups=(2,) * 5,
+    )
+    parts = split_wide(grid, widest=3 * 4 + 6 * 5)
+    # balanced: three and two groups, not four and one
+    assert [part.header for part in parts] == [
+        ("N", "a1", "a2", "b1", "b2", "c1", "c2"),
+        ("N", "d1", "d2", "e1", "e2"),
+    ]
+    assert parts[1].rows == (("0", "7", "8", "9", "10"),)
+    assert parts[1].summary_rows == (parts[1].header,)
+    assert split_wide(grid, widest=1000) == [grid]
+    # too narrow for anything: every group by itself, nothing lost
+    assert len(split_wide(grid, widest=1)) == 5
+
+
+@pytest.mark.parametrize("wrong", [{"rows": (("1",),)}, {"groups": (2,)}])
+def test_a_grid_with_the_wrong_number_of_columns_is_refused(wrong):
+    with pytest.raises(ValueError, match="columns"):
+        Grid(header=("a", "b"), **{"rows": (), **wrong})
+
+
+HOSTILE = "a_b*c|d`e<f>&g#h$i%j^k~l{m}n\\o[p]\nq"
+
+
+def test_hostile_words_are_letters_in_markdown():
+    escaped = escape_markdown(HOSTILE)
+    assert re.sub(r"\\(.)", r"\1", escaped) == HOSTILE.replace("\n", " ")
+    grid = Grid(header=("a", "b"), rows=((HOSTILE, "1"),))
+    text = to_markdown([grid, Paragraph(words=(Code("a`b``c"), HOSTILE))])
+    (cells,) = markdown_tables(text)
+    assert len(cells[1]) == 2
+    assert "``` a`b``c ```" in text
+
+
+def unescaped(text: str) -> str:
+    """LaTeX without what stands for one letter."""
+    text = re.sub(r"\\text(backslash|asciicircum|asciitilde)\{\}", "", text)
+    return re.sub(r"\\[{}$&#%_]|\{\\char96\}", "", text)
+
+
+def test_hostile_words_are_letters_in_latex():
+    escaped = escape_latex(HOSTILE)
+    assert escaped == (
+        r"a\_b*c$|$d{\char96}e$<$f$>$\&g\#h\$i\%j\textasciicircum{}k\textasciitilde{}l\{m\}n"
+        r"\textbackslash{}o[p] q"
+    )
+    assert escape_latex("ü and γ") == "ü and U+03B3"
+
+
+def check_latex(text: str) -> int:
+    """Balanced braces, dollars and environments, every row of every table as long as declared."""
+    bare = unescaped(text)
+    depth = 0
+    for letter in bare:
+        depth += {"{": 1, "}": -1}.get(letter, 0)
+        assert depth >= 0
+    assert depth == 0
+    open_environments: list[str] = []
+    for verb, name in re.findall(r"\\(begin|end)\{([a-z]+)\}", bare):
+        if verb == "begin":
+            open_environments.append(name)
+        else:
+            assert open_environments.pop() == name
+    assert open_environments == []
+    for line in bare.splitlines():
+        assert line.count("$") % 2 == 0, line
+    found = re.findall(r"\\begin\{tabular\}\{([lr]+)\}\n(.*?)\\end\{tabular\}", bare, re.DOTALL)
+    for columns, body in found:
+        for line in body.splitlines():
+            if line == r"\hline":
+                continue
+            assert line.endswith(r" \\")
+            assert line.count("&") == len(columns) - 1, line
+    assert set(re.findall(r"\\([a-zA-Z]+)", bare)) <= KNOWN_COMMANDS
+    assert r"\usepackage" not in bare
+    return len(found)
+
+
+KNOWN_COMMANDS = {
+    *("documentclass", "setlength", "oddsidemargin", "textwidth", "topmargin", "textheight"),
+    *("parindent", "parskip", "tabcolsep", "raggedright", "begin", "end", "section"),
+    *("subsection", "footnotesize", "hline", "item", "texttt", "cdot"),
+}
+
+
+def test_latex_is_balanced_and_its_tables_have_the_columns_they_declare():
+    hostile = dataclasses.replace(SMALL, equation=HOSTILE, reference=HOSTILE)
+    remarked = one_case(row(2, 0.25, message=HOSTILE, remarks=("[1] of", HOSTILE)))
+    made = [SMALL, hostile, remarked, table_of(blowing_up)]
+    assert check_latex(tables.rendered("a", made)["tex"]) >= 2 * 3
+    # controls: a brace too many, a column too few
+    with pytest.raises(AssertionError):
+        check_latex(to_latex([Paragraph(words="a")]).replace("a\n", "{a\n"))
+    with pytest.raises(AssertionError):
+        check_latex(GOLDEN_TABULAR.replace("{rrrr}", "{rrr}"))
+
+
+@given(st.text())
+def test_any_words_make_balanced_latex_and_one_line_of_markdown(words):
+    blocks = [
+        Heading(level=1, words=words),
+        Bullets(items=(words, (Code(words),))),
+        Grid(header=(words, "n"), rows=((words, words),)),
+    ]
+    check_latex(to_latex(blocks))
+    assert len(markdown_tables(to_markdown(blocks[2:]))[0][1]) == 2
+
+
+def test_many_methods_stay_within_the_page():
+    methods = [
+        Method(cq=f"bdf{p}", degree=s, sampling="nodes") for p in range(1, 7) for s in (1, 2)
+    ]
+    made = table_of(lambda run: finished(run, 1e25, status="diverged"), experiment(methods))
+    texts = tables.rendered("a", [made])
+    check_latex(texts["tex"])
+    for line in texts["md"].splitlines():
+        if line.startswith("|"):
+            assert len(line) <= 170
+    # and nothing is lost: every method has its errors once
+    details = markdown_tables(texts["md"])[1:]
+    assert sum(line.count("(1.00e+25, diverged)") for t in details for line in t) == 12 * 4
+    assert all(line[0] == t[k][0] for t in details for k, line in enumerate(details[0]))
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+def test_four_files_are_written_and_nothing_else_is_left(tmp_path):
+    directory = tmp_path / "results" / "tables"
+    for _ in range(2):
+        paths = tables.write_tables(directory, "made-up", [SMALL])
+    assert [path.name for path in paths] == [f"made-up.{form}" for form in tables.FORMS]
+    assert sorted(directory.iterdir()) == sorted(paths)
+    assert {path.read_bytes().decode() for path in paths} == set(
+        tables.rendered("made-up", [SMALL]).values()
+    )
+    assert {path.stat().st_mode & 0o444 for path in paths} == {
+        (tmp_path / "results").stat().st_mode & 0o444
+    }
+
+
+def test_a_write_that_fails_leaves_the_old_file_whole(tmp_path, monkeypatch):
+    tables.write_tables(tmp_path, "made-up", [SMALL])
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+
+    def full(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(files.os, "fsync", full)
+    with pytest.raises(StorageError, match=r"made-up\.csv: cannot be written: No space"):
+        tables.write_tables(tmp_path, "made-up", [table_of()])
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_folder_that_cannot_be_made_is_told(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StorageError, match="file"):
+        tables.write_tables(tmp_path / "file" / "tables", "made-up", [SMALL])
+
+
+# --- check ----------------------------------------------------------------------------------------
+
+
+def altered(made: OrderTable, case: int, at: int, **changes: object) -> OrderTable:
+    """The table with one row changed; slopes are left as they are."""
+    old = made.cases[case]
+    rows = list(old.rows)
+    rows[at] = dataclasses.replace(rows[at], **changes)
+    cases = list(made.cases)
+    cases[case] = dataclasses.replace(old, rows=tuple(rows))
+    return dataclasses.replace(made, cases=tuple(cases))
+
+
+def differences(stored: OrderTable, fresh: OrderTable) -> list[str]:
+    one_way = tables.compare_tables([stored], [fresh])
+    # what differs differs whichever is stored
+    assert bool(one_way) == bool(tables.compare_tables([fresh], [stored]))
+    return one_way
+
+
+BASE = table_of()
+
+
+def test_what_is_the_same_is_up_to_date_and_timings_do_not_count(tmp_path):
+    assert tables.compare_tables([BASE], [BASE]) == []
+    slow = table_of(lambda run: dataclasses.replace(powers(run), trajectory=_slow(run)))
+    tables.write_tables(tmp_path, "made-up", [BASE])
+    assert tables.compare_with_tables(tmp_path, "made-up", [slow]) == []
+
+
+def _slow(run: Run) -> Trajectory:
+    return dataclasses.replace(powers(run).trajectory, setup_seconds=9.0, stepping_seconds=99.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"error": 0.25 * 1.0011}, "error: 0.250275 is stored, now 0.25"),
+        ({"error": math.nan}, "error: nan is stored"),
+        ({"status": "floor"}, "status: 'floor' is stored, now 'ok'"),
+        ({"used_in_fit": False}, "used_in_fit: False is stored, now True"),
+        ({"predicted": "unstable"}, "predicted: 'unstable' is stored"),
+        ({"expected_order": 1.5}, "expected_order: 1.5 is stored"),
+        ({"expected_order": math.nan}, "expected_order: nan is stored"),
+        ({"step_size": 0.2501}, "step_size: 0.2501 is stored"),
+        ({"remarks": ("no start series",)}, "remarks: 'no start series' is stored"),
+    ],
+)
+def test_every_change_of_a_row_is_told_with_its_place(changes, told):
+    lines = differences(altered(BASE, 0, 1, **changes), BASE)
+    assert f"made-up: bdf1-nodes-s1-gauss1-none: N = 4: {told}" in "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"error": 0.25 * 1.0009},
+        {"message": "otherwise", "floor": 2e-13},
+    ],
+)
+def test_changes_that_mean_nothing_are_not_told(changes):
+    assert differences(altered(BASE, 0, 1, **changes), BASE) == []
+
+
+def test_numbers_in_remarks_and_references_may_differ():
+    def remarked(number: str) -> OrderTable:
+        made = altered(BASE, 0, 1, remarks=(f"less than 4 steps of {number}",))
+        return dataclasses.replace(made, reference=f"refined run (estimated error {number})")
+
+    assert differences(remarked("1.1e-16"), remarked("0.3")) == []
+    assert without_numbers("N = 128, 1.1e-16, t^0.5") == "N = #, #, t^#"
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"norm": "l2"}, "norm"),
+        ({"gamma": "0.5"}, "gamma"),
+        ({"equation": "x = 0"}, "equation"),
+        ({"reference": "closed form"}, "reference"),
+        ({"final_time": 2.0}, "final time"),
+        ({"experiment": "another"}, "experiment"),
+        ({"cases": BASE.cases[:1]}, "case bdf2-nodes-s1-gauss1-none"),
+        ({"cases": BASE.cases[::-1]}, "order"),
+    ],
+)
+def test_every_change_of_a_table_is_told(changes, told):
+    lines = differences(dataclasses.replace(BASE, **changes), BASE)
+    assert told in "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"slope": 1.011}, "slope"),
+        ({"slope": math.nan}, "slope"),
+        ({"claim": 1.0}, "published"),
+        ({"expected_failure": True}, "expected failure"),
+        ({"rows": BASE.cases[0].rows[:-1]}, "row N = 16"),
+    ],
+)
+def test_every_change_of_a_case_is_told(changes, told):
+    case = dataclasses.replace(BASE.cases[0], **changes)
+    lines = differences(dataclasses.replace(BASE, cases=(case, BASE.cases[1])), BASE)
+    assert told in "\n".join(lines)
+
+
+def test_a_slope_may_differ_a_little():
+    case = dataclasses.replace(BASE.cases[0], slope=1.009)
+    assert differences(dataclasses.replace(BASE, cases=(case, BASE.cases[1])), BASE) == []
+
+
+def near_the_floor(factor: float) -> OrderTable:
+    """The finest error is 50 floors; round-off may have changed it."""
+
+    def make(run: Run) -> FinishedRun:
+        last = run.n_steps == STEPS[-1]
+        error = powers(run).error * (factor if last else 1.0)
+        floor = powers(run).error / 50 if last else 1e-13
+        return finished(run, error, floor=floor, expected_order=powers(run).expected_order)
+
+    return table_of(make)
+
+
+def test_errors_near_the_floor_may_differ_and_the_slopes_through_them():
+    one, other = near_the_floor(1.0), near_the_floor(1.3)
+    assert abs(one.cases[0].slope - other.cases[0].slope) > 0.01
+    assert differences(one, other) == []
+    # control: an error above 100 floors in one of the two is reliable
+    assert "error" in "\n".join(differences(one, near_the_floor(2.1)))
+    # control: the slope through the others is compared all the same
+    changed = altered(one, 0, 0, error=0.5 * 1.1)
+    assert "slope of the 3 rows above 100 floors" in "\n".join(differences(changed, one))
+
+
+def test_how_far_a_run_diverged_is_not_compared_but_that_it_did_is():
+    one = table_of(blowing_up)
+    assert differences(one, altered(one, 1, 1, error=7e31)) == []
+    assert "status" in "\n".join(differences(one, altered(one, 1, 1, status="failed")))
+
+
+def test_a_missing_unused_row_is_told():
+    one = table_of(blowing_up)
+    rows = tuple(r for r in one.cases[1].rows if r.n_steps != 8)
+    case = dataclasses.replace(one.cases[1], rows=rows)
+    other = dataclasses.replace(one, cases=(one.cases[0], case))
+    assert differences(one, other) == [
+        "made-up: bdf2-nodes-s1-gauss1-none: row N = 8: stored, but not there now"
+    ]
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_bytes().decode()
+    assert old in text
+    path.write_bytes(text.replace(old, new, 1).encode())
+
+
+@pytest.mark.parametrize(
+    ("form", "old", "new", "told"),
+    [
+        ("csv", ",0.25,0.25,", ",0.25,0.2501,", "error: '0.2501'; made-up.json has '0.25'"),
+        ("csv", ",yes,", ",no,", "used_in_fit: 'no'"),
+        ("csv", ",status", ",state", "columns"),
+        ("csv", "\n", "\r\n", "line ends"),
+        ("md", "2.50e-01", "2.51e-01", "line 20"),
+        ("tex", r"\cdot", r"\times", r"\\times"),
+        ("json", '"error": 0.25', '"error": 0.26', "error: 0.26 is stored, now 0.25"),
+        ("json", "{", "", "cannot be read"),
+    ],
+)
+def test_a_change_of_any_file_is_told(tmp_path, form, old, new, told):
+    tables.write_tables(tmp_path, "made-up", [BASE])
+    path = tmp_path / f"made-up.{form}"
+    edit(path, old, new)
+    lines = tables.compare_with_tables(tmp_path, "made-up", [BASE])
+    assert any(line.startswith(f"{path}: ") and told in line for line in lines), lines
+
+
+def test_a_row_that_is_cut_off_is_told(tmp_path):
+    tables.write_tables(tmp_path, "made-up", [BASE])
+    path = tmp_path / "made-up.csv"
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:-1]))
+    lines = tables.compare_with_tables(tmp_path, "made-up", [BASE])
+    assert lines == [f"{path}: 7 rows; made-up.json has 8"]
+
+
+@pytest.mark.parametrize("form", tables.FORMS)
+def test_a_missing_file_is_told_and_nothing_is_written(tmp_path, form):
+    tables.write_tables(tmp_path, "made-up", [BASE])
+    path = tmp_path / f"made-up.{form}"
+    path.unlink()
+    before = sorted(tmp_path.iterdir())
+    assert tables.compare_with_tables(tmp_path, "made-up", [BASE]) == [f"{path}: missing"]
+    assert sorted(tmp_path.iterdir()) == before
+    assert len(tables.compare_with_tables(tmp_path / "nowhere", "made-up", [BASE])) == 4
+    assert not (tmp_path / "nowhere").exists()
