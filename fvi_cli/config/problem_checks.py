@@ -15,7 +15,7 @@ from fvi_cli.config.records import node_at
 from fvi_cli.config.shapes import INVALID, is_complete
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, ExpressionError
 from fvi_cli.scenes.problem import AnyProblem
-from fvi_cli.scenes.registry import build_problem
+from fvi_cli.scenes.registry import FIXED_SIZES, SIZE_KEYS, build_problem
 
 Complain = Callable[[KeyPath, str], None]
 
@@ -28,9 +28,14 @@ _OTHER_NAMES: Final = {
 }
 
 
+def force_key(problem: Mapping[str, Any]) -> str:
+    """The key under which the force of a problem stands."""
+    return "ground_acceleration" if problem.get("kind") == "frame" else "forcing"
+
+
 def break_points(problem: Mapping[str, Any]) -> list[tuple[int, float]]:
     """Index and end of every piece of the forcing that has a valid one inside of (0, T)."""
-    forcing = problem.get("forcing")
+    forcing = problem.get(force_key(problem))
     pieces = forcing.get("pieces") if isinstance(forcing, Mapping) else None
     final_time = problem.get("final_time")
     if not isinstance(pieces, list) or not isinstance(final_time, float):
@@ -93,12 +98,14 @@ def _check_sizes(problem: Mapping[str, Any], complain: Complain) -> None:
         (("forcing",), problem.get("forcing")),
         (("exact",), problem.get("exact")),
     ]
+    kind = problem.get("kind")
+    own_size = _own_size(problem)
     initial = problem.get("initial")
     if isinstance(initial, Mapping):
         places[2:2] = [(("initial", key), value) for key, value in initial.items()]
     damping = problem.get("damping")
     for index, term in enumerate(damping if isinstance(damping, list) else []):
-        if isinstance(term, Mapping):
+        if isinstance(term, Mapping) and "acts_on" not in term:
             places.append((("damping", index, "coefficient"), term.get("coefficient")))
     forcing = problem.get("forcing")
     pieces = forcing.get("pieces") if isinstance(forcing, Mapping) else None
@@ -106,12 +113,23 @@ def _check_sizes(problem: Mapping[str, Any], complain: Complain) -> None:
         if isinstance(piece, Mapping):
             places.append((("forcing", "pieces", index, "value"), piece.get("value")))
     sized = [(key, len(value)) for key, value in places if isinstance(value, list)]
-    if problem.get("kind") == "pendulum":
-        sized.insert(0, (("omega",), 1))
+    if own_size is not None:
+        sized.insert(0, own_size)
     for key, size in sized[1:]:
         if size != sized[0][1]:
-            first = ".".join(str(part) for part in sized[0][0])
+            first = ".".join(str(part) for part in sized[0][0]) or f"kind {kind}"
             complain(key, f"is for {_coordinates(size)}, but {first} for {sized[0][1]}")
+
+
+def _own_size(problem: Mapping[str, Any]) -> tuple[KeyPath, int] | None:
+    """The number of coordinates where the kind or one of its keys says it, and that key."""
+    kind = str(problem.get("kind"))
+    if kind == "pendulum":
+        return ("omega",), 1
+    if kind in FIXED_SIZES:
+        return (), FIXED_SIZES[kind]
+    size = problem.get(SIZE_KEYS.get(kind, ""))
+    return ((SIZE_KEYS[kind],), size) if isinstance(size, int) else None
 
 
 def _coordinates(size: int) -> str:
@@ -120,7 +138,8 @@ def _coordinates(size: int) -> str:
 
 def _check_pieces(problem: Mapping[str, Any], complain: Complain) -> None:
     """Every piece but the last has an end; the ends increase and lie inside of (0, T)."""
-    forcing = problem.get("forcing")
+    force = force_key(problem)
+    forcing = problem.get(force)
     pieces = forcing.get("pieces") if isinstance(forcing, Mapping) else None
     if not isinstance(pieces, list):
         return
@@ -129,7 +148,7 @@ def _check_pieces(problem: Mapping[str, Any], complain: Complain) -> None:
     for index, piece in enumerate(pieces):
         if not isinstance(piece, Mapping):
             continue
-        key: KeyPath = ("forcing", "pieces", index)
+        key: KeyPath = (force, "pieces", index)
         last = index == len(pieces) - 1
         until = piece.get("until")
         if until is INVALID:
@@ -159,9 +178,10 @@ def _check_values(problem: Mapping[str, Any], complain: Complain) -> None:
     everywhere = np.concatenate([[0.0], inside])
     _try(problem.get("exact"), ("exact",), everywhere, complain)
     _try(problem.get("function"), ("function",), everywhere, complain)
-    forcing = problem.get("forcing")
+    force = force_key(problem)
+    forcing = problem.get(force)
     if not isinstance(forcing, Mapping):
-        _try(forcing, ("forcing",), inside, complain)
+        _try(forcing, (force,), inside, complain)
         return
     begin = 0.0
     pieces = forcing.get("pieces")
@@ -172,7 +192,7 @@ def _check_values(problem: Mapping[str, Any], complain: Complain) -> None:
         if not isinstance(end, float) or not begin < end <= final_time:
             return
         times = begin + (end - begin) * np.arange(1, _TRIALS + 1) / _TRIALS
-        _try(piece.get("value"), ("forcing", "pieces", index, "value"), times, complain)
+        _try(piece.get("value"), (force, "pieces", index, "value"), times, complain)
         begin = end
 
 

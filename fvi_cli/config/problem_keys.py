@@ -7,7 +7,7 @@ from typing import Final
 
 from fvi_cli.config.document import Node, ScalarNode
 from fvi_cli.config.records import ByForm, ByKind, Key, ListOf, Record, Refusal
-from fvi_cli.config.shapes import OPTIONAL, Choice, Formula, Matrix, Number
+from fvi_cli.config.shapes import OPTIONAL, Choice, Formula, Integer, Matrix, Number, Text
 
 
 def _alpha(node: Node) -> str:
@@ -106,6 +106,13 @@ def _damping(default_order: float) -> Key:
                 shape=_NUMBER_OR_SYMMETRIC,
                 meaning="Factor mu, a number or a symmetric matrix (mass times time^(gamma-2)).",
             ),
+            Key(
+                name="acts_on",
+                shape=ListOf(shape=Text(what="a linear combination"), example="[x2 - x1]"),
+                meaning="Coordinates or linear combinations of them on which the term acts, one "
+                "per row of the coefficient; without it: every coordinate.",
+                default=OPTIONAL,
+            ),
         ),
         refused=_WRONG_NAMES,
     )
@@ -117,7 +124,35 @@ def _damping(default_order: float) -> Key:
     )
 
 
-def _scene_keys(*, own: tuple[Key, ...], default_order: float) -> Record:
+def _dampers(name: str, meaning: str) -> Key:
+    term = Record(
+        keys=(
+            Key(
+                name="order",
+                shape=Number(above=0.0, below=2.0),
+                meaning="Order gamma of the derivative in the equation of motion (no unit).",
+            ),
+            Key(name="coefficient", shape=Number(), meaning="Factor of the derivative."),
+        ),
+        refused=_WRONG_NAMES,
+    )
+    return Key(
+        name=name,
+        shape=ListOf(shape=term, least=0, example="[{order: 0.5, coefficient: 0.2}]"),
+        meaning=meaning,
+        default=[],
+    )
+
+
+_FORCE: Final = Key(
+    name="forcing",
+    shape=_FORCING,
+    meaning="Force f(t): number or expression in t, one per coordinate, or pieces.",
+    default="0",
+)
+
+
+def _scene_keys(*, own: tuple[Key, ...], default_order: float, forcing: Key = _FORCE) -> Record:
     return Record(
         keys=(
             *own,
@@ -128,12 +163,7 @@ def _scene_keys(*, own: tuple[Key, ...], default_order: float) -> Record:
                 meaning="caputo: D acts on q - q(0) (orders above 1: also - q'(0) t).",
                 default="caputo",
             ),
-            Key(
-                name="forcing",
-                shape=_FORCING,
-                meaning="Force f(t): number or expression in t, one per coordinate, or pieces.",
-                default="0",
-            ),
+            forcing,
             Key(
                 name="initial",
                 shape=_INITIAL,
@@ -175,11 +205,142 @@ _OMEGA: Final = Key(
     default=1.0,
 )
 
+_MASS_NUMBER: Final = Key(
+    name="mass", shape=Number(above=0.0), meaning="Mass (unit of mass).", default=1.0
+)
+_DUFFING: Final = (
+    _MASS_NUMBER,
+    Key(
+        name="stiffness",
+        shape=Number(),
+        meaning="k of the linear force k x; negative for a double well (mass per time^2).",
+        default=1.0,
+    ),
+    Key(
+        name="cubic_stiffness",
+        shape=Number(),
+        meaning="Factor of x^3 in the force (mass per time^2 and length^2).",
+        default=1.0,
+    ),
+)
+_KEPLER: Final = (
+    Key(
+        name="attraction",
+        shape=Number(),
+        meaning="k of the force k q/|q|^3 on a unit mass (length^3 per time^2).",
+        default=1.0,
+    ),
+)
+_CHAIN: Final = (
+    Key(
+        name="masses",
+        shape=Integer(least=1, most=1000),
+        meaning="Number n of masses; the coordinates are x1 ... xn (x if there is one).",
+        default=10,
+    ),
+    _MASS_NUMBER,
+    Key(
+        name="stiffness",
+        shape=Number(),
+        meaning="k of the spring between neighbours (mass per time^2).",
+        default=1.0,
+    ),
+    Key(
+        name="ends",
+        shape=Choice(words=("both", "left", "none")),
+        meaning="Which ends of the chain are tied to a wall by a spring and its dampers.",
+        default="both",
+    ),
+    _dampers(
+        "dampers",
+        "Fractional dampers c D^gamma beside every spring (c: mass times time^(gamma-2)).",
+    ),
+)
+_PER_STOREY: Final = ByForm(
+    single=Number(above=0.0), several=ListOf(shape=Number(above=0.0), example="[2.0, 1.0]")
+)
+_FRAME: Final = (
+    Key(
+        name="storeys",
+        shape=Integer(least=1, most=1000),
+        meaning="Number n of storeys; x1 ... xn are their displacements against the ground.",
+        default=3,
+    ),
+    Key(
+        name="mass",
+        shape=_PER_STOREY,
+        meaning="Mass of every storey, or a list from the ground up (unit of mass).",
+        default=1.0,
+    ),
+    Key(
+        name="stiffness",
+        shape=_PER_STOREY,
+        meaning="Shear stiffness of every storey, or a list (mass per time^2).",
+        default=1.0,
+    ),
+    _dampers(
+        "dampers",
+        "Fractional dampers c D^gamma between storeys (c: mass times time^(gamma-2)).",
+    ),
+)
+_GROUND: Final = Key(
+    name="ground_acceleration",
+    shape=ByForm(single=_FORCING.single, mapping=_FORCING.mapping),
+    meaning="Acceleration a(t) of the ground: number or expression in t, or pieces "
+    "(length per time^2).",
+    default="0",
+)
+_STRING: Final = (
+    Key(
+        name="modes",
+        shape=Integer(least=1, most=1000),
+        meaning="Number n of sine modes; the coordinates x1 ... xn are their amplitudes.",
+        default=8,
+    ),
+    Key(
+        name="wave_speed",
+        shape=Number(above=0.0),
+        meaning="c, the speed of waves (length per time).",
+        default=1.0,
+    ),
+    Key(
+        name="length",
+        shape=Number(above=0.0),
+        meaning="L, the distance of the ends (length).",
+        default=1.0,
+    ),
+    Key(
+        name="pluck",
+        shape=Record(
+            keys=(
+                Key(
+                    name="at",
+                    shape=Number(above=0.0, below=1.0),
+                    meaning="Place, as a fraction of the length (no unit).",
+                    default=0.5,
+                ),
+                Key(name="height", shape=Number(), meaning="Height there (length).", default=0.0),
+            )
+        ),
+        meaning="A triangle that is added to the initial position.",
+        default={"at": 0.5, "height": 0.0},
+    ),
+    _dampers(
+        "internal_damping",
+        "Terms -eta D^gamma u_ss of the material (eta: length^2 times time^(gamma-2)).",
+    ),
+)
+
 PROBLEM: Final = ByKind(
     kinds={
         "damped-oscillator": _scene_keys(own=(_MASS, _STIFFNESS), default_order=1.0),
         "bagley-torvik": _scene_keys(own=(_MASS, _STIFFNESS), default_order=1.5),
         "pendulum": _scene_keys(own=(_OMEGA,), default_order=1.0),
+        "duffing": _scene_keys(own=_DUFFING, default_order=1.0),
+        "kepler": _scene_keys(own=_KEPLER, default_order=1.0),
+        "chain": _scene_keys(own=_CHAIN, default_order=1.0),
+        "frame": _scene_keys(own=_FRAME, default_order=1.0, forcing=_GROUND),
+        "string": _scene_keys(own=_STRING, default_order=1.0),
         "fractional-derivative": Record(
             keys=(
                 Key(

@@ -62,6 +62,34 @@ _EXAMPLES: Final[dict[str, dict[str, str]]] = {
         "initial": "{position: 1.0, velocity: 0.0}",
         "final_time": "20.0",
     },
+    "duffing": {
+        "damping": "[{order: 0.5, coefficient: 0.2}]",
+        "initial": "{position: 1.0, velocity: 0.0}",
+        "final_time": "10.0",
+    },
+    "kepler": {
+        "damping": "[{order: 0.5, coefficient: 0.01}]",
+        "initial": "{position: [1.0, 0.0], velocity: [0.0, 1.0]}",
+        "final_time": "10.0",
+    },
+    "chain": {
+        "masses": "3",
+        "dampers": "[{order: 0.5, coefficient: 0.2}]",
+        "initial": "{position: [1.0, 0.0, 0.0], velocity: 0.0}",
+        "final_time": "10.0",
+    },
+    "frame": {
+        "stiffness": "10.0",
+        "dampers": "[{order: 0.5, coefficient: 0.5}]",
+        "ground_acceleration": "t**3*exp(-t)*sin(3*t)",
+        "final_time": "8.0",
+    },
+    "string": {
+        "modes": "4",
+        "pluck": "{at: 0.3, height: 0.1}",
+        "internal_damping": "[{order: 0.5, coefficient: 0.01}]",
+        "final_time": "2.0",
+    },
     "fractional-derivative": {
         "order": "0.5",
         "function": "t**2*sin(t)",
@@ -92,7 +120,7 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
         )
     derivative = kind == "fractional-derivative"
     lines = [
-        f"# {EQUATIONS[kind]}",
+        *_comment(EQUATIONS[kind], ""),
         f"name: {name or f'my-{kind}'}",
         "",
         "problem:",

@@ -256,6 +256,29 @@ class Formula:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Text:
+    """A text that is read later, when the names in it are known."""
+
+    what: str = "a text"
+
+    @property
+    def expected(self) -> str:
+        """What is allowed."""
+        return self.what
+
+    def read(self, node: Node, path: KeyPath, complaints: Complaints) -> Any:
+        """The text as written; a number stands for itself."""
+        if not isinstance(node, ScalarNode) or node.value is None or isinstance(node.value, bool):
+            complaints.add(node.place, path, needed(node, self.expected))
+            return INVALID
+        return node.value if isinstance(node.value, str) else repr(node.value)
+
+    def schema(self) -> Schema:
+        """The shape in JSON schema."""
+        return {"type": ["number", "string"]}
+
+
+@dataclass(frozen=True, kw_only=True)
 class Matrix:
     """A symmetric matrix as a list of rows, positive definite if asked for."""
 

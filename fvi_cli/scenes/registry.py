@@ -10,12 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.directions import Directions
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
 from fvi_cli.mathematics.power_series import SeriesError, expand
+from fvi_cli.scenes.chains import chain, frame, string
 from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
+from fvi_cli.scenes.nonlinear import duffing, kepler
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 
 Array = NDArray[np.float64]
@@ -26,8 +29,22 @@ EQUATIONS: Mapping[str, str] = {
     "damped-oscillator": "M x'' + sum mu D^gamma x + K x = f(t)",
     "bagley-torvik": "M x'' + sum mu D^gamma x + K x = f(t)",
     "pendulum": "x'' + sum mu D^gamma x + omega^2 sin x = f(t)",
+    "duffing": "mass x'' + sum mu D^gamma x + stiffness x + cubic_stiffness x^3 = f(t)",
+    "kepler": "q'' + sum mu D^gamma q + attraction q/|q|^3 = f(t), q = (x, y)",
+    "chain": "mass x_i'' + (stiffness + sum c D^gamma) (2 x_i - x_(i-1) - x_(i+1)) + sum mu "
+    "D^gamma x_i = f_i(t)",
+    "frame": "mass_i x_i'' + s_i - s_(i+1) + sum mu D^gamma x_i = -mass_i a(t), s_i = (stiffness_i "
+    "+ sum c D^gamma) (x_i - x_(i-1))",
+    "string": "u_tt + sum mu D^gamma u - sum eta D^gamma u_ss = wave_speed^2 u_ss in sine modes "
+    "x1, x2, ...",
     "fractional-derivative": "y = D^gamma f (Caputo)",
 }
+
+SIZE_KEYS: Mapping[str, str] = {"chain": "masses", "frame": "storeys", "string": "modes"}
+"""Where a scene says how many coordinates it has."""
+
+FIXED_SIZES: Mapping[str, int] = {"pendulum": 1, "duffing": 1, "kepler": 2}
+"""Numbers of coordinates of scenes that cannot have another."""
 
 
 def build_problem(specification: Mapping[str, Any]) -> AnyProblem:
@@ -59,20 +76,41 @@ def _scene(kind: str, specification: Mapping[str, Any]) -> Scene:
     initial = specification.get("initial", {})
     position = initial.get("position", 0.0)
     velocity = initial.get("velocity", 0.0)
-    dimension = _dimension(specification, position)
+    dimension = _dimension(kind, specification, position)
+    names = coordinate_names(kind, dimension)
     common: dict[str, Any] = {
         "final_time": float(specification["final_time"]),
         "damping": [
-            _damping(entry, index, dimension)
+            _damping(entry, index, names)
             for index, entry in enumerate(specification.get("damping", ()))
         ],
-        "forcing": build_forcing(specification.get("forcing", 0), dimension),
         "initial_position": _vector(position, dimension),
         "initial_velocity": _vector(velocity, dimension),
         "derivative": cast(Derivative, specification.get("derivative", "caputo")),
     }
-    if kind == "pendulum":
-        return pendulum(omega=float(specification.get("omega", 1.0)), **common)
+    own: dict[str, Any] = {
+        key: specification[key] for key in _OWN_KEYS.get(kind, ()) if key in specification
+    }
+    if kind == "frame":
+        acceleration = build_forcing(
+            specification.get("ground_acceleration", 0), 1, "ground_acceleration"
+        )
+        return frame(
+            ground_acceleration=acceleration, dampers=_dampers(specification), **own, **common
+        )
+    common["forcing"] = build_forcing(specification.get("forcing", 0), dimension)
+    if kind == "chain":
+        return chain(dampers=_dampers(specification), **own, **common)
+    if kind == "string":
+        pluck = specification.get("pluck")
+        return string(
+            pluck=None if pluck is None else (float(pluck["at"]), float(pluck["height"])),
+            internal_damping=_dampers(specification, "internal_damping"),
+            **own,
+            **common,
+        )
+    if kind in _BUILDERS:
+        return _BUILDERS[kind](**own, **common)
     return linear_oscillator(
         mass=_matrix(specification.get("mass", 1.0), dimension),
         stiffness=_matrix(specification.get("stiffness", 1.0), dimension),
@@ -80,8 +118,36 @@ def _scene(kind: str, specification: Mapping[str, Any]) -> Scene:
     )
 
 
-def _dimension(specification: Mapping[str, Any], position: object) -> int:
-    """The largest size that any entry has; the others must fit."""
+_BUILDERS: Mapping[str, Callable[..., Scene]] = {
+    "pendulum": pendulum,
+    "duffing": duffing,
+    "kepler": kepler,
+}
+_OWN_KEYS: Mapping[str, tuple[str, ...]] = {
+    "pendulum": ("omega",),
+    "duffing": ("mass", "stiffness", "cubic_stiffness"),
+    "kepler": ("attraction",),
+    "chain": ("masses", "mass", "stiffness", "ends"),
+    "frame": ("storeys", "mass", "stiffness"),
+    "string": ("modes", "wave_speed", "length"),
+}
+
+
+def coordinate_names(kind: str, dimension: int) -> tuple[str, ...]:
+    """Names of the coordinates of a scene, as ``acts_on`` knows them."""
+    if kind == "kepler":
+        return ("x", "y")
+    if dimension == 1:
+        return ("x",)
+    return tuple(f"x{index}" for index in range(1, dimension + 1))
+
+
+def _dimension(kind: str, specification: Mapping[str, Any], position: object) -> int:
+    """What the kind says; otherwise the largest size of any entry, which the others must fit."""
+    if kind in FIXED_SIZES:
+        return FIXED_SIZES[kind]
+    if kind in SIZE_KEYS:
+        return int(specification[SIZE_KEYS[kind]])
     entries = [position, *(specification.get(key, 1.0) for key in ("mass", "stiffness"))]
     return max(int(np.atleast_1d(np.asarray(entry)).shape[0]) for entry in entries)
 
@@ -96,22 +162,36 @@ def _vector(value: object, dimension: int) -> Array:
     return np.full(dimension, vector[0]) if np.shape(np.asarray(value)) == () else vector
 
 
-def _damping(entry: Mapping[str, Any], index: int, dimension: int) -> FractionalDamping:
+def _damping(
+    entry: Mapping[str, Any], index: int, coordinates: tuple[str, ...]
+) -> FractionalDamping:
+    acts_on = entry.get("acts_on")
     try:
-        return FractionalDamping(
-            order=float(entry["order"]), coefficient=_matrix(entry["coefficient"], dimension)
-        )
+        if acts_on is None:
+            coefficient = _matrix(entry["coefficient"], len(coordinates))
+        else:
+            directions = Directions.from_text([str(text) for text in acts_on], coordinates)
+            coefficient = directions.matrix(entry["coefficient"])
+        return FractionalDamping(order=float(entry["order"]), coefficient=coefficient)
     except ValueError as error:
         raise ValueError(f"damping.{index}.{error}") from None
 
 
-def build_forcing(value: object, dimension: int) -> Forcing | None:
+def _dampers(
+    specification: Mapping[str, Any], key: str = "dampers"
+) -> tuple[tuple[float, float], ...]:
+    return tuple(
+        (float(entry["order"]), float(entry["coefficient"])) for entry in specification.get(key, ())
+    )
+
+
+def build_forcing(value: object, dimension: int, key: str = "forcing") -> Forcing | None:
     """A force from an expression, a list of them, or ``{pieces: [...]}``; None when it is 0.
 
     Raises
     ------
     ValueError
-        ``forcing...: what is wrong``.
+        ``<key>...: what is wrong``.
     """
     if isinstance(value, Mapping):
         pieces = []
@@ -119,13 +199,13 @@ def build_forcing(value: object, dimension: int) -> Forcing | None:
             pieces.append(
                 ForcingPiece(
                     components=_expressions(
-                        piece["value"], dimension, f"forcing.pieces.{index}.value", ("t",)
+                        piece["value"], dimension, f"{key}.pieces.{index}.value", ("t",)
                     ),
                     until=float(piece.get("until", math.inf)),
                 )
             )
         return Forcing(pieces=tuple(pieces))
-    components = _expressions(value, dimension, "forcing", ("t",))
+    components = _expressions(value, dimension, key, ("t",))
     if all(e.is_constant and e.evaluate({}, NUMPY_FUNCTIONS) == 0 for e in components):
         return None
     return Forcing(pieces=(ForcingPiece(components=components),))

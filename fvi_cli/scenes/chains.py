@@ -1,0 +1,287 @@
+"""Scenes of many equal parts: a chain of masses, a building, a string."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.matrices import Array
+from fvi_cli.effects.scene import Derivative, Scene
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.named import linear_oscillator
+
+Ends = Literal["both", "left", "none"]
+Damper = tuple[float, float]
+"""Order and coefficient of a damper that stands beside every spring."""
+
+
+def neighbour_matrix(masses: int, ends: Ends) -> Array:
+    r"""The matrix of :math:`\sum (x_{i+1} - x_i)^2`, with walls at the ends that are fixed.
+
+    Parameters
+    ----------
+    masses
+        Number n of masses.
+    ends
+        Which ends are tied to a wall: ``both``, ``left`` or ``none``.
+
+    Raises
+    ------
+    ValueError
+        For another word, or no mass at all.
+    """
+    if ends not in ("both", "left", "none"):
+        raise ValueError(f"ends: {ends!r} is not one of both, left, none")
+    if masses < 1:
+        raise ValueError(f"masses: {masses!r} is not allowed; there must be at least 1")
+    matrix = 2.0 * np.eye(masses) - np.eye(masses, k=1) - np.eye(masses, k=-1)
+    if ends == "none":
+        matrix[0, 0] -= 1.0
+    if ends != "both":
+        matrix[-1, -1] -= 1.0
+    return matrix
+
+
+def chain(
+    *,
+    final_time: float,
+    masses: int = 10,
+    mass: float = 1.0,
+    stiffness: float = 1.0,
+    ends: Ends = "both",
+    dampers: Sequence[Damper] = (),
+    damping: Sequence[FractionalDamping] = (),
+    forcing: Forcing | None = None,
+    initial_position: ArrayLike = 0.0,
+    initial_velocity: ArrayLike = 0.0,
+    derivative: Derivative = "caputo",
+) -> Scene:
+    r"""Scene of n equal masses in a row with a spring and fractional dampers between neighbours.
+
+    .. math:: m x_i'' + \Bigl(k + \sum_j c_j D^{\gamma_j}\Bigr) (2 x_i - x_{i-1} - x_{i+1})
+              + \sum_j \mu_j D^{\gamma_j} x_i = f_i(t),
+
+    with :math:`x_0 = x_{n+1} = 0` at walls; at a free end the missing neighbour pulls with nothing.
+
+    Parameters
+    ----------
+    masses, mass, stiffness
+        n, m and k.
+    ends
+        Which ends are tied to a wall: ``both``, ``left`` or ``none``.
+    dampers
+        Pairs of order and coefficient c of the dampers beside every spring.
+    damping
+        Further terms :math:`\mu D^\gamma x`, to the ground.
+    """
+    neighbours = neighbour_matrix(masses, ends)
+    beside = tuple(
+        FractionalDamping(order=order, coefficient=coefficient * neighbours)
+        for order, coefficient in dampers
+    )
+    return linear_oscillator(
+        final_time=final_time,
+        mass=mass * np.eye(masses),
+        stiffness=stiffness * neighbours,
+        damping=(*beside, *damping),
+        forcing=forcing,
+        initial_position=_vector(initial_position, masses),
+        initial_velocity=_vector(initial_velocity, masses),
+        derivative=derivative,
+    )
+
+
+def shear_matrix(stiffness: ArrayLike) -> Array:
+    r"""Matrix of :math:`\sum k_i (x_i - x_{i-1})^2` with :math:`x_0 = 0`, the ground.
+
+    Parameters
+    ----------
+    stiffness
+        The n values :math:`k_i`, from the ground up.
+    """
+    values = np.atleast_1d(np.asarray(stiffness, dtype=float))
+    above = np.append(values[1:], 0.0)
+    matrix = np.diag(values + above)
+    n = values.size
+    matrix[np.arange(n - 1), np.arange(1, n)] = -values[1:]
+    matrix[np.arange(1, n), np.arange(n - 1)] = -values[1:]
+    return matrix
+
+
+def ground_force(acceleration: Forcing, masses: Array) -> Forcing:
+    r"""The force :math:`-m_i a(t)` on every storey, in coordinates that move with the ground.
+
+    Raises
+    ------
+    ValueError
+        If the acceleration has more than one component.
+    """
+    if acceleration.dimension != 1:
+        raise ValueError(
+            f"ground_acceleration: {acceleration.dimension} components, but the ground has one"
+        )
+    pieces = []
+    for piece in acceleration.pieces:
+        (component,) = piece.components
+        by_mass = {
+            m: Expression.parse(f"-({m!r})*({component.text})", variables=component.variables)
+            for m in {float(m) for m in masses}
+        }
+        pieces.append(
+            ForcingPiece(components=tuple(by_mass[float(m)] for m in masses), until=piece.until)
+        )
+    return Forcing(pieces=tuple(pieces))
+
+
+def frame(
+    *,
+    final_time: float,
+    storeys: int = 3,
+    mass: ArrayLike = 1.0,
+    stiffness: ArrayLike = 1.0,
+    ground_acceleration: Forcing | None = None,
+    dampers: Sequence[Damper] = (),
+    damping: Sequence[FractionalDamping] = (),
+    initial_position: ArrayLike = 0.0,
+    initial_velocity: ArrayLike = 0.0,
+    derivative: Derivative = "caputo",
+) -> Scene:
+    r"""Scene of a building of n storeys that shear, shaken by the ground.
+
+    With :math:`x_i` the displacement of storey i against the ground, :math:`x_0 = 0`, and the
+    shear :math:`s_i = \bigl(k_i + \sum_j c_j D^{\gamma_j}\bigr) (x_i - x_{i-1})` (viscoelastic
+    walls or dampers),
+
+    .. math:: m_i x_i'' + s_i - s_{i+1} + \sum_j \mu_j D^{\gamma_j} x_i = -m_i a(t).
+
+    Parameters
+    ----------
+    storeys
+        n.
+    mass, stiffness
+        :math:`m_i` and :math:`k_i` from the ground up; a number is the same for every storey.
+    ground_acceleration
+        a(t), one component; None: the ground rests.
+    dampers
+        Pairs of order and coefficient c of the dampers between storeys.
+    damping
+        Further terms :math:`\mu D^\gamma x`.
+
+    Raises
+    ------
+    ValueError
+        For lists of another length than n.
+    """
+    masses = _per_part(mass, storeys, "mass")
+    springs = _per_part(stiffness, storeys, "stiffness")
+    unit = shear_matrix(np.ones(storeys))
+    between = tuple(
+        FractionalDamping(order=order, coefficient=coefficient * unit)
+        for order, coefficient in dampers
+    )
+    forcing = None
+    if ground_acceleration is not None:
+        forcing = ground_force(ground_acceleration, masses)
+    return linear_oscillator(
+        final_time=final_time,
+        mass=np.diag(masses),
+        stiffness=shear_matrix(springs),
+        damping=(*between, *damping),
+        forcing=forcing,
+        initial_position=_vector(initial_position, storeys),
+        initial_velocity=_vector(initial_velocity, storeys),
+        derivative=derivative,
+    )
+
+
+def pluck_amplitudes(modes: int, at: float, height: float) -> Array:
+    r"""Sine coefficients of a triangle of `height` at the fraction `at` of the length.
+
+    .. math:: q_j = \frac{2 H}{j^2 \pi^2 a (1 - a)} \sin(j \pi a), \quad j = 1..n
+
+    Raises
+    ------
+    ValueError
+        If `at` does not lie in (0, 1).
+    """
+    if not 0.0 < at < 1.0:
+        raise ValueError(f"pluck.at: {at!r} is not allowed; it must lie in (0, 1)")
+    j = np.arange(1, modes + 1)
+    return np.asarray(2.0 * height * np.sin(j * np.pi * at) / (j**2 * np.pi**2 * at * (1.0 - at)))
+
+
+def string(
+    *,
+    final_time: float,
+    modes: int = 8,
+    wave_speed: float = 1.0,
+    length: float = 1.0,
+    pluck: tuple[float, float] | None = None,
+    internal_damping: Sequence[Damper] = (),
+    damping: Sequence[FractionalDamping] = (),
+    forcing: Forcing | None = None,
+    initial_position: ArrayLike = 0.0,
+    initial_velocity: ArrayLike = 0.0,
+    derivative: Derivative = "caputo",
+) -> Scene:
+    r"""Scene of the first n modes of a string that is held at both ends.
+
+    .. math:: u_{tt} + \sum_j \mu_j D_t^{\gamma_j} u - \sum_j \eta_j D_t^{\gamma_j} u_{ss}
+              = c^2 u_{ss}, \qquad u = \sum_{j=1}^{n} x_j(t) \sin(j \pi s / L)
+
+    gives, because the sines do not know of each other,
+
+    .. math:: x_j'' + \sum_i \bigl(\mu_i + \eta_i \kappa_j^2\bigr) D^{\gamma_i} x_j
+              + c^2 \kappa_j^2 x_j = f_j(t), \qquad \kappa_j = j \pi / L .
+
+    Parameters
+    ----------
+    modes, wave_speed, length
+        n, c and L.
+    pluck
+        Place (as a fraction of L) and height of a triangle that is added to the initial position.
+    internal_damping
+        Pairs of order and :math:`\eta`: the material (fractional Kelvin-Voigt).
+    damping
+        The terms :math:`\mu D^\gamma u` of the medium around.
+
+    Raises
+    ------
+    ValueError
+        If the string is plucked outside of its ends.
+    """
+    wave_numbers = np.arange(1, modes + 1) * np.pi / length
+    position = _vector(initial_position, modes)
+    if pluck is not None:
+        position = position + pluck_amplitudes(modes, *pluck)
+    internal = tuple(
+        FractionalDamping(order=order, coefficient=np.diag(coefficient * wave_numbers**2))
+        for order, coefficient in internal_damping
+    )
+    return linear_oscillator(
+        final_time=final_time,
+        mass=np.eye(modes),
+        stiffness=np.diag((wave_speed * wave_numbers) ** 2),
+        damping=(*internal, *damping),
+        forcing=forcing,
+        initial_position=position,
+        initial_velocity=_vector(initial_velocity, modes),
+        derivative=derivative,
+    )
+
+
+def _vector(value: ArrayLike, size: int) -> Array:
+    vector = np.asarray(value, dtype=float)
+    return np.full(size, float(vector)) if vector.ndim == 0 else vector
+
+
+def _per_part(value: ArrayLike, size: int, name: str) -> Array:
+    vector = _vector(value, size)
+    if vector.shape != (size,):
+        raise ValueError(f"{name}: {vector.size} entries for {size} storeys")
+    return vector

@@ -1,0 +1,109 @@
+"""Scenes with nonlinear potentials and a constant mass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.potential import ExpressionPotential
+from fvi_cli.effects.scene import Derivative, Scene
+from fvi_cli.mathematics.expressions import Expression
+
+
+def duffing(
+    *,
+    final_time: float,
+    mass: float = 1.0,
+    stiffness: float = 1.0,
+    cubic_stiffness: float = 1.0,
+    damping: Sequence[FractionalDamping] = (),
+    forcing: Forcing | None = None,
+    initial_position: ArrayLike = 0.0,
+    initial_velocity: ArrayLike = 0.0,
+    derivative: Derivative = "caputo",
+) -> Scene:
+    r"""Scene of :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x + k_3 x^3 = f(t)`.
+
+    Parameters
+    ----------
+    stiffness, cubic_stiffness
+        k and :math:`k_3`; with k < 0 < :math:`k_3` the potential has two wells.
+    """
+    names = ("x", "k", "c")
+    potential = ExpressionPotential(
+        coordinates=("x",),
+        parameters={"k": float(stiffness), "c": float(cubic_stiffness)},
+        energy_expression=Expression.parse("x*x*(k/2 + c/4*x*x)", variables=names),
+        gradient_expressions=(Expression.parse("x*(k + c*x*x)", variables=names),),
+        hessian_expressions=((Expression.parse("k + 3*c*x*x", variables=names),),),
+    )
+    return Scene(
+        inertia=Inertia(mass=np.array([[float(mass)]])),
+        potential=potential,
+        damping=tuple(damping),
+        forcing=forcing,
+        initial_position=np.atleast_1d(np.asarray(initial_position, dtype=float)),
+        initial_velocity=np.atleast_1d(np.asarray(initial_velocity, dtype=float)),
+        final_time=final_time,
+        derivative=derivative,
+    )
+
+
+def kepler(
+    *,
+    final_time: float,
+    attraction: float = 1.0,
+    damping: Sequence[FractionalDamping] = (),
+    forcing: Forcing | None = None,
+    initial_position: ArrayLike = (1.0, 0.0),
+    initial_velocity: ArrayLike = (0.0, 1.0),
+    derivative: Derivative = "caputo",
+) -> Scene:
+    r"""Scene of a unit mass in the plane around a centre, with fractional drag.
+
+    .. math:: q'' + \sum_j \mu_j D^{\gamma_j} q + k q / |q|^3 = f(t), \qquad q = (x, y)
+
+    Parameters
+    ----------
+    attraction
+        k, the gravitational parameter.
+
+    Raises
+    ------
+    ValueError
+        If the motion begins in the centre, where the force is infinite.
+    """
+    position = np.asarray(initial_position, dtype=float)
+    if position.shape == (2,) and not np.any(position != 0):
+        raise ValueError("initial_position: the force is infinite in the centre, x = y = 0")
+    names = ("x", "y", "k")
+
+    def parse(text: str) -> Expression:
+        return Expression.parse(text.replace("R", "(x*x + y*y)"), variables=names)
+
+    mixed = parse("-3*k*x*y*R**-2.5")
+    potential = ExpressionPotential(
+        coordinates=("x", "y"),
+        parameters={"k": float(attraction)},
+        energy_expression=parse("-k*R**-0.5"),
+        gradient_expressions=(parse("k*x*R**-1.5"), parse("k*y*R**-1.5")),
+        hessian_expressions=(
+            (parse("k*(y*y - 2*x*x)*R**-2.5"), mixed),
+            (mixed, parse("k*(x*x - 2*y*y)*R**-2.5")),
+        ),
+    )
+    return Scene(
+        inertia=Inertia(mass=np.eye(2)),
+        potential=potential,
+        damping=tuple(damping),
+        forcing=forcing,
+        initial_position=position,
+        initial_velocity=np.asarray(initial_velocity, dtype=float),
+        final_time=final_time,
+        derivative=derivative,
+    )
