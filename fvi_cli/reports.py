@@ -109,29 +109,6 @@ def studies(outcomes: Sequence[Outcome]) -> list[tuple[Experiment, tuple[Finishe
     return [(outcome.experiment, outcome.finished) for outcome in outcomes]
 
 
-def write_order_tables(
-    name: str, outcomes: Sequence[Outcome], output: Path
-) -> tuple[str, list[Path]]:
-    """Write order tables under ``tables/`` in `output`; returns the summary and the paths."""
-    from fvi_cli.output.tables import summary_text, write_tables
-
-    tables = _order_tables(outcomes)
-    return summary_text(name, tables), write_tables(output / "tables", name, tables)
-
-
-def compare_with_stored(name: str, outcomes: Sequence[Outcome], output: Path) -> list[str]:
-    """One line for everything in which the stored order tables differ; writes nothing."""
-    from fvi_cli.output.tables import compare_with_tables
-
-    return compare_with_tables(output / "tables", name, _order_tables(outcomes))
-
-
-def _order_tables(outcomes: Sequence[Outcome]) -> list[OrderTable]:
-    from fvi_cli.experiments.order import order_table
-
-    return [order_table(experiment, finished) for experiment, finished in studies(outcomes)]
-
-
 def order_tables(outcomes: Sequence[Outcome]) -> list[OrderTable]:
     """One table of orders for every experiment."""
     return [order_table(outcome.experiment, outcome.finished) for outcome in outcomes]

@@ -375,6 +375,15 @@ def test_published_orders_that_are_not_met_or_not_asymptotic_are_told():
     assert "asymptotic:" not in tables.rendered("made-up", [table_of(bent)])["md"]
 
 
+def test_a_slope_that_misses_the_finest_order_is_pre_asymptotic_though_none_is_expected():
+    def unknown(run: Run) -> FinishedRun:
+        return dataclasses.replace(bent(run), expected_order=math.nan)
+
+    made = table_of(unknown, experiment([BDF2], claims={"bdf2": 1.7}))
+    text = tables.rendered("a", [made])["md"]
+    assert "pre-asymptotic: the order between N = 8 and 16 is 1.00." in text
+
+
 def test_a_slope_that_misses_the_expected_order_is_pre_asymptotic_though_pairs_agree():
     def straight(run: Run) -> FinishedRun:
         return finished(run, run.n_steps**-1.78, expected_order=1.5)
@@ -581,7 +590,7 @@ def test_a_wide_grid_is_split_between_groups_and_repeats_its_keys():
         summary_rows=(header,),
         groups=(2,) * 5,
     )
-    parts = split_wide(grid, widest=3 * 4 + 6 * 5)
+    parts = split_wide(grid, widest=4 + 8 * 5)
     # balanced: three and two groups, not four and one
     assert [part.header for part in parts] == [
         ("N", "a1", "a2", "b1", "b2", "c1", "c2"),
@@ -626,6 +635,12 @@ def test_hostile_words_are_letters_in_latex():
         r"\textbackslash{}o[p] q"
     )
     assert escape_latex("ü and γ") == "ü and U+03B3"
+
+
+def test_a_bracket_is_no_argument_of_the_end_of_a_row():
+    text = to_latex([Grid(header=("[a]", "b"), rows=(("[1pt]", "2"),), text_columns=2)])
+    assert "\n{}[a] & b" in text
+    assert "\n{}[1pt] & 2" in text
 
 
 def check_latex(text: str) -> int:
@@ -844,6 +859,20 @@ def test_every_change_of_a_case_is_told(changes, told):
     case = dataclasses.replace(BASE.cases[0], **changes)
     lines = differences(dataclasses.replace(BASE, cases=(case, BASE.cases[1])), BASE)
     assert told in "\n".join(lines)
+
+
+def test_another_order_of_experiments_is_told():
+    other = dataclasses.replace(BASE, experiment="other")
+    lines = tables.compare_tables([BASE, other], [other, BASE])
+    assert lines == ["experiments are in another order"]
+
+
+def test_a_slope_that_does_not_belong_to_its_rows_is_told_whatever_the_floor():
+    made = near_the_floor(1.0)
+    case = dataclasses.replace(made.cases[0], slope=7.0)
+    stored = dataclasses.replace(made, cases=(case, made.cases[1]))
+    (line,) = tables.compare_tables([stored], [made])
+    assert "slope: 7.0 is stored; its own rows give" in line
 
 
 def test_a_slope_may_differ_a_little():
