@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.expansion import Expansion, solution_expansion
 from fvi_cli.integrator.known_part import (
     KnownPart,
     forcing_powers,
@@ -16,7 +17,6 @@ from fvi_cli.integrator.known_part import (
     settled_method,
 )
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.integrator.start import Expansion, solution_expansion
 from fvi_cli.mathematics.power_series import SeriesError
 
 Array = NDArray[np.float64]

@@ -18,8 +18,8 @@ from scipy.special import gamma as gamma_function
 from scipy.special import rgamma
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.expansion import solution_series
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.start import solution_series
 from fvi_cli.integrator.stepping import StepProblem, run_steps
 from fvi_cli.mathematics.bdf import convolution_weights
 

@@ -14,15 +14,17 @@ from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import ExpressionPotential, Potential, QuadraticPotential
 from fvi_cli.effects.scene import Derivative, Scene
-from fvi_cli.integrator.start import (
+from fvi_cli.integrator.expansion import (
     Expansion,
-    WindowRule,
     jump_expansion,
+    solution_expansion,
+    solution_series,
+)
+from fvi_cli.integrator.start import (
+    WindowRule,
     plan_jump,
     plan_start,
     residual_force,
-    solution_expansion,
-    solution_series,
     window_force,
 )
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
