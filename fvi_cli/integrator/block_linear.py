@@ -23,8 +23,12 @@ Array = NDArray[np.float64]
 
 LARGEST_DENSE = 2048
 """Block times samples times coupled components, at most."""
+LARGEST_BATCH = 2**19
+"""Entries of the matrices of all systems of a batch: large ones would not stay in the cache."""
 LARGEST_STRIP = 2**20
+"""Entries of the matrix that sums up a group's earlier blocks."""
 CHUNK_BLOCKS = 64
+"""Blocks whose outputs are made by one matrix product."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +49,8 @@ def block_sizes(system: LinearSystem, n_steps: int) -> BlockSizes | None:
     size = system.sample_size
     block = 128 if size == 1 else 64
     while block > 8 and (
-        block * size > LARGEST_DENSE or system.batch * (block * size) ** 2 > 2**22
+        block * size > LARGEST_DENSE
+        or (system.batch > 1 and system.batch * (block * size) ** 2 > LARGEST_BATCH)
     ):
         block //= 2
     if block * size > LARGEST_DENSE:

@@ -12,6 +12,7 @@ gives is a matrix times what goes into it. Inputs, in this order:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,84 +87,7 @@ class LinearSystem:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BlockResponse:
-    """Dense matrices of a block of B steps, each of shape ``(q, outputs, inputs)``.
-
-    Parameters
-    ----------
-    block
-        B.
-    samples
-        To the samples, ``(B, m, e)``.
-    position, momentum
-        To the increments of position and momentum of every step, ``(B, e)``.
-    force
-        To the damping force of every step, ``(B, m, e)``.
-    points
-        To the positions at the quadrature points relative to the start, ``(B, r, e)``.
-    carry
-        To the carry after every step, ``(B, m, e)``.
-    state
-        To the increments of position and momentum over the block and the carry after it,
-        ``(2e + m e)``.
-    """
-
-    block: int
-    samples: Array
-    position: Array
-    momentum: Array
-    force: Array
-    points: Array
-    carry: Array
-    state: Array
-
-
-def block_response(system: LinearSystem, block: int) -> BlockResponse:
-    """Matrices of `block` steps, from the responses to unit inputs in the first step."""
-    q, e = system.batch, system.coupled
-    s, me = system.tables.degree, system.sample_size
-    impulses = _first_step_responses(system, block)
-    n_state = system.state_size
-    widths = (me, n_state, (s + 1) * e)
-    history = slice(0, me)
-    state = slice(me, me + n_state)
-    moments = slice(me + n_state, sum(widths))
-
-    def dense(response: Array) -> Array:
-        size = response.shape[2]
-        parts = (
-            _toeplitz(response[..., history]),
-            response[..., state].reshape(q, block * size, n_state),
-            _toeplitz(response[..., moments]),
-        )
-        return np.concatenate(parts, axis=-1)
-
-    position, momentum = dense(impulses.position), dense(impulses.momentum)
-    carry = dense(impulses.carry)
-    # the offset of the next step
-    carry[:, :, block * me + n_state - 1] += np.tile(system.offset.reshape(q, me), (1, block))
-    end = np.concatenate(
-        [
-            position.reshape(q, block, e, -1).sum(axis=1),
-            momentum.reshape(q, block, e, -1).sum(axis=1),
-            carry[:, -me:],
-        ],
-        axis=1,
-    )
-    return BlockResponse(
-        block=block,
-        samples=dense(impulses.samples),
-        position=position,
-        momentum=momentum,
-        force=dense(impulses.force),
-        points=dense(impulses.points),
-        carry=carry,
-        state=end,
-    )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Impulses:
+class Impulses:
     """Outputs of every step for unit inputs in the first, shape ``(q, B, size, inputs)``."""
 
     samples: Array
@@ -174,7 +98,91 @@ class _Impulses:
     points: Array
 
 
-def _first_step_responses(system: LinearSystem, block: int) -> _Impulses:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlockResponse:
+    """Dense matrices of a block of B steps, each of shape ``(q, outputs, inputs)``.
+
+    They are made when they are asked for, from the responses to inputs in the first step.
+
+    Parameters
+    ----------
+    system
+        The systems.
+    block
+        B.
+    impulses
+        Outputs of every step for unit inputs in the first.
+    """
+
+    system: LinearSystem
+    block: int
+    impulses: Impulses
+
+    @cached_property
+    def samples(self) -> Array:
+        """To the samples, ``(B, m, e)``."""
+        return self._dense(self.impulses.samples)
+
+    @cached_property
+    def position(self) -> Array:
+        """To the increments of position of every step, ``(B, e)``."""
+        return self._dense(self.impulses.position)
+
+    @cached_property
+    def momentum(self) -> Array:
+        """To the increments of momentum of every step, ``(B, e)``."""
+        return self._dense(self.impulses.momentum)
+
+    @cached_property
+    def force(self) -> Array:
+        """To the damping force of every step, ``(B, m, e)``."""
+        return self._dense(self.impulses.force)
+
+    @cached_property
+    def points(self) -> Array:
+        """To the positions at the quadrature points relative to the start, ``(B, r, e)``."""
+        return self._dense(self.impulses.points)
+
+    @cached_property
+    def carry(self) -> Array:
+        """To the carry after every step, ``(B, m, e)``."""
+        carry = self._dense(self.impulses.carry)
+        offset = self.system.offset.reshape(self.system.batch, -1)
+        # the offset of the next step
+        constant = self.block * self.system.sample_size + self.system.state_size - 1
+        carry[:, :, constant] += np.tile(offset, (1, self.block))
+        return carry
+
+    @cached_property
+    def state(self) -> Array:
+        """To the increments of position and momentum over the block and the carry after it."""
+        q, e = self.system.batch, self.system.coupled
+        return np.concatenate(
+            [
+                self.position.reshape(q, self.block, e, -1).sum(axis=1),
+                self.momentum.reshape(q, self.block, e, -1).sum(axis=1),
+                self.carry[:, -self.system.sample_size :],
+            ],
+            axis=1,
+        )
+
+    def _dense(self, response: Array) -> Array:
+        me, n_state = self.system.sample_size, self.system.state_size
+        q, size = self.system.batch, response.shape[2]
+        parts = (
+            _toeplitz(response[..., :me]),
+            response[..., me : me + n_state].reshape(q, self.block * size, n_state),
+            _toeplitz(response[..., me + n_state :]),
+        )
+        return np.concatenate(parts, axis=-1)
+
+
+def block_response(system: LinearSystem, block: int) -> BlockResponse:
+    """Matrices of `block` steps, from the responses to unit inputs in the first step."""
+    return BlockResponse(system=system, block=block, impulses=_first_step_responses(system, block))
+
+
+def _first_step_responses(system: LinearSystem, block: int) -> Impulses:
     """Step a matrix of right-hand sides through the block."""
     tables, h = system.tables, system.step_size
     q, e, m, s = system.batch, system.coupled, system.samples, tables.degree
@@ -253,7 +261,7 @@ def _first_step_responses(system: LinearSystem, block: int) -> _Impulses:
         position = position + step
         travelled = travelled + step
         momentum = momentum + change
-    return _Impulses(
+    return Impulses(
         samples=samples,
         position=steps,
         momentum=changes,
