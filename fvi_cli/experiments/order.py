@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -84,11 +85,13 @@ class OrderCase:
 
     @property
     def last_order(self) -> float:
-        """Pairwise order between the last two rows that are used; nan with fewer."""
-        used = [row for row in self.rows if row.used_in_fit]
-        if len(used) < 2:
-            return math.nan
-        return pairwise_order(used[-2].error, used[-1].error, used[-2].n_steps, used[-1].n_steps)
+        """Pairwise order between the last two neighbouring rows that are used; nan without."""
+        pairs = [
+            row.pairwise_order
+            for before, row in itertools.pairwise(self.rows)
+            if before.used_in_fit and row.used_in_fit
+        ]
+        return pairs[-1] if pairs else math.nan
 
     @property
     def expected_order(self) -> float:

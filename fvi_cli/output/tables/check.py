@@ -120,7 +120,7 @@ def _cases(stored: OrderCase, fresh: OrderCase) -> Iterator[str]:
     if stored.columns() != fresh.columns():
         yield _differ("method", stored.columns(), fresh.columns())
     if not _close(stored.claim, fresh.claim, SAME_NUMBER):
-        yield _differ("published", stored.claim, fresh.claim)
+        yield _differ("stated", stored.claim, fresh.claim)
     if stored.expected_failure != fresh.expected_failure:
         yield _differ("expected failure", stored.expected_failure, fresh.expected_failure)
     if _used(old) != _used(new):

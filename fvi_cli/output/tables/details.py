@@ -118,7 +118,7 @@ def _summary_rows(cases: Sequence[OrderCase]) -> list[tuple[str, ...]]:
         ("expected", [number(case.expected_order, ".3g") for case in cases]),
     ]
     if any(not math.isnan(case.claim) for case in cases):
-        lines.append(("published", [number(case.claim, "g") for case in cases]))
+        lines.append(("stated", [number(case.claim, "g") for case in cases]))
     rows = []
     for title, values in lines:
         row = [title, ""]

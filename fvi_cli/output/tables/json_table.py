@@ -54,7 +54,7 @@ def _case(case: OrderCase) -> dict[str, object]:
         "slope": _number(case.slope),
         "fit_residual": _number(case.fit_residual),
         "last_order": _number(case.last_order),
-        "published": _number(case.claim),
+        "stated": _number(case.claim),
         "expected_failure": case.expected_failure,
         "rows": [_row(row) for row in case.rows],
     }
@@ -129,7 +129,7 @@ def _read_case(entry: Entry) -> OrderCase:
         rows=tuple(_read_row(_mapping(one, "row")) for one in _list(entry, "rows")),
         slope=_float(entry, "slope"),
         fit_residual=_float(entry, "fit_residual"),
-        claim=_float(entry, "published"),
+        claim=_float(entry, "stated"),
         expected_failure=_get(entry, "expected_failure", bool),
     )
 

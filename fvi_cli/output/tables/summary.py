@@ -16,7 +16,7 @@ from fvi_cli.output.tables.naming import (
 )
 
 NOTED_DIFFERENCE = 0.06
-"""A measured slope that is further from the published order than this is pointed out."""
+"""A measured slope that is further from the stated order than this is pointed out."""
 
 ASYMPTOTIC_DIFFERENCE = 0.1
 """A slope further than this from the finest pairwise order, or the expected one, is no order."""
@@ -62,7 +62,7 @@ def summary(name: str, tables: Sequence[OrderTable]) -> list[Block]:
     blocks += [_grid(group, names, titles) for group in groups]
     remarks: list[Words] = []
     for table in tables:
-        remarks += _published(table, names, titles)
+        remarks += _stated(table, names, titles)
     for table in tables:
         remarks += _failures(table, names, titles)
     if remarks:
@@ -108,7 +108,7 @@ def _explanation(tables: Sequence[OrderTable]) -> str:
     if len(norms) == 1:
         text += f" Errors are measured in the {NORMS[norms.pop()]}."
     if any(_has_claims(table) for table in tables):
-        text += " published: what the source of the experiment prints."
+        text += " stated: the order that the source of the experiment states."
     if any(row.status in FAILURES for case in cases for row in case.rows):
         text += " A star marks methods that came to nothing on some step sizes."
     return text
@@ -153,7 +153,7 @@ def _paper_layout(
     header = ["problem", *with_variant, "gamma", "N"]
     key_columns = len(header)
     for family in families:
-        header += [family, "published"] if family in claimed else [family]
+        header += [family, "stated"] if family in claimed else [family]
     rows = []
     for table in group:
         found = {names[case.method.case].label: case for case in table.cases}
@@ -181,7 +181,7 @@ def _method_layout(
     """Rows: methods; columns: problems. For methods that do not fill a rectangle."""
     header = ["method"]
     for table in group:
-        header += [titles[table.experiment], *(["published"] if _has_claims(table) else [])]
+        header += [titles[table.experiment], *(["stated"] if _has_claims(table) else [])]
     rows = []
     for k, first in enumerate(group[0].cases):
         row = [names[first.method.case].label]
@@ -211,9 +211,9 @@ def order_entry(case: OrderCase) -> str:
     failures = [row.status for row in case.rows if row.status in FAILURES]
     star = "*" if failures else ""
     used = [row for row in case.rows if row.used_in_fit]
-    if len(used) > 2:
+    if len(used) > 2 and not math.isnan(case.last_order):
         return f"{case.slope:.2f}, {case.last_order:.2f}{star}"
-    if len(used) == 2:
+    if len(used) >= 2:
         return f"{case.slope:.2f}{star}"
     if failures:
         return f"{failures[0]}*"
@@ -236,20 +236,20 @@ def _failures(
     return [f"* {titles[table.experiment]}: {'; '.join(parts)}."] if parts else []
 
 
-def _published(
+def _stated(
     table: OrderTable, names: Mapping[str, MethodName], titles: Mapping[str, str]
 ) -> list[Words]:
-    """Sentences on every published order that is not met, or is no order."""
+    """Sentences on every stated order that is not met, or is no order."""
     sentences: list[Words] = []
     for case in table.cases:
         if math.isnan(case.claim):
             continue
         parts = []
         if math.isnan(case.slope):
-            parts.append(f"published {case.claim:g}; too few rows can be used for a slope")
+            parts.append(f"stated {case.claim:g}; too few rows can be used for a slope")
         else:
             if abs(case.slope - case.claim) > NOTED_DIFFERENCE:
-                parts.append(f"published {case.claim:g}, measured {case.slope:.2f}")
+                parts.append(f"stated {case.claim:g}, measured {case.slope:.2f}")
             if not_asymptotic := _not_asymptotic(case):
                 parts.append(not_asymptotic)
         if parts:
