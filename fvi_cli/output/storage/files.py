@@ -6,13 +6,15 @@ import contextlib
 import errno
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import h5py
 
 from fvi_cli.errors import StorageError
 from fvi_cli.output.provenance import FORMAT
+from fvi_cli.output.storage.stream import SafeStream
 
 CREATOR = "fvi-cli"
 
@@ -94,8 +96,24 @@ def damage_told(path: Path) -> Iterator[None]:
         ) from error
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NewFile:
+    """A file that is being written.
+
+    Parameters
+    ----------
+    file
+        What the library knows of it.
+    check
+        Raises what has gone wrong on the disk so far; the library does not learn of it.
+    """
+
+    file: h5py.File
+    check: Callable[[], None]
+
+
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[h5py.File]:
+def replacing(path: Path) -> Iterator[NewFile]:
     """A new file under a temporary name; on success it is flushed to the disk and renamed.
 
     On any failure `path` stays as it was.
@@ -105,37 +123,39 @@ def replacing(path: Path) -> Iterator[h5py.File]:
     StorageError
         If it cannot be written, with the reason of the operating system.
     """
-    temporary: Path | None = None
+    with told(path), _temporary(path) as (handle, temporary):
+        stream = SafeStream(handle)
+        with h5py.File(stream, "w", track_order=True) as file:
+            file.attrs["creator"] = CREATOR
+            file.attrs["format"] = FORMAT
+            yield NewFile(file=file, check=stream.check)
+        stream.check()
+        os.fsync(handle)
+        temporary.replace(path)
+        _flush_folder(path.parent)
+
+
+@contextlib.contextmanager
+def _temporary(path: Path) -> Iterator[tuple[int, Path]]:
+    """A file beside `path` that is gone afterwards, unless it was renamed."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=UNFINISHED)
     try:
-        with told(path):
-            handle, name = tempfile.mkstemp(
-                dir=path.parent, prefix=f".{path.name}.", suffix=UNFINISHED
-            )
-            os.close(handle)
-            temporary = Path(name)
-            with h5py.File(temporary, "w", track_order=True, locking=False) as file:
-                file.attrs["creator"] = CREATOR
-                file.attrs["format"] = FORMAT
-                yield file
-            _flush(temporary)
-            mask = os.umask(0)
-            os.umask(mask)
-            temporary.chmod(0o666 & ~mask)
-            temporary.replace(path)
-            temporary = None
-            _flush(path.parent)
+        mask = os.umask(0)
+        os.umask(mask)
+        os.fchmod(handle, 0o666 & ~mask)
+        yield handle, Path(name)
     finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
+        os.close(handle)
+        Path(name).unlink(missing_ok=True)
 
 
-def _flush(path: Path) -> None:
+def _flush_folder(path: Path) -> None:
+    """Make a renaming last through a loss of power, where the file system can."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     except OSError as error:
-        # some file systems cannot flush a folder
-        if not path.is_dir() or error.errno not in (errno.EINVAL, errno.ENOTSUP):
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
             raise
     finally:
         os.close(handle)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from fvi_cli.experiments.experiment import FinishedRun, Run
 from fvi_cli.experiments.order import damping_orders
 from fvi_cli.integrator.method import method_columns
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
-from fvi_cli.output.provenance import canonical_json, identity, origin
+from fvi_cli.output.provenance import SOLVER_VERSION, canonical_json, identity, origin
 
 COMPLETE = "complete"
 """Attribute of a run that is written last."""
@@ -56,27 +57,35 @@ class Record:
     attributes: Mapping[str, Any]
     datasets: Mapping[str, NDArray[Any]]
 
-    @property
-    def place(self) -> Place:
-        """Where the run belongs."""
-        a = self.attributes
-        return str(a["experiment"]), str(a["case"]), int(a["n_steps"])
-
-    @property
-    def identity(self) -> str:
-        """What determines its numbers, as a hash."""
-        return str(self.attributes["identity"])
-
-    @property
-    def basis(self) -> str:
-        """What all runs of one experiment have in common, as text."""
-        specification = json.loads(self.attributes["specification"])
-        return canonical_json({k: v for k, v in specification.items() if k not in RUN_KEYS})
-
 
 def place_of(run: Run) -> Place:
     """Where a run belongs."""
     return run.experiment.name, run.method.case, run.n_steps
+
+
+def place_in(attributes: Mapping[str, Any]) -> Place:
+    """Where the run with these attributes belongs."""
+    return str(attributes["experiment"]), str(attributes["case"]), int(attributes["n_steps"])
+
+
+def basis_in(attributes: Mapping[str, Any]) -> str:
+    """What the runs of one experiment have in common, as text: its problem and norm."""
+    specification = json.loads(attributes["specification"])
+    return canonical_json({k: v for k, v in specification.items() if k not in RUN_KEYS})
+
+
+def checksum(datasets: Mapping[str, NDArray[Any]]) -> str:
+    """SHA-256 of names, shapes and numbers."""
+    digest = hashlib.sha256()
+    for name, values in datasets.items():
+        numbers = np.ascontiguousarray(values, dtype=_kind(values))
+        digest.update(f"{name}{numbers.shape}".encode())
+        digest.update(numbers.data)
+    return digest.hexdigest()
+
+
+def _kind(values: NDArray[Any]) -> str:
+    return "<i8" if values.dtype.kind == "i" else "<f8"
 
 
 def group_path(place: Place) -> str:
@@ -117,6 +126,7 @@ def record_of(finished: FinishedRun) -> Record:
         "newton_worst_step": newton.worst_step,
         "store_every": experiment.store_every,
         "identity": identity(run),
+        "solver_version": SOLVER_VERSION,
         "specification": canonical_json(run.specification()),
         **origin(),
     }
@@ -132,6 +142,7 @@ def record_of(finished: FinishedRun) -> Record:
         datasets["momentum"] = trajectory.momentum[kept]
     if trajectory.energy is not None:
         datasets["energy"] = trajectory.energy[kept]
+    attributes["data_sha256"] = checksum(datasets)
     return Record(attributes=attributes, datasets=datasets)
 
 
@@ -183,7 +194,7 @@ def finished_of(record: Record, run: Run) -> FinishedRun:
 
 def write_record(file: h5py.File, record: Record) -> None:
     """Write a record where it belongs."""
-    group = file.create_group(group_path(record.place), track_order=True)
+    group = file.create_group(group_path(place_in(record.attributes)), track_order=True)
     for name, value in record.attributes.items():
         group.attrs[name] = attribute(value)
     write_datasets(group, record.datasets, DIMENSIONS)
@@ -197,12 +208,11 @@ def write_datasets(
 ) -> None:
     """Write datasets with a scale on every axis; a scale is the dataset named like its axis."""
     for name, values in datasets.items():
-        kind = np.int64 if values.dtype.kind == "i" else np.float64
         is_text = values.dtype.kind in "OUT"
         dataset = (
             group.create_dataset(name, data=values.tolist(), dtype=h5py.string_dtype())
             if is_text
-            else group.create_dataset(name, data=values, dtype=kind)
+            else group.create_dataset(name, data=values, dtype=_kind(values))
         )
         dataset.attrs["long_name"] = LONG_NAMES[name]
         if dimensions[name] == (name,):
@@ -234,11 +244,6 @@ def attribute(value: Any) -> Any:
     raise TypeError(f"attribute: {value!r} is not text, a number or an array of numbers")
 
 
-def read_attributes(group: h5py.Group) -> dict[str, Any]:
-    """The attributes of a group."""
-    return dict(group.attrs.items())
-
-
 def read_record(group: h5py.Group) -> Record:
     """A record as it was written.
 
@@ -246,12 +251,14 @@ def read_record(group: h5py.Group) -> Record:
     ------
     KeyError
         If a dataset is missing.
+    ValueError
+        If its numbers are not those that were written.
     """
     names = [name for name in DIMENSIONS if name in group]
-    for name in ("time", "position"):
-        if name not in names:
-            raise KeyError(f"{group.name}/{name} is missing")
-    return Record(
-        attributes={k: v for k, v in read_attributes(group).items() if k != COMPLETE},
-        datasets={name: np.asarray(group[name][()]) for name in names},
-    )
+    if missing := {"time", "position"} - set(names):
+        raise KeyError(f"{group.name} has no {', '.join(sorted(missing))}")
+    attributes = {name: value for name, value in group.attrs.items() if name != COMPLETE}
+    datasets = {name: np.asarray(group[name][()]) for name in names}
+    if checksum(datasets) != attributes["data_sha256"]:
+        raise ValueError(f"the numbers in {group.name} are not those that were written")
+    return Record(attributes=attributes, datasets=datasets)

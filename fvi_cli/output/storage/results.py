@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.errors import StorageError
 from fvi_cli.experiments.experiment import FinishedRun, Run
 from fvi_cli.output.provenance import (
     canonical_json,
@@ -23,15 +24,17 @@ from fvi_cli.output.provenance import (
     platform_name,
     sha256,
 )
-from fvi_cli.output.storage.files import UNFINISHED, damage_told, reading, replacing, told
+from fvi_cli.output.storage.files import UNFINISHED, NewFile, damage_told, reading, replacing, told
 from fvi_cli.output.storage.locking import folder_lock
 from fvi_cli.output.storage.records import (
     COMPLETE,
     Place,
     Record,
     attribute,
+    basis_in,
     finished_of,
     group_path,
+    place_in,
     place_of,
     read_record,
     record_of,
@@ -69,6 +72,7 @@ class _Location:
     file: Path
     place: Place
     identity: str
+    basis: str
 
     def read(self) -> Record:
         with reading(self.file) as file:
@@ -114,6 +118,8 @@ class Results(StoredRuns):
 
     def finished(self, run: Run) -> FinishedRun | None:
         """As :meth:`StoredRuns.finished`; what is found belongs to the consolidated file."""
+        if self.is_fresh:
+            return None
         found = super().finished(run)
         if found is not None:
             self._asked[place_of(run)] = identity(run)
@@ -130,11 +136,11 @@ class Results(StoredRuns):
         record = record_of(finished)
         with told(self.parts):
             self.parts.mkdir(exist_ok=True)
-        path = self.parts / f"{record.identity}{SUFFIX}"
-        with replacing(path) as file:
-            write_record(file, record)
-        self._learn([_Location(file=path, place=record.place, identity=record.identity)])
-        self._asked[record.place] = record.identity
+        path = self.parts / f"{record.attributes['identity']}{SUFFIX}"
+        with replacing(path) as new:
+            write_record(new.file, record)
+        self._learn([_located(path, record.attributes)])
+        self._asked[place_of(finished.run)] = str(record.attributes["identity"])
 
     def consolidate(self, configuration: Configuration) -> Path | None:
         """Put all finished runs into one file, then remove the parts.
@@ -156,9 +162,12 @@ class Results(StoredRuns):
         if not chosen:
             return None
         if not self._is_current(chosen, configuration):
-            with replacing(self.path) as file:
-                _write_root(file, configuration)
-                _write_runs(file, chosen)
+            try:
+                with replacing(self.path) as new:
+                    _write_root(new.file, configuration)
+                    _write_runs(new, chosen)
+            except StorageError as error:
+                raise StorageError(f"{error}; finished runs are kept in {self.parts}") from error
         self._remove_parts()
         self._by_identity.clear()
         self._by_place.clear()
@@ -168,16 +177,15 @@ class Results(StoredRuns):
     def _chosen(self) -> dict[Place, _Location]:
         """What the file is to hold, in the order of asking, what was not asked for behind."""
         chosen = {place: self._by_identity[asked] for place, asked in self._asked.items()}
-        bases = {place[0]: location.read().basis for place, location in chosen.items()}
+        bases = {place[0]: location.basis for place, location in chosen.items()}
+        forgets_others = self.is_fresh and bool(chosen)
         superseded = 0
         for place, location in self._by_place.items():
             if place in chosen:
                 superseded += location.identity != chosen[place].identity
-                continue
-            basis = bases.get(place[0])
-            if basis is not None and location.read().basis != basis:
+            elif location.basis != bases.get(place[0], location.basis):
                 superseded += 1
-            elif not (self.is_fresh and self._asked and location.file == self.path):
+            elif not forgets_others:
                 chosen[place] = location
         if superseded:
             _logger.info("%s: %d runs of an earlier problem are replaced", self.path, superseded)
@@ -251,6 +259,15 @@ def read_results(path: Path) -> Iterator[StoredRuns]:
     yield stored
 
 
+def _located(path: Path, attributes: Mapping[str, Any]) -> _Location:
+    return _Location(
+        file=path,
+        place=place_in(attributes),
+        identity=str(attributes["identity"]),
+        basis=basis_in(attributes),
+    )
+
+
 def index(path: Path) -> list[_Location]:
     """Every complete run of a file.
 
@@ -261,12 +278,8 @@ def index(path: Path) -> list[_Location]:
     """
     with reading(path) as file:
         return [
-            _Location(
-                file=path,
-                place=(experiment, case, int(group.attrs["n_steps"])),
-                identity=str(group.attrs["identity"]),
-            )
-            for experiment, case, group in run_groups(file)
+            _located(path, group.attrs)
+            for _, _, group in run_groups(file)
             if COMPLETE in group.attrs
         ]
 
@@ -313,7 +326,7 @@ def _described(configuration: Configuration) -> dict[str, str]:
     resolved = canonical_json(configuration.resolved)
     return {
         "config": configuration.text,
-        "config_overrides": json.dumps(list(configuration.overrides), ensure_ascii=False),
+        "config_overrides": json.dumps(list(configuration.overrides)),
         "resolved_config": resolved,
         "resolved_config_sha256": sha256(resolved),
     }
@@ -331,7 +344,7 @@ def _write_root(file: h5py.File, configuration: Configuration) -> None:
         file.attrs[name] = attribute(value)
 
 
-def _write_runs(file: h5py.File, chosen: Mapping[Place, _Location]) -> None:
+def _write_runs(new: NewFile, chosen: Mapping[Place, _Location]) -> None:
     """Write all runs, one in memory at a time, and the summary of every case."""
     rows: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for place, location in chosen.items():
@@ -340,10 +353,11 @@ def _write_runs(file: h5py.File, chosen: Mapping[Place, _Location]) -> None:
         # the same numbers may have been stored under another experiment's name
         named = {"experiment": experiment, "case": case, "n_steps": n_steps}
         record = Record(attributes={**record.attributes, **named}, datasets=record.datasets)
-        write_record(file, record)
+        write_record(new.file, record)
+        new.check()
         rows.setdefault((experiment, case), []).append(record.attributes)
     for (experiment, case), attributes in rows.items():
-        group = file.create_group(f"/{experiment}/{case}/{CONVERGENCE}", track_order=True)
+        group = new.file.create_group(f"/{experiment}/{case}/{CONVERGENCE}", track_order=True)
         ordered = sorted(attributes, key=lambda row: int(row["n_steps"]))
         datasets = _convergence(ordered)
         write_datasets(group, datasets, dict.fromkeys(datasets, ("n_steps",)))

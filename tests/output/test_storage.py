@@ -1,0 +1,823 @@
+"""Result files: what goes in comes out, other readers understand it, faults destroy nothing."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import textwrap
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from getpass import getuser
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import h5py
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+
+import fvi_cli
+from fvi_cli.errors import StorageError
+from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method, RuleSpecification
+from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
+from fvi_cli.output import provenance
+from fvi_cli.output.storage import (
+    files,
+    list_runs,
+    open_results,
+    read_config_text,
+    read_configuration,
+    read_results,
+    records,
+)
+from fvi_cli.scenes.registry import build_problem
+
+SPECIFICATION: dict[str, Any] = {
+    "kind": "bagley-torvik",
+    "damping": [{"order": 0.5, "coefficient": 1.0}],
+    "forcing": "6*t + 6/gamma(3.5)*t**2.5 + t**3",
+    "final_time": 1.0,
+    "exact": "t**3",
+}
+BDF = Method(cq="bdf2", degree=1, sampling="nodes")
+WEIGHTS = Method(cq="bdf3", degree=2, start="weights", start_exponents=(2.5,))
+GAUSS = Method(cq="gauss", degree=3, start="series")
+EULER = Baseline(name="implicit-euler")
+TEXT = "# gamma = ½\nname: sample\n" + "# filling\n" * 10_000  # more than HDF5 keeps in a header
+CONFIGURATION = SimpleNamespace(
+    text=TEXT, resolved={"name": "sample", "experiments": [SPECIFICATION]}, overrides=("a.b=1",)
+)
+
+
+def experiment(name: str = "sample", stiffness: float = 1.0, **keywords: Any) -> Experiment:
+    specification = {**SPECIFICATION, "stiffness": stiffness}
+    values: dict[str, Any] = {
+        "name": name,
+        "problem": build_problem(specification),
+        "problem_specification": specification,
+        "methods": (BDF, WEIGHTS, GAUSS, EULER),
+        "steps": (4, 8),
+        **keywords,
+    }
+    return Experiment(**values)
+
+
+def made_up(run: Run, *, dimension: int = 2, **keywords: Any) -> FinishedRun:
+    """Numbers with nothing regular in them, which belong to the run."""
+    random = np.random.default_rng(run.n_steps)
+    n = run.n_steps + 1
+    trajectory = Trajectory(
+        time=np.linspace(0, 1, n),
+        position=random.normal(size=(n, dimension)),
+        momentum=None if run.method == EULER else random.normal(size=(n, dimension)),
+        energy=None if run.method == EULER else random.normal(size=n),
+        n_steps=run.n_steps,
+        step_size=run.step_size,
+        history_operations=7 * n,
+        newton=NewtonRecord(iterations=5, largest=3, worst_step=2, worst_residuals=(1.0, 1e-9)),
+        setup_seconds=0.25,
+        stepping_seconds=0.125,
+        remarks=("the start fell back: ½ a step", "another"),
+    )
+    values: dict[str, Any] = {
+        "run": run,
+        "trajectory": trajectory,
+        "error": 1 / 3 / n,
+        "floor": 1e-14,
+        "status": "ok",
+        "predicted": "stable",
+        "expected_order": 1.5,
+        "reference": "expression",
+        **keywords,
+    }
+    return FinishedRun(**values)
+
+
+def assert_same(one: Any, other: Any) -> None:
+    """Every field of two values, bit by bit."""
+    for field in fields(one):
+        a, b = getattr(one, field.name), getattr(other, field.name)
+        if field.name in ("trajectory", "newton"):
+            assert_same(a, b)
+        elif isinstance(a, np.ndarray):
+            assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes()), field.name
+        else:
+            assert type(a) is type(b), field.name
+            assert a == b or (a != a and b != b), field.name
+
+
+def store(folder: Path, runs: list[FinishedRun], **keywords: Any) -> Path:
+    with open_results(folder, "sample", **keywords) as results:
+        for finished in runs:
+            results.add(finished)
+        path = results.consolidate(CONFIGURATION)
+    assert path == folder / "sample.h5"
+    return path
+
+
+def tree(folder: Path) -> dict[str, str]:
+    return {
+        str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest()
+        for p in sorted(folder.rglob("*"))
+        if p.is_file() and p.name != ".lock"
+    }
+
+
+@pytest.fixture
+def runs() -> list[FinishedRun]:
+    return [made_up(run) for run in experiment().runs()]
+
+
+@pytest.fixture
+def path(tmp_path: Path, runs: list[FinishedRun]) -> Path:
+    return store(tmp_path, runs)
+
+
+# --- what goes in comes out -----------------------------------------------------------------------
+
+
+def test_every_field_comes_back_bit_by_bit(tmp_path: Path, runs: list[FinishedRun]) -> None:
+    with open_results(tmp_path, "sample") as results:
+        for finished in runs:
+            assert results.finished(finished.run) is None
+            results.add(finished)
+        # from the parts, then from the file
+        for finished in runs:
+            assert_same(results.finished(finished.run), finished)
+        results.consolidate(CONFIGURATION)
+        for finished in runs:
+            assert_same(results.finished(finished.run), finished)
+    # another process would build equal values, not the same ones
+    with read_results(tmp_path / "sample.h5") as results:
+        for finished, run in zip(runs, experiment().runs(), strict=True):
+            found = results.finished(run)
+            assert found is not None
+            assert found.run is run
+            assert_same(replace(found, run=finished.run), finished)
+    assert sorted(tree(tmp_path)) == ["sample.h5"]
+
+
+@pytest.mark.parametrize(
+    "position",
+    [
+        np.array([[1.0], [np.inf], [-np.inf], [np.nan], [-0.0], [5e-324]]),
+        np.zeros((0, 2)),
+        np.zeros((1, 1)),
+    ],
+)
+def test_runs_that_came_to_nothing_come_back_as_they_are(
+    tmp_path: Path, position: np.ndarray
+) -> None:
+    run = experiment().runs()[0]
+    trajectory = Trajectory(
+        time=np.arange(float(len(position))),
+        position=position,
+        n_steps=4,
+        step_size=0.25,
+        status="diverged",
+        message="|x| > 1e8 at t = 0.5\nand on",
+    )
+    finished = made_up(
+        run, trajectory=trajectory, error=np.nan, status="diverged", expected_order=np.nan
+    )
+    path = store(tmp_path, [finished])
+    with read_results(path) as results:
+        assert_same(results.finished(run), finished)
+
+
+def test_a_thinned_grid_keeps_first_and_last_point(tmp_path: Path) -> None:
+    own = experiment(store_every=3)
+    finished = made_up(own.runs()[1])
+    path = store(tmp_path, [finished])
+    with read_results(path) as results:
+        found = results.finished(finished.run)
+    assert found is not None
+    kept = [0, 3, 6, 8]
+    assert found.trajectory.time.tolist() == finished.trajectory.time[kept].tolist()
+    assert found.trajectory.position.tolist() == finished.trajectory.position[kept].tolist()
+    assert found.error == finished.error
+    assert found.trajectory.n_steps == 8
+
+
+# --- identity -------------------------------------------------------------------------------------
+
+
+def test_identity_is_made_of_what_determines_the_numbers() -> None:
+    first = experiment().runs()[0]
+    assert provenance.identity(first) == provenance.identity(experiment().runs()[0])
+    assert provenance.identity(first) == provenance.identity(experiment(name="other").runs()[0])
+    others = [
+        experiment().runs()[1],
+        experiment(stiffness=2.0).runs()[0],
+        experiment(norm="final").runs()[0],
+        experiment(methods=(replace(BDF, sampling="points"),)).runs()[0],
+        experiment(methods=(replace(BDF, quadrature=RuleSpecification(points=2)),)).runs()[0],
+        experiment(methods=(replace(BDF, history="direct"),)).runs()[0],
+        experiment(methods=(EULER,)).runs()[0],
+    ]
+    identities = {provenance.identity(run) for run in [first, *others]}
+    assert len(identities) == 1 + len(others)
+
+
+@pytest.mark.parametrize("constant", ["FORMAT", "SOLVER_VERSION"])
+def test_runs_of_an_older_program_are_not_taken(
+    path: Path, monkeypatch: pytest.MonkeyPatch, constant: str
+) -> None:
+    run = experiment().runs()[0]
+    with read_results(path) as results:
+        assert results.finished(run) is not None
+        monkeypatch.setattr(provenance, constant, 2)
+        assert results.finished(run) is None
+
+
+def test_experiments_that_share_a_run_both_have_it(tmp_path: Path) -> None:
+    one, two, three = (experiment(name=name) for name in ("one", "two", "three"))
+    with open_results(tmp_path, "sample") as results:
+        results.add(made_up(one.runs()[0]))
+        results.add(made_up(two.runs()[0]))
+        assert results.finished(three.runs()[0]) is not None
+        results.consolidate(CONFIGURATION)
+    found = [(run.experiment, run.n_steps) for run in list_runs(tmp_path / "sample.h5").runs]
+    assert found == [("one", 4), ("two", 4), ("three", 4)]
+
+
+# --- what a file says -----------------------------------------------------------------------------
+
+
+def attributes_of(path: Path) -> Iterator[tuple[str, Any]]:
+    found: list[tuple[str, Any]] = []
+    with h5py.File(path) as file:
+        found += [(f"/@{name}", value) for name, value in file.attrs.items()]
+        file.visititems(
+            lambda place, thing: found.extend(
+                (f"{place}@{name}", value) for name, value in thing.attrs.items()
+            )
+        )
+    yield from found
+
+
+def test_layout_is_as_documented(path: Path) -> None:
+    with h5py.File(path) as file:
+        group = file["sample/bdf2-nodes-s1-gauss1-none/n000008"]
+        assert list(group) == ["time", "dof", "position", "momentum", "energy"]
+        shapes = {name: group[name].shape for name in group}
+        assert shapes == {
+            "time": (9,),
+            "dof": (2,),
+            "position": (9, 2),
+            "momentum": (9, 2),
+            "energy": (9,),
+        }
+        assert all(group[n].dtype == np.float64 for n in group if n != "dof")
+        expected = {
+            "cq": "bdf2",
+            "sampling": "nodes",
+            "degree": 1,
+            "quadrature": "gauss1",
+            "start": "none",
+            "gamma": "0.5",
+            "n_steps": 8,
+            "step_size": 0.125,
+            "norm": "max",
+            "status": "ok",
+            "predicted": "stable",
+            "message": "",
+        }
+        assert {name: group.attrs[name] for name in expected} == expected
+        assert json.loads(group.attrs["remarks"])[1] == "another"
+        assert group.attrs["newton_worst_residuals"].tolist() == [1.0, 1e-9]
+        euler = file["sample/implicit-euler"]
+        assert euler["n000004"].attrs["degree"] == "-"
+        assert "momentum" not in euler["n000004"]
+        table = euler["convergence"]
+        assert table["n_steps"][()].tolist() == [4, 8]
+        assert table["step_size"][()].tolist() == [0.25, 0.125]
+        assert table["error"][()].tolist() == [1 / 15, 1 / 27]
+        assert table["seconds"][()].tolist() == [0.125, 0.125]
+        assert table["history_operations"][()].tolist() == [35, 63]
+        assert table["status"].asstr()[()].tolist() == ["ok", "ok"]
+
+
+def test_every_axis_has_a_scale_and_every_attribute_a_type_of_netcdf(path: Path) -> None:
+    without: list[str] = []
+    seen: list[str] = []
+
+    def look(name: str, thing: Any) -> None:
+        if isinstance(thing, h5py.Dataset):
+            seen.append(name)
+            if not thing.is_scale:
+                without.extend(name for axis in thing.dims if len(axis) != 1)
+
+    with h5py.File(path) as file:
+        file.visititems(look)
+    assert len(seen) > 40
+    assert without == []
+    for name, value in attributes_of(path):
+        if name.split("@")[1].isupper():  # those of dimension scales
+            continue
+        assert type(value) in (str, np.int64, np.float64, np.ndarray), name
+    for wrong in (True, None, np.bool_(True), {"a": 1}, np.array([])):
+        with pytest.raises(TypeError, match="is not text, a number"):
+            records.attribute(wrong)
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
+def test_xarray_opens_every_group(path: Path, runs: list[FinishedRun], engine: Any) -> None:
+    group = "/sample/gauss-s3-series/n000008"
+    with xr.open_dataset(path, group=group, engine=engine) as opened:
+        found = opened.load()
+    expected = next(f for f in runs if f.run.method == GAUSS and f.run.n_steps == 8)
+    assert found["position"].dims == ("time", "dof")
+    assert found["momentum"].dims == ("time", "dof")
+    assert found["energy"].dims == ("time",)
+    assert found["position"].values.tolist() == expected.trajectory.position.tolist()
+    assert found["time"].values.tolist() == expected.trajectory.time.tolist()
+    assert found.attrs["cq"] == "gauss"
+    assert found.attrs["n_steps"] == 8
+    with xr.open_dataset(path, group="/sample/gauss-s3-series/convergence", engine=engine) as t:
+        assert t["error"].sel(n_steps=8).item() == expected.error
+        assert t["status"].values.tolist() == ["ok", "ok"]
+    with xr.open_dataset(path, engine=engine) as root:
+        assert root.attrs["config"] == TEXT
+    groups = xr.open_groups(path, engine=engine)
+    assert len(groups) == 1 + 1 + 4 + 4 * 3
+
+
+def test_netcdf4_reads_the_whole_tree(path: Path) -> None:
+    with netCDF4.Dataset(path) as file:
+        run = file["sample/bdf2-nodes-s1-gauss1-none/n000008"]
+        assert run["position"].dimensions == ("time", "dof")
+        assert run["energy"][:].shape == (9,)
+        assert run.getncattr("status") == "ok"
+
+
+def test_the_root_says_where_the_file_comes_from(path: Path) -> None:
+    stored = read_configuration(path)
+    assert stored.text == TEXT
+    assert read_config_text(path) == TEXT
+    assert stored.overrides == ("a.b=1",)
+    assert json.loads(stored.resolved) == CONFIGURATION.resolved
+    said = list_runs(path).provenance
+    digest = hashlib.sha256(stored.resolved.encode()).hexdigest()
+    assert said["resolved_config_sha256"] == digest
+    assert said["format"] == "1"
+    assert json.loads(said["packages"])["numpy"] == np.__version__
+    assert json.loads(said["packages"])["fvi-cli"] == fvi_cli.__version__
+    assert said["created"].endswith("+00:00")
+    assert said["git_dirty"] in ("yes", "no", "unknown")
+    assert said["git_commit"] == "unknown" or len(said["git_commit"]) in (40, 64)
+
+
+def test_no_name_of_user_or_machine_and_no_absolute_path_is_inside(path: Path) -> None:
+    values = [str(value) for name, value in attributes_of(path) if not name.startswith("/@config")]
+    assert len(values) > 100
+    text = "\n".join(values)
+    user, machine = getuser(), socket.gethostname()
+    assert machine not in text
+    assert user not in text.split()
+    for place in (path.parent, Path.cwd(), Path.home(), Path(sys.prefix)):
+        if len(place.parts) > 1:
+            assert str(place) not in text
+    assert str(path.parent).encode() not in path.read_bytes()
+
+
+def git(folder: Path, *arguments: str) -> str:
+    identity = ["-c", "user.name=n", "-c", "user.email=e@example.org", "-c", "commit.gpgsign=false"]
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("GIT_")}
+    done = subprocess.run(
+        ["git", "-C", str(folder), *identity, *arguments],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**environment, "GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_SYSTEM": os.devnull},
+    )
+    return done.stdout.strip()
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
+def test_commit_and_changes_are_those_of_the_checkout_of_the_package(tmp_path: Path) -> None:
+    package = tmp_path / "package"
+    package.mkdir()
+    init = package / "__init__.py"
+    init.write_text("")
+
+    def checkout() -> tuple[str, str]:
+        provenance.checkout.cache_clear()
+        return provenance.checkout(package)
+
+    assert checkout() == ("unknown", "unknown")
+    git(tmp_path, "init", "-q")
+    # installed inside a checkout that does not know it
+    assert checkout() == ("unknown", "unknown")
+    git(tmp_path, "add", ".")
+    git(tmp_path, "commit", "-q", "-m", "first")
+    commit = git(tmp_path, "rev-parse", "HEAD")
+    assert checkout() == (commit, "no")
+    # what the program makes does not count
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "table.csv").write_text("1")
+    assert checkout() == (commit, "no")
+    init.write_text("changed = 1\n")
+    assert checkout() == (commit, "yes")
+    provenance.checkout.cache_clear()
+
+
+# --- consolidation --------------------------------------------------------------------------------
+
+
+def places(path: Path) -> set[tuple[str, str, int]]:
+    return {(run.experiment, run.case, run.n_steps) for run in list_runs(path).runs}
+
+
+def test_what_is_current_is_not_written_again(tmp_path: Path, runs: list[FinishedRun]) -> None:
+    path = store(tmp_path, runs)
+    before = path.stat()
+    with open_results(tmp_path, "sample") as results:
+        assert all(results.finished(finished.run) for finished in runs)
+        results.consolidate(CONFIGURATION)
+    after = path.stat()
+    assert (after.st_ino, after.st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
+    # control: a new comment in the configuration is written
+    changed = SimpleNamespace(**{**vars(CONFIGURATION), "text": TEXT + "# more\n"})
+    with open_results(tmp_path, "sample") as results:
+        results.consolidate(changed)
+    assert read_config_text(path) == TEXT + "# more\n"
+    assert len(places(path)) == len(runs)
+
+
+def test_without_a_finished_run_there_is_no_file(tmp_path: Path) -> None:
+    with open_results(tmp_path, "sample") as results:
+        assert results.consolidate(CONFIGURATION) is None
+    assert tree(tmp_path) == {}
+
+
+def test_runs_that_were_not_asked_for_again_are_kept(path: Path, runs: list[FinishedRun]) -> None:
+    longer = experiment(steps=(16,))
+    store(path.parent, [made_up(run) for run in longer.runs()])
+    store(path.parent, [made_up(run) for run in experiment(name="another").runs()])
+    assert len(places(path)) == len(runs) + 4 + 8
+    with read_results(path) as results:
+        assert_same(results.finished(runs[0].run), runs[0])
+    with h5py.File(path) as file:
+        table = file["sample/gauss-s3-series/convergence"]
+        assert table["n_steps"][()].tolist() == [4, 8, 16]
+    # control
+    store(path.parent, [made_up(longer.runs()[0])], fresh=True)
+    assert places(path) == {("sample", BDF.case, 16)}
+
+
+def test_an_experiment_that_has_become_another_one_is_not_mixed_with_what_it_was(
+    path: Path, runs: list[FinishedRun]
+) -> None:
+    other = experiment(name="other")
+    store(path.parent, [made_up(run) for run in other.runs()])
+    changed = experiment(stiffness=2.0, steps=(8, 16), methods=(BDF,))
+    store(path.parent, [made_up(run) for run in changed.runs()])
+    assert places(path) == {("sample", BDF.case, 8), ("sample", BDF.case, 16)} | {
+        ("other", run.method.case, run.n_steps) for run in other.runs()
+    }
+    with read_results(path) as results:
+        assert results.finished(changed.runs()[0]) is not None
+
+
+def test_fresh_forgets_nothing_before_something_new_is_there(
+    path: Path, runs: list[FinishedRun]
+) -> None:
+    before = tree(path.parent)
+    with open_results(path.parent, "sample", fresh=True) as results:
+        assert results.finished(runs[0].run) is None
+        results.consolidate(CONFIGURATION)
+    assert tree(path.parent) == before
+
+
+def test_other_files_in_the_folder_of_parts_are_left_alone(
+    tmp_path: Path, runs: list[FinishedRun]
+) -> None:
+    parts = tmp_path / "sample.parts"
+    parts.mkdir()
+    (parts / "notes.txt").write_text("mine")
+    store(tmp_path, runs)
+    assert sorted(tree(tmp_path)) == ["sample.h5", "sample.parts/notes.txt"]
+
+
+# --- faults ---------------------------------------------------------------------------------------
+
+
+def in_a_process(code: str, *arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:
+    package = str(Path(fvi_cli.__file__).parents[1])
+    search = os.pathsep.join([str(Path(__file__).parent), package])
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-c", textwrap.dedent(code), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env={**os.environ, "PYTHONPATH": search},
+        **options,
+    )
+
+
+KILLED = """
+    import os, signal, sys
+    from pathlib import Path
+    import test_storage as t
+    folder, moment = Path(sys.argv[1]), int(sys.argv[2])
+    runs = [t.made_up(run) for run in t.experiment().runs()]
+    calls = 0
+    real = Path.replace
+    def replace(self, target):
+        global calls
+        calls += 1
+        if calls == moment:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return real(self, target)
+    Path.replace = replace
+    with t.open_results(folder, "sample") as results:
+        for finished in runs:
+            results.add(finished)
+        results.consolidate(t.CONFIGURATION)
+"""
+
+
+@pytest.mark.parametrize("moment", [1, 5, 9])
+def test_killed_between_write_and_rename_only_that_run_is_lost(
+    tmp_path: Path, runs: list[FinishedRun], moment: int
+) -> None:
+    done = in_a_process(KILLED, tmp_path, moment)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    left = [name for name in tree(tmp_path) if name.endswith(".part")]
+    assert len(left) == 1
+    assert not (tmp_path / "sample.h5").exists()
+    with open_results(tmp_path, "sample") as results:
+        found = [results.finished(finished.run) for finished in runs]
+        assert [f is not None for f in found] == [k < moment - 1 for k in range(8)]
+        for one, finished in zip(found[: moment - 1], runs, strict=False):
+            assert_same(one, finished)
+        for finished in runs[moment - 1 :]:
+            results.add(finished)
+        results.consolidate(CONFIGURATION)
+    # nothing half written is left
+    assert sorted(tree(tmp_path)) == ["sample.h5"]
+    assert len(places(tmp_path / "sample.h5")) == 8
+
+
+def test_parts_that_wait_are_read_beside_and_without_the_file(
+    tmp_path: Path, runs: list[FinishedRun]
+) -> None:
+    with open_results(tmp_path, "sample") as results:
+        results.add(runs[0])
+    path = tmp_path / "sample.h5"
+    with read_results(path) as stored:
+        assert_same(stored.finished(runs[0].run), runs[0])
+    store(tmp_path, [runs[1]])
+    with open_results(tmp_path, "sample") as results:
+        results.add(runs[2])
+    before = tree(tmp_path)
+    with read_results(path) as stored:
+        assert all(stored.finished(finished.run) for finished in runs[:3])
+        assert stored.finished(runs[3].run) is None
+    assert tree(tmp_path) == before
+
+
+FULL = """
+    import resource, sys
+    from pathlib import Path
+    import test_storage as t
+    folder, limit = Path(sys.argv[1]), int(sys.argv[2])
+    runs = [t.made_up(run) for run in t.experiment().runs()]
+    with t.open_results(folder, "sample") as results:
+        for finished in runs[2:]:
+            results.add(finished)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+        try:
+            results.consolidate(t.CONFIGURATION)
+        except t.StorageError as error:
+            print(error)
+        try:
+            results.add(runs[0])
+        except t.StorageError as error:
+            print(error)
+"""
+
+
+@pytest.mark.parametrize("limit", [0, 100, 1000, 3000, 10_000, 30_000])
+def test_a_full_disk_is_told_and_destroys_nothing(
+    tmp_path: Path, runs: list[FinishedRun], limit: int
+) -> None:
+    path = store(tmp_path, runs[:2])
+    before = path.read_bytes()
+    assert len(before) > 30_000
+    done = in_a_process(FULL, tmp_path, limit)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    told = done.stdout.splitlines()
+    assert told[0] == (
+        f"{path}: cannot be written: File too large; finished runs are kept in "
+        f"{tmp_path / 'sample.parts'}"
+    )
+    if limit <= 10_000:
+        assert told[1].endswith("cannot be written: File too large")
+    assert path.read_bytes() == before
+    assert not [name for name in tree(tmp_path) if name.endswith(".part")]
+    with read_results(path) as stored:
+        for finished in runs[limit <= 10_000 and 2 :]:
+            assert_same(stored.finished(finished.run), finished)
+
+
+def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with (
+        pytest.raises(StorageError, match=r"file/below: cannot be written: Not a directory"),
+        open_results(tmp_path / "file" / "below", "sample"),
+    ):
+        pass
+    with (
+        pytest.raises(StorageError, match=r"file: cannot be written: File exists"),
+        open_results(tmp_path / "file", "sample"),
+    ):
+        pass
+    assert list(tree(tmp_path)) == ["file"]
+
+
+def test_a_folder_that_may_not_be_written_is_told(
+    path: Path, runs: list[FinishedRun], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = tree(path.parent)
+
+    def refuse(*arguments: object, **keywords: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    with open_results(path.parent, "sample", fresh=True) as results:
+        monkeypatch.setattr(files.tempfile, "mkstemp", refuse)
+        with pytest.raises(StorageError, match=r"\.h5: cannot be written: Permission denied"):
+            results.add(runs[0])
+    monkeypatch.undo()
+    assert tree(path.parent) == before
+
+
+def damaged(path: Path, how: str) -> None:
+    content = path.read_bytes()
+    if how == "empty":
+        path.write_bytes(b"")
+    elif how == "text":
+        path.write_text("no HDF5")
+    elif how == "cut":
+        path.write_bytes(content[: len(content) // 2])
+    elif how == "foreign":
+        path.unlink()
+        with h5py.File(path, "w") as file:
+            file["x"] = 1.0
+    elif how == "newer":
+        with h5py.File(path, "r+") as file:
+            file.attrs["format"] = 2
+    elif how == "strange":
+        with h5py.File(path, "r+") as file:
+            file["sample/x"] = 1.0
+    elif how == "nameless":
+        with h5py.File(path, "r+") as file:
+            del file["sample/implicit-euler/n000004"].attrs["specification"]
+    else:
+        path.unlink()
+        path.mkdir()
+
+
+KINDS = {
+    "empty": "is not HDF5, or is damaged or cut off",
+    "text": "is not HDF5, or is damaged or cut off",
+    "cut": "is not HDF5, or is damaged or cut off",
+    "foreign": "was not written by fvi",
+    "newer": "has format 2, this version of fvi reads up to 1",
+    "strange": "is damaged or not a result file",
+    "nameless": "is damaged or not a result file",
+    "folder": "is a folder",
+}
+
+
+@pytest.mark.parametrize("how", KINDS)
+def test_a_file_that_is_not_ours_or_not_whole_is_named_and_left_as_it_is(
+    path: Path, how: str
+) -> None:
+    damaged(path, how)
+    before = tree(path.parent)
+    expected = rf"sample\.h5: {KINDS[how]}"
+    with pytest.raises(StorageError, match=expected), read_results(path):
+        pass
+    for fresh in (False, True):
+        with (
+            pytest.raises(StorageError, match=expected),
+            open_results(path.parent, "sample", fresh=fresh),
+        ):
+            pass
+    if how != "nameless":
+        with pytest.raises(StorageError, match=expected):
+            list_runs(path)
+    assert tree(path.parent) == before
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    for read in (read_config_text, list_runs):
+        with pytest.raises(StorageError, match=r"absent\.h5: no such file"):
+            read(tmp_path / "absent.h5")
+    with pytest.raises(StorageError, match=r"absent\.h5: no such file"):
+        read_results(tmp_path / "absent.h5").__enter__()
+
+
+def test_a_damaged_part_is_named(tmp_path: Path, runs: list[FinishedRun]) -> None:
+    with open_results(tmp_path, "sample") as results:
+        results.add(runs[0])
+    (part,) = (tmp_path / "sample.parts").iterdir()
+    damaged(part, "cut")
+    with pytest.raises(StorageError, match=part.name), open_results(tmp_path, "sample"):
+        pass
+
+
+def test_cut_anywhere_a_file_is_told_to_be_damaged(path: Path, runs: list[FinishedRun]) -> None:
+    content = path.read_bytes()
+    random = np.random.default_rng(1)
+    for length in [*random.integers(0, len(content), 100), len(content) - 1]:
+        path.write_bytes(content[:length])
+        with pytest.raises(StorageError, match=r"sample\.h5: "), read_results(path) as results:
+            for finished in runs:
+                results.finished(finished.run)
+
+
+def test_numbers_that_have_changed_since_are_noticed(path: Path, runs: list[FinishedRun]) -> None:
+    with h5py.File(path) as file:
+        dataset = file[f"sample/{BDF.case}/n000008/position"]
+        place = dataset.id.get_offset() + 24
+    content = bytearray(path.read_bytes())
+    content[place] ^= 1
+    path.write_bytes(content)
+    with read_results(path) as results:
+        assert_same(results.finished(runs[0].run), runs[0])
+        with pytest.raises(StorageError, match="not those that were written"):
+            results.finished(runs[1].run)
+
+
+def test_a_run_that_is_not_complete_is_not_finished(path: Path, runs: list[FinishedRun]) -> None:
+    with h5py.File(path, "r+") as file:
+        del file[f"sample/{BDF.case}/n000004"].attrs["complete"]
+    with read_results(path) as results:
+        assert results.finished(runs[0].run) is None
+        assert results.finished(runs[1].run) is not None
+    assert [run.is_complete for run in list_runs(path).runs] == [False] + 7 * [True]
+
+
+# --- two processes --------------------------------------------------------------------------------
+
+HOLD = """
+    import sys, time
+    from pathlib import Path
+    import test_storage as t
+    with t.open_results(Path(sys.argv[1]), "other"):
+        print("held", flush=True)
+        sys.stdin.read()
+"""
+
+
+def test_a_folder_is_held_by_one_process_until_it_ends_in_whatever_way(
+    tmp_path: Path, runs: list[FinishedRun]
+) -> None:
+    package = str(Path(fvi_cli.__file__).parents[1])
+    holder = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(HOLD), str(tmp_path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), package])},
+    )
+    with holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        with (
+            pytest.raises(StorageError, match=r"another fvi is writing there.*--output"),
+            open_results(tmp_path, "sample"),
+        ):
+            pass
+        # another folder is free
+        store(tmp_path / "elsewhere", runs[:1])
+        holder.kill()
+    store(tmp_path, runs[:1])
+
+
+def test_a_folder_is_held_once_in_a_process_and_free_after_an_error(tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError), open_results(tmp_path, "sample"):
+        with pytest.raises(StorageError, match="another fvi"), open_results(tmp_path, "sample"):
+            pass
+        raise RuntimeError
+    with open_results(tmp_path, "sample"):
+        pass
+
+
+def test_methods_have_different_names_in_files() -> None:
+    methods: tuple[AnyMethod, ...] = experiment().methods
+    assert len({method.case for method in methods}) == len(methods)
