@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 import shutil
@@ -39,6 +40,8 @@ from fvi_cli.output.storage import (
     read_results,
     records,
 )
+from fvi_cli.output.storage import stream as stream_module
+from fvi_cli.output.storage.stream import SafeStream
 from fvi_cli.scenes.registry import build_problem
 
 SPECIFICATION: dict[str, Any] = {
@@ -548,7 +551,7 @@ KILLED = """
 """
 
 
-@pytest.mark.parametrize("moment", [1, 5, 9])
+@pytest.mark.parametrize("moment", [1, 9])
 def test_killed_between_write_and_rename_only_that_run_is_lost(
     tmp_path: Path, runs: list[FinishedRun], moment: int
 ) -> None:
@@ -609,7 +612,7 @@ FULL = """
 """
 
 
-@pytest.mark.parametrize("limit", [0, 100, 1000, 3000, 10_000, 30_000])
+@pytest.mark.parametrize("limit", [0, 1000, 10_000, 30_000])
 def test_a_full_disk_is_told_and_destroys_nothing(
     tmp_path: Path, runs: list[FinishedRun], limit: int
 ) -> None:
@@ -629,7 +632,7 @@ def test_a_full_disk_is_told_and_destroys_nothing(
     assert path.read_bytes() == before
     assert not [name for name in tree(tmp_path) if name.endswith(".part")]
     with read_results(path) as stored:
-        for finished in runs[limit <= 10_000 and 2 :]:
+        for finished in runs:
             assert_same(stored.finished(finished.run), finished)
 
 
@@ -740,14 +743,19 @@ def test_a_damaged_part_is_named(tmp_path: Path, runs: list[FinishedRun]) -> Non
         pass
 
 
+def recall(path: Path, runs: list[FinishedRun]) -> int:
+    with read_results(path) as results:
+        return sum(results.finished(finished.run) is not None for finished in runs)
+
+
 def test_cut_anywhere_a_file_is_told_to_be_damaged(path: Path, runs: list[FinishedRun]) -> None:
     content = path.read_bytes()
+    assert recall(path, runs) == len(runs)
     random = np.random.default_rng(1)
     for length in [*random.integers(0, len(content), 100), len(content) - 1]:
         path.write_bytes(content[:length])
-        with pytest.raises(StorageError, match=r"sample\.h5: "), read_results(path) as results:
-            for finished in runs:
-                results.finished(finished.run)
+        with pytest.raises(StorageError, match=r"sample\.h5: "):
+            recall(path, runs)
 
 
 def test_numbers_that_have_changed_since_are_noticed(path: Path, runs: list[FinishedRun]) -> None:
@@ -770,6 +778,62 @@ def test_a_run_that_is_not_complete_is_not_finished(path: Path, runs: list[Finis
         assert results.finished(runs[0].run) is None
         assert results.finished(runs[1].run) is not None
     assert [run.is_complete for run in list_runs(path).runs] == [False] + 7 * [True]
+
+
+def test_after_a_failure_a_stream_goes_on_in_memory(tmp_path: Path) -> None:
+    """The same random writes and reads on a stream that fails half way and on plain memory."""
+    random = np.random.default_rng(3)
+    memory = io.BytesIO()
+    handle = os.open(tmp_path / "file", os.O_RDWR | os.O_CREAT)
+    stream = SafeStream(handle)
+    for k in range(400):
+        if k == 200:
+            stream.check()
+            kept = memory.getvalue()
+            os.close(handle)
+            handle = os.open(tmp_path / "file", os.O_RDONLY)
+            assert handle == stream._handle
+        place, size = (int(n) for n in random.integers(0, 300, 2))
+        assert stream.seek(place) == memory.seek(place)
+        if k % 2:
+            content = random.bytes(size)
+            assert stream.write(content) == memory.write(content)
+        else:
+            assert stream.read(size) == memory.read(size)
+        assert stream.tell() == memory.tell()
+        assert stream.seek(0, os.SEEK_END) == memory.seek(0, os.SEEK_END)
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        stream.check()
+    os.close(handle)
+    # what was on the disk has not changed since
+    assert (tmp_path / "file").read_bytes() == kept
+
+
+@pytest.mark.parametrize("count", [1, 10, 50])
+def test_an_interrupt_in_the_midst_of_writing_leaves_what_was_there(
+    path: Path, runs: list[FinishedRun], monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    before = tree(path.parent)
+    real = os.pwrite
+    calls = 0
+
+    def interrupted(*arguments: Any) -> int:
+        nonlocal calls
+        calls += 1
+        if calls == count:
+            raise KeyboardInterrupt
+        return real(*arguments)
+
+    monkeypatch.setattr(stream_module.os, "pwrite", interrupted)
+    with open_results(path.parent, "sample") as results:
+        changed = SimpleNamespace(**{**vars(CONFIGURATION), "text": "another"})
+        with pytest.raises(KeyboardInterrupt):
+            results.consolidate(changed)
+        assert tree(path.parent) == before
+        # control: without an interrupt it is written
+        results.consolidate(changed)
+    assert read_config_text(path) == "another"
+    assert recall(path, runs) == len(runs)
 
 
 # --- two processes --------------------------------------------------------------------------------
@@ -810,10 +874,14 @@ def test_a_folder_is_held_by_one_process_until_it_ends_in_whatever_way(
 
 
 def test_a_folder_is_held_once_in_a_process_and_free_after_an_error(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), open_results(tmp_path, "sample"):
-        with pytest.raises(StorageError, match="another fvi"), open_results(tmp_path, "sample"):
-            pass
-        raise RuntimeError
+    def fail() -> None:
+        with open_results(tmp_path, "sample"):
+            with pytest.raises(StorageError, match="another fvi"):
+                open_results(tmp_path, "other").__enter__()
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
     with open_results(tmp_path, "sample"):
         pass
 
