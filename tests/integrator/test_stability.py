@@ -1,0 +1,304 @@
+"""Zeros in a disc, the determinant of a step, and facts that are known of the methods."""
+
+import math
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.integrator.stability import (
+    exact_growth,
+    largest_stable_step,
+    linearised_at_start,
+    predict_stability,
+    stable_method,
+)
+from fvi_cli.integrator.stability_determinant import linear_system, step_determinant
+from fvi_cli.mathematics.characteristic import CharacteristicFunction, characteristic_zeros
+from fvi_cli.mathematics.disc_zeros import (
+    ZeroCountError,
+    count_zeros,
+    find_zeros,
+    smallest_zero_modulus,
+)
+from fvi_cli.scenes.named import pendulum
+
+
+def oscillator(
+    final_time=100.0, *, mass=1.0, stiffness=1.0, damping=((1.5, 1.0),), derivative="caputo"
+):
+    mass = np.atleast_2d(mass)
+    d = mass.shape[0]
+    return Scene(
+        inertia=Inertia(mass=mass),
+        potential=QuadraticPotential(stiffness=stiffness),
+        damping=tuple(FractionalDamping(order=o, coefficient=c) for o, c in damping),
+        initial_position=np.ones(d),
+        initial_velocity=np.zeros(d),
+        final_time=final_time,
+        derivative=derivative,
+    )
+
+
+def nodes(p, degree=1):
+    return Method(cq=f"bdf{p}", degree=degree, sampling="nodes")
+
+
+def points(p, degree=1):
+    return Method(cq=f"bdf{p}", degree=degree, sampling="points")
+
+
+def polynomial_with(zeros):
+    def logarithm(z):
+        with np.errstate(divide="ignore"):
+            factors = np.subtract.outer(z, np.asarray(zeros, dtype=complex))
+            return np.log(np.abs(factors)).sum(axis=-1) + 1j * np.angle(factors).sum(axis=-1)
+
+    return logarithm
+
+
+@pytest.mark.parametrize(
+    ("zeros", "radius", "inside"),
+    [
+        ([0.5, -0.3, 2.0], 0.9, 2),
+        ([0.9999999, 0.9999999, 1.0000001], 1 - 5e-8, 2),
+        ([0.4 + 0.3j, 0.4 - 0.3j, 0.4 + 0.3j, 0.4 - 0.3j], 0.8, 4),
+        ([0.4 + 0.3j, 0.4 - 0.3j], 0.4, 0),
+        ([-0.99999, 0.2], 0.99, 1),
+        ([1j * 0.99995, -1j * 0.99995, 1j * 1.00001, -1j * 1.00001], 0.9999, 0),
+        ([1j * 0.99985, -1j * 0.99985, 1j * 1.00001, -1j * 1.00001], 0.9999, 2),
+        ([0.0], 0.5, 1),
+    ],
+)
+def test_zeros_are_counted(zeros, radius, inside):
+    assert count_zeros(polynomial_with(zeros), radius) == inside
+
+
+def test_a_zero_on_the_circle_is_an_error():
+    with pytest.raises(ZeroCountError, match="radius"):
+        count_zeros(polynomial_with([0.5]), 0.5)
+
+
+@pytest.mark.parametrize("radius", [0.0, 1.0, -0.5, math.nan])
+def test_the_radius_is_checked(radius):
+    with pytest.raises(ValueError, match="must lie in"):
+        count_zeros(polynomial_with([0.5]), radius)
+
+
+def test_zeros_are_found():
+    zeros = [0.3, -0.95, 0.5 + 0.6j, 0.5 - 0.6j, 1.01, 1.2j, -1.2j]
+    found = find_zeros(polynomial_with(zeros), 0.99)
+    assert found is not None
+    expected = sorted(zeros[:4], key=abs)
+    assert np.abs(np.sort_complex(found) - np.sort_complex(expected)).max() < 1e-12
+    assert smallest_zero_modulus(polynomial_with(zeros), 0.99) == pytest.approx(0.3, rel=1e-12)
+    assert smallest_zero_modulus(polynomial_with([1.1]), 0.99) == math.inf
+    # a double zero is not told apart, but its modulus is bounded all the same
+    assert smallest_zero_modulus(polynomial_with([0.7, 0.7, 0.9]), 0.99) == pytest.approx(
+        0.7, rel=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("p", "bound"), [(1, 2.0), (2, 4.0), (3, 20 / 3), (4, 32 / 3), (5, 256 / 15), (6, 416 / 15)]
+)
+@pytest.mark.parametrize("order", [0.4, 1.0, 1.5, 1.8])
+def test_sawtooth_bound_of_explicit_sampling(p, bound, order):
+    # mu h^(2 - gamma) gamma_p(-1)^gamma = 4 puts a mode at z = -1: the bound is a formula
+    critical = (4 / bound**order) ** (1 / (2 - order))
+    n = 4000
+    for factor, verdict in ((0.95, "stable"), (1.05, "unstable")):
+        scene = oscillator(n * critical * factor, stiffness=0.0, damping=((order, 1.0),))
+        assert predict_stability(scene, nodes(p), n).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("p", "step"), [(1, 2.0), (2, 0.25), (3, 0.054), (4, 0.0132), (5, 0.0032), (6, 0.00075)]
+)
+def test_largest_stable_step_of_explicit_sampling(p, step):
+    found = largest_stable_step(oscillator(400.0), nodes(p))
+    assert found == pytest.approx(step, rel=0.06)
+
+
+def test_largest_stable_step_where_there_is_no_limit():
+    assert largest_stable_step(oscillator(64.0), points(2)) == 64.0
+    assert largest_stable_step(oscillator(64.0), Method(cq="gauss", degree=3)) == 64.0
+
+
+@pytest.mark.parametrize("p", [1, 2])
+@pytest.mark.parametrize("order", [0.05, 0.5, 1.0, 1.3, 1.95])
+def test_degree_one_at_the_points_is_stable_for_a_stable_formula(p, order):
+    for stiffness in (1e-2, 1.0, 1e4, 1e8):
+        for mu in (1e-2, 1.0, 1e4):
+            scene = oscillator(500.0, stiffness=stiffness, damping=((order, mu),))
+            prediction = predict_stability(scene, points(p), 500)
+            assert prediction.verdict == "stable"
+            assert prediction.growing_modes == 0
+    # the control: a formula that is not A-stable
+    scene = oscillator(500.0, stiffness=100.0, damping=((1.5, 10.0),))
+    assert predict_stability(scene, points(6), 500).verdict == "unstable"
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+def test_gauss_methods_are_never_unstable(degree):
+    method = Method(cq="gauss", degree=degree)
+    for order in (0.1, 0.5, 1.0, 1.4, 1.9):
+        for stiffness in (1e-2, 1.0, 1e2, 1e5, 1e8):
+            for mu in (1e-2, 1.0, 1e2, 1e4):
+                scene = oscillator(1000.0, stiffness=stiffness, damping=((order, mu),))
+                prediction = predict_stability(scene, method, 1000)
+                assert prediction.verdict == "stable", (order, stiffness, mu, prediction)
+                assert prediction.growing_modes == 0, (order, stiffness, mu, prediction)
+
+
+def test_the_scene_of_the_paper_that_blows_up():
+    scene = oscillator(1.0)
+    verdicts = [predict_stability(scene, nodes(p), 256).verdict for p in range(1, 7)]
+    assert verdicts[:3] == ["stable"] * 3
+    assert verdicts[5] == "unstable"
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "damping"),
+    [
+        (1.0, ((0.5, -0.3),)),
+        (1.0, ((1.5, -0.4),)),
+        (1.0, ((1.0, -0.2),)),
+        (-1.0, ((0.5, 0.5),)),
+        (2.0, ((0.5, 0.4), (1.5, -0.7))),
+    ],
+)
+@pytest.mark.parametrize("method", [Method(cq="gauss", degree=3), points(2, 2), nodes(2)])
+def test_true_growth_is_not_called_unstable(stiffness, damping, method):
+    scene = oscillator(30.0, stiffness=stiffness, damping=damping)
+    prediction = predict_stability(scene, method, 3000)
+    assert prediction.verdict == "stable"
+    assert prediction.growing_modes >= 1
+    characteristic = CharacteristicFunction(mass=1.0, stiffness=stiffness, damping=damping)
+    largest = max(float(zero.center.real) for zero in characteristic_zeros(characteristic))
+    assert prediction.exact_growth == pytest.approx(largest * 0.01, rel=1e-9)
+    assert prediction.growth_per_step == pytest.approx(largest * 0.01, rel=0.05)
+    # the growth is that of the equation, so an equation of the opposite sign has none
+    system = linear_system(oscillator(30.0, stiffness=1.0, damping=((0.5, 0.3),)))
+    assert exact_growth(system, 30.0, 0.01) == 0.0
+
+
+def test_classical_growth_by_a_formula():
+    # x'' - 2 a x' + x = 0 grows like exp(a t); the midpoint rule does it by its stability function
+    scene = oscillator(100.0, damping=((1.0, -0.2),))
+    prediction = predict_stability(scene, Method(cq="gauss", degree=1), 100)
+    s = complex(0.1, math.sqrt(1 - 0.01))
+    expected = math.log(abs((1 + s / 2) / (1 - s / 2)))
+    assert prediction.growth_per_step == pytest.approx(expected, rel=1e-9)
+    assert prediction.exact_growth == pytest.approx(0.1, rel=1e-9)
+    assert prediction.growing_modes == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "growth"),
+    [("explicit-euler", 0.5 * math.log(1 + 0.01)), ("implicit-euler", 0.0)],
+)
+def test_baselines_by_a_formula(name, growth):
+    scene = oscillator(1000.0, damping=())
+    prediction = predict_stability(scene, Baseline(name=name), 10000)
+    assert prediction.growth_per_step == pytest.approx(growth, rel=1e-6, abs=1e-12)
+    assert prediction.verdict == ("unstable" if growth else "stable")
+
+
+def test_undamped_modes_do_not_grow():
+    for method in (Method(cq="gauss", degree=2), points(3, 2), nodes(1)):
+        prediction = predict_stability(oscillator(100.0, damping=()), method, 1000)
+        assert (prediction.verdict, prediction.growing_modes) == ("stable", 0)
+
+
+def test_coordinates_do_not_matter():
+    # two oscillators, apart and in turned coordinates of another mass, and truly coupled
+    damping = ((1.5, np.diag([0.5, 2.0])), (0.5, np.diag([0.1, 0.3])))
+    scene = oscillator(50.0, mass=np.eye(2), stiffness=np.diag([1.0, 4.0]), damping=damping)
+    turn = np.array([[2.0, 0.3], [-0.4, 1.0]])
+
+    def turned(matrix):
+        return turn.T @ np.asarray(matrix) @ turn
+
+    same = oscillator(
+        50.0,
+        mass=turned(np.eye(2)),
+        stiffness=turned(np.diag([1.0, 4.0])),
+        damping=tuple((order, turned(matrix)) for order, matrix in damping),
+    )
+    singles = [
+        oscillator(50.0, stiffness=k, damping=((1.5, a), (0.5, b)))
+        for k, a, b in ((1.0, 0.5, 0.1), (4.0, 2.0, 0.3))
+    ]
+    for method in (nodes(3), points(6, 3), Method(cq="radau-iia", degree=2)):
+        one = predict_stability(scene, method, 100)
+        two = predict_stability(same, method, 100)
+        parts = [predict_stability(single, method, 100) for single in singles]
+        assert one.verdict == two.verdict
+        assert one.growing_modes == two.growing_modes == sum(p.growing_modes for p in parts)
+        assert one.growth_per_step == pytest.approx(two.growth_per_step, rel=1e-7, abs=1e-12)
+        assert one.growth_per_step == pytest.approx(
+            max(p.growth_per_step for p in parts), rel=1e-7, abs=1e-12
+        )
+
+
+def test_coupled_determinant_is_the_product_of_its_parts():
+    # the same pair of oscillators, as one determinant of both and as two determinants
+    z = 0.9 * np.exp(1j * np.linspace(0.1, 3.0, 7))
+    both = linear_system(
+        oscillator(1.0, mass=np.eye(2), stiffness=np.diag([1.0, 4.0]), damping=((1.5, np.eye(2)),))
+    )
+    for method in (nodes(3), points(4, 2), Method(cq="gauss", degree=3)):
+        parts = sum(
+            step_determinant(linear_system(oscillator(1.0, stiffness=k)), method, 0.1)(z)
+            for k in (1.0, 4.0)
+        )
+        whole = step_determinant(both, method, 0.1)(z)
+        assert np.abs(np.exp(whole - parts) - 1).max() < 1e-10
+
+
+def test_units_do_not_matter():
+    one = predict_stability(oscillator(10.0), nodes(6), 100)
+    time, mass = 1e-9, 1e7
+    other = oscillator(
+        10.0 * time,
+        mass=mass,
+        stiffness=mass / time**2,
+        damping=((1.5, mass / time**2 * time**1.5),),
+    )
+    two = predict_stability(other, nodes(6), 100)
+    assert (one.verdict, one.growing_modes) == (two.verdict, two.growing_modes)
+    assert two.growth_per_step == pytest.approx(one.growth_per_step, rel=1e-9)
+
+
+def swinging(position):
+    return pendulum(
+        final_time=100.0,
+        damping=[FractionalDamping(order=1.5, coefficient=np.eye(1))],
+        initial_position=position,
+    )
+
+
+def test_nonlinear_scenes_are_only_warned_about():
+    prediction = predict_stability(swinging(0.0), nodes(6), 1000)
+    linear = predict_stability(oscillator(100.0), nodes(6), 1000)
+    assert prediction.verdict == "unknown"
+    assert "linearised" in prediction.reason
+    assert prediction.growth_per_step == pytest.approx(linear.growth_per_step, rel=1e-9)
+    assert predict_stability(swinging(math.pi), Method(cq="gauss", degree=1), 1000).exact_growth > 0
+    assert linearised_at_start(oscillator()).is_linear
+
+
+def test_a_method_that_is_stable_at_this_step():
+    proposed = stable_method(oscillator(100.0), nodes(6, 2), 1000)
+    assert proposed is not None
+    assert predict_stability(oscillator(100.0), proposed, 1000).verdict == "stable"
+
+
+def test_the_number_of_steps_is_checked():
+    with pytest.raises(ValueError, match="n_steps: 0"):
+        predict_stability(oscillator(), nodes(1), 0)

@@ -1,0 +1,123 @@
+"""What is predicted of a run is what is observed, on random linear scenes and methods."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.engine import run
+from fvi_cli.integrator.integrate import prepare
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.stability import predict_stability
+from fvi_cli.scenes.named import linear_oscillator
+
+FEWEST_STEPS = 2000
+
+
+def random_matrix(random: np.random.Generator, dimension: int, size: float) -> np.ndarray:
+    """A positive semi-definite matrix of this size."""
+    root = random.standard_normal((dimension, dimension))
+    matrix = root @ root.T
+    return size * matrix / np.abs(matrix).max()
+
+
+def random_case(random: np.random.Generator) -> tuple[Scene, Method]:
+    """A dissipative linear scene with step size 1, and a method of any family."""
+    family = str(random.choice(["nodes", "points", "gauss", "radau-iia", "lobatto-iiic"]))
+    if family in ("nodes", "points"):
+        order, degree = int(random.integers(1, 7)), int(random.integers(1, 4))
+        method = Method(cq=f"bdf{order}", degree=degree, sampling=family)
+    else:
+        method = Method(cq=family, degree=int(random.integers(1, 5)))
+    dimension = int(random.choice([1, 1, 1, 2]))
+    damping = [
+        FractionalDamping(
+            order=float(random.uniform(0.05, 1.95)),
+            coefficient=random_matrix(random, dimension, 10 ** random.uniform(-2, 2)),
+        )
+        for _ in range(int(random.choice([1, 1, 2])))
+    ]
+    scene = linear_oscillator(
+        final_time=float(FEWEST_STEPS),
+        mass=np.eye(dimension),
+        stiffness=random_matrix(random, dimension, 10 ** random.uniform(-2, 4)),
+        damping=damping,
+        initial_position=np.zeros(dimension),
+        initial_velocity=np.zeros(dimension),
+    )
+    return scene, method
+
+
+def observed_growth(
+    scene: Scene, method: Method, n_steps: int, random: np.random.Generator
+) -> float:
+    """Largest position in the last over that in the first quarter, from random data."""
+    problem = replace(
+        prepare(scene, method, n_steps).problem,
+        position=random.standard_normal(scene.dimension),
+        momentum=random.standard_normal(scene.dimension),
+    )
+    with np.errstate(all="ignore"):
+        position = np.abs(run(problem, "auto").position)
+    if position.shape[0] <= n_steps or not np.isfinite(position).all():
+        return float("inf")
+    quarter = n_steps // 4
+    return float(position[-quarter:].max() / position[:quarter].max())
+
+
+def contradictions(seed: int, count: int) -> tuple[list[str], dict[str, int]]:
+    """Cases in which prediction and observation differ, and how often each was predicted."""
+    random = np.random.default_rng(seed)
+    wrong: list[str] = []
+    verdicts = {"stable": 0, "unstable": 0, "unknown": 0}
+    for _ in range(count):
+        scene, method = random_case(random)
+        growth = predict_stability(scene, method, FEWEST_STEPS).growth_per_step
+        # twenty times e, so that a mode that grows is seen, however slowly
+        n_steps = max(FEWEST_STEPS, int(20 / growth)) if growth > 0 else FEWEST_STEPS
+        scene = replace(scene, final_time=float(n_steps))
+        prediction = predict_stability(scene, method, n_steps)
+        verdicts[prediction.verdict] += 1
+        if prediction.verdict == "unstable" and method.cq == "gauss":
+            wrong.append(f"{method.case}: {prediction}")
+        ratio = observed_growth(scene, method, n_steps, random)
+        if (ratio > 1e3) != (prediction.verdict == "unstable"):
+            wrong.append(f"{method.case}, {scene.damping}: {prediction}, but {ratio:.3g}")
+    return wrong, verdicts
+
+
+def test_what_is_predicted_is_observed() -> None:
+    wrong, verdicts = contradictions(seed=20, count=100)
+    assert not wrong
+    assert verdicts["unknown"] == 0
+    assert min(verdicts["stable"], verdicts["unstable"]) >= 20
+
+
+@pytest.mark.slow
+def test_what_is_predicted_is_observed_in_two_thousand_cases() -> None:
+    wrong, verdicts = contradictions(seed=7, count=2000)
+    assert not wrong
+    assert verdicts["unknown"] == 0
+    assert sum(verdicts.values()) == 2000
+    assert min(verdicts["stable"], verdicts["unstable"]) >= 500
+
+
+def test_a_wrong_prediction_would_be_noticed() -> None:
+    # the control: one order more in the prediction than in the run
+    random = np.random.default_rng(3)
+    scene = linear_oscillator(
+        final_time=2000.0,
+        damping=[FractionalDamping(order=1.5, coefficient=np.array([[0.04]]))],
+        stiffness=0.1,
+        initial_position=0.0,
+        initial_velocity=0.0,
+    )
+    run_by, predicted_for = (Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in (5, 6))
+    assert predict_stability(scene, run_by, 2000).verdict == "stable"
+    assert predict_stability(scene, predicted_for, 2000).verdict == "unstable"
+    assert observed_growth(scene, run_by, 2000, random) < 1e3
+    assert observed_growth(scene, predicted_for, 2000, random) > 1e3
