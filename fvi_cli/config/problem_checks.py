@@ -128,6 +128,9 @@ def _own_size(problem: Mapping[str, Any]) -> tuple[KeyPath, int] | None:
         return ("omega",), 1
     if kind in FIXED_SIZES:
         return (), FIXED_SIZES[kind]
+    names = problem.get("coordinates")
+    if kind == "lagrangian":
+        return (("coordinates",), len(names)) if isinstance(names, list) else None
     size = problem.get(SIZE_KEYS.get(kind, ""))
     return ((SIZE_KEYS[kind],), size) if isinstance(size, int) else None
 

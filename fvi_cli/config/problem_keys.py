@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from fvi_cli.config.document import Node, ScalarNode
-from fvi_cli.config.records import ByForm, ByKind, Key, ListOf, Record, Refusal
+from fvi_cli.config.records import ByForm, ByKind, Key, ListOf, Named, Record, Refusal
 from fvi_cli.config.shapes import OPTIONAL, Choice, Formula, Integer, Matrix, Number, Text
 
 
@@ -331,6 +331,25 @@ _STRING: Final = (
     ),
 )
 
+_LAGRANGIAN: Final = (
+    Key(
+        name="coordinates",
+        shape=ListOf(shape=Text(what="a name"), most=100, example="[x, y]"),
+        meaning="Names of the coordinates q; the velocity of x is vx.",
+    ),
+    Key(
+        name="parameters",
+        shape=Named(shape=Number(), example="{m: 1.0, g: 9.81}"),
+        meaning="Values of further names in the Lagrangian.",
+        default={},
+    ),
+    Key(
+        name="lagrangian",
+        shape=Text(what="an expression in coordinates, velocities, parameters and t"),
+        meaning="L(q, v, t), kinetic minus potential energy (energy).",
+    ),
+)
+
 PROBLEM: Final = ByKind(
     kinds={
         "damped-oscillator": _scene_keys(own=(_MASS, _STIFFNESS), default_order=1.0),
@@ -341,6 +360,7 @@ PROBLEM: Final = ByKind(
         "chain": _scene_keys(own=_CHAIN, default_order=1.0),
         "frame": _scene_keys(own=_FRAME, default_order=1.0, forcing=_GROUND),
         "string": _scene_keys(own=_STRING, default_order=1.0),
+        "lagrangian": _scene_keys(own=_LAGRANGIAN, default_order=1.0),
         "fractional-derivative": Record(
             keys=(
                 Key(

@@ -114,6 +114,34 @@ class ByForm:
         return {"anyOf": [shape.schema() for shape in self._shapes()]}
 
 
+@dataclass(frozen=True, kw_only=True)
+class Named:
+    """A mapping from names that the user chooses to equal things."""
+
+    shape: Shape
+    example: str = ""
+
+    @property
+    def expected(self) -> str:
+        """What is allowed."""
+        example = f", such as {self.example}" if self.example else ""
+        return f"a mapping from names to values, each {self.shape.expected}{example}"
+
+    def read(self, node: Node, path: KeyPath, complaints: Complaints) -> Any:
+        """A dict."""
+        if not isinstance(node, MappingNode):
+            complaints.add(node.place, path, needed(node, self.expected))
+            return INVALID
+        return {
+            name: self.shape.read(entry.node, (*path, name), complaints)
+            for name, entry in node.entries.items()
+        }
+
+    def schema(self) -> Schema:
+        """The shape in JSON schema."""
+        return {"type": "object", "additionalProperties": self.shape.schema()}
+
+
 Refusal = str | Callable[[Node], str]
 
 

@@ -90,6 +90,14 @@ _EXAMPLES: Final[dict[str, dict[str, str]]] = {
         "internal_damping": "[{order: 0.5, coefficient: 0.01}]",
         "final_time": "2.0",
     },
+    "lagrangian": {
+        "coordinates": "[x]",
+        "parameters": "{m: 1.0, g: 9.81}",
+        "lagrangian": "m*vx**2/2 - m*g*(1 - cos(x))",
+        "damping": "[{order: 0.5, coefficient: 0.3, acts_on: [x]}]",
+        "initial": "{position: 1.0, velocity: 0.0}",
+        "final_time": "4.0",
+    },
     "fractional-derivative": {
         "order": "0.5",
         "function": "t**2*sin(t)",

@@ -11,6 +11,7 @@ import numpy as np
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.matrices import Array
 from fvi_cli.effects.potential import Potential, QuadraticPotential
 
@@ -26,13 +27,17 @@ class Scene:
     Parameters
     ----------
     inertia
-        Kinetic energy.
+        Kinetic energy; beside a `lagrangian` its mass matrix at the start.
     initial_position, initial_velocity
         q0 and v0, shape ``(d,)``.
     final_time
         T > 0.
     potential, damping, forcing
         The other effects; what is absent is not simulated.
+    lagrangian
+        In place of inertia and potential, where the mass matrix is not constant:
+        :math:`\frac{d}{dt} \partial_v L - \partial_q L` stands for
+        :math:`M q'' + \nabla V(q)`.
     derivative
         ``caputo``: D acts on q - q0 (and on q - q0 - v0 t for orders above 1);
         ``riemann-liouville``: on q itself.
@@ -52,6 +57,7 @@ class Scene:
     damping: tuple[FractionalDamping, ...] = ()
     forcing: Forcing | None = None
     derivative: Derivative = "caputo"
+    lagrangian: Lagrangian | None = None
 
     def __post_init__(self) -> None:
         d = self.inertia.dimension
@@ -63,7 +69,9 @@ class Scene:
             object.__setattr__(self, name, value)
         if not (0 < self.final_time < math.inf):
             raise ValueError(f"final_time: {self.final_time!r} is not allowed; it must be positive")
-        effects = (self.potential, *self.damping, self.forcing)
+        if self.lagrangian is not None and self.potential is not None:
+            raise ValueError("potential: a Lagrangian holds the potential energy already")
+        effects = (self.potential, self.lagrangian, *self.damping, self.forcing)
         for effect in effects:
             if effect is not None and effect.dimension != d:
                 raise ValueError(
@@ -95,6 +103,8 @@ class Scene:
     @property
     def is_linear(self) -> bool:
         """Whether the equations of motion are linear in q."""
+        if self.lagrangian is not None:
+            return False
         return self.potential is None or isinstance(self.potential, QuadraticPotential)
 
     @property
@@ -105,7 +115,18 @@ class Scene:
         return tuple(t for t in self.forcing.break_points if 0 < t < self.final_time)
 
     def energy(self, position: Array, momentum: Array) -> Array:
-        """Hamiltonian p M^-1 p / 2 + V(q) without forcing, shapes ``(..., d)`` to ``(...)``."""
+        """Hamiltonian p M^-1 p / 2 + V(q) without forcing, shapes ``(..., d)`` to ``(...)``.
+
+        Raises
+        ------
+        ValueError
+            For a Lagrangian that depends on time, whose energy is not a function of these two.
+        """
+        if self.lagrangian is not None:
+            if self.lagrangian.depends_on_time:
+                raise ValueError("energy: the Lagrangian depends on t; give the time as well")
+            rate = self.lagrangian.velocity(position, momentum, 0.0)
+            return self.lagrangian.energy(position, rate, 0.0)
         velocity = np.linalg.solve(self.inertia.mass, momentum[..., None])[..., 0]
         kinetic = 0.5 * np.einsum("...i,...i->...", momentum, velocity)
         if self.potential is None:

@@ -177,6 +177,14 @@ class Expression:
         return frozenset(str(value) for kind, value in self._program if kind == "variable")
 
     @property
+    def program(self) -> tuple[Instruction, ...]:
+        """Instructions of a stack machine: ``(kind, number or name)``.
+
+        The kinds are ``number``, ``variable``, ``call``, ``negate`` and the operators.
+        """
+        return self._program
+
+    @property
     def functions(self) -> frozenset[str]:
         """Functions of variables that occur in it, by their NumPy names."""
         return frozenset(str(value) for kind, value in self._program if kind == "call")

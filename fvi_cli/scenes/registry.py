@@ -16,6 +16,7 @@ from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
 from fvi_cli.mathematics.power_series import SeriesError, expand
 from fvi_cli.scenes.chains import chain, frame, string
+from fvi_cli.scenes.lagrangian import check_names, lagrangian_scene
 from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.nonlinear import duffing, kepler
@@ -37,6 +38,7 @@ EQUATIONS: Mapping[str, str] = {
     "+ sum c D^gamma) (x_i - x_(i-1))",
     "string": "u_tt + sum mu D^gamma u - sum eta D^gamma u_ss = wave_speed^2 u_ss in sine modes "
     "x1, x2, ...",
+    "lagrangian": "d/dt dL/dv - dL/dq + sum mu D^gamma q = f(t)",
     "fractional-derivative": "y = D^gamma f (Caputo)",
 }
 
@@ -78,6 +80,9 @@ def _scene(kind: str, specification: Mapping[str, Any]) -> Scene:
     velocity = initial.get("velocity", 0.0)
     dimension = _dimension(kind, specification, position)
     names = coordinate_names(kind, dimension)
+    if kind == "lagrangian":
+        names = tuple(str(name) for name in specification["coordinates"])
+        check_names(names, specification.get("parameters", {}))
     common: dict[str, Any] = {
         "final_time": float(specification["final_time"]),
         "damping": [
@@ -101,6 +106,8 @@ def _scene(kind: str, specification: Mapping[str, Any]) -> Scene:
     common["forcing"] = build_forcing(specification.get("forcing", 0), dimension)
     if kind == "chain":
         return chain(dampers=_dampers(specification), **own, **common)
+    if kind == "lagrangian":
+        return lagrangian_scene(**own, **common)
     if kind == "string":
         pluck = specification.get("pluck")
         return string(
@@ -129,6 +136,7 @@ _OWN_KEYS: Mapping[str, tuple[str, ...]] = {
     "kepler": ("attraction",),
     "chain": ("masses", "mass", "stiffness", "ends"),
     "frame": ("storeys", "mass", "stiffness"),
+    "lagrangian": ("coordinates", "lagrangian", "parameters"),
     "string": ("modes", "wave_speed", "length"),
 }
 
@@ -146,6 +154,8 @@ def _dimension(kind: str, specification: Mapping[str, Any], position: object) ->
     """What the kind says; otherwise the largest size of any entry, which the others must fit."""
     if kind in FIXED_SIZES:
         return FIXED_SIZES[kind]
+    if kind == "lagrangian":
+        return len(specification["coordinates"])
     if kind in SIZE_KEYS:
         return int(specification[SIZE_KEYS[kind]])
     entries = [position, *(specification.get(key, 1.0) for key in ("mass", "stiffness"))]

@@ -1,0 +1,174 @@
+r"""A Lagrangian whose mass matrix is not constant, or whose energies do not separate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from fvi_cli.effects.matrices import Array
+from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.formulas import FormulaSystem
+
+T = TypeVar("T")
+
+TIME = "t"
+VELOCITY_SWEEPS = 30
+
+
+def velocity_name(coordinate: str) -> str:
+    """Name of the velocity of a coordinate."""
+    return f"v{coordinate}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Derivatives:
+    r"""L up to its second derivatives at n points.
+
+    Parameters
+    ----------
+    momentum, force
+        :math:`\partial L/\partial v` and :math:`\partial L/\partial q`, shape ``(..., d)``.
+    mass, mixed, stiffness
+        :math:`\partial^2 L/\partial v_a \partial v_b`, :math:`\partial^2 L/\partial v_a \partial
+        q_b` and :math:`\partial^2 L/\partial q_a \partial q_b`, shape ``(..., d, d)``.
+    """
+
+    momentum: Array
+    force: Array
+    mass: Array
+    mixed: Array
+    stiffness: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lagrangian:
+    r"""L(q, v, t) with its derivatives, as programs over q, v<q> and t.
+
+    Parameters
+    ----------
+    coordinates
+        Names of the d coordinates.
+    value
+        L.
+    first
+        :math:`\partial L/\partial v` (d values) and :math:`\partial L/\partial q` (d values).
+    second
+        The values of `first`, then the matrices of :class:`Derivatives` row by row.
+    drift
+        :math:`\partial^2 L / \partial v \partial t`, d values.
+    depends_on_time
+        Whether t occurs in L.
+    """
+
+    coordinates: tuple[str, ...]
+    value: FormulaSystem
+    first: FormulaSystem
+    second: FormulaSystem
+    drift: FormulaSystem
+    depends_on_time: bool = False
+
+    @property
+    def dimension(self) -> int:
+        """Number d of degrees of freedom."""
+        return len(self.coordinates)
+
+    def _evaluate(
+        self, system: FormulaSystem, position: Array, velocity: Array, time: Array | float
+    ) -> Array:
+        """Values of a program, shape ``(..., number of outputs)``."""
+        names: dict[str, Array | float] = {TIME: np.asarray(time, dtype=float)}
+        for index, name in enumerate(self.coordinates):
+            names[name] = position[..., index]
+            names[velocity_name(name)] = velocity[..., index]
+        values = system.evaluate(names, NUMPY_FUNCTIONS)
+        result = np.empty((*position.shape[:-1], len(values)))
+        for index, value in enumerate(values):
+            result[..., index] = value
+        return result
+
+    def lagrangian(self, position: Array, velocity: Array, time: Array | float) -> Array:
+        """L, shapes ``(..., d)``, ``(..., d)`` and ``(...)`` to ``(...)``."""
+        return np.asarray(self._evaluate(self.value, position, velocity, time)[..., 0])
+
+    def momentum(self, position: Array, velocity: Array, time: Array | float) -> Array:
+        """dL/dv, shape ``(..., d)``."""
+        d = self.dimension
+        return np.asarray(self._evaluate(self.first, position, velocity, time)[..., :d])
+
+    def force(self, position: Array, velocity: Array, time: Array | float) -> Array:
+        """dL/dq, shape ``(..., d)``."""
+        d = self.dimension
+        return np.asarray(self._evaluate(self.first, position, velocity, time)[..., d:])
+
+    def derivatives(self, position: Array, velocity: Array, time: Array | float) -> Derivatives:
+        """All first and second derivatives in q and v."""
+        d = self.dimension
+        values = self._evaluate(self.second, position, velocity, time)
+        matrices = values[..., 2 * d :].reshape(*values.shape[:-1], 3, d, d)
+        return Derivatives(
+            momentum=values[..., :d],
+            force=values[..., d : 2 * d],
+            mass=matrices[..., 0, :, :],
+            mixed=matrices[..., 1, :, :],
+            stiffness=matrices[..., 2, :, :],
+        )
+
+    def momentum_rate(
+        self, position: Array, velocity: Array, acceleration: Array, time: Array | float
+    ) -> Array:
+        r"""d/dt of dL/dv along a motion, shape ``(..., d)``."""
+        at = self.derivatives(position, velocity, time)
+        return np.asarray(
+            np.einsum("...ab,...b->...a", at.mass, acceleration)
+            + np.einsum("...ab,...b->...a", at.mixed, velocity)
+            + self._evaluate(self.drift, position, velocity, time)
+        )
+
+    def first_on(
+        self,
+        position: Sequence[T],
+        velocity: Sequence[T],
+        time: T | float,
+        functions: Mapping[str, Callable[..., T]],
+    ) -> tuple[list[T | float], list[T | float]]:
+        """dL/dv and dL/dq on any algebra: d values each (numbers where one is constant)."""
+        names: dict[str, T | float] = {TIME: time}
+        for name, q, v in zip(self.coordinates, position, velocity, strict=True):
+            names[name] = q
+            names[velocity_name(name)] = v
+        values = self.first.evaluate(names, functions)
+        return values[: self.dimension], values[self.dimension :]
+
+    def velocity(self, position: Array, momentum: Array, time: Array | float) -> Array:
+        """The velocity that belongs to a momentum, by Newton's iteration; shape ``(..., d)``.
+
+        One step suffices where L is quadratic in v. Where none exists the result is not finite
+        or does not belong to the momentum.
+        """
+        velocity = np.zeros_like(momentum)
+        previous = np.inf
+        for _ in range(VELOCITY_SWEEPS):
+            at = self.derivatives(position, velocity, time)
+            finite = np.isfinite(at.mass).all() and np.isfinite(at.momentum).all()
+            if not finite:
+                return np.full_like(momentum, np.nan)
+            try:
+                update = np.linalg.solve(at.mass, (momentum - at.momentum)[..., None])[..., 0]
+            except np.linalg.LinAlgError:
+                return np.full_like(momentum, np.nan)
+            velocity = velocity + update
+            size = float(np.abs(update).max(initial=0.0))
+            scale = float(np.abs(velocity).max(initial=0.0))
+            if size <= 1e-15 * scale or size >= 0.5 * previous:
+                break
+            previous = size
+        return velocity
+
+    def energy(self, position: Array, velocity: Array, time: Array | float) -> Array:
+        r""":math:`v \cdot \partial L/\partial v - L`, shape ``(...)``."""
+        momentum = self.momentum(position, velocity, time)
+        kinetic = np.einsum("...a,...a->...", momentum, velocity)
+        return np.asarray(kinetic - self.lagrangian(position, velocity, time))

@@ -1,0 +1,300 @@
+"""Derivatives of formulas, exactly: the only room that knows SymPy, imported when called for.
+
+Nothing here reads text: formulas arrive parsed by the whitelist of
+:class:`fvi_cli.mathematics.expressions.Expression`, are built up as trees node by node, and leave
+as data again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, cast
+
+from fvi_cli.mathematics.expressions import Expression, ExpressionError
+from fvi_cli.mathematics.formulas import FormulaSystem, Instruction
+
+Symbolic = Any
+"""A SymPy expression."""
+
+# Beyond these a formula is left as it stands; it is then perhaps not recognised as constant.
+EXPANDED_OPERATIONS: Final = 400
+EXPANDED_EXPONENT: Final = 12
+TRIGONOMETRIC_OPERATIONS: Final = 120
+
+_SAME_NAME: Final = ("exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh", "sign")
+_OTHER_NAME: Final[Mapping[str, str]] = {
+    "asin": "arcsin",
+    "acos": "arccos",
+    "atan": "arctan",
+    "asinh": "arcsinh",
+    "acosh": "arccosh",
+    "atanh": "arctanh",
+    "Abs": "abs",
+}
+
+
+def symbol(name: str) -> Symbolic:
+    """The real variable `name`."""
+    import sympy
+
+    return sympy.Symbol(name, real=True)
+
+
+def symbolic(expression: Expression) -> Symbolic:
+    """The tree of a parsed expression.
+
+    Raises
+    ------
+    ExpressionError
+        If a function occurs whose derivative is not known here.
+    """
+    import sympy
+
+    stack: list[Symbolic] = []
+    for kind, value in expression.program:
+        if kind == "number":
+            stack.append(_number(float(value)))
+        elif kind == "variable":
+            stack.append(symbol(str(value)))
+        elif kind == "negate":
+            stack.append(-stack.pop())
+        elif kind == "call":
+            stack.append(_function(str(value), stack.pop()))
+        else:
+            right, left = stack.pop(), stack.pop()
+            if kind == "+":
+                stack.append(left + right)
+            elif kind == "-":
+                stack.append(left - right)
+            elif kind == "*":
+                stack.append(left * right)
+            elif kind == "/":
+                if right == 0:
+                    raise ExpressionError("it divides by zero")
+                stack.append(left / right)
+            else:
+                stack.append(sympy.Pow(left, _exponent(right)))
+    return stack.pop()
+
+
+def _number(value: float) -> Symbolic:
+    """Floating point, so that (2 x)**n never makes an integer with n digits."""
+    import sympy
+
+    return sympy.Integer(int(value)) if value in (-1.0, 0.0, 1.0) else sympy.Float(value, 30)
+
+
+def _exponent(value: Symbolic) -> Symbolic:
+    import sympy
+
+    if value.is_Float and abs(value) < 1e6 and float(2 * value).is_integer():
+        return sympy.Rational(int(2 * value), 2)
+    return value
+
+
+def _function(name: str, argument: Symbolic) -> Symbolic:
+    import sympy
+
+    if name in _SAME_NAME:
+        return getattr(sympy, name)(argument)
+    for theirs, ours in _OTHER_NAME.items():
+        if name == ours:
+            return getattr(sympy, theirs)(argument)
+    if name == "sqrt":
+        return sympy.sqrt(argument)
+    if name == "cbrt":
+        return sympy.sign(argument) * sympy.Abs(argument) ** sympy.Float(1 / 3, 30)
+    if name == "expm1":
+        return sympy.exp(argument) - 1
+    if name == "log1p":
+        return sympy.log(1 + argument)
+    raise ExpressionError(f"the function {name!r} cannot be differentiated here")
+
+
+def settled(formula: Symbolic) -> Symbolic:
+    """The formula, multiplied out if that makes variables drop out of it."""
+    import sympy
+
+    if not formula.free_symbols or formula.count_ops() > EXPANDED_OPERATIONS:
+        return formula
+    powers = [power.exp for power in formula.atoms(sympy.Pow) if power.base.is_Add]
+    if all(not e.is_Integer or abs(e) <= EXPANDED_EXPONENT for e in powers):
+        expanded = sympy.expand(formula)
+        if len(expanded.free_symbols) < len(formula.free_symbols):
+            return expanded
+    if formula.count_ops() <= TRIGONOMETRIC_OPERATIONS and formula.has(sympy.sin, sympy.cos):
+        simpler = sympy.trigsimp(formula)
+        if len(simpler.free_symbols) < len(formula.free_symbols):
+            return simpler
+    return formula
+
+
+def constant(formula: Symbolic) -> float | None:
+    """Its value if no variable is left in it.
+
+    Raises
+    ------
+    ExpressionError
+        If that value is not a finite real number.
+    """
+    if formula.free_symbols:
+        return None
+    value = complex(formula.evalf())
+    if value.imag != 0 or value.real != value.real or abs(value.real) == float("inf"):
+        raise ExpressionError(f"a derivative is {formula}, which is not a finite real number")
+    return value.real
+
+
+def terms_with(formula: Symbolic, variable: Symbolic) -> tuple[Symbolic, Symbolic]:
+    """The terms of a sum in which `variable` occurs, and the others."""
+    import sympy
+
+    inside, outside = sympy.Integer(0), sympy.Integer(0)
+    for term in sympy.Add.make_args(formula):
+        if term.has(variable):
+            inside += term
+        else:
+            outside += term
+    return inside, outside
+
+
+def text_of(formula: Symbolic) -> str:
+    """The formula as a text that :class:`Expression` reads.
+
+    Raises
+    ------
+    ExpressionError
+        If something occurs in it that is not real or not known.
+    """
+    if formula.is_Symbol:
+        return str(formula.name)
+    if formula.is_number:
+        return _number_text(formula)
+    arguments = [text_of(argument) for argument in formula.args]
+    if formula.is_Add:
+        return "(" + " + ".join(arguments) + ")"
+    if formula.is_Mul:
+        return "(" + "*".join(arguments) + ")"
+    if formula.is_Pow:
+        return f"({arguments[0]}**{arguments[1]})"
+    if _is_impulse(formula):
+        return "0"
+    return f"{_function_name(formula)}({arguments[0]})"
+
+
+def compile_formulas(formulas: Sequence[Symbolic]) -> FormulaSystem:
+    """One program for all of `formulas`, in which equal parts occur once.
+
+    Raises
+    ------
+    ExpressionError
+        If something occurs that is not real or not known.
+    """
+    program = _Program()
+    outputs = tuple(program.register(formula) for formula in formulas)
+    return FormulaSystem(instructions=tuple(program.instructions), outputs=outputs)
+
+
+class _Program:
+    """Instructions so far, and the registers of the parts that are there already."""
+
+    def __init__(self) -> None:
+        self.instructions: list[Instruction] = []
+        self._known: dict[Symbolic, int] = {}
+
+    def register(self, formula: Symbolic) -> int:
+        """Where `formula` stands, after adding what is missing."""
+        if formula not in self._known:
+            self._known[formula] = self._compile(formula)
+        return self._known[formula]
+
+    def _emit(self, kind: str, what: float | str | int, other: int = 0) -> int:
+        self.instructions.append((kind, what, other))
+        return len(self.instructions) - 1
+
+    def _compile(self, formula: Symbolic) -> int:
+        if formula.is_Symbol:
+            return self._emit("variable", str(formula.name))
+        if formula.is_number:
+            return self._emit("number", _number_value(formula))
+        if formula.is_Add:
+            return self._sum(formula)
+        if formula.is_Mul:
+            return self._product(formula)
+        if formula.is_Pow:
+            return self._power(formula.base, formula.exp)
+        if _is_impulse(formula):
+            return self._emit("number", 0.0)
+        name = _function_name(formula)
+        return self._emit("call", name, self.register(formula.args[0]))
+
+    def _sum(self, formula: Symbolic) -> int:
+        # a term that begins with a minus is subtracted, but not the first
+        terms = sorted(formula.args, key=_is_negative)
+        total = self.register(terms[0])
+        for term in terms[1:]:
+            if _is_negative(term):
+                total = self._emit("-", total, self.register(-term))
+            else:
+                total = self._emit("+", total, self.register(term))
+        return total
+
+    def _product(self, formula: Symbolic) -> int:
+        number, rest = formula.as_coeff_Mul()
+        over: list[Symbolic] = []
+        under: list[Symbolic] = []
+        for factor in rest.args if rest.is_Mul else (rest,):
+            divides = factor.is_Pow and factor.exp.is_number and factor.exp.is_negative
+            (under if divides else over).append(factor.base**-factor.exp if divides else factor)
+        value = _number_value(number)
+        total = self._constant(value) if value != 1.0 or not over else None
+        for factor in over:
+            register = self.register(factor)
+            total = register if total is None else self._emit("*", total, register)
+        for factor in under:
+            total = self._emit("/", cast(int, total), self.register(factor))
+        return cast(int, total)
+
+    def _constant(self, value: float) -> int:
+        return self.register(_number(value))
+
+    def _power(self, base: Symbolic, exponent: Symbolic) -> int:
+        if not exponent.is_number:
+            return self._emit("**", self.register(base), self.register(exponent))
+        value = _number_value(exponent)
+        if value == 0.5:
+            return self._emit("call", "sqrt", self.register(base))
+        if value < 0:
+            return self._emit("/", self._constant(1.0), self.register(base**-exponent))
+        return self._emit("power", value, self.register(base))
+
+
+def _is_negative(term: Symbolic) -> bool:
+    return bool(term.could_extract_minus_sign())
+
+
+def _is_impulse(formula: Symbolic) -> bool:
+    """Derivatives of kinks: zero except at one point."""
+    return type(formula).__name__ == "DiracDelta"
+
+
+def _number_value(formula: Symbolic) -> float:
+    value = constant(formula)
+    if value is None:  # pragma: no cover - numbers hold no variable
+        raise ExpressionError(f"{formula} is not a number")
+    return value
+
+
+def _number_text(formula: Symbolic) -> str:
+    value = _number_value(formula)
+    text = repr(int(value)) if value.is_integer() and abs(value) < 1e9 else repr(value)
+    return f"({text})" if value < 0 else text
+
+
+def _function_name(formula: Symbolic) -> str:
+    name = type(formula).__name__
+    if name in _SAME_NAME:
+        return name
+    if name in _OTHER_NAME:
+        return _OTHER_NAME[name]
+    raise ExpressionError(f"a derivative holds {name}, which has no real value here")

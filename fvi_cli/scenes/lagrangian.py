@@ -1,0 +1,270 @@
+"""Scenes from a Lagrangian that is written as a formula."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.lagrangian import TIME, Lagrangian, velocity_name
+from fvi_cli.effects.matrices import Array
+from fvi_cli.effects.potential import ExpressionPotential, Potential, QuadraticPotential
+from fvi_cli.effects.scene import Derivative, Scene
+from fvi_cli.mathematics import symbolic
+from fvi_cli.mathematics.expressions import Expression, ExpressionError
+
+LEAST_MASS = 1e-12
+"""Smallest eigenvalue of a mass matrix that counts as positive, relative to the largest."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Recognised:
+    """What a Lagrangian was found to consist of."""
+
+    mass: Array | None = None
+    potential: Potential | None = None
+    forcing: tuple[Expression, ...] | None = None
+    general: Lagrangian | None = None
+
+
+def lagrangian_scene(
+    *,
+    final_time: float,
+    coordinates: Sequence[str],
+    lagrangian: str,
+    parameters: Mapping[str, float] | None = None,
+    damping: Sequence[FractionalDamping] = (),
+    forcing: Forcing | None = None,
+    initial_position: ArrayLike = 0.0,
+    initial_velocity: ArrayLike = 0.0,
+    derivative: Derivative = "caputo",
+) -> Scene:
+    r"""Scene of a Lagrangian with fractional damping.
+
+    .. math:: \frac{d}{dt} \frac{\partial L}{\partial v} - \frac{\partial L}{\partial q}
+              = f(t) - \sum_j \mu_j D^{\gamma_j} q
+
+    Derivatives are taken symbolically. A Lagrangian that is quadratic in q and v becomes matrices
+    (with a force where it is linear in q, which then does not count in the energy); one with a
+    constant mass matrix and without products of q or t with v becomes an inertia and a potential;
+    all others keep their general form.
+
+    Parameters
+    ----------
+    coordinates
+        Names of the d coordinates; the velocity of ``x`` is ``vx``.
+    lagrangian
+        L in coordinates, velocities, parameters and ``t``.
+    parameters
+        Values of further names.
+
+    Raises
+    ------
+    ValueError
+        ``coordinates...``, ``parameters...``, ``lagrangian...`` or ``initial_position...:`` what
+        is wrong.
+    """
+    names = tuple(coordinates)
+    values = dict(parameters or {})
+    check_names(names, values)
+    velocities = tuple(velocity_name(name) for name in names)
+    try:
+        expression = Expression.parse(
+            lagrangian, variables=(*names, *velocities, TIME), constants=values
+        )
+        if not expression.names & set(velocities):
+            raise ValueError(
+                f"lagrangian: no velocity occurs in it ({', '.join(velocities)}); "
+                "without a kinetic energy nothing moves"
+            )
+        found = _recognise(names, velocities, symbolic.symbolic(expression))
+    except ExpressionError as error:
+        raise ValueError(f"lagrangian: {error}") from None
+    position = _vector(initial_position, len(names))
+    velocity = _vector(initial_velocity, len(names))
+    if found.mass is None:
+        raise ValueError(
+            "lagrangian: its mass matrix d2L/dv2 is not constant or its energies do not separate; "
+            "such scenes cannot be integrated yet"
+        )
+    return Scene(
+        inertia=Inertia(mass=found.mass),
+        potential=found.potential,
+        damping=tuple(damping),
+        forcing=_with(forcing, found.forcing),
+        initial_position=position,
+        initial_velocity=velocity,
+        final_time=final_time,
+        derivative=derivative,
+    )
+
+
+def check_names(coordinates: Sequence[str], parameters: Mapping[str, float]) -> None:
+    """Coordinates, their velocities, t and parameters must be different names.
+
+    Raises
+    ------
+    ValueError
+        ``coordinates.<index>: ...`` or ``parameters.<name>: ...``.
+    """
+    taken = {TIME: "the time"}
+    for index, name in enumerate(coordinates):
+        for given, what in (
+            (name, "a coordinate"),
+            (velocity_name(name), f"the velocity of {name}"),
+        ):
+            if given in taken:
+                raise ValueError(f"coordinates.{index}: {given!r} is {taken[given]} already")
+            _check_name(given, f"coordinates.{index}")
+            taken[given] = what
+    for name in parameters:
+        if name in taken:
+            raise ValueError(f"parameters.{name}: the name is {taken[name]}")
+        _check_name(name, f"parameters.{name}")
+
+
+def _check_name(name: str, place: str) -> None:
+    try:
+        Expression.parse("0", variables=(name,))
+    except ExpressionError as error:
+        raise ValueError(f"{place}: {error}") from None
+
+
+def _recognise(
+    names: tuple[str, ...], velocities: tuple[str, ...], formula: symbolic.Symbolic
+) -> _Recognised:
+    q = [symbolic.symbol(name) for name in names]
+    v = [symbolic.symbol(name) for name in velocities]
+    t = symbolic.symbol(TIME)
+    momenta = [formula.diff(one) for one in v]
+    rows = [[symbolic.settled(p.diff(one)) for one in v] for p in momenta]
+    mass = _matrix(rows)
+    if mass is not None:
+        _check_mass(mass, velocities, "")
+    at_rest = dict.fromkeys(v, 0)
+    moves_apart = mass is not None and all(symbolic.settled(p.subs(at_rest)) == 0 for p in momenta)
+    if mass is not None and moves_apart:
+        separated = _separate(names, q, t, -formula.subs(at_rest))
+        if separated is not None:
+            potential, force = separated
+            return _Recognised(mass=mass, potential=potential, forcing=force)
+    return _Recognised(general=compiled_lagrangian(names, formula))
+
+
+def compiled_lagrangian(names: tuple[str, ...], formula: symbolic.Symbolic) -> Lagrangian:
+    """The effect with all derivatives of `formula`."""
+    q = [symbolic.symbol(name) for name in names]
+    v = [symbolic.symbol(velocity_name(name)) for name in names]
+    t = symbolic.symbol(TIME)
+    momenta = [formula.diff(one) for one in v]
+    forces = [formula.diff(one) for one in q]
+    second = [
+        [p.diff(one) for p in momenta for one in v],
+        [p.diff(one) for p in momenta for one in q],
+        [f.diff(one) for f in forces for one in q],
+    ]
+    return Lagrangian(
+        coordinates=names,
+        value=symbolic.compile_formulas([formula]),
+        first=symbolic.compile_formulas([*momenta, *forces]),
+        second=symbolic.compile_formulas([*momenta, *forces, *itertools.chain(*second)]),
+        drift=symbolic.compile_formulas([p.diff(t) for p in momenta]),
+        depends_on_time=bool(formula.has(t)),
+    )
+
+
+def _separate(
+    names: tuple[str, ...],
+    q: list[symbolic.Symbolic],
+    t: symbolic.Symbolic,
+    potential: symbolic.Symbolic,
+) -> tuple[Potential | None, tuple[Expression, ...] | None] | None:
+    """V(q) and f(t) with V(q) - f(t) q = `potential`; None where there are no such two."""
+    timed, static = symbolic.terms_with(potential.expand() if potential.has(t) else potential, t)
+    force = [symbolic.settled(-timed.diff(one)) for one in q]
+    if any(f.has(*q) for f in force):
+        return None
+    gradient = [static.diff(one) for one in q]
+    hessian = [[symbolic.settled(g.diff(one)) for one in q] for g in gradient]
+    stiffness = _matrix(hessian)
+    result: Potential | None
+    if stiffness is not None:
+        origin = dict.fromkeys(q, 0)
+        # what is linear in q is a constant force
+        force = [f - symbolic.settled(g.subs(origin)) for f, g in zip(force, gradient, strict=True)]
+        result = QuadraticPotential(stiffness=stiffness) if np.any(stiffness) else None
+    else:
+        try:
+            result = _expression_potential(names, static, gradient, hessian)
+        except ExpressionError:
+            # too long a text: programs have no such limit
+            return None
+    if all(f == 0 for f in force):
+        return result, None
+    return result, tuple(Expression.parse(symbolic.text_of(f), variables=(TIME,)) for f in force)
+
+
+def _expression_potential(
+    names: tuple[str, ...],
+    energy: symbolic.Symbolic,
+    gradient: list[symbolic.Symbolic],
+    hessian: list[list[symbolic.Symbolic]],
+) -> ExpressionPotential:
+    def read(formula: symbolic.Symbolic) -> Expression:
+        return Expression.parse(symbolic.text_of(formula), variables=names)
+
+    return ExpressionPotential(
+        coordinates=names,
+        energy_expression=read(energy),
+        gradient_expressions=tuple(read(entry) for entry in gradient),
+        hessian_expressions=tuple(tuple(read(entry) for entry in row) for row in hessian),
+    )
+
+
+def _matrix(rows: list[list[symbolic.Symbolic]]) -> Array | None:
+    """The matrix of numbers, None if a variable is left in an entry."""
+    values = [[symbolic.constant(entry) for entry in row] for row in rows]
+    if any(value is None for row in values for value in row):
+        return None
+    matrix = np.array(values, dtype=float)
+    # mixed derivatives may differ by round-off in the order of their factors
+    return np.asarray(0.5 * (matrix + matrix.T))
+
+
+def _check_mass(mass: Array, velocities: tuple[str, ...], where: str) -> None:
+    missing = [v for v, row in zip(velocities, mass, strict=True) if not np.any(row)]
+    eigenvalues = np.linalg.eigvalsh(mass)
+    if not eigenvalues[0] > LEAST_MASS * max(abs(eigenvalues[-1]), 0.0):
+        reason = f" ({', '.join(missing)} does not occur quadratically)" if missing else ""
+        raise ValueError(
+            f"lagrangian: the mass matrix d2L/dv2 is not positive definite{where}: its smallest "
+            f"eigenvalue is {eigenvalues[0]:g}{reason}"
+        )
+
+
+def _with(forcing: Forcing | None, own: tuple[Expression, ...] | None) -> Forcing | None:
+    """The force that is given plus the one that L holds."""
+    if own is None:
+        return forcing
+    if forcing is None:
+        return Forcing(pieces=(ForcingPiece(components=own, until=math.inf),))
+    pieces = []
+    for piece in forcing.pieces:
+        total = tuple(
+            Expression.parse(f"({a.text}) + ({b.text})", variables=(TIME,))
+            for a, b in zip(piece.components, own, strict=True)
+        )
+        pieces.append(ForcingPiece(components=total, until=piece.until))
+    return Forcing(pieces=tuple(pieces))
+
+
+def _vector(value: ArrayLike, size: int) -> Array:
+    vector = np.atleast_1d(np.asarray(value, dtype=float))
+    return np.full(size, vector[0]) if np.ndim(value) == 0 else vector
