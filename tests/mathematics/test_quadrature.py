@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import mpmath as mp
 import numpy as np
 import pytest
@@ -56,7 +58,7 @@ def test_nodes_and_weights_against_forty_digits(name: str, n: int) -> None:
         for node in inner:
             x = 2 * mp.mpf(float(node)) - 1
             for _ in range(3):
-                x -= mp.polyval(polynomial, x) / mp.polyval(slope, x)
+                x -= _value(polynomial, x) / _value(slope, x)
             roots.append(x)
         if name == "lobatto":
             roots = [mp.mpf(-1), *roots, mp.mpf(1)]
@@ -80,6 +82,11 @@ def _legendre_coefficients(n: int) -> list[mp.mpf]:
     return coefficients
 
 
+def _value(polynomial: list, x: mp.mpf) -> mp.mpf:
+    """Horner's scheme, highest power first."""
+    return functools.reduce(lambda value, coefficient: value * x + coefficient, polynomial)
+
+
 def _derivative(polynomial: list[mp.mpf]) -> list[mp.mpf]:
     degree = len(polynomial) - 1
     return [c * (degree - i) for i, c in enumerate(polynomial[:-1])] or [mp.mpf(0)]
@@ -92,11 +99,11 @@ def _difference(low: list[mp.mpf], high: list[mp.mpf]) -> list[mp.mpf]:
 def _weights(name: str, n: int, roots: list[mp.mpf]) -> list[mp.mpf]:
     if name == "gauss":
         slope = _derivative(_legendre_coefficients(n))
-        return [1 / ((1 - x * x) * mp.polyval(slope, x) ** 2) for x in roots]
+        return [1 / ((1 - x * x) * _value(slope, x) ** 2) for x in roots]
     before = _legendre_coefficients(n - 1)
     if name == "lobatto":
-        return [1 / (n * (n - 1) * mp.polyval(before, x) ** 2) for x in roots]
-    return [(1 + x) / (2 * n * n * mp.polyval(before, x) ** 2) for x in roots]
+        return [1 / (n * (n - 1) * _value(before, x) ** 2) for x in roots]
+    return [(1 + x) / (2 * n * n * _value(before, x) ** 2) for x in roots]
 
 
 def test_rules_of_the_textbooks() -> None:
