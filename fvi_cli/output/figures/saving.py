@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import re
-import tempfile
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from fvi_cli.output.atomic import replace_file
 from fvi_cli.output.figures.drawn import drawn_data
 from fvi_cli.output.figures.style import journal_style
 
@@ -56,7 +55,7 @@ def save_figure(figure: Figure, directory: Path, name: str) -> list[Path]:
     written = []
     for suffix, content in contents.items():
         path = directory / f"{name}{suffix}"
-        _replace(path, content)
+        replace_file(path, content)
         written.append(path)
     return written
 
@@ -81,20 +80,3 @@ def _rendered(figure: Figure, kind: str) -> bytes:
     with journal_style():
         figure.savefig(buffer, format=kind, dpi=RESOLUTION, metadata=metadata)
     return buffer.getvalue()
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """Write beside `path` under another name, flush, and rename."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(temporary).chmod(0o666 & ~mask)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fvi_cli.errors import StorageError
 from fvi_cli.experiments.order import OrderTable
+from fvi_cli.output.atomic import replace_file
 from fvi_cli.output.tables.csv_table import to_csv
 from fvi_cli.output.tables.details import details
 from fvi_cli.output.tables.document import Block, Heading
@@ -73,24 +72,7 @@ def write_tables(directory: Path, name: str, tables: Sequence[OrderTable]) -> li
         directory.mkdir(parents=True, exist_ok=True)
         for form, text in texts.items():
             place = paths[form]
-            _replace(place, text.encode("utf-8"))
+            replace_file(place, text.encode("utf-8"))
     except OSError as error:
         raise StorageError(f"{place}: cannot be written: {error.strerror}") from None
     return list(paths.values())
-
-
-def _replace(path: Path, content: bytes) -> None:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        # mkstemp gives the file to its owner alone; a table is as readable as other files
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(temporary).chmod(0o666 & ~mask)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
