@@ -20,7 +20,6 @@ from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.output import figures
-from fvi_cli.output.figures import saving
 from fvi_cli.output.figures.methods import method_labels, series_styles
 from fvi_cli.output.figures.saturation import leading_exponent
 from fvi_cli.output.figures.time_series import exact_energy
@@ -454,7 +453,7 @@ def test_a_failure_while_saving_leaves_the_old_files_and_nothing_else(
     figures.save_figure(figure, tmp_path, "sketch")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     with monkeypatch.context() as patch:
-        patch.setattr(saving.os, "fsync", _no_space)
+        patch.setattr("fvi_cli.output.atomic.os.fsync", _no_space)
         with pytest.raises(OSError, match="no space"):
             figures.save_figure(figures.interpolation_figure(1), tmp_path, "sketch")
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before

@@ -22,7 +22,6 @@ from fvi_cli.experiments.order import OrderCase, OrderRow, OrderTable, order_tab
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method, RuleSpecification
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.output import tables
-from fvi_cli.output.tables import files
 from fvi_cli.output.tables.csv_table import COLUMNS
 from fvi_cli.output.tables.details import without_numbers
 from fvi_cli.output.tables.document import Bullets, Code, Grid, Heading, Paragraph, split_wide
@@ -746,7 +745,7 @@ def test_a_write_that_fails_leaves_the_old_file_whole(tmp_path, monkeypatch):
     def full(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(files.os, "fsync", full)
+    monkeypatch.setattr("fvi_cli.output.atomic.os.fsync", full)
     with pytest.raises(StorageError, match=r"made-up\.csv: cannot be written: No space"):
         tables.write_tables(tmp_path, "made-up", [table_of()])
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
