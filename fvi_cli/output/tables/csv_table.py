@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Iterator, Sequence
 
 from fvi_cli.experiments.order import OrderTable
@@ -35,8 +34,8 @@ COLUMNS = (
 def to_csv(tables: Sequence[OrderTable]) -> str:
     """The rows of all tables under :data:`COLUMNS`.
 
-    A float is written as its ``repr``, which reads back as the same number; nan (no error, no
-    order) as an empty field. ``used_in_fit`` is ``yes`` or ``no``. Lines end with a newline only.
+    A float is written as its ``repr``, which reads back as the same number; ``nan`` says
+    that there is no error or no order. ``used_in_fit`` is ``yes`` or ``no``. Lines end with a newline only.
     """
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
@@ -70,5 +69,5 @@ def csv_rows(tables: Sequence[OrderTable]) -> Iterator[dict[str, str]]:
 
 
 def field(value: float) -> str:
-    """``repr`` of a float, also of one that NumPy made; empty for nan."""
-    return "" if math.isnan(value) else repr(float(value))
+    """``repr`` of a float, also of one that NumPy made."""
+    return repr(float(value))
