@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import time
 from collections.abc import Callable, Iterator
@@ -15,6 +16,7 @@ from fvi_cli.experiments.reference import Reference, find_reference
 from fvi_cli.integrator.expected_order import expected_order
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.stability import StabilityPrediction, predict_stability, refusal
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.operators import left_operator
 from fvi_cli.scenes.problem import DerivativeProblem, Problem
@@ -42,12 +44,18 @@ def study(
 
 
 def execute(run: Run) -> FinishedRun:
-    """Compute one run and its error."""
+    """Compute one run and its error, unless it is predicted to blow up and that is not wanted."""
     experiment, problem = run.experiment, run.experiment.problem
+    prediction = prediction_of(run)
+    if prediction.verdict == "unstable" and not experiment.allow_unstable:
+        return _refused(run, prediction)
     if isinstance(problem, DerivativeProblem):
         trajectory = _differentiate(problem, run)
     else:
         trajectory = integrate(problem.scene, run.method, run.n_steps)
+    if prediction.linearised_verdict == "unstable":
+        remarks = (*trajectory.remarks, f"stability: {prediction.reason}")
+        trajectory = dataclasses.replace(trajectory, remarks=remarks)
     reference = reference_of(experiment)
     exact = reference.values(trajectory.time)
     scale = float(np.abs(exact).max(initial=0.0))
@@ -60,8 +68,46 @@ def execute(run: Run) -> FinishedRun:
         error=error if trajectory.status != "failed" else float("nan"),
         floor=floor,
         status=_observed(trajectory, error, floor, scale),
+        predicted=prediction.verdict,
         expected_order=_expected_order(run),
         reference=reference.source,
+    )
+
+
+def prediction_of(run: Run) -> StabilityPrediction:
+    """What is known of the run's stability before it is computed."""
+    problem = run.experiment.problem
+    if not isinstance(problem, Problem):
+        return StabilityPrediction(verdict="unknown", reason="nothing is integrated")
+    return predict_stability(problem.scene, run.method, run.n_steps)
+
+
+def _refused(run: Run, prediction: StabilityPrediction) -> FinishedRun:
+    """The run with its start and the reason why there is no more of it."""
+    problem = run.experiment.problem
+    if not isinstance(problem, Problem):  # pragma: no cover - only scenes are predicted
+        raise ValueError("run: a derivative has no stability")
+    scene = problem.scene
+    position = scene.initial_position[None]
+    momentum = (scene.inertia.mass @ scene.initial_velocity)[None]
+    return FinishedRun(
+        run=run,
+        trajectory=Trajectory(
+            time=np.zeros(1),
+            position=position,
+            momentum=momentum,
+            energy=scene.energy(position, momentum),
+            n_steps=run.n_steps,
+            step_size=run.step_size,
+            status="refused",
+            message=refusal(scene, run.method, run.n_steps, prediction),
+        ),
+        error=float("nan"),
+        floor=0.0,
+        status="refused",
+        predicted=prediction.verdict,
+        expected_order=_expected_order(run),
+        reference=reference_of(run.experiment).source,
     )
 
 

@@ -196,6 +196,10 @@ class _LinearBlocks:
                     if not whole.all():
                         done = int(np.argmin(whole))
                         break
+                reached = self._decoupling.scene_positions(positions[:, end])
+                if end < n_steps and np.abs(reached).max() > self._problem.stop_beyond:
+                    done = end
+                    break
         if forces is not None and done == n_steps and n_steps % group == 0:
             forces[:, done] = self._force_after_groups()
         return self._stepped(positions, momenta, forces, done)

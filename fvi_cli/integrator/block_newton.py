@@ -160,6 +160,8 @@ class _NewtonBlocks:
                     done += 0 if failure.startswith("step") else 1
                 else:
                     continue
+                if np.abs(positions[done]).max() > problem.stop_beyond:
+                    break
                 if done % self._group == 0 and self._damped and not failure:
                     shape = (1, self._group, self._m, d)
                     self._history.finish(done // self._group - 1, self._samples.reshape(shape))

@@ -13,6 +13,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.engine import run
+from fvi_cli.integrator.growth_bound import cut_at_bound, growth_bound
 from fvi_cli.integrator.known_part import (
     NO_SERIES,
     KnownPart,
@@ -50,17 +51,23 @@ def integrate(scene: Scene, method: AnyMethod, n_steps: int) -> Trajectory:
     Returns
     -------
     Trajectory
-        With status ``ok``, ``diverged`` (numbers ceased to be finite) or ``failed`` (equations
-        could not be solved); it keeps what was finished.
+        With status ``ok``, ``diverged`` (it left the bound of what the scene can do, or numbers
+        ceased to be finite) or ``failed`` (equations could not be solved); it keeps what was
+        finished.
 
     Raises
     ------
     ValueError
-        If N is not a positive integer, or a break point of the forcing lies between two steps.
+        If N is not a positive integer, a break point of the forcing lies between two steps, or
+        the method is not made for a general Lagrangian.
     """
     if not isinstance(n_steps, int | np.integer) or isinstance(n_steps, bool) or n_steps < 1:
         raise ValueError(f"n_steps: {n_steps!r} is not allowed; it must be an integer >= 1")
     n_steps = int(n_steps)
+    if scene.lagrangian is not None:
+        from fvi_cli.integrator.general import integrate_general
+
+        return integrate_general(scene, method, n_steps)
     if isinstance(method, Baseline):
         return integrate_baseline(scene, method, n_steps)
     began = time.perf_counter()
@@ -68,8 +75,12 @@ def integrate(scene: Scene, method: AnyMethod, n_steps: int) -> Trajectory:
     if method.start == "weights" and scene.active_damping:
         corrected, remarks = correct_start(prepared.problem, method, scene)
         prepared = replace(prepared, problem=corrected, remarks=remarks)
+    bound = growth_bound(prepared.problem)
+    farthest = float(bound.at(np.asarray(scene.final_time)))
+    prepared = replace(prepared, problem=replace(prepared.problem, stop_beyond=farthest))
     ready = time.perf_counter()
     stepped = run(prepared.problem, method.history)
+    stepped = cut_at_bound(prepared.problem, stepped, bound)
     finished = time.perf_counter()
     return _trajectory(
         scene, method, prepared, stepped, setup=ready - began, stepping=finished - ready
@@ -182,8 +193,8 @@ def _trajectory(
         momentum = momentum + known_velocity @ scene.inertia.mass
     with np.errstate(over="ignore", invalid="ignore"):
         energy = scene.energy(position, momentum)
-    finite = bool(np.isfinite(position).all())
-    status = "ok" if not stepped.failure else ("failed" if finite else "diverged")
+    diverged = stepped.failure.startswith("diverged") or not np.isfinite(position).all()
+    status = "ok" if not stepped.failure else ("diverged" if diverged else "failed")
     trajectory = Trajectory(
         time=grid,
         position=position,

@@ -13,7 +13,6 @@ called unstable.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -66,6 +65,8 @@ class StabilityPrediction:
         Number of modes, with their multiplicity, that grow by a tenth or more over the run.
     reason
         In words.
+    linearised_verdict
+        Of a nonlinear scene, that of the scene linearised at the start.
     """
 
     verdict: Verdict
@@ -73,6 +74,7 @@ class StabilityPrediction:
     exact_growth: float = 0.0
     growing_modes: int = 0
     reason: str = ""
+    linearised_verdict: Verdict = "unknown"
 
 
 def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> StabilityPrediction:
@@ -102,6 +104,7 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
         return replace(
             linearised,
             verdict="unknown",
+            linearised_verdict=linearised.verdict,
             reason=f"nonlinear; linearised at the start: {linearised.reason}",
         )
     systems = independent_systems(scene)
@@ -244,13 +247,28 @@ def largest_stable_step(scene: Scene, method: AnyMethod) -> float | None:
 
 
 def stable_method(scene: Scene, method: AnyMethod, n_steps: int) -> Method | None:
-    """A method, as close to `method` as there is one, that is stable with `n_steps` steps."""
-    for candidate in _candidates(method):
-        if predict_stability(scene, candidate, n_steps).verdict != "unstable":
+    """A Gauss method of the same degree, or else of a lower one, that is stable at this step."""
+    degree = method.degree if isinstance(method, Method) else 1
+    for lower in range(degree, 0, -1):
+        candidate = Method(cq="gauss", degree=lower, start="series")
+        if predict_stability(scene, candidate, n_steps).verdict == "stable":
             return candidate
     return None
 
 
-def _candidates(method: AnyMethod) -> Sequence[Method]:
-    degree = method.degree if isinstance(method, Method) else 1
-    return [Method(cq="gauss", degree=degree, start="series")]
+def refusal(scene: Scene, method: AnyMethod, n_steps: int, prediction: StabilityPrediction) -> str:
+    """Why a run is not worth its time, and what would be."""
+    parts = [f"predicted unstable: {prediction.reason}"]
+    steps = least_stable_n_steps(scene, method)
+    if steps is None:
+        parts.append(f"no step of {method.case} is stable down to T / {LARGEST_N_STEPS}")
+    else:
+        parts.append(
+            f"the largest stable step of {method.case} is about {scene.final_time / steps:.3g} "
+            f"(N = {steps})"
+        )
+    other = stable_method(scene, method, n_steps)
+    if other is not None:
+        parts.append(f"at this step {other.cq} of degree {other.degree} is stable")
+    parts.append("allow_unstable computes the run all the same")
+    return "; ".join(parts)

@@ -62,6 +62,8 @@ class StepProblem:
         Start values of the unknown, shape ``(d,)``.
     skip_first_kick
         Leave out the damping force of step 0 (the paper's algorithm, samples on the nodes).
+    stop_beyond
+        No more steps are needed after a position larger than this.
     """
 
     scene: Scene
@@ -75,6 +77,7 @@ class StepProblem:
     position_shift: Array | None = None
     extra_force: Array | None = None
     skip_first_kick: bool = False
+    stop_beyond: float = math.inf
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -303,6 +306,8 @@ def run_steps(problem: StepProblem, history: History | None = None) -> Stepped:
                 break
             offset = memory.offset + memory.carry_matrix.T @ increments
             guess = tables.extrapolation @ increments
+            if np.abs(position.value).max() > problem.stop_beyond:
+                break
         if damped and done == n_steps:
             forces[done] = _known(problem, history, done)
             forces[done] = stepper.damping_force(forces[done], offset, np.zeros((tables.degree, d)))
