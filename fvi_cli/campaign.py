@@ -12,8 +12,8 @@ from pathlib import Path
 from fvi_cli.config import LoadedConfig, find_config, load_config, parse_config
 from fvi_cli.errors import RequestError
 from fvi_cli.experiments.executor import compute_runs
-from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
-from fvi_cli.experiments.study import execute
+from fvi_cli.experiments.experiment import Experiment, FinishedRun, Predicted, Run
+from fvi_cli.experiments.study import execute, prediction_of
 from fvi_cli.output.storage import open_results, read_configuration, read_results
 from fvi_cli.progress import progress_bar
 
@@ -40,8 +40,6 @@ class Settings:
         Ignore stored runs.
     fail_fast
         Stop at the first unexpected failure.
-    allow_unstable
-        Compute runs that are predicted to blow up.
     show_progress
         Draw a progress bar where there is a terminal.
     keep
@@ -52,7 +50,6 @@ class Settings:
     workers: int = 1
     fresh: bool = False
     fail_fast: bool = False
-    allow_unstable: bool = False
     show_progress: bool = True
     keep: bool = True
 
@@ -113,7 +110,9 @@ class Request:
     stored: Path | None = None
 
 
-def gather(sources: Sequence[str], overrides: Sequence[str] = ()) -> list[Request]:
+def gather(
+    sources: Sequence[str], overrides: Sequence[str] = (), *, allow_unstable: bool = False
+) -> list[Request]:
     """Read configurations given as files, as names of shipped ones, or as result files.
 
     Raises
@@ -128,7 +127,7 @@ def gather(sources: Sequence[str], overrides: Sequence[str] = ()) -> list[Reques
     mistakes: list[str] = []
     for source in sources:
         try:
-            requests.append(_request(source, overrides))
+            requests.append(_request(source, overrides, allow_unstable=allow_unstable))
         except RequestError as error:
             mistakes.extend(error.complaints)
     if mistakes:
@@ -140,15 +139,30 @@ def gather(sources: Sequence[str], overrides: Sequence[str] = ()) -> list[Reques
     return requests
 
 
-def _request(source: str, overrides: Sequence[str]) -> Request:
+def _request(source: str, overrides: Sequence[str], *, allow_unstable: bool) -> Request:
     if not source.endswith(STORED_SUFFIX):
         loaded = load_config(find_config(source), overrides=overrides)
+        if allow_unstable:
+            loaded = _allowing_unstable(loaded)
         return Request(name=loaded.name, loaded=loaded)
     if overrides:
         raise RequestError(f"{source}: --set changes a configuration, not a result file")
     path = Path(source)
     loaded = parse_config(read_configuration(path).resolved, source)
     return Request(name=loaded.name, loaded=loaded, stored=path)
+
+
+def _allowing_unstable(loaded: LoadedConfig) -> LoadedConfig:
+    """The configuration as if ``allow_unstable`` stood in every experiment; files say so."""
+    is_single = len(loaded.experiments) == 1 and loaded.experiments[0].name == loaded.name
+    prefixes = [""] if is_single else [f"experiments.{k}." for k in range(len(loaded.experiments))]
+    resolved = [{**one, "allow_unstable": True} for one in loaded.resolved["experiments"]]
+    return dataclasses.replace(
+        loaded,
+        experiments=tuple(dataclasses.replace(e, allow_unstable=True) for e in loaded.experiments),
+        resolved={**loaded.resolved, "experiments": resolved},
+        overrides=(*loaded.overrides, *(f"{prefix}allow_unstable=true" for prefix in prefixes)),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -159,37 +173,48 @@ class Plan:
     ----------
     run
         The run.
-    is_stored
-        Whether a stored result would be used.
+    action
+        ``reuse`` a stored result, ``compute``, ``refuse``, or ``leave out``: a result file was
+        named, from which nothing is computed.
     reason
         Why.
+    predicted
+        ``stable``, ``unstable`` or ``unknown``.
     """
 
     run: Run
-    is_stored: bool
+    action: str
     reason: str
+    predicted: Predicted
 
 
 def plan(requests: Sequence[Request], settings: Settings) -> list[Plan]:
-    """Tell for every run of `requests` what would be done with it; read only."""
+    """Tell for every run of `requests` what would be done with it; nothing is written."""
     plans = []
     for request in requests:
         with _stored_runs(request, settings) as known:
             for experiment in request.loaded.experiments:
-                for run in experiment.runs():
-                    is_stored = known(run) is not None
-                    reason = "stored" if is_stored else "not stored"
-                    if settings.fresh and request.stored is None:
-                        is_stored, reason = False, "--fresh"
-                    plans.append(Plan(run=run, is_stored=is_stored, reason=reason))
+                plans += [_plan(run, known, request, settings) for run in experiment.runs()]
     return plans
+
+
+def _plan(run: Run, known: Known, request: Request, settings: Settings) -> Plan:
+    earlier = known(run)
+    if earlier is not None:
+        return Plan(run=run, action="reuse", reason="stored", predicted=earlier.predicted)
+    prediction = prediction_of(run)
+    if request.stored is not None:
+        action, reason = "leave out", "not in the file"
+    elif prediction.verdict == "unstable" and not run.experiment.allow_unstable:
+        action, reason = "refuse", prediction.reason
+    else:
+        action, reason = "compute", "--fresh" if settings.fresh else "not stored"
+    return Plan(run=run, action=action, reason=reason, predicted=prediction.verdict)
 
 
 def answer(request: Request, settings: Settings) -> list[Outcome]:
     """Recall or compute every run of one request; keep what is computed if that is wanted."""
-    experiments = list(request.loaded.experiments)
-    if settings.allow_unstable:
-        experiments = [dataclasses.replace(e, allow_unstable=True) for e in experiments]
+    experiments = request.loaded.experiments
     if request.stored is not None:
         return _recall(experiments, request.stored)
     if not settings.keep:
@@ -213,7 +238,8 @@ def answer(request: Request, settings: Settings) -> list[Outcome]:
 def _stored_runs(request: Request, settings: Settings) -> Iterator[Known]:
     """Look-up of stored runs that writes nothing."""
     path = settings.path_of(request)
-    if settings.fresh or not (path.exists() or path.with_suffix(PARTS_SUFFIX).exists()):
+    is_fresh = settings.fresh and request.stored is None
+    if is_fresh or not (path.exists() or path.with_suffix(PARTS_SUFFIX).exists()):
         yield _never
         return
     with read_results(path) as results:

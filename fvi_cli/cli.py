@@ -189,10 +189,9 @@ def run(
         workers=workers,
         fresh=fresh,
         fail_fast=fail_fast,
-        allow_unstable=allow_unstable,
         show_progress=not quiet,
     )
-    requests = campaign.gather(configs, overrides or ())
+    requests = campaign.gather(configs, overrides or (), allow_unstable=allow_unstable)
     if dry_run:
         print(reports.plans_as_text(campaign.plan(requests, settings)))
         return DONE
@@ -235,11 +234,12 @@ def convergence(
         workers=workers,
         fresh=fresh,
         fail_fast=fail_fast,
-        allow_unstable=allow_unstable,
         show_progress=not quiet,
         keep=not check,
     )
-    requests = campaign.gather(sources or DEFAULT_TABLES, overrides or ())
+    requests = campaign.gather(
+        sources or DEFAULT_TABLES, overrides or (), allow_unstable=allow_unstable
+    )
     if dry_run:
         print(reports.plans_as_text(campaign.plan(requests, settings)))
         return DONE
@@ -286,11 +286,12 @@ def plot(
         workers=workers,
         fresh=fresh,
         fail_fast=fail_fast,
-        allow_unstable=allow_unstable,
         show_progress=not quiet,
         keep=not check,
     )
-    requests = campaign.gather(sources or DEFAULT_FIGURES, overrides or ())
+    requests = campaign.gather(
+        sources or DEFAULT_FIGURES, overrides or (), allow_unstable=allow_unstable
+    )
     if dry_run:
         print(reports.plans_as_text(campaign.plan(requests, settings)))
         return DONE

@@ -54,7 +54,8 @@ def runs_as_text(outcomes: Sequence[Outcome]) -> str:
 
 def plans_as_text(plans: Sequence[Plan]) -> str:
     """One line for every run: what would be done with it, why, and which effects it has."""
-    rows = [("experiment", "case", "n_steps", "step_size", "action", "reason", "effects")]
+    header = ("experiment", "case", "n_steps", "step_size", "action", "predicted", "effects")
+    rows = [(*header, "reason")]
     for plan in plans:
         run = plan.run
         rows.append(
@@ -63,9 +64,10 @@ def plans_as_text(plans: Sequence[Plan]) -> str:
                 run.method.case,
                 str(run.n_steps),
                 f"{run.step_size:.6g}",
-                "reuse" if plan.is_stored else "compute",
-                plan.reason,
+                plan.action,
+                plan.predicted,
                 ", ".join(effects_of(run.experiment.problem)),
+                plan.reason,
             )
         )
     return aligned(rows)

@@ -159,6 +159,25 @@ def test_an_unexpected_failure_exits_1_and_the_others_are_stored(folder):
     assert fvi("run", "diverging.yaml").exit_code == 0
 
 
+def test_what_is_predicted_to_blow_up_is_computed_only_when_asked(folder):
+    (folder / "diverging.yaml").write_text(DIVERGING.replace("allow_unstable: true\n", ""))
+    rows = fvi("run", "diverging.yaml", "--dry-run").stdout.splitlines()[1:]
+    assert [row.split()[4:6] for row in rows] == 2 * [["refuse", "unstable"]] + 2 * [
+        ["compute", "stable"]
+    ]
+    refused = fvi("run", "diverging.yaml")
+    assert refused.exit_code == 1
+    assert refused.stdout.count("refused") == 2
+    computed = fvi("run", "diverging.yaml", "--allow-unstable")
+    assert computed.exit_code == 1
+    assert "refused" not in computed.stdout
+    assert "diverged" in computed.stdout
+    # the file knows what was asked for
+    table = fvi("convergence", "results/diverging.h5")
+    assert "missing" not in table.stderr
+    assert "allow_unstable=true" in fvi("show", "results/diverging.h5", "--config").stderr
+
+
 def test_fail_fast_stops_at_the_first_failure(folder):
     result = fvi("run", "diverging.yaml", "quick.yaml", "--fail-fast")
     assert result.exit_code == 1
