@@ -18,6 +18,7 @@ from typing import Literal
 
 import numpy as np
 
+from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Method
@@ -100,7 +101,12 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
     if n_steps < 1:
         raise ValueError(f"n_steps: {n_steps!r} is not allowed; it must be an integer >= 1")
     if not scene.is_linear:
-        linearised = predict_stability(linearised_at_start(scene), method, n_steps)
+        try:
+            linear = linearised_at_start(scene)
+        except ValueError as error:
+            reason = f"nonlinear; it cannot be linearised at the start: {error}"
+            return StabilityPrediction(verdict="unknown", reason=reason)
+        linearised = predict_stability(linear, method, n_steps)
         return replace(
             linearised,
             verdict="unknown",
@@ -195,12 +201,24 @@ def exact_growth(system: LinearSystem, final_time: float, step_size: float) -> f
 
 
 def linearised_at_start(scene: Scene) -> Scene:
-    """The scene with the quadratic potential that touches its own at the start."""
-    if scene.is_linear or scene.potential is None:
+    """The linear scene that a nonlinear one is close to its start.
+
+    Of a Lagrangian its second derivatives at the start, without the gyroscopic part.
+
+    Raises
+    ------
+    ValueError
+        If these are not those of a mass and a stiffness.
+    """
+    if scene.lagrangian is not None:
+        at = scene.lagrangian.derivatives(scene.initial_position, scene.initial_velocity, 0.0)
+        inertia, hessian = Inertia(mass=0.5 * (at.mass + at.mass.T)), -at.stiffness
+    elif scene.potential is not None and not scene.is_linear:
+        inertia, hessian = scene.inertia, scene.potential.hessian(scene.initial_position)
+    else:
         return scene
-    hessian = scene.potential.hessian(scene.initial_position)
-    stiffness = 0.5 * (hessian + hessian.T)
-    return replace(scene, potential=QuadraticPotential(stiffness=stiffness))
+    potential = QuadraticPotential(stiffness=0.5 * (hessian + hessian.T))
+    return replace(scene, inertia=inertia, potential=potential, lagrangian=None)
 
 
 def least_stable_n_steps(scene: Scene, method: AnyMethod) -> int | None:

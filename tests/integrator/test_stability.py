@@ -1,5 +1,6 @@
 """Zeros in a disc, the determinant of a step, and facts that are known of the methods."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -25,6 +26,7 @@ from fvi_cli.mathematics.disc_zeros import (
     find_zeros,
     smallest_zero_modulus,
 )
+from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.named import pendulum
 
 
@@ -302,3 +304,35 @@ def test_a_method_that_is_stable_at_this_step():
 def test_the_number_of_steps_is_checked():
     with pytest.raises(ValueError, match="n_steps: 0"):
         predict_stability(oscillator(), nodes(1), 0)
+
+
+def test_a_lagrangian_is_linearised_with_its_own_mass_and_stiffness():
+    # 2 v^2 (1 + x^2) - 18 cosh(x): at rest in 0 an oscillator of mass 4 and stiffness 18
+    damping = (FractionalDamping(order=1.5, coefficient=4 * np.eye(1)),)
+    scene = lagrangian_scene(
+        final_time=100.0,
+        coordinates=["x"],
+        lagrangian="2*vx**2*(1 + x**2) - 18*cosh(x)",
+        damping=damping,
+    )
+    assert scene.lagrangian is not None
+    near = oscillator(100.0, mass=4.0, stiffness=18.0, damping=((1.5, 4.0),))
+    prediction = predict_stability(scene, nodes(6), 1000)
+    expected = predict_stability(near, nodes(6), 1000)
+    assert prediction.verdict == "unknown"
+    assert prediction.linearised_verdict == expected.verdict == "unstable"
+    assert prediction.growth_per_step == pytest.approx(expected.growth_per_step, rel=1e-9)
+    assert largest_stable_step(scene, nodes(6)) == largest_stable_step(near, nodes(6))
+
+
+def test_a_mass_that_is_none_is_not_linearised():
+    scene = lagrangian_scene(
+        final_time=1.0,
+        coordinates=["x"],
+        lagrangian="vx**2*x/2 - x**2",
+        initial_position=1.0,
+    )
+    turned = dataclasses.replace(scene, initial_position=np.array([-1.0]))
+    prediction = predict_stability(turned, Method(cq="gauss", degree=1), 10)
+    assert prediction.verdict == "unknown"
+    assert "cannot be linearised" in prediction.reason
