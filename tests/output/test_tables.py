@@ -112,11 +112,11 @@ def table_of(
 GOLDEN_CSV = """\
 experiment,case,cq,sampling,degree,quadrature,start,gamma,norm,n_steps,step_size,error,\
 pairwise_order,used_in_fit,slope,fit_residual,expected_order,predicted,status
-made-up,bdf2-nodes-s1-gauss1-none,bdf2,nodes,1,gauss1,none,,max,2,0.5,0.25,\
+made-up,bdf2-nodes-s1-gauss1-none,bdf2,nodes,1,gauss1,none,,max,2,0.5,0.25,nan\
 ,yes,2.0,0.0,2.0,unknown,ok
 made-up,bdf2-nodes-s1-gauss1-none,bdf2,nodes,1,gauss1,none,,max,4,0.25,0.0625,\
 2.0,yes,2.0,0.0,2.0,unknown,ok
-made-up,bdf2-nodes-s1-gauss1-none,bdf2,nodes,1,gauss1,none,,max,8,0.125,,\
+made-up,bdf2-nodes-s1-gauss1-none,bdf2,nodes,1,gauss1,none,,max,8,0.125,nan,nan\
 ,no,2.0,0.0,2.0,unknown,diverged
 """
 
