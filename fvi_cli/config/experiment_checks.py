@@ -198,6 +198,11 @@ def _objection(problem: Problem | DerivativeProblem, listed_method: ListedMethod
         by_bdf = not isinstance(method, Baseline) and not method.is_runge_kutta
         return "" if by_bdf else f"{method.case}: a fractional derivative is taken by bdf only"
     scene = problem.scene
+    if scene.lagrangian is not None:
+        if isinstance(method, Baseline):
+            return f"{method.case} is not made for a Lagrangian without a constant mass matrix"
+        if method.start == "weights":
+            return "start: weights need a constant mass matrix; use series or none"
     if isinstance(method, Baseline):
         if scene.derivative == "riemann-liouville" and scene.initial_position.any():
             return f"{method.case} needs derivative: caputo, or an initial position of 0"

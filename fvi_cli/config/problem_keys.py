@@ -331,6 +331,30 @@ _STRING: Final = (
     ),
 )
 
+_DOUBLE_PENDULUM: Final = (
+    Key(
+        name="masses",
+        shape=ListOf(shape=Number(above=0.0), least=2, most=2, example="[1.0, 1.0]"),
+        meaning="Point masses at the ends of the first and the second rod (unit of mass).",
+        default=[1.0, 1.0],
+    ),
+    Key(
+        name="lengths",
+        shape=ListOf(shape=Number(above=0.0), least=2, most=2, example="[1.0, 1.0]"),
+        meaning="Lengths of the rods (length).",
+        default=[1.0, 1.0],
+    ),
+    Key(
+        name="gravity",
+        shape=Number(),
+        meaning="Acceleration of free fall (length per time^2).",
+        default=1.0,
+    ),
+    _dampers(
+        "joints",
+        "Fractional dampers c D^gamma in both joints (c: mass length^2 times time^(gamma-2)).",
+    ),
+)
 _LAGRANGIAN: Final = (
     Key(
         name="coordinates",
@@ -360,6 +384,7 @@ PROBLEM: Final = ByKind(
         "chain": _scene_keys(own=_CHAIN, default_order=1.0),
         "frame": _scene_keys(own=_FRAME, default_order=1.0, forcing=_GROUND),
         "string": _scene_keys(own=_STRING, default_order=1.0),
+        "double-pendulum": _scene_keys(own=_DOUBLE_PENDULUM, default_order=1.0),
         "lagrangian": _scene_keys(own=_LAGRANGIAN, default_order=1.0),
         "fractional-derivative": Record(
             keys=(

@@ -90,6 +90,11 @@ _EXAMPLES: Final[dict[str, dict[str, str]]] = {
         "internal_damping": "[{order: 0.5, coefficient: 0.01}]",
         "final_time": "2.0",
     },
+    "double-pendulum": {
+        "joints": "[{order: 0.5, coefficient: 0.2}]",
+        "initial": "{position: [1.0, -0.5], velocity: 0.0}",
+        "final_time": "4.0",
+    },
     "lagrangian": {
         "coordinates": "[x]",
         "parameters": "{m: 1.0, g: 9.81}",

@@ -92,6 +92,10 @@ def solution_expansion(scene: Scene, cutoff: float) -> Expansion:
     SeriesError
         As :func:`solution_series`.
     """
+    if scene.lagrangian is not None:
+        from fvi_cli.integrator.lagrangian_expansion import lagrangian_expansion
+
+        return lagrangian_expansion(scene, scene.lagrangian, cutoff)
     forcing = None
     if scene.forcing is not None:
         forcing = _forcing_expansion(scene.forcing.pieces[0], _needed(cutoff), 0.0)
@@ -128,13 +132,15 @@ def jump_expansion(
     Raises
     ------
     SeriesError
-        If one of the pieces has no expansion there.
+        If one of the pieces has no expansion there, and for a general Lagrangian.
     ValueError
         If no piece of the forcing ends at `break_point`.
     """
     breaks = () if scene.forcing is None else scene.forcing.break_points
     if scene.forcing is None or break_point not in breaks:
         raise ValueError(f"break_point: {break_point!r} is not one of {list(breaks)}")
+    if scene.lagrangian is not None:
+        raise SeriesError("the response of a general Lagrangian to a jump is not expanded")
     index = breaks.index(break_point)
     before, after = scene.forcing.pieces[index : index + 2]
     jump = _sum(

@@ -89,19 +89,83 @@ def lagrangian_scene(
         raise ValueError(f"lagrangian: {error}") from None
     position = _vector(initial_position, len(names))
     velocity = _vector(initial_velocity, len(names))
-    if found.mass is None:
-        raise ValueError(
-            "lagrangian: its mass matrix d2L/dv2 is not constant or its energies do not separate; "
-            "such scenes cannot be integrated yet"
-        )
+    mass = found.mass
+    if found.general is not None:
+        at_start = found.general.derivatives(position, velocity, 0.0)
+        mass = at_start.mass
+        first = np.concatenate([at_start.momentum, at_start.force, at_start.stiffness.ravel()])
+        if not (np.isfinite(mass).all() and np.isfinite(first).all()):
+            raise ValueError(
+                "lagrangian: it or a derivative of it is not finite at the initial position and "
+                "velocity"
+            )
+        _check_mass(mass, velocities, " at the start")
+    if mass is None:  # pragma: no cover - one of the two is there
+        raise ValueError("lagrangian: no mass matrix")
     return Scene(
-        inertia=Inertia(mass=found.mass),
+        inertia=Inertia(mass=mass),
         potential=found.potential,
+        lagrangian=found.general,
         damping=tuple(damping),
         forcing=_with(forcing, found.forcing),
         initial_position=position,
         initial_velocity=velocity,
         final_time=final_time,
+        derivative=derivative,
+    )
+
+
+def double_pendulum(
+    *,
+    final_time: float,
+    masses: tuple[float, float] = (1.0, 1.0),
+    lengths: tuple[float, float] = (1.0, 1.0),
+    gravity: float = 1.0,
+    joints: Sequence[tuple[float, float]] = (),
+    damping: Sequence[FractionalDamping] = (),
+    forcing: Forcing | None = None,
+    initial_position: ArrayLike = 0.0,
+    initial_velocity: ArrayLike = 0.0,
+    derivative: Derivative = "caputo",
+) -> Scene:
+    r"""Scene of two rods in a row with point masses at their ends and damped joints.
+
+    With the angles :math:`\theta_1, \theta_2` from the vertical,
+
+    .. math:: L = \tfrac12 (m_1 + m_2) l_1^2 \dot\theta_1^2
+              + \tfrac12 m_2 l_2^2 \dot\theta_2^2
+              + m_2 l_1 l_2 \dot\theta_1 \dot\theta_2 \cos(\theta_1 - \theta_2)
+              + (m_1 + m_2) g l_1 \cos\theta_1 + m_2 g l_2 \cos\theta_2,
+
+    and every joint, the one at the ceiling and the one between the rods, turns against
+    :math:`c D^\gamma` of its own angle, :math:`\theta_1` and :math:`\theta_2 - \theta_1`.
+
+    Parameters
+    ----------
+    masses, lengths, gravity
+        :math:`m_1, m_2`, :math:`l_1, l_2` and g.
+    joints
+        Pairs of order and coefficient c of the dampers in both joints.
+    damping
+        Further terms :math:`\mu D^\gamma \theta`.
+    """
+    (m1, m2), (l1, l2) = masses, lengths
+    relative = np.array([[2.0, -1.0], [-1.0, 1.0]])
+    in_joints = tuple(
+        FractionalDamping(order=order, coefficient=coefficient * relative)
+        for order, coefficient in joints
+    )
+    return lagrangian_scene(
+        final_time=final_time,
+        coordinates=("theta1", "theta2"),
+        lagrangian="(m1 + m2)/2*(l1*vtheta1)**2 + m2/2*(l2*vtheta2)**2"
+        " + m2*l1*l2*vtheta1*vtheta2*cos(theta1 - theta2)"
+        " + (m1 + m2)*g*l1*cos(theta1) + m2*g*l2*cos(theta2)",
+        parameters={"m1": m1, "m2": m2, "l1": l1, "l2": l2, "g": gravity},
+        damping=(*in_joints, *damping),
+        forcing=forcing,
+        initial_position=initial_position,
+        initial_velocity=initial_velocity,
         derivative=derivative,
     )
 

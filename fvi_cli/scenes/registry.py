@@ -16,7 +16,7 @@ from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
 from fvi_cli.mathematics.power_series import SeriesError, expand
 from fvi_cli.scenes.chains import chain, frame, string
-from fvi_cli.scenes.lagrangian import check_names, lagrangian_scene
+from fvi_cli.scenes.lagrangian import check_names, double_pendulum, lagrangian_scene
 from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.nonlinear import duffing, kepler
@@ -38,6 +38,8 @@ EQUATIONS: Mapping[str, str] = {
     "+ sum c D^gamma) (x_i - x_(i-1))",
     "string": "u_tt + sum mu D^gamma u - sum eta D^gamma u_ss = wave_speed^2 u_ss in sine modes "
     "x1, x2, ...",
+    "double-pendulum": "two rods, angles theta1, theta2 from the vertical; the joints turn "
+    "against c D^gamma of theta1 and of theta2 - theta1",
     "lagrangian": "d/dt dL/dv - dL/dq + sum mu D^gamma q = f(t)",
     "fractional-derivative": "y = D^gamma f (Caputo)",
 }
@@ -45,7 +47,7 @@ EQUATIONS: Mapping[str, str] = {
 SIZE_KEYS: Mapping[str, str] = {"chain": "masses", "frame": "storeys", "string": "modes"}
 """Where a scene says how many coordinates it has."""
 
-FIXED_SIZES: Mapping[str, int] = {"pendulum": 1, "duffing": 1, "kepler": 2}
+FIXED_SIZES: Mapping[str, int] = {"pendulum": 1, "duffing": 1, "kepler": 2, "double-pendulum": 2}
 """Numbers of coordinates of scenes that cannot have another."""
 
 
@@ -108,6 +110,8 @@ def _scene(kind: str, specification: Mapping[str, Any]) -> Scene:
         return chain(dampers=_dampers(specification), **own, **common)
     if kind == "lagrangian":
         return lagrangian_scene(**own, **common)
+    if kind == "double-pendulum":
+        return double_pendulum(joints=_dampers(specification, "joints"), **own, **common)
     if kind == "string":
         pluck = specification.get("pluck")
         return string(
@@ -136,6 +140,7 @@ _OWN_KEYS: Mapping[str, tuple[str, ...]] = {
     "kepler": ("attraction",),
     "chain": ("masses", "mass", "stiffness", "ends"),
     "frame": ("storeys", "mass", "stiffness"),
+    "double-pendulum": ("masses", "lengths", "gravity"),
     "lagrangian": ("coordinates", "lagrangian", "parameters"),
     "string": ("modes", "wave_speed", "length"),
 }
@@ -145,6 +150,8 @@ def coordinate_names(kind: str, dimension: int) -> tuple[str, ...]:
     """Names of the coordinates of a scene, as ``acts_on`` knows them."""
     if kind == "kepler":
         return ("x", "y")
+    if kind == "double-pendulum":
+        return ("theta1", "theta2")
     if dimension == 1:
         return ("x",)
     return tuple(f"x{index}" for index in range(1, dimension + 1))

@@ -194,6 +194,8 @@ def exact_energy(experiment: Experiment) -> tuple[Array, Array] | None:
     problem = experiment.problem
     if not isinstance(problem, Problem) or problem.exact is None:
         return None
+    if problem.scene.lagrangian is not None:
+        return None
     time = np.linspace(0.0, problem.final_time, 4 * (_FINE_POINTS - 1) + 1)
     position = problem.exact(time)
     velocity = np.gradient(position, time[1], axis=0, edge_order=2)

@@ -1,0 +1,213 @@
+"""Integration of scenes with a general Lagrangian."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.lagrangian import Lagrangian
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.block_history import SteppedHistory
+from fvi_cli.integrator.break_points import steps_at_break_points
+from fvi_cli.integrator.general_stepping import (
+    GeneralStepProblem,
+    KnownMotion,
+    run_general_steps,
+)
+from fvi_cli.integrator.integrate import force_moments, jump_force
+from fvi_cli.integrator.known_part import NO_SERIES, plan_series, settled_method
+from fvi_cli.integrator.memory import DirectHistory, build_memory
+from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.integrator.moments import StepFunction, exact_moments, galerkin_moments
+from fvi_cli.integrator.start import StartDecision
+from fvi_cli.integrator.step_tables import StepTables, step_tables
+from fvi_cli.integrator.stepping import History, Stepped
+from fvi_cli.integrator.trajectory import Status, Trajectory
+from fvi_cli.mathematics.windowed_series import WindowedSeries
+
+Array = NDArray[np.float64]
+
+
+def integrate_general(scene: Scene, method: AnyMethod, n_steps: int) -> Trajectory:
+    """Integrate a scene with a general Lagrangian in `n_steps` equal steps.
+
+    Parameters
+    ----------
+    scene, method, n_steps
+        As for :func:`fvi_cli.integrator.integrate.integrate`.
+
+    Raises
+    ------
+    ValueError
+        For baselines and starting weights, and if a break point of the forcing lies between two
+        steps.
+    """
+    lagrangian = scene.lagrangian
+    if lagrangian is None:
+        raise ValueError("lagrangian: the scene has none")
+    if isinstance(method, Baseline):
+        raise ValueError(f"baseline: {method.name} is not made for a general Lagrangian")
+    if method.start == "weights" and scene.active_damping:
+        raise ValueError("start: weights are not made for a general Lagrangian; use series or none")
+    began = time.perf_counter()
+    tables = step_tables(method)
+    h = scene.final_time / n_steps
+    breaks = steps_at_break_points(scene, n_steps)
+    series = plan_series(scene, method, n_steps) if method.start == "series" else NO_SERIES
+    decision = None if series.known is None else series.known.start
+    window = None if decision is None else decision.window
+    method = settled_method(scene, method, series)
+    moments = None
+    if decision is not None and window is not None:
+        # smooth by construction: the action's own rule is exact enough
+        moments = galerkin_moments(_residual(scene, lagrangian, decision), tables, h, n_steps)
+    else:
+        if scene.forcing is not None:
+            moments = force_moments(
+                scene.forcing.on_steps, method, tables, h, n_steps, (0, *breaks)
+            )
+        jump = None if method.sampling == "nodes" else jump_force(scene)
+        if jump is not None:
+            # singular at 0: always by exact moments
+            added = exact_moments(jump, method, h, n_steps)
+            moments = added if moments is None else moments + added
+    from_rest = window is not None
+    memory = build_memory(scene, method, tables, n_steps, scene.active_damping, from_rest=from_rest)
+    rest = np.zeros(scene.dimension)
+    start_momentum = lagrangian.momentum(scene.initial_position, scene.initial_velocity, 0.0)
+    problem = GeneralStepProblem(
+        lagrangian=lagrangian,
+        tables=tables,
+        memory=memory,
+        step_size=h,
+        n_steps=n_steps,
+        position=rest if from_rest else scene.initial_position,
+        momentum=rest if from_rest else start_momentum,
+        velocity=rest if from_rest else scene.initial_velocity,
+        moments=moments,
+        known=None if window is None else _known_motion(lagrangian, window, tables, h, n_steps),
+        skip_first_kick=method.sampling == "nodes",
+    )
+    history: History
+    if method.history == "direct" or not memory.channels:
+        history = DirectHistory(memory, n_steps, scene.dimension)
+    else:
+        history = SteppedHistory(memory, n_steps, scene.dimension)
+    ready = time.perf_counter()
+    stepped = run_general_steps(problem, history)
+    finished = time.perf_counter()
+    return _trajectory(
+        lagrangian,
+        problem,
+        stepped,
+        window,
+        remarks=series.remarks,
+        seconds=(ready - began, finished - ready),
+    )
+
+
+def _known_motion(
+    lagrangian: Lagrangian, window: WindowedSeries, tables: StepTables, h: float, n_steps: int
+) -> KnownMotion:
+    at = h * (np.arange(n_steps, dtype=float)[:, None] + tables.points)
+    position, velocity = window.position(at), window.velocity(at)
+    return KnownMotion(
+        position=position,
+        velocity=velocity,
+        momentum=lagrangian.momentum(position, velocity, at),
+        force=lagrangian.force(position, velocity, at),
+    )
+
+
+def _residual(scene: Scene, lagrangian: Lagrangian, decision: StartDecision) -> StepFunction:
+    r"""The force on u = x - S: what drives x, less what drives S.
+
+    .. math:: f - \sum_j \mu_j D^{\gamma_j} S - \frac{d}{dt} \partial_v L(S, S', t)
+              + \partial_q L(S, S', t)
+
+    Close to 0, where unbounded terms cancel, it is zero to round-off.
+    """
+    window, expansion = decision.window, decision.expansion
+    if window is None or expansion is None:
+        raise ValueError(f"no known part: {decision.reason}")
+    near = decision.tau * 1e-17 ** (1.0 / max(expansion.cutoff - 2.0, 1.0))
+
+    def force(start: Array, step_size: float, offsets: Array) -> Array:
+        at = start[:, None] + step_size * offsets
+        # at t = 0 unbounded terms of both signs meet
+        with np.errstate(all="ignore"):
+            position, velocity = window.position(at), window.velocity(at)
+            total = lagrangian.force(position, velocity, at) - lagrangian.momentum_rate(
+                position, velocity, window.acceleration(at), at
+            )
+            for term in scene.active_damping:
+                derivative = window.fractional_derivative(at, term.order, scene.derivative)
+                total -= derivative @ term.coefficient
+            if scene.forcing is not None:
+                total += scene.forcing.on_steps(start, step_size, offsets)
+        return np.where((at < near)[..., None], 0.0, total)
+
+    return force
+
+
+def _trajectory(
+    lagrangian: Lagrangian,
+    problem: GeneralStepProblem,
+    stepped: Stepped,
+    window: WindowedSeries | None,
+    *,
+    remarks: tuple[str, ...],
+    seconds: tuple[float, float],
+) -> Trajectory:
+    position, momentum = stepped.position, stepped.momentum
+    grid = problem.step_size * np.arange(position.shape[0], dtype=float)
+    if problem.skip_first_kick and problem.memory.channels:
+        # p_k of the scheme is the one before the kick, of order 1 only; half the kick mends that
+        momentum = momentum.copy()
+        momentum[1:] -= 0.5 * problem.step_size * stepped.end_force[1:, 0]
+    with np.errstate(all="ignore"):
+        if window is not None:
+            known, rate = window.position(grid), window.velocity(grid)
+            position = position + known
+            momentum = momentum + lagrangian.momentum(known, rate, grid)
+        velocity = lagrangian.velocity(position, momentum, grid)
+        energy = lagrangian.energy(position, velocity, grid)
+        kept, failure = _definite_until(lagrangian, position, velocity, grid)
+    if kept == grid.size:
+        failure = stepped.failure
+    finite = bool(np.isfinite(position[:kept]).all() and np.isfinite(momentum[:kept]).all())
+    status: Status = "ok" if not failure else ("failed" if finite else "diverged")
+    return Trajectory(
+        time=grid[:kept],
+        position=position[:kept],
+        momentum=momentum[:kept],
+        energy=energy[:kept],
+        n_steps=problem.n_steps,
+        step_size=problem.step_size,
+        status=status,
+        message=failure,
+        history_operations=stepped.operations,
+        newton=stepped.newton,
+        setup_seconds=seconds[0],
+        stepping_seconds=seconds[1],
+        remarks=remarks,
+    )
+
+
+def _definite_until(
+    lagrangian: Lagrangian, position: Array, velocity: Array, grid: Array
+) -> tuple[int, str]:
+    """How many points of the grid have a positive definite mass matrix, and what comes then."""
+    mass = lagrangian.derivatives(position, velocity, grid).mass
+    wrong = np.logical_not(np.isfinite(mass.reshape(grid.size, -1)).all(axis=1))
+    smallest = np.linalg.eigvalsh(np.where(np.expand_dims(wrong, (1, 2)), 0.0, mass)).min(axis=1)
+    bad = np.flatnonzero(~(smallest > 0))
+    if not bad.size:
+        return grid.size, ""
+    first = int(bad[0])
+    return first, (
+        f"step {first - 1}, t = {grid[first]:.6g}: the mass matrix d2L/dv2 is not positive "
+        f"definite any more (smallest eigenvalue {smallest[first]:.3g})"
+    )

@@ -1,0 +1,341 @@
+r"""Steps of a Lagrangian whose mass matrix is not constant.
+
+With the points :math:`X_i = x_d(c_i h; k)` and velocities :math:`V_i = x_d'(c_i h; k)` of step k
+the discrete Euler-Lagrange equations in momentum form (Hariz Belgacem, Jimenez, Ober-Bloebaum,
+arXiv 2403.18362, section "Higher order approximations of the action", with the fractional action
+sampled at :math:`\chi_i` with weights :math:`\beta_i`) are, for rows :math:`\nu = 0..s-1`,
+
+.. math:: \sum_i b_i \bigl[l_\nu'(c_i)\, \partial_v L(X_i, V_i, t_i)
+          + h\, l_\nu(c_i)\, \partial_q L(X_i, V_i, t_i)\bigr]
+          + g_{k\nu} - h \sum_i \beta_i l_\nu(\chi_i) F_{i,k} + p_k \delta_{\nu 0} = 0
+
+and, because the basis sums to one,
+
+.. math:: p_{k+1} = p_k + h \sum_i b_i\, \partial_q L + \sum_\nu g_{k\nu}
+          - h \sum_i \beta_i F_{i,k}.
+
+With a known part S of the motion the unknown is u = x - S, and the same equations hold for the
+Lagrangian :math:`L(S + u, S' + v, t) - \partial_v L(S, S', t) v - \partial_q L(S, S', t) u`; what
+drives S alone is part of the known force.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.lagrangian import Lagrangian
+from fvi_cli.integrator.compensated import CompensatedSum
+from fvi_cli.integrator.memory import Memory
+from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.stepping import History, StepFailedError, Stepped
+from fvi_cli.integrator.trajectory import NewtonRecord
+
+Array = NDArray[np.float64]
+
+NEWTON_TOLERANCE = 1e-13
+NEWTON_LIMIT = 50
+ROUND_OFF = 1e-13
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KnownMotion:
+    """The known part S on the quadrature points of every step, arrays of shape ``(N, r, d)``.
+
+    Parameters
+    ----------
+    position, velocity
+        S and S'.
+    momentum, force
+        dL/dv and dL/dq at (S, S', t).
+    """
+
+    position: Array
+    velocity: Array
+    momentum: Array
+    force: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GeneralStepProblem:
+    """Everything that the steps need, ready before the first one.
+
+    Parameters
+    ----------
+    lagrangian, tables, memory
+        Effect, numbers of the method, and the convolution.
+    step_size, n_steps
+        h and N.
+    position, momentum, velocity
+        Start values of the unknown, shape ``(d,)``; the velocity is a first guess only.
+    moments
+        Moments of the known force, shape ``(N, s + 1, d)``; None when there is none.
+    known
+        Known part of the motion; None: none.
+    skip_first_kick
+        Leave out the damping force of step 0 (the paper's algorithm, samples on the nodes).
+    """
+
+    lagrangian: Lagrangian
+    tables: StepTables
+    memory: Memory
+    step_size: float
+    n_steps: int
+    position: Array
+    momentum: Array
+    velocity: Array
+    moments: Array | None = None
+    known: KnownMotion | None = None
+    skip_first_kick: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Forces:
+    """What L gives on the points of a step, without its known part."""
+
+    rows: Array
+    change: Array
+    jacobian: Array
+
+
+class GeneralStepper:
+    """Tables of one step; `advance` solves its equations by Newton's iteration."""
+
+    def __init__(self, problem: GeneralStepProblem) -> None:
+        self._problem = problem
+        tables, memory, h = problem.tables, problem.memory, problem.step_size
+        d = problem.lagrangian.dimension
+        self._shape = (tables.degree, d)
+        self._positions = tables.basis[1:].T
+        self._velocities = tables.slopes[1:].T / h
+        self._values = h * tables.weights * tables.basis
+        self._rates = tables.weights * tables.slopes
+        # weights of the second derivatives between row nu and unknown mu, by point
+        test, rate = self._values[:-1].T, self._rates[:-1].T
+        self._by_mass = np.einsum("in,im->inm", rate, self._velocities)
+        self._by_mixed = np.einsum("in,im->inm", rate, self._positions)
+        self._by_transposed = np.einsum("in,im->inm", test, self._velocities)
+        self._by_stiffness = np.einsum("in,im->inm", test, self._positions)
+        damping = np.zeros((tables.degree * d, tables.degree * d))
+        for channel in memory.channels:
+            response = channel.newest(memory.sample_matrix.T)
+            damping += h * np.kron(memory.force_weights[:-1] @ response, channel.direction.T)
+        self._damping = damping
+
+    @property
+    def first_guess(self) -> Array:
+        """Increments of uniform motion from the start values, shape ``(s, d)``."""
+        h = self._problem.step_size
+        return np.outer(h * self._problem.tables.control_points[1:], self._problem.velocity)
+
+    def damping_force(self, known: Array, offset: Array, increments: Array) -> Array:
+        """F of a step: finished history, plus the newest weight times the newest sample."""
+        force = known
+        sample = self._problem.memory.sample_matrix.T @ increments + offset
+        for channel in self._problem.memory.channels:
+            force = force + channel.newest(sample) @ channel.direction
+        return force
+
+    def advance(
+        self,
+        index: int,
+        position: Array,
+        momentum: Array,
+        history: tuple[Array, Array] | None,
+        guess: Array,
+    ) -> tuple[Array, Array, Array, tuple[float, ...]]:
+        """Solve step `index`: increments, damping force, momentum increment, residuals.
+
+        Parameters
+        ----------
+        index, position, momentum
+            The step and what it begins with.
+        history
+            Force of the finished samples, shape ``(m, d)``, and offset of the newest; None: no
+            damping acts on this step.
+        guess
+            Increments to begin with, shape ``(s, d)``.
+
+        Raises
+        ------
+        StepFailedError
+            If Newton's iteration does not converge.
+        """
+        problem = self._problem
+        h, weights = problem.step_size, problem.memory.force_weights
+        right = np.zeros(self._shape)
+        right[0] -= momentum
+        change = np.zeros(self._shape[1])
+        if problem.moments is not None:
+            right -= problem.moments[index, :-1]
+            change = change + problem.moments[index].sum(axis=0)
+        damping: Array | None = None
+        if history is not None:
+            force = self.damping_force(*history, np.zeros(self._shape))
+            right += h * weights[:-1] @ force
+            damping = self._damping
+        increments, forces, residuals = self._newton(index, position, right, damping, guess)
+        force = np.zeros((weights.shape[1], self._shape[1]))
+        if history is not None:
+            force = self.damping_force(*history, increments)
+            change = change - h * problem.memory.momentum_weights @ force
+        return increments, force, change + forces.change, residuals
+
+    def _newton(
+        self, index: int, base: Array, right: Array, damping: Array | None, guess: Array
+    ) -> tuple[Array, _Forces, tuple[float, ...]]:
+        """Solve rows(delta) - damping delta = right with the exact Jacobian."""
+        increments = guess.copy()
+        residuals: list[float] = []
+        previous = math.inf
+        reach = self._reach(index, base)
+        for _ in range(NEWTON_LIMIT):
+            forces = self._forces(index, base, increments)
+            residual = forces.rows - right
+            jacobian = forces.jacobian
+            if damping is not None:
+                residual = residual - (damping @ increments.ravel()).reshape(self._shape)
+                jacobian = jacobian - damping
+            residuals.append(float(np.abs(residual).max()))
+            if not (math.isfinite(residuals[-1]) and np.isfinite(jacobian).all()):
+                raise StepFailedError(
+                    "the Lagrangian or a derivative of it is not finite near "
+                    f"q = {_shown(self._end(index, base, increments))}",
+                    tuple(residuals),
+                )
+            try:
+                update = np.linalg.solve(jacobian, residual.ravel()).reshape(self._shape)
+            except np.linalg.LinAlgError:
+                break
+            increments -= update
+            size = float(np.abs(update).max())
+            scale = float(np.abs(increments).max())
+            stalled = size >= 0.5 * previous and size <= max(1e-9 * scale, ROUND_OFF * reach)
+            if size <= NEWTON_TOLERANCE * scale or stalled or size == 0:
+                # the momentum must belong to the increments that are kept
+                return increments, self._forces(index, base, increments), tuple(residuals)
+            previous = size
+        raise StepFailedError(
+            f"Newton's iteration did not converge in {len(residuals)} iterations "
+            f"(residuals {residuals[0]:.1e} .. {residuals[-1]:.1e}); take a smaller step, or see "
+            f"whether the mass matrix is singular near q = {_shown(base)}",
+            tuple(residuals),
+        )
+
+    def _forces(self, index: int, base: Array, increments: Array) -> _Forces:
+        problem = self._problem
+        position = base + self._positions @ increments
+        velocity = self._velocities @ increments
+        known = problem.known
+        if known is not None:
+            position = position + known.position[index]
+            velocity = velocity + known.velocity[index]
+        time = (index + problem.tables.points) * problem.step_size
+        at = problem.lagrangian.derivatives(position, velocity, time)
+        momentum, force = at.momentum, at.force
+        if known is not None:
+            momentum = momentum - known.momentum[index]
+            force = force - known.force[index]
+        jacobian = np.einsum("inm,iab->namb", self._by_mass, at.mass)
+        jacobian += np.einsum("inm,iab->namb", self._by_mixed, at.mixed)
+        jacobian += np.einsum("inm,iba->namb", self._by_transposed, at.mixed)
+        jacobian += np.einsum("inm,iab->namb", self._by_stiffness, at.stiffness)
+        size = self._shape[0] * self._shape[1]
+        return _Forces(
+            rows=self._rates[:-1] @ momentum + self._values[:-1] @ force,
+            change=self._values.sum(axis=0) @ force,
+            jacobian=jacobian.reshape(size, size),
+        )
+
+    def _end(self, index: int, base: Array, increments: Array) -> Array:
+        known = self._problem.known
+        end = base + increments[-1]
+        return np.asarray(end if known is None else end + known.position[index, -1])
+
+    def _reach(self, index: int, base: Array) -> float:
+        """Size of the numbers that positions are made of, for what round-off can do."""
+        known = self._problem.known
+        size = float(np.abs(base).max())
+        return size if known is None else size + float(np.abs(known.position[index]).max())
+
+
+def run_general_steps(problem: GeneralStepProblem, history: History) -> Stepped:
+    """All steps, one after the other, until the end or until one cannot be solved.
+
+    Parameters
+    ----------
+    problem
+        Everything that the steps need.
+    history
+        Sums up the memory.
+    """
+    tables, memory, n_steps = problem.tables, problem.memory, problem.n_steps
+    d, m = problem.lagrangian.dimension, tables.sample_points.size
+    stepper = GeneralStepper(problem)
+    positions, momenta = np.empty((n_steps + 1, d)), np.empty((n_steps + 1, d))
+    samples, forces = np.empty((n_steps, m, d)), np.zeros((n_steps + 1, m, d))
+    position, momentum = CompensatedSum(problem.position), CompensatedSum(problem.momentum)
+    positions[0], momenta[0] = position.value, momentum.value
+    guess, offset = stepper.first_guess, memory.first_offset
+    newton, failure, done = NewtonRecord(), "", 0
+    damped = bool(memory.channels)
+    inner = tables.sample_basis[1:].T
+    with np.errstate(all="ignore"):
+        for index in range(n_steps):
+            acts = damped and not (problem.skip_first_kick and index == 0)
+            past = (_known(problem, history, index), offset) if acts else None
+            try:
+                increments, force, change, residuals = stepper.advance(
+                    index, position.value, momentum.value, past, guess
+                )
+            except StepFailedError as error:
+                newton = _noted(newton, index, error.residuals)
+                failure = f"step {index}, t = {index * problem.step_size:.6g}: {error}"
+                break
+            newton = _noted(newton, index, residuals)
+            if damped:
+                history.push(memory.sample_matrix.T @ increments + offset)
+                forces[index] = force
+            samples[index] = position.value - problem.position + inner @ increments
+            position.add(increments[-1])
+            momentum.add(change)
+            positions[index + 1], momenta[index + 1] = position.value, momentum.value
+            done = index + 1
+            offset = memory.offset + memory.carry_matrix.T @ increments
+            guess = tables.extrapolation @ increments
+        if damped and done == n_steps:
+            rest = np.zeros((tables.degree, d))
+            forces[done] = stepper.damping_force(_known(problem, history, done), offset, rest)
+    return Stepped(
+        position=positions[: done + 1],
+        momentum=momenta[: done + 1],
+        samples=samples[:done],
+        end_force=forces[: done + 1],
+        operations=history.operations,
+        newton=newton,
+        failure=failure,
+    )
+
+
+def _known(problem: GeneralStepProblem, history: History, index: int) -> Array:
+    known = history.known()
+    if problem.memory.known_force is not None:
+        known = known + problem.memory.known_force[index]
+    return known
+
+
+def _noted(record: NewtonRecord, step: int, residuals: tuple[float, ...]) -> NewtonRecord:
+    worst = len(residuals) > record.largest
+    return NewtonRecord(
+        iterations=record.iterations + len(residuals),
+        largest=max(record.largest, len(residuals)),
+        worst_step=step if worst else record.worst_step,
+        worst_residuals=residuals if worst else record.worst_residuals,
+    )
+
+
+def _shown(position: Array) -> str:
+    return "[" + ", ".join(f"{value:.4g}" for value in position) + "]"

@@ -1,0 +1,290 @@
+"""Lagrangians whose mass matrix is not constant."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fvi_cli.config import parse_config
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import RequestError
+from fvi_cli.integrator.expansion import solution_expansion
+from fvi_cli.integrator.expected_order import expected_order
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.mathematics import symbolic
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.lagrangian import compiled_lagrangian, double_pendulum, lagrangian_scene
+from fvi_cli.scenes.named import pendulum
+from fvi_cli.scenes.nonlinear import duffing, kepler
+
+GAUSS2 = Method(cq="gauss", degree=2)
+GAUSS3 = Method(cq="gauss", degree=3)
+
+
+def as_general(scene: Scene, text: str) -> Scene:
+    """The same scene, its energies taken through the general Lagrangian."""
+    formula = symbolic.symbolic(Expression.parse(text, variables=("x", "vx", "t")))
+    return replace(scene, potential=None, lagrangian=compiled_lagrangian(("x",), formula))
+
+
+def damped_pendulum(order: float, derivative: str = "caputo") -> Scene:
+    return pendulum(
+        final_time=4.0,
+        damping=[FractionalDamping(order=order, coefficient=0.3)],
+        forcing=Forcing.from_text("sin(t)"),
+        initial_position=1.0 if derivative == "caputo" else 0.0,
+        initial_velocity=0.7,
+        derivative=derivative,  # type: ignore[arg-type]
+    )
+
+
+@pytest.mark.parametrize("order", [0.5, 1.0, 1.5])
+@pytest.mark.parametrize("derivative", ["caputo", "riemann-liouville"])
+@pytest.mark.parametrize(
+    "method",
+    [
+        GAUSS3,
+        Method(cq="gauss", degree=3, start="series"),
+        Method(cq="gauss", degree=2, history="direct"),
+        Method(cq="lobatto-iiic", degree=2),
+        Method(cq="bdf3", degree=2, forcing_quadrature="exact"),
+        Method(cq="bdf4", degree=2, start="series"),
+        Method(cq="bdf2", degree=1, sampling="nodes"),
+    ],
+    ids=lambda method: method.case,
+)
+def test_the_general_route_gives_what_the_special_one_gives(
+    order: float, derivative: str, method: Method
+) -> None:
+    scene = damped_pendulum(order, derivative)
+    general = as_general(scene, "vx**2/2 + cos(x)")
+    a, b = integrate(scene, method, 48), integrate(general, method, 48)
+    assert b.status == "ok"
+    assert np.abs(a.position - b.position).max() < 1e-13
+    assert a.momentum is not None
+    assert b.momentum is not None
+    assert np.abs(a.momentum - b.momentum).max() < 1e-13
+    assert a.energy is not None
+    assert b.energy is not None
+    # the energies differ by the constant that the potential of the pendulum has
+    assert np.abs(a.energy - b.energy - 1.0).max() < 1e-13
+    assert b.remarks == a.remarks
+    wrong = as_general(scene, "vx**2/2 + 1.001*cos(x)")
+    assert np.abs(integrate(wrong, method, 48).position - a.position).max() > 1e-5
+
+
+@pytest.mark.parametrize("order", [0.5, 1.5, 1.9])
+def test_the_general_expansion_is_the_special_one(order: float) -> None:
+    scene = damped_pendulum(order)
+    a = solution_expansion(scene, 7.0)
+    b = solution_expansion(as_general(scene, "vx**2/2 + cos(x)"), 7.0)
+    assert b.exponents == pytest.approx(a.exponents, abs=1e-9)
+    assert b.coefficients == pytest.approx(a.coefficients, rel=1e-11, abs=1e-13)
+
+
+def bent(order: float = 0.5, coefficient: float = 0.2, final_time: float = 4.0) -> Scene:
+    joints = [(order, coefficient)] if coefficient else []
+    return double_pendulum(final_time=final_time, joints=joints, initial_position=[1.0, -0.5])
+
+
+def orders(scene: Scene, method: Method, ladder: tuple[int, ...], finest: int) -> np.ndarray:
+    reference = integrate(scene, Method(cq="gauss", degree=4, start="series"), finest).position
+    errors = []
+    for n in ladder:
+        run = integrate(scene, method, n)
+        assert run.status == "ok"
+        errors.append(np.abs(run.position - reference[:: finest // n]).max())
+    return np.log2(np.array(errors[:-1]) / errors[1:])
+
+
+def two_wells() -> Scene:
+    return duffing(
+        final_time=10.0,
+        stiffness=-1.0,
+        damping=[FractionalDamping(order=0.5, coefficient=0.2)],
+        forcing=Forcing.from_text("0.3*cos(t)"),
+        initial_position=1.0,
+    )
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+@pytest.mark.parametrize(("make", "ladder"), [(bent, (64, 128, 256)), (two_wells, (64, 128, 256))])
+def test_full_order_of_nonlinear_scenes(make: object, ladder: tuple[int, ...], degree: int) -> None:
+    scene = make()  # type: ignore[operator]
+    method = Method(cq="gauss", degree=degree, start="series")
+    found = orders(scene, method, ladder, 512)
+    assert found == pytest.approx(np.full(2, 2.0 * degree), abs=0.1)
+
+
+def test_without_a_series_the_order_is_lost() -> None:
+    found = orders(bent(1.5), GAUSS3, (64, 128, 256), 512)
+    assert found == pytest.approx(np.full(2, 2.5), abs=0.1)
+    assert expected_order(bent(1.5), GAUSS3, "max", 256) == 2.5
+
+
+@pytest.mark.parametrize(("order", "degree"), [(1.5, 3), (1.9, 3), (1.9, 4)])
+def test_orders_above_one_meet_the_stages(order: float, degree: int) -> None:
+    method = Method(cq="gauss", degree=degree, start="series")
+    found = orders(bent(order), method, (64, 128), 512)[0]
+    stated = expected_order(bent(order), method, "max", 128)
+    assert stated == pytest.approx(degree + 4 - order)
+    assert stated - 0.35 < found < stated + 0.1
+
+
+def test_energy_does_not_drift_without_damping() -> None:
+    run = integrate(bent(coefficient=0.0, final_time=400.0), GAUSS2, 4000)
+    assert run.energy is not None
+    assert run.history_operations == 0
+    error = run.energy - run.energy[0]
+    first, last = np.abs(error[:2000]).max(), np.abs(error[2000:]).max()
+    assert first < 1e-4
+    assert last < 1.5 * first
+    # control: damping takes energy away
+    damped = integrate(bent(final_time=40.0), GAUSS2, 400)
+    assert damped.energy is not None
+    assert damped.energy[-1] < damped.energy[0] - 0.3
+
+
+def test_time_runs_backwards_without_damping() -> None:
+    forth = integrate(bent(coefficient=0.0), GAUSS3, 64)
+    lagrangian = bent().lagrangian
+    assert lagrangian is not None
+    assert forth.momentum is not None
+    turned = -lagrangian.velocity(forth.position[-1:], forth.momentum[-1:], 0.0)[0]
+    back = double_pendulum(
+        final_time=4.0, initial_position=forth.position[-1], initial_velocity=turned
+    )
+    assert integrate(back, GAUSS3, 64).position[::-1] == pytest.approx(forth.position, abs=1e-12)
+
+
+POLAR = {
+    "coordinates": ["r", "a"],
+    "lagrangian": "(vr**2 + (r*va)**2)/2 + 1/r",
+    "initial_position": [1.0, 0.0],
+    "initial_velocity": [0.0, 0.8],
+}
+
+
+def test_kepler_in_polar_coordinates() -> None:
+    polar = integrate(lagrangian_scene(final_time=4.0, **POLAR), GAUSS3, 512)  # type: ignore[arg-type]
+    plane = integrate(
+        kepler(final_time=4.0, initial_position=[1, 0], initial_velocity=[0, 0.8]), GAUSS3, 512
+    )
+    r, angle = polar.position.T
+    assert r * np.cos(angle) == pytest.approx(plane.position[:, 0], abs=1e-9)
+    assert r * np.sin(angle) == pytest.approx(plane.position[:, 1], abs=1e-9)
+    # the angle does not occur in L: its momentum is kept
+    assert polar.momentum is not None
+    assert polar.momentum[:, 1] == pytest.approx(np.full(513, 0.8), abs=1e-13)
+
+
+@pytest.mark.parametrize("stages", [2, 3])
+def test_a_lagrangian_that_depends_on_time(stages: int) -> None:
+    # Caldirola and Kanai: exp(c t) (v^2 - x^2)/2 is x'' + c x' + x = 0
+    scene = lagrangian_scene(
+        final_time=4.0,
+        coordinates=["x"],
+        lagrangian="exp(0.4*t)*(vx**2 - x**2)/2",
+        initial_position=1.0,
+    )
+    w = np.sqrt(0.96)
+    errors = []
+    for n in (16, 32, 64):
+        run = integrate(scene, Method(cq="gauss", degree=stages, start="series"), n)
+        t = run.time
+        exact = np.exp(-0.2 * t) * (np.cos(w * t) + 0.2 / w * np.sin(w * t))
+        errors.append(np.abs(run.position[:, 0] - exact).max())
+    assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(
+        np.full(2, 2.0 * stages), abs=0.1
+    )
+
+
+def test_a_force_of_gyroscopic_kind() -> None:
+    # a charge in a magnetic field moves on circles
+    scene = lagrangian_scene(
+        final_time=5.0,
+        coordinates=["x", "y"],
+        lagrangian="(vx**2 + vy**2)/2 + b*(x*vy - y*vx)/2",
+        parameters={"b": 2.0},
+        initial_velocity=[1.0, 0.0],
+    )
+    assert scene.lagrangian is not None
+    run = integrate(scene, Method(cq="gauss", degree=4), 64)
+    t = run.time
+    assert run.position[:, 0] == pytest.approx(np.sin(2 * t) / 2, abs=1e-9)
+    assert run.position[:, 1] == pytest.approx((np.cos(2 * t) - 1) / 2, abs=1e-9)
+
+
+def single(lagrangian: str, **keywords: object) -> Scene:
+    keywords = {"final_time": 4.0, "initial_position": 1.0, **keywords}
+    return lagrangian_scene(coordinates=["x"], lagrangian=lagrangian, **keywords)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x*vx**2/2 - x", "definite any more|did not converge|not finite"),
+        ("vx**2*(1 + x**2)/2 - log(x)", "did not converge|not finite"),
+        ("vx**2*(1 + x**2)/2 + sqrt(x)*0.1 - x", "not finite|did not converge"),
+    ],
+)
+def test_a_run_that_cannot_go_on_says_where(text: str, message: str) -> None:
+    run = integrate(single(text), GAUSS3, 64)
+    assert run.status == "failed"
+    assert run.message.startswith("step ")
+    assert "t = " in run.message
+    assert any(part in run.message for part in message.split("|"))
+    assert 1 < run.time.size < 65
+    assert np.isfinite(run.position).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "position", "message"),
+    [
+        ("x*vx**2/2", 0.0, "not positive definite at the start"),
+        ("x*vx**2/2", -1.0, "not positive definite at the start"),
+        ("(1 + x**2)*vx**2/2 + 1/x", 0.0, "not finite at the initial position"),
+        ("(1 + x**2)*vx**2/2 + sqrt(x)", -1.0, "not finite at the initial position"),
+    ],
+)
+def test_starts_that_are_impossible(text: str, position: float, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        single(text, initial_position=position)
+
+
+@pytest.mark.parametrize(
+    "method", [Baseline(name="explicit-euler"), Method(cq="bdf2", degree=1, start="weights")]
+)
+def test_methods_that_are_not_made_for_it(method: Method | Baseline) -> None:
+    with pytest.raises(ValueError, match="general Lagrangian"):
+        integrate(bent(), method, 16)
+    text = (
+        "name: a\nproblem: {kind: double-pendulum, joints: [{order: 0.5, coefficient: 1}], "
+        "final_time: 1}\nmethod: METHOD\nladder: {steps: [4]}\n"
+    )
+    given = "{baseline: explicit-euler}"
+    if isinstance(method, Method):
+        given = "{bdf: 2, start: weights}"
+    with pytest.raises(RequestError, match=r"Lagrangian without|constant mass"):
+        parse_config(text.replace("METHOD", given), "a.yaml")
+
+
+def test_a_jump_of_the_force_keeps_the_run_going() -> None:
+    forced = replace(
+        bent(),
+        forcing=Forcing.from_text("1", "0"),
+    )
+    pieces = forced.forcing
+    assert pieces is not None
+    (piece,) = pieces.pieces
+    stopped = Forcing(pieces=(replace(piece, until=1.0), Forcing.from_text("0", "0").pieces[0]))
+    run = integrate(
+        replace(forced, forcing=stopped), Method(cq="gauss", degree=3, start="series"), 64
+    )
+    assert run.status == "ok"
+    assert any("t = 1" in remark for remark in run.remarks)
