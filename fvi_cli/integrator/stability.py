@@ -181,7 +181,7 @@ def exact_growth(system: LinearSystem, final_time: float, step_size: float) -> f
     """
     if system.is_dissipative:
         return 0.0
-    plane = half_plane(system)
+    plane = half_plane(system, step_size)
     least = 0.05 / final_time
     if least >= plane.scale:
         return 0.0

@@ -18,6 +18,7 @@ determinant is analytic in :math:`|z| < 1`, and a zero z there is a mode that gr
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +37,13 @@ from fvi_cli.mathematics.disc_zeros import ComplexArray, LogFunction
 from fvi_cli.mathematics.runge_kutta_symbol import symbol_power
 
 Array = NDArray[np.float64]
+
+
+LARGEST_CONDITION = 1e6
+"""Eigenvectors worse conditioned than this belong to eigenvalues that meet."""
+
+LARGEST_FREQUENCY = 1e3
+"""Times the step size: faster growth of the exact scene is beyond every method and number."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -192,8 +200,29 @@ class _Forms:
             return np.asarray(factor[:, None, None] * samples)
         if order == 1.0:
             return samples
-        power = symbol_power(runge_kutta_tableau(self.method), order - 1.0, z)
-        return np.asarray(self.basis.to_coefficients @ (power @ (self.basis.to_values @ samples)))
+        return np.asarray(self._symbol_power(z, self.basis, order - 1.0) @ samples)
+
+    def _symbol_power(self, z: ComplexArray, basis: StageBasis, exponent: float) -> ComplexArray:
+        r"""Powers of the symbol between Legendre coefficients, shape ``(n, m, m)``.
+
+        There :math:`\Delta(z)^{-1} = T A T^{-1} + z / (1 - z) e_1 e_1^T`: near z = 1 one large
+        entry beside a matrix of moderate ones, whose small eigenvalues are not drowned in it.
+        """
+        tableau = runge_kutta_tableau(self.method)
+        inverse = basis.to_coefficients @ tableau.A @ basis.to_values
+        matrices = np.tile(inverse.astype(np.complex128), (z.size, 1, 1))
+        matrices[:, 0, 0] += z / (1.0 - z)
+        values, vectors = np.linalg.eig(matrices)
+        condition = np.linalg.cond(vectors)
+        good = condition < LARGEST_CONDITION
+        power = np.empty_like(matrices)
+        chosen, scaled = vectors[good], values[good] ** -exponent
+        power[good] = (chosen * scaled[:, None, :]) @ np.linalg.inv(chosen)
+        if not good.all():
+            # eigenvalues that meet
+            rest = symbol_power(tableau, exponent, z[~good])
+            power[~good] = basis.to_coefficients @ rest @ basis.to_values
+        return power
 
 
 def _forms(method: Method) -> _Forms:
@@ -263,7 +292,7 @@ class HalfPlane:
     system
         The scene.
     scale
-        c > 0, no smaller than any zero.
+        c > 0, of the size of the largest zero.
     """
 
     system: LinearSystem
@@ -288,9 +317,22 @@ class HalfPlane:
         return (1.0 - ratio) / (1.0 + ratio)
 
 
-def half_plane(system: LinearSystem) -> HalfPlane:
-    """The half-plane on a scale at which no zero is larger than c."""
+def half_plane(system: LinearSystem, step_size: float) -> HalfPlane:
+    """The half-plane on a scale at which no zero is larger than c, or no step of h can follow."""
     sizes = system.sizes
-    # beyond it, s^2 is larger than all the other terms together
-    bounds = [(len(sizes) * size) ** (1.0 / (2.0 - order)) for order, size in sizes]
-    return HalfPlane(system=system, scale=max(bounds, default=1.0))
+    high = math.log(LARGEST_FREQUENCY / step_size)
+    if not sizes:
+        return HalfPlane(system=system, scale=math.exp(high))
+    # the positive zero of s^2 - sum_j size_j s^gamma_j, beyond which s^2 is larger than the rest
+    orders = np.array([order for order, _ in sizes])
+    logs = np.log([size for _, size in sizes])
+    low = float((logs / (2.0 - orders)).max())
+    if low >= high:
+        return HalfPlane(system=system, scale=math.exp(high))
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        if np.logaddexp.reduce(logs + orders * middle) > 2.0 * middle:
+            low = middle
+        else:
+            high = middle
+    return HalfPlane(system=system, scale=math.exp(high))

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -336,3 +337,44 @@ def test_a_mass_that_is_none_is_not_linearised():
     prediction = predict_stability(turned, Method(cq="gauss", degree=1), 10)
     assert prediction.verdict == "unknown"
     assert "cannot be linearised" in prediction.reason
+
+
+@pytest.mark.parametrize("order", [0.001, 0.05, 1 - 1e-9, 1 + 1e-9, 1.95, 1.999])
+@pytest.mark.parametrize("n_steps", [1, 30, 10**6])
+def test_extreme_orders_and_numbers_of_steps(order, n_steps):
+    for degree in (1, 2, 3, 4):
+        for mu in (1e-3, 1.0, 1e3):
+            scene = oscillator(float(n_steps), stiffness=1e4, damping=((order, mu),))
+            prediction = predict_stability(scene, Method(cq="gauss", degree=degree), n_steps)
+            assert (prediction.verdict, prediction.growing_modes) == ("stable", 0)
+        # resolved growth, as fast as it may be
+        scene = oscillator(1e-9 * n_steps, stiffness=0.0, damping=((order, -2.0),))
+        prediction = predict_stability(scene, Method(cq="gauss", degree=degree), n_steps)
+        assert prediction.verdict == "stable"
+
+
+def test_symbols_near_one_are_exact():
+    # Gauss with two stages has a pole at z = 1: the power of the symbol against 60 digits
+    z = 1.0 - 1e-7
+    method, order = Method(cq="gauss", degree=2), 0.3
+    logarithm = step_determinant(linear_system(oscillator(damping=((order, 0.7),))), method, 0.5)(
+        np.array([z], dtype=complex)
+    )[0]
+    with mpmath.workdps(60):
+        root = mpmath.sqrt(3)
+        a = mpmath.matrix([[0.25, 0.25 - root / 6], [0.25 + root / 6, 0.25]])
+        ones, half = mpmath.matrix([1, 1]), mpmath.matrix([[0.5, 0.5]])
+        exact_z, h = mpmath.mpf(z), mpmath.mpf(0.5)
+        symbol = (a + exact_z / (1 - exact_z) * (ones * half)) ** -1
+        values, vectors = mpmath.eig(symbol)
+        power = vectors * mpmath.diag([v ** (order - 1) for v in values]) * vectors**-1
+        # the scheme is [Delta^2 + mu Delta^gamma + k] X = 0 with the step size in Delta, and the
+        # determinant of the step is that times det(A) factors that do not depend on the scene
+        force = mpmath.mpf(0.7) * h ** (-order) * power * symbol + mpmath.eye(2)
+        damped = mpmath.det(symbol * symbol / h**2 + force)
+        free = mpmath.det(symbol * symbol / h**2 + mpmath.eye(2))
+    reference = step_determinant(linear_system(oscillator(damping=())), method, 0.5)(
+        np.array([z], dtype=complex)
+    )[0]
+    ratio = complex(damped / free)
+    assert np.exp(logarithm - reference) == pytest.approx(ratio, rel=1e-7)
