@@ -11,9 +11,14 @@ Array = NDArray[np.float64]
 class CompensatedSum:
     """A running sum with Kahan's compensation (Kahan 1965), component by component."""
 
-    def __init__(self, start: Array) -> None:
+    def __init__(self, start: Array, lost: Array | None = None) -> None:
         self.value: Array = np.array(start, dtype=float)
-        self._lost: Array = np.zeros_like(self.value)
+        self._lost: Array = np.zeros_like(self.value) if lost is None else np.array(lost)
+
+    @property
+    def lost(self) -> Array:
+        """What round-off has taken too much; a sum goes on with it where another one ended."""
+        return self._lost
 
     def add(self, increment: Array) -> None:
         """Add `increment`, shape as the start value."""

@@ -31,12 +31,12 @@ from fvi_cli.integrator.moments import (
 from fvi_cli.integrator.starting_weights import correct_start
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.integrator.stepping import Stepped, StepProblem
-from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.integrator.trajectory import Trajectory, thinned
 
 Array = NDArray[np.float64]
 
 
-def integrate(scene: Scene, method: AnyMethod, n_steps: int) -> Trajectory:
+def integrate(scene: Scene, method: AnyMethod, n_steps: int, *, every: int = 1) -> Trajectory:
     """Integrate `scene` over [0, T] by `method` in `n_steps` equal steps.
 
     Parameters
@@ -47,6 +47,9 @@ def integrate(scene: Scene, method: AnyMethod, n_steps: int) -> Trajectory:
         Method or baseline.
     n_steps
         Number N >= 1 of steps; h = T / N.
+    every
+        Keep every n-th point of the grid, the first and the last. With ``history: exponentials``
+        the others are nowhere in memory.
 
     Returns
     -------
@@ -58,12 +61,22 @@ def integrate(scene: Scene, method: AnyMethod, n_steps: int) -> Trajectory:
     Raises
     ------
     ValueError
-        If N is not a positive integer, a break point of the forcing lies between two steps, or
-        the method is not made for a general Lagrangian.
+        If N or `every` is not a positive integer, a break point of the forcing lies between two
+        steps, or the method is not made for a general Lagrangian.
     """
     if not isinstance(n_steps, int | np.integer) or isinstance(n_steps, bool) or n_steps < 1:
         raise ValueError(f"n_steps: {n_steps!r} is not allowed; it must be an integer >= 1")
-    n_steps = int(n_steps)
+    if every < 1:
+        raise ValueError(f"every: {every!r} is not allowed; it must be an integer >= 1")
+    if isinstance(method, Method) and method.history == "exponentials":
+        from fvi_cli.integrator.exponential_run import integrate_part
+
+        return integrate_part(scene, method, int(n_steps), every=every).trajectory
+    return thinned(_integrate(scene, method, int(n_steps)), every)
+
+
+def _integrate(scene: Scene, method: AnyMethod, n_steps: int) -> Trajectory:
+    """The whole trajectory by a history that needs all samples."""
     if scene.lagrangian is not None:
         from fvi_cli.integrator.general import integrate_general
 

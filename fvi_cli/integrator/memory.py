@@ -27,7 +27,11 @@ from numpy.typing import NDArray
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.stage_basis import legendre_stages, legendre_weights
+from fvi_cli.integrator.stage_basis import (
+    legendre_exponentials,
+    legendre_stages,
+    legendre_weights,
+)
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.bdf import difference_weights
 
@@ -118,6 +122,7 @@ def build_memory(
     damping: tuple[FractionalDamping, ...],
     *,
     from_rest: bool = False,
+    n_weights: int | None = None,
 ) -> Memory:
     """Weights and sample matrices for `n_steps` steps.
 
@@ -131,6 +136,9 @@ def build_memory(
         The terms that act.
     from_rest
         The unknown starts with zero position and velocity (a start series carries them).
+    n_weights
+        Make no more than the first so many weights of a Runge-Kutta method and no known force;
+        what remains is for the caller to sum in another way.
     """
     h = scene.final_time / n_steps
     samples = tables.sample_points.size
@@ -141,14 +149,22 @@ def build_memory(
     above_one = [term.order > 1 for term in damping]
     known = None
     subtract = zero[0]
-    channels = _channels(method, h, n_steps + 1, damping)
+    if n_weights is None:
+        channels = build_channels(method, h, n_steps + 1, damping)
+    else:
+        channels = build_channels(method, h, n_weights, damping, n_steps)
     if caputo and np.any(velocity != 0) and any(above_one):
         if all(above_one):
             subtract = velocity
-        else:
+        elif n_weights is None:
             above = tuple(term for term in damping if term.order > 1)
             known = -_force_of_constant_velocity(
-                _channels(method, h, n_steps + 1, above), tables, method, h, n_steps + 1, velocity
+                build_channels(method, h, n_steps + 1, above),
+                tables,
+                method,
+                h,
+                n_steps + 1,
+                velocity,
             )
     if method.is_runge_kutta:
         basis = legendre_stages(tables.sample_points)
@@ -181,20 +197,25 @@ def build_memory(
     )
 
 
-def _channels(
-    method: Method, h: float, n_weights: int, damping: tuple[FractionalDamping, ...]
+def build_channels(
+    method: Method,
+    h: float,
+    n_weights: int,
+    damping: tuple[FractionalDamping, ...],
+    n_steps: int | None = None,
 ) -> tuple[Channel, ...]:
-    """Add up the terms whose matrices have the same direction."""
+    """Add up the terms whose matrices have the same direction.
+
+    With `n_steps` the first `n_weights` weights of Runge-Kutta methods are those of a run of that
+    many steps, to the last digit.
+    """
     directions: list[Array] = []
     weights: list[Array] = []
     for term in damping:
-        scale = float(np.abs(term.coefficient).max())
-        largest = np.unravel_index(np.abs(term.coefficient).argmax(), term.coefficient.shape)
-        scale = scale * float(np.sign(term.coefficient[largest]))
-        direction = term.coefficient / scale
-        own = scale * _weights(method, h, term.order, n_weights)
+        scale, direction = scale_and_direction(term)
+        own = scale * _weights(method, h, term.order, n_weights, n_steps)
         for index, other in enumerate(directions):
-            if np.allclose(other, direction, rtol=1e-14, atol=0):
+            if same_direction(other, direction):
                 weights[index] = _padded_sum(weights[index], own)
                 break
         else:
@@ -203,13 +224,32 @@ def _channels(
     return tuple(Channel(direction=d, weights=w) for d, w in zip(directions, weights, strict=True))
 
 
-def _weights(method: Method, h: float, order: float, n_weights: int) -> Array:
+def scale_and_direction(term: FractionalDamping) -> tuple[float, Array]:
+    """The coefficient matrix as a number times a matrix whose largest entry is 1."""
+    scale = float(np.abs(term.coefficient).max())
+    largest = np.unravel_index(np.abs(term.coefficient).argmax(), term.coefficient.shape)
+    scale = scale * float(np.sign(term.coefficient[largest]))
+    return scale, term.coefficient / scale
+
+
+def same_direction(a: Array, b: Array) -> bool:
+    """Whether two matrices from `scale_and_direction` are one."""
+    return bool(np.allclose(a, b, rtol=1e-14, atol=0))
+
+
+def _weights(
+    method: Method, h: float, order: float, n_weights: int, n_steps: int | None = None
+) -> Array:
     """Weights on differences (BDF, shape ``(M,)``) or velocities (Runge-Kutta, ``(M, m, m)``)."""
     if method.is_runge_kutta:
         if order == 1.0:
             # Delta(z)**0: the derivative of the polynomial itself, no memory at all
             return np.eye(method.stages)[None]
-        weights = legendre_weights(runge_kutta_tableau(method), order - 1.0, n_weights)
+        tableau, theta = runge_kutta_tableau(method), order - 1.0
+        if n_steps is None:
+            weights = legendre_weights(tableau, theta, n_weights)
+        else:
+            weights = legendre_exponentials(tableau, theta, n_steps).weights(n_weights)
         return np.asarray(h ** (1.0 - order) * weights)
     if order == 1.0:
         n_weights = min(n_weights, method.bdf_order)

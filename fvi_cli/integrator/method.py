@@ -16,7 +16,7 @@ RuleName = Literal["gauss", "lobatto", "radau"]
 Sampling = Literal["nodes", "points"]
 Start = Literal["none", "weights", "series"]
 ForcingQuadrature = Literal["galerkin", "exact", "projected"]
-History = Literal["auto", "direct", "fft"]
+History = Literal["auto", "direct", "fft", "exponentials"]
 
 BDF_NAMES = tuple(f"bdf{p}" for p in range(1, 7))
 RUNGE_KUTTA_NAMES = ("gauss", "radau-iia", "lobatto-iiic")
@@ -80,8 +80,9 @@ class Method:
         ``galerkin`` (the action's rule), ``exact`` (moments to round-off) or ``projected``
         (moments of the L2 projection).
     history
-        ``direct`` (every sum written out, one step after the other), ``fft`` (block by block) or
-        ``auto`` (the quicker one; the same to round-off).
+        ``direct`` (every sum written out, one step after the other), ``fft`` (block by block),
+        ``auto`` (the quicker one of these; the same to round-off) or ``exponentials``
+        (Runge-Kutta only: some 500 numbers in place of the past, whatever the number of steps).
 
     Raises
     ------
@@ -104,7 +105,7 @@ class Method:
             "sampling": ("nodes", "points"),
             "start": ("none", "weights", "series"),
             "forcing_quadrature": ("galerkin", "exact", "projected"),
-            "history": ("auto", "direct", "fft"),
+            "history": ("auto", "direct", "fft", "exponentials"),
         }
         for name, values in permitted.items():
             if getattr(self, name) not in values:
@@ -124,6 +125,10 @@ class Method:
             if self.start == "weights":
                 raise ValueError("start: weights correct BDF only; use series or none")
             object.__setattr__(self, "quadrature", own)
+        elif self.history == "exponentials":
+            raise ValueError(
+                f"history: exponentials is for {', '.join(RUNGE_KUTTA_NAMES)} only, not {self.cq}"
+            )
         elif self.quadrature is None:
             object.__setattr__(self, "quadrature", RuleSpecification(points=self.degree))
         if self.rule.rule == "radau" and not self.is_runge_kutta:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from fvi_cli.mathematics.runge_kutta import ButcherTableau
+    from fvi_cli.mathematics.runge_kutta_weights import ExponentialSum
 
 Array = NDArray[np.float64]
 
@@ -43,9 +44,16 @@ def legendre_stages(nodes: Array) -> StageBasis:
 
 def legendre_weights(tableau: ButcherTableau, theta: float, n_weights: int) -> Array:
     """Weights of ``Delta(z)^theta`` between Legendre coefficients, shape ``(n_weights, m, m)``."""
+    return legendre_exponentials(tableau, theta, max(n_weights - 1, 1)).weights(n_weights)
+
+
+def legendre_exponentials(tableau: ButcherTableau, theta: float, n_steps: int) -> ExponentialSum:
+    """The same weights as a sum of exponentials, good up to ``w_n`` with n = `n_steps`.
+
+    Ratios and rows depend on the method and `n_steps`, not on `theta`.
+    """
     from fvi_cli.mathematics.runge_kutta_weights import exponential_sum, real_axis_rule
 
-    n_steps = max(n_weights - 1, 1)
     basis = legendre_stages(tableau.c)
     exponentials = exponential_sum(tableau, theta, n_steps)
     first = basis.to_coefficients @ exponentials.instantaneous @ basis.to_values
@@ -60,7 +68,7 @@ def legendre_weights(tableau: ButcherTableau, theta: float, n_weights: int) -> A
         if theta > 0:
             first[0] = _balancing_row(nodes, factors, rows, theta)
             first[1:, 0] = (signs * first[0])[1:]
-    return replace(exponentials, instantaneous=first, columns=columns, rows=rows).weights(n_weights)
+    return replace(exponentials, instantaneous=first, columns=columns, rows=rows)
 
 
 def _gauss_resolvent(nodes: Array, m: int) -> Array:

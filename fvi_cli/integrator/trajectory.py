@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -58,6 +58,8 @@ class Trajectory:
         Time for weights and factorisations, and for the steps.
     remarks
         What the reader of a table should know, for example that a start fell back.
+    every
+        Only every n-th point of the grid is kept, with the first and the last.
     """
 
     time: Array
@@ -73,3 +75,23 @@ class Trajectory:
     setup_seconds: float = 0.0
     stepping_seconds: float = 0.0
     remarks: tuple[str, ...] = ()
+    every: int = 1
+
+
+def thinned(trajectory: Trajectory, every: int) -> Trajectory:
+    """Every n-th point of a whole trajectory, with the first and the last."""
+    if every == 1:
+        return trajectory
+    last = trajectory.time.size - 1
+    kept = np.arange(0, last + 1, every)
+    if kept[-1] != last:
+        kept = np.append(kept, last)
+    momentum, energy = trajectory.momentum, trajectory.energy
+    return replace(
+        trajectory,
+        time=trajectory.time[kept],
+        position=trajectory.position[kept],
+        momentum=None if momentum is None else momentum[kept],
+        energy=None if energy is None else energy[kept],
+        every=every,
+    )
