@@ -17,9 +17,13 @@ Symbolic = Any
 """A SymPy expression."""
 
 # Beyond these a formula is left as it stands; it is then perhaps not recognised as constant.
-EXPANDED_OPERATIONS: Final = 400
-EXPANDED_EXPONENT: Final = 12
+EXPANDED_OPERATIONS: Final = 250
+EXPANDED_EXPONENT: Final = 6
 TRIGONOMETRIC_OPERATIONS: Final = 120
+# Second derivatives grow with the square of these.
+DEEPEST: Final = 24
+MOST_FACTORS: Final = 16
+MOST_PARTS: Final = 3_000
 
 _SAME_NAME: Final = ("exp", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh", "sign")
 _OTHER_NAME: Final[Mapping[str, str]] = {
@@ -46,8 +50,32 @@ def symbolic(expression: Expression) -> Symbolic:
     Raises
     ------
     ExpressionError
-        If a function occurs whose derivative is not known here.
+        If a function occurs whose derivative is not known here, or the formula is too large to be
+        differentiated twice.
     """
+    try:
+        formula = _tree(expression)
+    except RecursionError:
+        raise ExpressionError(f"nested more than {DEEPEST} deep") from None
+    _check_size(formula)
+    return formula
+
+
+def _check_size(formula: Symbolic) -> None:
+    pending, parts = [(formula, 1)], 0
+    while pending:
+        part, depth = pending.pop()
+        parts += 1
+        if depth > DEEPEST:
+            raise ExpressionError(f"nested more than {DEEPEST} deep")
+        if part.is_Mul and len(part.args) > MOST_FACTORS:
+            raise ExpressionError(f"a product of more than {MOST_FACTORS} factors")
+        if parts > MOST_PARTS:
+            raise ExpressionError(f"more than {MOST_PARTS} numbers, names and operations")
+        pending.extend((argument, depth + 1) for argument in part.args)
+
+
+def _tree(expression: Expression) -> Symbolic:
     import sympy
 
     stack: list[Symbolic] = []
@@ -111,17 +139,27 @@ def _function(name: str, argument: Symbolic) -> Symbolic:
     raise ExpressionError(f"the function {name!r} cannot be differentiated here")
 
 
+def multiplied_out(formula: Symbolic) -> Symbolic:
+    """The formula without products of sums, or as it stands where that would be long."""
+    import sympy
+
+    if formula.count_ops() > EXPANDED_OPERATIONS:
+        return formula
+    powers = [power.exp for power in formula.atoms(sympy.Pow) if power.base.is_Add]
+    if not all(e.is_Integer and 0 < e <= EXPANDED_EXPONENT for e in powers):
+        return formula
+    return sympy.expand(formula)
+
+
 def settled(formula: Symbolic) -> Symbolic:
     """The formula, multiplied out if that makes variables drop out of it."""
     import sympy
 
-    if not formula.free_symbols or formula.count_ops() > EXPANDED_OPERATIONS:
+    if not formula.free_symbols:
         return formula
-    powers = [power.exp for power in formula.atoms(sympy.Pow) if power.base.is_Add]
-    if all(not e.is_Integer or abs(e) <= EXPANDED_EXPONENT for e in powers):
-        expanded = sympy.expand(formula)
-        if len(expanded.free_symbols) < len(formula.free_symbols):
-            return expanded
+    expanded = multiplied_out(formula)
+    if len(expanded.free_symbols) < len(formula.free_symbols):
+        return expanded
     if formula.count_ops() <= TRIGONOMETRIC_OPERATIONS and formula.has(sympy.sin, sympy.cos):
         simpler = sympy.trigsimp(formula)
         if len(simpler.free_symbols) < len(formula.free_symbols):

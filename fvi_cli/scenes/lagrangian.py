@@ -251,7 +251,9 @@ def _separate(
     potential: symbolic.Symbolic,
 ) -> tuple[Potential | None, tuple[Expression, ...] | None] | None:
     """V(q) and f(t) with V(q) - f(t) q = `potential`; None where there are no such two."""
-    timed, static = symbolic.terms_with(potential.expand() if potential.has(t) else potential, t)
+    if potential.has(t):
+        potential = symbolic.multiplied_out(potential)
+    timed, static = symbolic.terms_with(potential, t)
     force = [symbolic.settled(-timed.diff(one)) for one in q]
     if any(f.has(*q) for f in force):
         return None

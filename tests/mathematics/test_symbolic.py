@@ -118,3 +118,16 @@ def test_huge_powers_are_not_multiplied_out() -> None:
     # at once, without integers of a billion digits
     formula = tree("(x + 2*y)**900000")
     assert symbolic.settled(formula) == formula
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("sin(" * 60 + "x" + ")" * 60, "nested more than 24 deep"),
+        ("*".join(f"(x + {k}*y)" for k in range(40)), "more than 16 factors"),
+        (" + ".join(f"sin({k}*x)*cos({k}*y)" for k in range(400)), "more than 3000"),
+    ],
+)
+def test_formulas_that_would_explode_are_refused(text: str, message: str) -> None:
+    with pytest.raises(ExpressionError, match=message):
+        tree(text)
