@@ -26,6 +26,7 @@ from fvi_cli.integrator.stability_determinant import (
     LinearSystem,
     half_plane,
     independent_systems,
+    number_of_unknowns,
     step_determinant,
 )
 from fvi_cli.mathematics.disc_zeros import (
@@ -41,8 +42,11 @@ Verdict = Literal["stable", "unstable", "unknown"]
 TOLERATED_GROWTH = 1e3
 """Factor by which a run may exceed the growth of the exact scene."""
 
-LARGEST_DIMENSION = 96
-"""Coupled components of one system, and systems of one scene, that are looked at."""
+LARGEST_DIMENSION = 24
+"""Coupled components of one system that are looked at."""
+
+LARGEST_NUMBER_OF_SYSTEMS = 256
+"""Independent systems of one scene that are looked at."""
 
 LARGEST_N_STEPS = 1 << 30
 
@@ -115,17 +119,22 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
         )
     systems = independent_systems(scene)
     size = systems[0].mass.shape[0]
-    if len(systems) > LARGEST_DIMENSION or size > LARGEST_DIMENSION:
+    if size > LARGEST_DIMENSION or len(systems) > LARGEST_NUMBER_OF_SYSTEMS:
         return StabilityPrediction(
             verdict="unknown",
-            reason=f"more than {LARGEST_DIMENSION} modes are not looked at one by one",
+            reason=(
+                f"{len(systems)} systems of {size} coupled components are too many to be looked "
+                f"at; at most {LARGEST_NUMBER_OF_SYSTEMS} of {LARGEST_DIMENSION}"
+            ),
         )
     h = scene.final_time / n_steps
     exact = h * max(exact_growth(system, scene.final_time, h) for system in systems)
     counts, worst = 0, 0.0
     try:
         for system in systems:
-            count, growth = _growing_modes(step_determinant(system, method, h), n_steps)
+            count, growth = _growing_modes(
+                step_determinant(system, method, h), n_steps, number_of_unknowns(system, method)
+            )
             counts, worst = counts + count, max(worst, growth)
     except ZeroCountError as error:
         return StabilityPrediction(verdict="unknown", exact_growth=exact, reason=str(error))
@@ -152,16 +161,16 @@ def _factor(growth: float) -> str:
     return f"{math.exp(min(growth, 700.0)):.4g}"
 
 
-def _growing_modes(log_determinant: LogFunction, n_steps: int) -> tuple[int, float]:
+def _growing_modes(log_determinant: LogFunction, n_steps: int, degree: int) -> tuple[int, float]:
     """Number of modes that grow by a tenth or more over the run, and the growth of the worst."""
     # a little different where a zero lies on the circle itself
     for share in (10.0, 10.7, 9.1):
         radius = 1.0 - 1.0 / (share * n_steps)
         try:
-            count = count_zeros(log_determinant, radius)
+            count = count_zeros(log_determinant, radius, degree)
             if count == 0:
                 return 0, 0.0
-            modulus = smallest_zero_modulus(log_determinant, radius)
+            modulus = smallest_zero_modulus(log_determinant, radius, degree)
         except ZeroCountError:
             continue
         return count, -math.log(modulus) if modulus > 0 else 700.0
@@ -188,7 +197,7 @@ def exact_growth(system: LinearSystem, final_time: float, step_size: float) -> f
     for nudge in (1.0, 1.1, 0.9):
         radius = plane.radius(least * nudge)
         try:
-            zeros = find_zeros(plane.log_determinant, radius)
+            zeros = find_zeros(plane.log_determinant, radius, 4 * system.mass.shape[0])
         except ZeroCountError:
             continue
         if zeros is None:

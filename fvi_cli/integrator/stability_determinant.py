@@ -134,6 +134,12 @@ def independent_systems(scene: Scene, method: Method | None = None) -> tuple[Lin
     return tuple(systems.values())
 
 
+def number_of_unknowns(system: LinearSystem, method: AnyMethod) -> int:
+    """Rows of the determinant: position, momentum and the increments of a step."""
+    rows = 2 if isinstance(method, Baseline) else method.degree + 2
+    return rows * int(system.mass.shape[0])
+
+
 def step_determinant(system: LinearSystem, method: AnyMethod, step_size: float) -> LogFunction:
     """Logarithm of the determinant of one step of `method`, as a function of arrays of z."""
     if isinstance(method, Baseline):

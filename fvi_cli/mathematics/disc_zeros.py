@@ -19,10 +19,14 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 LogFunction = Callable[[ComplexArray], ComplexArray]
 
+USUAL_DEGREE = 8
+"""Zeros of the determinant of a few unknowns."""
+
 LARGEST_COUNT = 64
 """More zeros than these are not looked for one by one."""
 
 _LARGEST_CHANGE = 1.0
+_LARGEST_SURPRISE = 0.5
 _FIRST_RATIO = 1.35
 _ROUNDS = 48
 _LARGEST_POINTS = 200_000
@@ -34,7 +38,7 @@ class ZeroCountError(ValueError):
     """The zeros in a disc could not be counted: one of them lies on the circle itself."""
 
 
-def count_zeros(log_function: LogFunction, radius: float) -> int:
+def count_zeros(log_function: LogFunction, radius: float, degree: int = USUAL_DEGREE) -> int:
     r"""Number of zeros in :math:`|z| < \rho`, each as often as its multiplicity.
 
     Parameters
@@ -43,12 +47,14 @@ def count_zeros(log_function: LogFunction, radius: float) -> int:
         Any branch of log f at an array of points, minus infinity at a zero.
     radius
         The radius, in (0, 1).
+    degree
+        About how many zeros there are, in and around the disc.
 
     Notes
     -----
     Points are put between neighbours until log f, the modulus included, changes by less than 1
-    from one to the next. The modulus shows zeros that come in twos, whose turns of two pi would
-    be overlooked.
+    from one to the next, and half way between them by what is left. The modulus and the points
+    half way show zeros that come in twos, whose turns of two pi would be overlooked.
 
     Raises
     ------
@@ -57,30 +63,44 @@ def count_zeros(log_function: LogFunction, radius: float) -> int:
     ValueError
         For a radius outside (0, 1).
     """
-    return _turns(log_function, radius)[0]
+    return _turns(log_function, radius, degree)[0]
 
 
-def _turns(log_function: LogFunction, radius: float) -> tuple[int, ComplexArray, ComplexArray]:
+def _turns(
+    log_function: LogFunction, radius: float, degree: int
+) -> tuple[int, ComplexArray, ComplexArray]:
     """Number of zeros, the points of the upper half circle, and log f there."""
     if not 0 < radius < 1:
         raise ValueError(f"radius: {radius!r} is not allowed; it must lie in (0, 1)")
     least = min(max(1.0 - radius, 1e-12), 0.3)
     number = math.ceil(math.log(math.pi / 2 / least) / math.log(_FIRST_RATIO)) + 2
     rising = np.geomspace(least / 2, math.pi / 2, number)
-    angles = np.concatenate([[0.0], rising, math.pi - rising[-2::-1], [math.pi]])
+    even = np.linspace(0.0, math.pi, 2 * degree)
+    angles = np.unique(np.concatenate([even, rising, math.pi - rising[:-1]]))
     values = _finite(log_function, radius, angles)
+    suspect = np.ones(angles.size - 1, dtype=bool)
     for _ in range(_ROUNDS):
-        change = np.abs(_changes(values))
-        coarse = np.flatnonzero(change > _LARGEST_CHANGE)
+        coarse = np.flatnonzero(suspect)
         if not coarse.size:
-            turned = float(_changes(values).imag.sum()) / math.pi
-            return round(turned), _circle(radius, angles), values
-        middles = 0.5 * (angles[coarse] + angles[coarse + 1])
-        if angles.size + middles.size > _LARGEST_POINTS:
+            count = round(float(_changes(values).imag.sum()) / math.pi)
+            if count < 0:
+                break
+            return count, _circle(radius, angles), values
+        if angles.size + coarse.size > _LARGEST_POINTS:
             break
+        middles = 0.5 * (angles[coarse] + angles[coarse + 1])
+        whole = _changes(values)
         new = _finite(log_function, radius, middles)
         angles = np.insert(angles, coarse + 1, middles)
         values = np.insert(values, coarse + 1, new)
+        halves = _changes(values)
+        # an interval needs no more points when its halves are small and add up to it
+        first = coarse + np.arange(coarse.size)
+        surprise = np.abs(halves[first] + halves[first + 1] - whole[coarse])
+        settled = surprise < _LARGEST_SURPRISE
+        suspect = np.zeros(angles.size - 1, dtype=bool)
+        suspect[first] = ~settled | (np.abs(halves[first]) > _LARGEST_CHANGE)
+        suspect[first + 1] = ~settled | (np.abs(halves[first + 1]) > _LARGEST_CHANGE)
     raise ZeroCountError(f"radius: a zero lies on the circle of radius {radius!r}")
 
 
@@ -105,7 +125,9 @@ def _changes(values: ComplexArray) -> ComplexArray:
     return np.asarray(change - 2j * math.pi * turns)
 
 
-def find_zeros(log_function: LogFunction, radius: float) -> ComplexArray | None:
+def find_zeros(
+    log_function: LogFunction, radius: float, degree: int = USUAL_DEGREE
+) -> ComplexArray | None:
     r"""All zeros in :math:`|z| < \rho`, smallest modulus first; None where that fails.
 
     Parameters
@@ -114,13 +136,15 @@ def find_zeros(log_function: LogFunction, radius: float) -> ComplexArray | None:
         Any branch of log f.
     radius
         The radius, in (0, 1).
+    degree
+        About how many zeros there are, in and around the disc.
 
     Raises
     ------
     ZeroCountError
         If a zero lies on the circle to round-off.
     """
-    count, points, values = _turns(log_function, radius)
+    count, points, values = _turns(log_function, radius, degree)
     if count == 0:
         return np.empty(0, dtype=np.complex128)
     if count > LARGEST_COUNT:
@@ -129,7 +153,9 @@ def find_zeros(log_function: LogFunction, radius: float) -> ComplexArray | None:
     return np.asarray(z[np.argsort(np.abs(z))]) if _are_all(log_function, z, radius) else None
 
 
-def smallest_zero_modulus(log_function: LogFunction, radius: float) -> float:
+def smallest_zero_modulus(
+    log_function: LogFunction, radius: float, degree: int = USUAL_DEGREE
+) -> float:
     r"""Modulus of the zero in :math:`|z| < \rho` that is closest to 0; infinity without any.
 
     Raises
@@ -137,13 +163,13 @@ def smallest_zero_modulus(log_function: LogFunction, radius: float) -> float:
     ZeroCountError
         If a zero lies on the circle to round-off.
     """
-    zeros = find_zeros(log_function, radius)
+    zeros = find_zeros(log_function, radius, degree)
     if zeros is not None:
         return float(np.abs(zeros[0])) if zeros.size else math.inf
     # certain, but slower: halve the gap between a circle without zeros and one with some
     high = -math.log(radius)
     low, high = high, high + 1.0
-    while (inside := _zeros_inside(log_function, math.exp(-high))) is None or inside.size:
+    while (inside := _zeros_inside(log_function, math.exp(-high), degree)) is None or inside.size:
         if inside is not None:
             return float(np.abs(inside[0]))
         low, high = high, 2 * high
@@ -151,7 +177,7 @@ def smallest_zero_modulus(log_function: LogFunction, radius: float) -> float:
             return 0.0
     while high - low > 1e-9 * high:
         middle = 0.5 * (low + high)
-        inside = _zeros_inside(log_function, math.exp(-middle))
+        inside = _zeros_inside(log_function, math.exp(-middle), degree)
         if inside is None:
             low = middle
         elif inside.size:
@@ -161,10 +187,10 @@ def smallest_zero_modulus(log_function: LogFunction, radius: float) -> float:
     return math.exp(-low)
 
 
-def _zeros_inside(log_function: LogFunction, radius: float) -> ComplexArray | None:
+def _zeros_inside(log_function: LogFunction, radius: float, degree: int) -> ComplexArray | None:
     """Zeros in the disc; None where there are some, but which is not known."""
     try:
-        return find_zeros(log_function, radius)
+        return find_zeros(log_function, radius, degree)
     except ZeroCountError:
         return None
 

@@ -19,7 +19,11 @@ from fvi_cli.integrator.stability import (
     predict_stability,
     stable_method,
 )
-from fvi_cli.integrator.stability_determinant import linear_system, step_determinant
+from fvi_cli.integrator.stability_determinant import (
+    linear_system,
+    number_of_unknowns,
+    step_determinant,
+)
 from fvi_cli.mathematics.characteristic import CharacteristicFunction, characteristic_zeros
 from fvi_cli.mathematics.disc_zeros import (
     ZeroCountError,
@@ -378,3 +382,45 @@ def test_symbols_near_one_are_exact():
     )[0]
     ratio = complex(damped / free)
     assert np.exp(logarithm - reference) == pytest.approx(ratio, rel=1e-7)
+
+
+def test_many_coupled_modes_are_counted_as_one_by_one():
+    # twelve oscillators in turned coordinates, counted by one determinant without their modes
+    random = np.random.default_rng(4)
+    stiffness, mu = random.uniform(0.5, 4.0, 12), random.uniform(0.1, 3.0, 12)
+    turn, _ = np.linalg.qr(random.standard_normal((12, 12)))
+    whole = linear_system(
+        oscillator(
+            1.0,
+            mass=np.eye(12),
+            stiffness=turn.T @ np.diag(stiffness) @ turn,
+            damping=((1.5, turn.T @ np.diag(mu) @ turn),),
+        )
+    )
+    for method in (nodes(4, 2), points(6, 3)):
+        parts = [
+            predict_stability(oscillator(100.0, stiffness=k, damping=((1.5, m),)), method, 1000)
+            for k, m in zip(stiffness, mu, strict=True)
+        ]
+        together = step_determinant(whole, method, 0.1)
+        degree = number_of_unknowns(whole, method)
+        radius = 1 - 1e-4
+        expected = sum(part.growing_modes for part in parts)
+        assert count_zeros(together, radius, degree) == expected >= 12
+        worst = max(part.growth_per_step for part in parts)
+        found = -math.log(smallest_zero_modulus(together, radius, degree))
+        assert found == pytest.approx(worst, rel=1e-6)
+
+
+def test_too_many_coupled_components_are_left_alone():
+    random = np.random.default_rng(4)
+    root = random.standard_normal((30, 30))
+    scene = oscillator(
+        1.0,
+        mass=np.eye(30),
+        stiffness=np.diag(np.arange(1.0, 31.0)),
+        damping=((1.5, root @ root.T),),
+    )
+    prediction = predict_stability(scene, nodes(1), 10)
+    assert prediction.verdict == "unknown"
+    assert "at most" in prediction.reason
