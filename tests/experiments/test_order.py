@@ -146,6 +146,33 @@ def test_a_refined_reference_states_its_error() -> None:
     assert np.abs(finer.values(times[::3]) - reference.values(times[::3])).max() < 1e-12
 
 
-def test_ladders_without_a_common_grid_are_refused() -> None:
-    with pytest.raises(ValueError, match="more than 16384"):
-        find_reference(build_problem(pendulum()), (127, 131))
+def test_ladders_without_a_common_grid_get_a_reference_for_each() -> None:
+    problem = build_problem(pendulum())
+    apart = find_reference(problem, (127, 131))
+    assert "for every grid of its own" in apart.source
+    for n_steps in (127, 131):
+        times = np.linspace(0, 4, n_steps + 1)
+        together = find_reference(problem, (n_steps,))
+        assert np.abs(apart.values(times) - together.values(times)).max() < 1e-12
+
+
+def test_a_reference_that_fails_costs_the_errors_but_not_the_runs() -> None:
+    """Negative damping that blows up before the end: runs are kept, their errors are unknown."""
+    specification = pendulum(
+        damping=[{"order": 1.5, "coefficient": -60.0}], final_time=40.0, omega=3.0
+    )
+    own = Experiment(
+        name="runaway",
+        problem=build_problem(specification),
+        problem_specification=specification,
+        methods=(Method(cq="gauss", degree=1),),
+        steps=(4, 8),
+        allow_unstable=True,
+    )
+    reference = find_reference(own.problem, own.steps)
+    assert not reference.is_known
+    assert "refined run" in reference.source
+    runs = list(study(own))
+    assert len(runs) == 2
+    assert all(math.isnan(run.error) for run in runs)
+    assert all(not row.used_in_fit for row in order_table(own, runs).cases[0].rows)
