@@ -52,26 +52,40 @@ def execute(run: Run) -> FinishedRun:
     if isinstance(problem, DerivativeProblem):
         trajectory = _differentiate(problem, run)
     else:
-        trajectory = integrate(problem.scene, run.method, run.n_steps)
+        trajectory = _integrated(problem, run)
     if prediction.linearised_verdict == "unstable":
         remarks = (*trajectory.remarks, f"stability: {prediction.reason}")
         trajectory = dataclasses.replace(trajectory, remarks=remarks)
     reference = reference_of(experiment)
     exact = reference.values(trajectory.time)
-    scale = float(np.abs(exact).max(initial=0.0))
+    compared = exact if reference.is_known else trajectory.position
+    scale = float(np.abs(compared).max(initial=0.0))
     round_off = 100 * EPSILON * scale * float(np.sqrt(run.n_steps))
-    floor = max(round_off, 10 * reference.error)
-    error = error_norm(trajectory.position, exact, run.step_size, experiment.norm)
+    floor = max(round_off, 10 * reference.error) if reference.is_known else round_off
+    spacing = trajectory.every * run.step_size
+    error = error_norm(trajectory.position, exact, spacing, experiment.norm)
     return FinishedRun(
         run=run,
         trajectory=trajectory,
         error=error if trajectory.status != "failed" else float("nan"),
         floor=floor,
-        status=_observed(trajectory, error, floor, scale),
+        status=_observed(trajectory, error, floor, scale)
+        if reference.is_known
+        else trajectory.status,
         predicted=prediction.verdict,
         expected_order=_expected_order(run),
         reference=reference.source,
     )
+
+
+def _integrated(problem: Problem, run: Run) -> Trajectory:
+    """The whole trajectory, or the points that are stored where the method needs no others."""
+    method, every = run.method, run.experiment.store_every
+    if every == 1 or not isinstance(method, Method) or method.history != "exponentials":
+        return integrate(problem.scene, method, run.n_steps)
+    trajectory = integrate(problem.scene, method, run.n_steps, every=every)
+    remark = f"errors are measured on the stored points: every {every}th, and the last"
+    return dataclasses.replace(trajectory, remarks=(*trajectory.remarks, remark))
 
 
 def prediction_of(run: Run) -> StabilityPrediction:
