@@ -18,7 +18,7 @@ from fvi_cli.config.records import node_at
 from fvi_cli.config.shapes import is_complete
 from fvi_cli.experiments.experiment import Experiment
 from fvi_cli.integrator.break_points import TOLERANCE
-from fvi_cli.integrator.method import Baseline
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.scenes.problem import DerivativeProblem, Problem
 
 # Break points are taken for fractions of the interval with denominators up to this.
@@ -74,7 +74,10 @@ def make_experiment(
     if problem is not None:
         _check_meeting(problem, methods, complaints)
         dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
-        _check_memory(dimension, steps, node, path, complaints)
+        every = None
+        if all(_needs_stored_points_only(found.method) for found in methods):
+            every = values["store"]["every"] if isinstance(values["store"], Mapping) else None
+        _check_memory(dimension, steps, every, node, path, complaints)
     resolved = {
         **values,
         "name": name,
@@ -203,6 +206,8 @@ def _objection(problem: Problem | DerivativeProblem, listed_method: ListedMethod
             return f"{method.case} is not made for a Lagrangian without a constant mass matrix"
         if method.start == "weights":
             return "start: weights need a constant mass matrix; use series or none"
+        if method.history == "exponentials":
+            return "history: exponentials needs a constant mass matrix; use auto, fft or direct"
     if isinstance(method, Baseline):
         if scene.derivative == "riemann-liouville" and scene.initial_position.any():
             return f"{method.case} needs derivative: caputo, or an initial position of 0"
@@ -215,9 +220,14 @@ def _objection(problem: Problem | DerivativeProblem, listed_method: ListedMethod
     return ""
 
 
+def _needs_stored_points_only(method: AnyMethod) -> bool:
+    return isinstance(method, Method) and method.history == "exponentials"
+
+
 def _check_memory(
     dimension: int,
     steps: tuple[int, ...],
+    every: int | None,
     node: MappingNode,
     path: KeyPath,
     complaints: Complaints,
@@ -225,7 +235,7 @@ def _check_memory(
     """No run may need more memory than there is."""
     available = machine_bytes()
     for index, n_steps in enumerate(steps):
-        predicted = predicted_bytes(n_steps, dimension)
+        predicted = predicted_bytes(n_steps, dimension, every=every)
         if available is not None and predicted > available:
             _complain_of_step(
                 index,

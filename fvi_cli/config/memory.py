@@ -12,9 +12,18 @@ DOUBLES_PER_STEP: Final = 20
 _CONTAINER_LIMIT: Final = Path("/sys/fs/cgroup/memory.max")
 
 
-def predicted_bytes(n_steps: int, dimension: int) -> int:
-    """Estimated memory of a run, in bytes."""
-    return 8 * DOUBLES_PER_STEP * n_steps * dimension
+def predicted_bytes(n_steps: int, dimension: int, *, every: int | None = None) -> int:
+    """Estimated memory of a run, in bytes.
+
+    Parameters
+    ----------
+    n_steps, dimension
+        N and d.
+    every
+        For a run that has no more in memory than every n-th point; None: one that needs them all.
+    """
+    points = n_steps if every is None else n_steps // every + 1
+    return 8 * DOUBLES_PER_STEP * points * dimension
 
 
 def machine_bytes() -> int | None:

@@ -262,15 +262,20 @@ def run_benchmark(*, exponent: int = 20, repeats: int = 3, memory: bool = True) 
 
 
 def _in_child_process(index: int, exponent: int, repeats: int, memory: bool) -> BenchmarkRow:
-    finished = subprocess.run(  # noqa: S603 - this interpreter, this module, numbers
-        [
-            sys.executable,
-            "-W",
-            "ignore",
-            "-m",
-            "fvi_cli.experiments.benchmark",
-            *map(str, (index, exponent, repeats, int(memory))),
-        ],
+    numbers = (index, exponent, repeats, int(memory))
+    return row_from_values(answer_of_child("fvi_cli.experiments.benchmark", numbers))
+
+
+def answer_of_child(module: str, numbers: Sequence[int]) -> Mapping[str, str | float | int]:
+    """What `module`, run with these numbers in a process of its own, prints as JSON.
+
+    Raises
+    ------
+    BenchmarkError
+        If the process fails.
+    """
+    finished = subprocess.run(  # noqa: S603 - this interpreter, a module of ours, numbers
+        [sys.executable, "-W", "ignore", "-m", module, *map(str, numbers)],
         env={**os.environ, **CHILD_ENVIRONMENT},
         capture_output=True,
         text=True,
@@ -278,7 +283,8 @@ def _in_child_process(index: int, exponent: int, repeats: int, memory: bool) -> 
     )
     if finished.returncode != 0:
         raise BenchmarkError(f"benchmark: the child process failed\n{finished.stderr.strip()}")
-    return row_from_values(json.loads(finished.stdout))
+    answer: Mapping[str, str | float | int] = json.loads(finished.stdout)
+    return answer
 
 
 def row_from_values(values: Mapping[str, str | float | int]) -> BenchmarkRow:
@@ -331,7 +337,7 @@ def measure_case(case: BenchmarkCase, *, repeats: int, memory: bool) -> Benchmar
         direct_seconds=direct,
         error=error,
         growth_exponent=growth,
-        doubles_per_step=_peak_doubles(scene, case.method, n_steps) if memory else float("nan"),
+        doubles_per_step=_doubles_of_steps(scene, case.method, n_steps) if memory else float("nan"),
         history_operations=operations,
         largest_multiple=case.largest_multiple,
         largest_error=case.largest_error,
@@ -347,12 +353,17 @@ def yardstick_seconds(n_steps: int) -> float:
 
 
 def _scene(case: BenchmarkCase) -> Scene:
-    damping = [FractionalDamping(order=case.order, coefficient=np.eye(1))]
-    if case.scene == "pendulum":
-        damping = [FractionalDamping(order=case.order, coefficient=0.3 * np.eye(1))]
-        return pendulum(final_time=20.0, damping=damping, initial_position=1.0)
-    factor = math.gamma(5.0) / math.gamma(5.0 - case.order)
-    force = f"12*t**2 + {factor!r}*t**{4.0 - case.order!r} + t**4"
+    if case.scene == "quartic":
+        return quartic_scene(case.order)
+    damping = [FractionalDamping(order=case.order, coefficient=0.3 * np.eye(1))]
+    return pendulum(final_time=20.0, damping=damping, initial_position=1.0)
+
+
+def quartic_scene(order: float) -> Scene:
+    """The linear oscillator on [0, 1] whose forcing makes x = t^4."""
+    damping = [FractionalDamping(order=order, coefficient=np.eye(1))]
+    factor = math.gamma(5.0) / math.gamma(5.0 - order)
+    force = f"12*t**2 + {factor!r}*t**{4.0 - order!r} + t**4"
     return linear_oscillator(final_time=1.0, damping=damping, forcing=Forcing.from_text(force))
 
 
@@ -367,11 +378,16 @@ def _least_seconds(action: Callable[[], object], repeats: int) -> float:
     return least
 
 
-def _peak_doubles(scene: Scene, method: Method, n_steps: int) -> float:
+def _doubles_of_steps(scene: Scene, method: Method, n_steps: int) -> float:
+    return peak_doubles(lambda: run(prepare(scene, method, n_steps).problem, "fft"), n_steps)
+
+
+def peak_doubles(action: Callable[[], object], n_steps: int) -> float:
+    """Traced peak memory of `action` in doubles per step."""
     gc.collect()
     tracemalloc.start()
     try:
-        run(prepare(scene, method, n_steps).problem, "fft")
+        action()
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -132,7 +132,9 @@ def record_of(finished: FinishedRun) -> Record:
     }
     if newton.worst_residuals:
         attributes["newton_worst_residuals"] = np.array(newton.worst_residuals, dtype=float)
-    kept = _kept(trajectory.time.size, experiment.store_every)
+    # what has been thinned on the way is not thinned again
+    every = 1 if trajectory.every > 1 else experiment.store_every
+    kept = _kept(trajectory.time.size, every)
     datasets: dict[str, NDArray[Any]] = {
         "time": trajectory.time[kept],
         "dof": np.arange(trajectory.position.shape[1]),
@@ -179,6 +181,7 @@ def finished_of(record: Record, run: Run) -> FinishedRun:
         setup_seconds=float(a["setup_seconds"]),
         stepping_seconds=float(a["stepping_seconds"]),
         remarks=tuple(json.loads(a["remarks"])),
+        every=int(a["store_every"]),
     )
     return FinishedRun(
         run=run,

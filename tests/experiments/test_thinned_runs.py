@@ -1,0 +1,51 @@
+"""What is stored, and measured, of a run that keeps every n-th point only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fvi_cli.config import load_config
+from fvi_cli.experiments.study import execute
+from fvi_cli.output.storage.records import finished_of, record_of
+
+CONFIG = """\
+name: thinned
+problem:
+  kind: damped-oscillator
+  damping: [{order: 0.5, coefficient: 0.3}]
+  stiffness: 1.0
+  forcing: 12*t**2 + 0.3*24/gamma(4.5)*t**3.5 + t**4
+  initial: {position: 0.0, velocity: 0.0}
+  final_time: 1.0
+  exact: t**4
+method: {rk: gauss, degree: 1, start: none, history: [auto, exponentials]}
+ladder: {steps: [250]}
+store: {every: 100}
+report: {norm: NORM}
+"""
+
+
+@pytest.mark.parametrize("norm", ["max", "final", "l2"])
+def test_errors_are_those_of_the_kept_points(tmp_path: Path, norm: str) -> None:
+    path = tmp_path / "thinned.yaml"
+    path.write_text(CONFIG.replace("NORM", norm))
+    experiment = load_config(path).experiments[0]
+    whole, thin = (execute(run) for run in experiment.runs())
+    assert whole.trajectory.time.size == 251
+    assert np.allclose(thin.trajectory.time, [0.0, 0.4, 0.8, 1.0])
+    error = np.abs(thin.trajectory.position[:, 0] - thin.trajectory.time**4)
+    expected = {"max": error.max(), "final": error[-1], "l2": np.sqrt(0.4 * (error**2).sum())}
+    assert thin.error == pytest.approx(expected[norm], rel=1e-12)
+    assert any("every 100th" in remark for remark in thin.trajectory.remarks)
+    assert not any("every 100th" in remark for remark in whole.trajectory.remarks)
+    # what is stored is thinned once, whoever did it
+    records = [record_of(finished) for finished in (whole, thin)]
+    for record in records:
+        assert record.datasets["time"].size == 4
+    assert np.allclose(records[0].datasets["position"], records[1].datasets["position"], atol=1e-13)
+    assert thin.run.method.case == "gauss-s1-none-exponentials"
+    again = record_of(finished_of(records[1], thin.run))
+    assert np.array_equal(again.datasets["time"], records[1].datasets["time"])
