@@ -34,8 +34,8 @@ COLUMNS = (
 def to_csv(tables: Sequence[OrderTable]) -> str:
     """The rows of all tables under :data:`COLUMNS`.
 
-    A float is written as its ``repr``, which reads back as the same number; ``nan`` says
-    that there is no error or no order. ``used_in_fit`` is ``yes`` or ``no``. Lines end with a newline only.
+    A float is written as its ``repr``, which reads back as the same number; ``nan`` says that there
+    is no error or no order. ``used_in_fit`` is ``yes`` or ``no``. Lines end with a newline only.
     """
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
