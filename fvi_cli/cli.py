@@ -352,6 +352,30 @@ def show(
 
 @app.command()
 @_guarded
+def benchmark(
+    output: Output = RESULTS,
+    exponent: Annotated[
+        int,
+        typer.Option(
+            "--exponent",
+            min=8,
+            max=22,
+            metavar="E",
+            help="Linear scenes take 2^E steps; fewer than 2^20 are a trial.",
+        ),
+    ] = 20,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Measure time, error and memory of the engine on this machine, beside the figures to meet."""
+    from fvi_cli import reports
+
+    print(*reports.write_benchmark(output, exponent), sep="\n")
+    return DONE
+
+
+@app.command()
+@_guarded
 def schema(verbose: Verbose = False) -> int:
     """Print the JSON schema of configurations, for editors."""
     import json

@@ -116,6 +116,39 @@ def order_tables(outcomes: Sequence[Outcome]) -> list[OrderTable]:
     return [order_table(outcome.experiment, outcome.finished) for outcome in outcomes]
 
 
+def write_benchmark(output: Path, exponent: int) -> tuple[str, Path]:
+    """Measure the engine, write ``benchmark.md`` in `output`; returns the text and the path."""
+    from fvi_cli.experiments.benchmark import run_benchmark
+    from fvi_cli.experiments.memory_benchmark import run_memory_benchmark
+    from fvi_cli.output.atomic import replace_file
+    from fvi_cli.output.provenance import package_versions, platform_name
+
+    times = run_benchmark(exponent=exponent)
+    # with the usual 2^20: 2^22 steps that are kept, and ten millions of which a few are
+    memory = run_memory_benchmark(exponent=exponent + 2, long_steps=10**7 * 2**exponent // 2**20)
+    versions = package_versions()
+    made_by = ", ".join(f"{name} {versions[name]}" for name in ("python", "numpy", "scipy"))
+    text = "\n".join(
+        (
+            "# What the engine takes",
+            "",
+            f"Made by `fvi benchmark --exponent {exponent}` on one core: {platform_name()}, "
+            f"{made_by}.",
+            "",
+            "## Time and error",
+            "",
+            times.to_markdown(),
+            "## Memory",
+            "",
+            memory.to_markdown(),
+        )
+    )
+    path = output / "benchmark.md"
+    output.mkdir(parents=True, exist_ok=True)
+    replace_file(path, text.encode())
+    return text, path
+
+
 def write_figures(figures: Mapping[str, Figure], output: Path) -> list[Path]:
     """Write figures under ``figures/`` in `output`; returns the paths."""
     from fvi_cli.output.figures import save_figure
