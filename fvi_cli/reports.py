@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -123,6 +124,7 @@ def write_benchmark(output: Path, exponent: int) -> tuple[str, Path]:
     from fvi_cli.output.atomic import replace_file
     from fvi_cli.output.provenance import package_versions, platform_name
 
+    before = _load()
     times = run_benchmark(exponent=exponent)
     # with the usual 2^20: 2^22 steps that are kept, and ten millions of which a few are
     memory = run_memory_benchmark(exponent=exponent + 2, long_steps=10**7 * 2**exponent // 2**20)
@@ -133,7 +135,8 @@ def write_benchmark(output: Path, exponent: int) -> tuple[str, Path]:
             "# What the engine takes",
             "",
             f"Made by `fvi benchmark --exponent {exponent}` on one core: {platform_name()}, "
-            f"{made_by}.",
+            f"{made_by}; runnable processes before and after: {before} and {_load()} on "
+            f"{os.cpu_count()} processors. Times mean little where others compute as well.",
             "",
             "## Time and error",
             "",
@@ -147,6 +150,12 @@ def write_benchmark(output: Path, exponent: int) -> tuple[str, Path]:
     output.mkdir(parents=True, exist_ok=True)
     replace_file(path, text.encode())
     return text, path
+
+
+def _load() -> str:
+    """How many processes want a processor, on average over a minute."""
+    # not every system tells
+    return f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
 
 
 def write_figures(figures: Mapping[str, Figure], output: Path) -> list[Path]:
