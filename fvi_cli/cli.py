@@ -304,7 +304,10 @@ def plot(
         outcomes += computed
         if _stop(settings, computed):
             break
-        drawn = figures.figures_for(reports.studies(computed), name=request.name)
+        studies = reports.studies(computed)
+        for line in figures.left_out(studies):
+            _logger.warning("%s", line)
+        drawn = figures.figures_for(studies, name=request.name)
         differences += _draw(drawn, output, check=check)
     return (_verdict(differences) if check else DONE) or _code(outcomes)
 

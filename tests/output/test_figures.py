@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -192,6 +193,52 @@ def test_a_slope_triangle_stands_beside_the_curve_that_is_expected_to_have_it() 
         assert abs(guides[label] - curves[own]) < abs(guides[label] - curves[other])
 
 
+def fallen_back(coarse: Sequence[int]) -> Figure:
+    """BDF2 whose rows with `coarse` step counts are expected to have another order."""
+    one = experiment(methods=NODES[1:2])
+    finished = [
+        dataclasses.replace(item, expected_order=3.3 if item.run.n_steps in coarse else 2.0)
+        for item in finish(one)
+    ]
+    return figures.convergence_figure([(one, finished)])
+
+
+def test_the_expected_order_is_that_of_the_smallest_steps() -> None:
+    figure = fallen_back(LADDER[:3])
+    (guide,) = lines(figure, "guide")
+    assert guide.get_label() == "_order 2"
+    # beside rows that have this order, not beside the coarse ones
+    assert max(guide.get_xdata()) <= (8.0 / LADDER[3]) * (1 + 1e-9)
+    # the other way round the fine rows decide
+    (control,) = lines(fallen_back(LADDER[3:]), "guide")
+    assert control.get_label() == "_order 33/10"
+
+
+def test_rows_at_round_off_do_not_decide_on_the_expected_order() -> None:
+    one = experiment(methods=NODES[1:2])
+    finished = [
+        dataclasses.replace(
+            item, **({"error": 1e-14, "expected_order": 3.3} if item.run.n_steps > 100 else {})
+        )
+        for item in finish(one)
+    ]
+    figure = figures.convergence_figure([(one, finished)])
+    assert [line.get_label() for line in lines(figure, "guide")] == ["_order 2"]
+
+
+def test_without_any_error_there_is_neither_a_triangle_nor_a_range() -> None:
+    one = experiment()
+    gone = finish(one, status=lambda run: "diverged")
+    for orders in (None, [2.0]):
+        figure = figures.convergence_figure([(one, gone)], orders=orders)
+        figure.draw_without_rendering()
+        assert not lines(figure, "guide")
+        assert words(figure) == ["diverged"]
+        assert len(figure.axes[0].get_yticks()) == 0
+    control = figures.convergence_figure([(one, finish(one))])
+    assert len(control.axes[0].get_yticks()) > 0
+
+
 def test_slope_triangles_keep_clear_of_curves() -> None:
     one = experiment()
     figure = figures.convergence_figure([(one, finish(one))])
@@ -333,10 +380,16 @@ def test_a_solution_that_runs_away_does_not_press_the_others_flat() -> None:
 def test_choice_of_a_step_of_the_ladder() -> None:
     one = experiment(methods=NODES[:1])
     finished = finish(one)
-    # errors 0.1 h on a solution of range 2: that of h = 1/2 is still visible, of h = 1/4 not
-    seen = figures.trajectory_figure(one, finished)
-    assert "h = 0.25$" not in seen.axes[0].get_xlabel()
-    assert "h = 0.5$" in seen.axes[0].get_xlabel()
+    finest = figures.trajectory_figure(one, finished)
+    assert "h = 0.03125$" in finest.axes[0].get_xlabel()
+    # with several methods the finest step that all have reached
+    two = experiment(methods=NODES[:2])
+
+    def status(run: Run) -> str:
+        return "diverged" if run.method == NODES[1] and run.n_steps > 64 else "ok"
+
+    together = figures.trajectory_figure(two, finish(two, status=status))
+    assert "h = 0.125$" in together.axes[0].get_xlabel()
     chosen = figures.trajectory_figure(one, finished, n_steps=16)
     assert len(chosen.axes[0].lines[1].get_xdata()) == 17
     with pytest.raises(ValueError, match=r"n_steps: 17 is not one of .*\[8, 16"):
@@ -374,6 +427,17 @@ def test_saturation_has_a_column_for_every_b_and_a_row_for_every_norm() -> None:
     (_, finished) = studies[0]
     last = [abs(f.trajectory.position[-1, 0] - np.sin(1.0)) for f in finished[: len(LADDER)]]
     np.testing.assert_allclose(lines(figure)[12].get_ydata(), last[::-1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("exponents", [(3,), (1, 3), (1, 3, 4, 5)])
+def test_the_heading_of_a_saturation_figure_fits(exponents: tuple[int, ...]) -> None:
+    figure = figures.saturation_figure([derivative_study(b) for b in exponents])
+    figure.draw_without_rendering()
+    heading = next(text for text in figure.texts if text.get_text() == figure.get_suptitle())
+    extent = heading.get_window_extent()
+    assert extent.x0 > 0
+    assert extent.x1 < figure.bbox.x1
+    assert extent.y1 <= figure.bbox.y1
 
 
 def test_leading_exponent_is_read_off_the_function() -> None:
@@ -416,12 +480,43 @@ def test_which_figures_an_experiment_gets() -> None:
     short = experiment(steps=[8, 16])
     assert figures.figure_kinds(short, finish(short)) == ("trajectory", "energy", "error")
     unknown = experiment(steps=[8], problem=oscillator(exact=False))
-    assert figures.figure_kinds(unknown, finish(unknown)) == ("trajectory", "energy")
+    lost = finish(unknown, error=lambda run: float("nan"))
+    assert figures.figure_kinds(unknown, lost) == ("trajectory", "energy")
+    # errors against a refined run are as good
+    assert figures.figure_kinds(unknown, finish(unknown)) == ("trajectory", "energy", "error")
     named = experiment(figures=("energy", "convergence"))
     assert figures.figure_kinds(named, finish(named)) == ("energy", "convergence")
     wrong = experiment(figures=("enrgy",))
     with pytest.raises(ValueError, match="'enrgy' is not one of convergence, trajectory"):
         figures.figure_kinds(wrong, finish(wrong))
+
+
+def test_a_figure_that_is_named_and_cannot_be_drawn_is_told_with_its_reason() -> None:
+    one = experiment(problem=oscillator(exact=False), figures=("trajectory", "error"))
+    lost = finish(one, error=lambda run: float("nan"))
+    (line,) = figures.left_out([(one, lost)])
+    assert line.startswith("made-up: no error figure, since there is no error: the reference is")
+    assert figures.left_out([(one, finish(one))]) == []
+    assert figures.left_out([(experiment(), lost)]) == []  # nothing was named
+    named = experiment(figures=("energy",), methods=NODES[:1])
+    still = [
+        dataclasses.replace(item, trajectory=dataclasses.replace(item.trajectory, energy=None))
+        for item in finish(named)
+    ]
+    assert figures.left_out([(named, still)]) == [
+        "made-up: no energy figure, since no method of the experiment has a momentum"
+    ]
+
+
+def test_error_is_measured_against_a_refined_run_where_no_exact_solution_is_known() -> None:
+    one = experiment(methods=NODES[:1], steps=[64], problem=oscillator(exact=False))
+    (axes,) = figures.error_figure(one, finish(one)).axes
+    known = experiment(methods=NODES[:1], steps=[64])
+    (other,) = figures.error_figure(known, finish(known)).axes
+    got, wanted = (panel.lines[0].get_ydata()[1:] for panel in (axes, other))
+    np.testing.assert_allclose(got, wanted, rtol=1e-9)
+    assert "refined run" in axes.get_ylabel()
+    assert "refined run" not in other.get_ylabel()
 
 
 def test_experiments_of_one_configuration_share_a_convergence_figure() -> None:

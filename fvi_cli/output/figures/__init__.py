@@ -3,7 +3,13 @@
 from fvi_cli.output.figures.convergence import Study, convergence_figure
 from fvi_cli.output.figures.drawn import compare_drawn, drawn_data
 from fvi_cli.output.figures.interpolation import interpolation_figure
-from fvi_cli.output.figures.planner import FIGURE_KINDS, figure_kinds, figures_for, sketches
+from fvi_cli.output.figures.planner import (
+    FIGURE_KINDS,
+    figure_kinds,
+    figures_for,
+    left_out,
+    sketches,
+)
 from fvi_cli.output.figures.saturation import saturation_figure
 from fvi_cli.output.figures.saving import drawn_text, save_figure
 from fvi_cli.output.figures.time_series import energy_figure, error_figure, trajectory_figure
@@ -20,6 +26,7 @@ __all__ = [
     "figure_kinds",
     "figures_for",
     "interpolation_figure",
+    "left_out",
     "saturation_figure",
     "save_figure",
     "sketches",

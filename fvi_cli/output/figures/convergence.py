@@ -93,7 +93,7 @@ def convergence_figure(
             norms = [e.norm for e, _ in studies]
             if position % n_columns == 0 or len(set(norms)) > 1:
                 axes.set_ylabel("error " + NORM_LABELS[experiment.norm])
-            wanted = reference_orders(finished, series) if orders is None else list(orders)
+            wanted = reference_orders(series) if orders is None else list(orders)
             drawn.append((axes, series, wanted))
         figure_legend(figure, list(styles.values()), width, title=common)
         finish_panels(figure, drawn)
@@ -116,10 +116,14 @@ def panel_titles(experiments: Sequence[Experiment]) -> list[str]:
     ]
 
 
-def reference_orders(finished: Sequence[FinishedRun], series: Sequence[Series]) -> list[float]:
-    """Orders worth a slope triangle: what theory expects, else observed slopes to the half."""
-    expected = {item.expected_order for item in finished if np.isfinite(item.expected_order)}
+def reference_orders(series: Sequence[Series]) -> list[float]:
+    """Orders worth a slope triangle: what theory expects, else observed slopes to the half.
+
+    Of every curve the expected order at its smallest step above the floor counts.
+    """
+    curves = [one.curve() for one in series]
+    expected = {order for curve in curves if np.isfinite(order := curve.expected_order())}
     if not expected:
-        slopes = [one.curve().slope() for one in series]
+        slopes = [curve.slope() for curve in curves]
         expected = {round(2 * slope) / 2 for slope in slopes if np.isfinite(slope) and slope > 0.25}
     return sorted(expected)[:_MOST_GUIDES]

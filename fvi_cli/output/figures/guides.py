@@ -36,14 +36,31 @@ class Curve:
         Points, shape ``(n,)``.
     log_floor
         Below this errors say nothing about the order.
-    expected_order
-        What theory says of the slope; nan when it says nothing.
+    expected_orders
+        What theory says of the slope at every point, shape ``(n,)``; nan where it says nothing,
+        None where it never does. It changes along a curve whose start series falls back at
+        large steps.
     """
 
     log_step: Array
     log_error: Array
     log_floor: float = -np.inf
-    expected_order: float = np.nan
+    expected_orders: Array | None = None
+
+    def expected_order(self) -> float:
+        """What theory expects at the smallest step above the floor; nan when it says nothing."""
+        above = np.flatnonzero(self.log_error > self.log_floor)
+        if self.expected_orders is None or above.size == 0:
+            return float("nan")
+        return float(self.expected_orders[above[np.argmin(self.log_step[above])]])
+
+    def span(self, order: float) -> tuple[float, float]:
+        """Smallest and largest step of the points above the floor that may have that order."""
+        there = self.log_error > self.log_floor
+        if self.expected_orders is not None and self.expected_order() == order:
+            there = there & (self.expected_orders == order)
+        steps = self.log_step[there] if there.any() else self.log_step
+        return float(steps.min()), float(steps.max())
 
     def slope(self) -> float:
         """Slope of the last three points above the floor on the side of small steps."""
@@ -76,7 +93,7 @@ def draw_slopes(
     """Draw one slope triangle for every order, near the curve that comes closest to it.
 
     A triangle stands beside a curve of its slope. Where all these are hemmed in it is left out,
-    unless it would be the only one: that one may stand anywhere.
+    unless it would be the only one: that one may stand anywhere. Without curves there is none.
 
     Parameters
     ----------
@@ -89,6 +106,8 @@ def draw_slopes(
     blocked
         Further boxes ``(left, bottom, right, top)`` to keep clear, in fractions of the panel.
     """
+    if not curves:
+        return
     x0, x1 = np.log10(axes.get_xlim())
     y0, y1 = np.log10(axes.get_ylim())
     extent = axes.get_window_extent()
@@ -102,7 +121,10 @@ def draw_slopes(
     for order in orders:
         label = order_label(order)
         size = (0.42 * SMALL_TEXT * len(label) / width, 1.0 * SMALL_TEXT / height)
-        targets = [scaled[k] for k in _targets(curves, order)]
+        targets = []
+        for k in _targets(curves, order):
+            first, last = curves[k].span(order)
+            targets.append((*scaled[k], (first - x0) / (x1 - x0), (last - x0) / (x1 - x0)))
         for clearance in _CLEARANCES:
             pad = (clearance / width, clearance / height)
             candidates = _beside_targets(order * tilt, targets, pad[1])
@@ -124,7 +146,7 @@ def draw_slopes(
 def _targets(curves: Sequence[Curve], order: float) -> list[int]:
     """Curves that are expected to have that slope, or else nearly have it, the best first."""
     distances = [abs(curve.slope() - order) for curve in curves]
-    near = [k for k, curve in enumerate(curves) if curve.expected_order == order]
+    near = [k for k, curve in enumerate(curves) if curve.expected_order() == order]
     if not near:
         near = [k for k, distance in enumerate(distances) if distance < _SAME_SLOPE]
     return sorted(near, key=distances.__getitem__)
@@ -143,13 +165,13 @@ def _samples(scaled: Sequence[tuple[Array, Array]]) -> Array:
 
 
 def _beside_targets(
-    tilt: float, targets: Sequence[tuple[Array, Array]], clearance: float
+    tilt: float, targets: Sequence[tuple[Array, Array, float, float]], clearance: float
 ) -> Iterator[_Triangle]:
     """Triangles of slope `tilt` beside the targets: large and close ones first."""
     for run in _runs(tilt):
         for gap in _GAPS:
-            for u, v in targets:
-                yield from _beside(u, v, tilt, run, gap + 1.05 * clearance)
+            for target in targets:
+                yield from _beside(*target, tilt, run, gap + 1.05 * clearance)
 
 
 def _anywhere(tilt: float) -> Iterator[_Triangle]:
@@ -167,11 +189,15 @@ def _runs(tilt: float) -> list[float]:
     return [run for run in _RUNS if tilt * run < _HIGHEST_RISE]
 
 
-def _beside(u: Array, v: Array, tilt: float, run: float, gap: float) -> Iterator[_Triangle]:
-    """Triangles whose hypotenuse keeps `gap` from one curve, from small steps to large ones."""
+def _beside(
+    u: Array, v: Array, first: float, last: float, tilt: float, run: float, gap: float
+) -> Iterator[_Triangle]:
+    """Triangles whose hypotenuse keeps `gap` from one curve between `first` and `last`."""
+    if run > last - first and run > _RUNS[-1]:
+        return
     order = np.argsort(u)
     u, v = u[order], v[order]
-    for left in np.linspace(u[0], max(u[0], u[-1] - run), 25):
+    for left in np.linspace(first, max(first, last - run), 25):
         along = np.linspace(left, left + run, 20)
         offset = np.interp(along, u, v) - tilt * (along - left)
         for below in (True, False):

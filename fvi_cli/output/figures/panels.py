@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
+from matplotlib.ticker import NullLocator
 from matplotlib.transforms import blended_transform_factory
 from numpy.typing import NDArray
 
@@ -38,6 +39,7 @@ class Row:
     error: float
     floor: float
     status: str
+    expected_order: float = math.nan
 
     @property
     def is_plotted(self) -> bool:
@@ -51,7 +53,6 @@ class Series:
 
     style: SeriesStyle
     rows: tuple[Row, ...]
-    expected_order: float = math.nan
 
     def values(self) -> tuple[Array, Array]:
         """Step sizes and errors; nan where there is no error to draw.
@@ -70,7 +71,7 @@ class Series:
             log_step=np.log10(h[e > 0]),
             log_error=np.log10(e[e > 0]),
             log_floor=math.log10(self.floor) if self.floor > 0 else -math.inf,
-            expected_order=self.expected_order,
+            expected_orders=np.array([row.expected_order for row in self.rows])[e > 0],
         )
 
     @property
@@ -93,10 +94,10 @@ def collect_series(finished: Sequence[FinishedRun], styles: dict[str, SeriesStyl
                     error=item.error,
                     floor=item.floor,
                     status=item.status,
+                    expected_order=item.expected_order,
                 )
                 for item in sorted(ladder, key=lambda item: item.run.step_size)
             ),
-            expected_order=ladder[0].expected_order,
         )
         for case, ladder in ladders.items()
     ]
@@ -132,6 +133,10 @@ def set_limits(axes: Axes, series: Sequence[Series]) -> None:
     axes.set_xlim(min(steps) / beside, max(steps) * beside)
     axes.set_ylim(low, high)
     logarithmic_ticks(axes, steps)
+    if not errors.size:
+        # numbers beside an empty panel would claim a range that nobody measured
+        axes.yaxis.set_major_locator(NullLocator())
+        axes.yaxis.set_minor_locator(NullLocator())
 
 
 def finish_panels(

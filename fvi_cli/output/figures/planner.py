@@ -30,8 +30,8 @@ def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[st
 
     An experiment that names its figures gets these. Otherwise a ladder of three or more step
     counts gets ``convergence``, a shorter one ``trajectory``, ``energy`` and ``error``, as far as
-    there are an energy and an exact solution. Experiments of kind ``fractional-derivative``
-    share one saturation figure.
+    there are an energy and something to measure errors against. Experiments of kind
+    ``fractional-derivative`` share one saturation figure.
 
     Parameters
     ----------
@@ -85,20 +85,50 @@ def figure_kinds(experiment: Experiment, finished: Sequence[FinishedRun]) -> tup
     for kind in experiment.figures:
         if kind not in FIGURE_KINDS:
             raise ValueError(f"figures: {kind!r} is not one of {', '.join(FIGURE_KINDS)}")
-    has_trajectory = any(item.trajectory.time.size > 1 for item in finished)
-    possible = {
-        "convergence": any(np.isfinite(item.error) or item.status != "ok" for item in finished),
-        "trajectory": has_trajectory,
-        "energy": has_trajectory and any(f.trajectory.energy is not None for f in finished),
-        "error": has_trajectory and experiment.problem.exact is not None,
-    }
+    obstacles = _obstacles(experiment, finished)
     if experiment.figures:
         wanted = experiment.figures
-    elif possible["convergence"] and len({f.run.n_steps for f in finished}) >= _LEAST_LADDER:
+    elif "convergence" not in obstacles and len({f.run.n_steps for f in finished}) >= _LEAST_LADDER:
         wanted = ("convergence",)
     else:
         wanted = ("trajectory", "energy", "error")
-    return tuple(kind for kind in wanted if possible[kind])
+    return tuple(kind for kind in wanted if kind not in obstacles)
+
+
+def left_out(studies: Sequence[Study]) -> list[str]:
+    """One line for every figure that an experiment names but that cannot be drawn, with why."""
+    lines = []
+    for experiment, finished in studies:
+        if isinstance(experiment.problem, DerivativeProblem):
+            reason = "a fractional derivative has the figure of its orders only"
+            obstacles = {kind: reason for kind in FIGURE_KINDS if kind != "convergence"}
+        else:
+            obstacles = _obstacles(experiment, finished)
+        lines += [
+            f"{experiment.name}: no {kind} figure, since {obstacles[kind]}"
+            for kind in experiment.figures
+            if kind in obstacles
+        ]
+    return lines
+
+
+def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[str, str]:
+    """Why a kind of figure cannot be drawn, for those that cannot."""
+    if not finished:
+        return dict.fromkeys(FIGURE_KINDS, "no run was finished")
+    obstacles = {}
+    compared = any(np.isfinite(item.error) for item in finished)
+    if not compared and all(item.status == "ok" for item in finished):
+        obstacles["convergence"] = f"there is no error: the reference is {finished[0].reference}"
+    moving = [item for item in finished if item.trajectory.time.size > 1]
+    if not moving:
+        reason = f"no run got beyond its start ({finished[-1].status})"
+        return {**obstacles, **dict.fromkeys(_OVER_TIME, reason)}
+    if all(item.trajectory.energy is None for item in moving):
+        obstacles["energy"] = "no method of the experiment has a momentum"
+    if experiment.problem.exact is None and not compared:
+        obstacles["error"] = f"there is no error: the reference is {finished[0].reference}"
+    return obstacles
 
 
 def sketches() -> dict[str, Figure]:

@@ -59,7 +59,7 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
     first = _derivative(studies[0])
     width = TEXT_WIDTH if len(columns) > 1 else COLUMN_WIDTH
     with journal_style():
-        figure = new_figure(width, 4.6)
+        figure = new_figure(width, 4.6 if width == TEXT_WIDTH else 5.4)
         grid = figure.subplots(2, len(columns), squeeze=False, sharex=True, sharey=True)
         drawn = []
         for column, exponent in enumerate(sorted(columns)):
@@ -81,7 +81,7 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
             axes.set_xlabel("step size $h$")
         for axes in grid.flat:
             set_limits(axes, [one for _, series, _ in drawn for one in series])
-        figure.suptitle(_heading(columns, first), fontsize=SMALL_TEXT)
+        figure.suptitle(_heading(columns, first, width), fontsize=SMALL_TEXT)
         figure_legend(figure, list(styles.values()), width, loc="outside lower center")
         finish_panels(figure, drawn)
     return figure
@@ -135,15 +135,17 @@ def _measured(item: FinishedRun, norm: str) -> float:
     return float(error.max() if norm == "max" else error[-1].max())
 
 
-def _heading(columns: dict[float, list[Study]], first: DerivativeProblem) -> str:
+def _heading(columns: dict[float, list[Study]], first: DerivativeProblem, width: float) -> str:
     order = fraction(first.order)
     family = all(_is_family_member(exponent, studies) for exponent, studies in columns.items())
     function = r"$f(t) = t^{\,b-1} \sin t$" if family else r"$f(t) \sim t^{\,b}$ at 0"
+    # one column has no room for lines of the whole width
+    turn = " " if width == TEXT_WIDTH else "\n"
     return (
-        f"Caputo derivative of order {order} of {function} on $[0, {first.final_time:g}]$ "
-        "by convolution quadrature, BDF$p$.\n"
-        rf"The order is $\min(p, b - {order})$ in the maximum norm and $\min(p, b + 1)$ at a "
-        "fixed time; the captions of the paper say $b$."
+        f"Caputo derivative of order {order} of {function}{turn}"
+        f"on $[0, {first.final_time:g}]$ by convolution quadrature, BDF$p$.\n"
+        rf"The order is $\min(p, b - {order})$ in the maximum norm{turn}"
+        rf"and $\min(p, b + 1)$ at a fixed time;{turn}the captions of the paper say $b$."
     )
 
 

@@ -11,6 +11,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from fvi_cli.experiments.experiment import Experiment, FinishedRun
+from fvi_cli.experiments.study import reference_of
 from fvi_cli.output.figures.methods import SeriesStyle, series_styles
 from fvi_cli.output.figures.style import (
     COLUMN_WIDTH,
@@ -26,7 +27,6 @@ Array = NDArray[np.float64]
 _FINE_POINTS = 2001
 _MARKS = 12  # marks on one curve
 _MOST_COMPONENTS = 4
-_VISIBLE = 0.02  # share of the solution's range that an error has to have to be seen
 
 
 def trajectory_figure(
@@ -39,8 +39,7 @@ def trajectory_figure(
     experiment, finished
         The experiment and its runs.
     n_steps
-        Which step of the ladder to show; None: the finest at which the methods still differ
-        visibly.
+        Which step of the ladder to show; None: the finest that most methods have reached.
 
     Raises
     ------
@@ -84,11 +83,12 @@ def energy_figure(
     ValueError
         If no run has that many steps, or none has an energy.
     """
-    shown = [item for item in select_runs(finished, n_steps) if item.trajectory.energy is not None]
-    if not shown:
+    having = [item for item in finished if item.trajectory.energy is not None]
+    if not having:
         raise ValueError(
             "energy: no method of the experiment has a momentum, so none has an energy"
         )
+    shown = select_runs(having, n_steps)
     styles = series_styles([item.run.method for item in shown])
     with journal_style():
         figure = new_figure(COLUMN_WIDTH, 2.5)
@@ -114,6 +114,8 @@ def error_figure(
 ) -> Figure:
     """Draw the absolute error over time, the largest over the components, logarithmically.
 
+    Where no exact solution is known, the error is measured against the refined run.
+
     Parameters
     ----------
     experiment, finished, n_steps
@@ -122,12 +124,12 @@ def error_figure(
     Raises
     ------
     ValueError
-        If no run has that many steps, or the exact solution is not known.
+        If no run has that many steps, or there is nothing to measure against.
     """
     shown = select_runs(finished, n_steps)
-    exact = experiment.problem.exact
-    if exact is None:
-        raise ValueError(f"exact: {experiment.name} has no exact solution to measure against")
+    reference = reference_of(experiment)
+    if not reference.is_known:
+        raise ValueError(f"reference: {experiment.name} has {reference.source}")
     styles = series_styles([item.run.method for item in shown])
     with journal_style():
         figure = new_figure(COLUMN_WIDTH, 2.5)
@@ -137,7 +139,7 @@ def error_figure(
         for position, item in enumerate(shown):
             trajectory = item.trajectory
             with np.errstate(over="ignore", invalid="ignore"):
-                error = np.abs(trajectory.position - exact(trajectory.time)).max(axis=1)
+                error = np.abs(trajectory.position - reference.values(trajectory.time)).max(axis=1)
             error = np.where(np.isfinite(error) & (error > 0), error, np.nan)
             style = styles[item.run.method.case]
             _draw_series(axes, trajectory.time, error, style, position, floor=item.floor)
@@ -152,7 +154,10 @@ def error_figure(
                 axes.yaxis.set_major_locator(LogLocator(numticks=8))
                 axes.yaxis.set_minor_formatter(NullFormatter())
         several = shown[0].trajectory.position.shape[1] > 1
-        axes.set_ylabel(r"error $\max_i\,|x_i - x_i(t)|$" if several else "error $|x_k - x(t_k)|$")
+        label = r"error $\max_i\,|x_i - x_i(t)|$" if several else "error $|x_k - x(t_k)|$"
+        axes.set_ylabel(
+            label if experiment.problem.exact is not None else "error against a refined run"
+        )
         _finish(figure, axes, shown, experiment)
     return figure
 
@@ -160,8 +165,7 @@ def error_figure(
 def select_runs(finished: Sequence[FinishedRun], n_steps: int | None) -> list[FinishedRun]:
     """Of every method the run with `n_steps` steps.
 
-    By default that is the finest step at which the largest error is still visible, since beyond
-    it all curves are one; the coarsest if it never is, the finest if no error is known.
+    By default that is the finest step that as many methods as possible have reached.
     """
     usable = [item for item in finished if item.trajectory.time.size > 1]
     there = sorted({item.run.n_steps for item in usable})
@@ -169,24 +173,9 @@ def select_runs(finished: Sequence[FinishedRun], n_steps: int | None) -> list[Fi
         listed = sorted({item.run.n_steps for item in finished})
         raise ValueError(f"n_steps: {n_steps!r} is not one of the finished runs' {listed}")
     if n_steps is None:
-        shares = {n: _error_share([f for f in usable if f.run.n_steps == n]) for n in there}
-        visible = [n for n in there if shares[n] > _VISIBLE]
-        known = any(np.isfinite(share) for share in shares.values())
-        n_steps = visible[-1] if visible else there[0] if known else there[-1]
+        reached = [item.run.n_steps for item in usable if item.status in ("ok", "floor")]
+        n_steps = max(there, key=lambda n: (reached.count(n), n))
     return [item for item in usable if item.run.n_steps == n_steps]
-
-
-def _error_share(runs: Sequence[FinishedRun]) -> float:
-    """Largest error of some runs in units of the exact solution's range; nan if not known."""
-    shares = []
-    for item in runs:
-        exact = item.run.experiment.problem.exact
-        if exact is None or not np.isfinite(item.error):
-            continue
-        values = exact(item.trajectory.time)
-        span = float(np.ptp(values, axis=0).max())
-        shares.append(item.error / span if span > 0 else np.nan)
-    return max(shares, default=np.nan)
 
 
 def exact_energy(experiment: Experiment) -> tuple[Array, Array] | None:
