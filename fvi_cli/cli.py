@@ -85,7 +85,12 @@ AllowUnstable = Annotated[
 Workers = Annotated[
     int, typer.Option("--workers", min=1, metavar="N", help="Processes on this machine.")
 ]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")]
+Quiet = Annotated[
+    bool,
+    typer.Option(
+        "-q", "--quiet", help="No progress, no remarks: results on stdout, errors on stderr."
+    ),
+]
 Verbose = Annotated[
     bool, typer.Option("-v", "--verbose", help="Say more; show tracebacks of unexpected errors.")
 ]
@@ -326,7 +331,8 @@ def check(
     for request in campaign.gather(configs, overrides or ()):
         runs = sum(len(experiment.runs()) for experiment in request.loaded.experiments)
         experiments = len(request.loaded.experiments)
-        print(f"{request.loaded.path}: valid, {experiments} experiments, {runs} runs")
+        what = f"{_counted(experiments, 'experiment')}, {_counted(runs, 'run')}"
+        print(f"{request.loaded.path}: valid, {what}")
     return DONE
 
 
@@ -343,6 +349,10 @@ def show(
     from fvi_cli import reports
     from fvi_cli.output.storage import list_runs, read_configuration
 
+    if file.suffix in (".yaml", ".yml"):
+        raise RequestError(
+            f"{file}: is not a result file of fvi; `fvi check` and `fvi run` take configurations"
+        )
     if not config:
         print(reports.contents_as_text(list_runs(file)))
         return DONE
@@ -414,6 +424,10 @@ def _draw(figures: dict[str, Figure], output: Path, *, check: bool) -> list[str]
     for path in reports.write_figures(figures, output):
         print(path)
     return []
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _stop(settings: Settings, outcomes: Sequence[Outcome]) -> bool:

@@ -192,6 +192,37 @@ SLOW = QUICK.replace("[4, 8, 16, 32]", "[8, 16, 400000]").replace("[1, 2]", "1")
 SLOW = SLOW.replace("degree: 1", "degree: 1, history: direct")
 
 
+def test_an_interruption_of_the_very_start_is_silent():
+    code = """
+import os, signal, sys
+from fvi_cli.__main__ import main
+
+class Press:
+    def find_spec(self, name, path=None, target=None):
+        if name == "typer":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Press())
+main()
+"""
+    environment = {**os.environ, "PYTHONPATH": str(Path(fvi_cli.__file__).parents[1])}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, env=environment
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+
+
+def test_a_configuration_is_not_shown_as_results(folder):
+    result = fvi("show", "quick.yaml")
+    assert result.exit_code == 2
+    assert "is not a result file of fvi; `fvi check` and `fvi run` take" in result.stderr
+    (folder / "junk.h5").write_text("junk")
+    result = fvi("convergence", "junk.h5")
+    assert result.exit_code == 2
+    assert "is not a result file of fvi" in result.stderr
+    assert "delete" not in result.stderr
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_interrupted_run_keeps_what_is_finished(folder, number, workers):
@@ -311,7 +342,7 @@ def test_check_validates_and_writes_nothing(folder):
     before = files(folder)
     result = fvi("check", "quick.yaml", "table-1")
     assert result.exit_code == 0
-    assert "quick.yaml: valid, 1 experiments, 8 runs" in result.stdout
+    assert "quick.yaml: valid, 1 experiment, 8 runs" in result.stdout
     assert files(folder) == before
 
 

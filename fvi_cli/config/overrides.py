@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
@@ -41,6 +42,10 @@ def apply_overrides(root: Node, overrides: Sequence[str], complaints: Complaints
                 OPTION, (), f"{excerpt(override)!r} is not allowed; it must be key.path=value"
             )
             continue
+        if "[" in written:
+            meant = re.sub(r"\.?\[\s*(\w+)\s*\]", r".\1", written.strip())
+            complaints.add(OPTION, (), f"{excerpt(written)!r} is not allowed; write {meant}")
+            continue
         node = read_document(value, OPTION, complaints, path)
         if node is not None:
             root = _changed(root, path, (), node, complaints)
@@ -74,4 +79,8 @@ def _changed(node: Node, path: KeyPath, done: KeyPath, value: Node, complaints: 
     old = node.entries.get(key)
     inner: Node = old.node if old is not None else MappingNode(place=OPTION, entries={})
     entry = Entry(key_place=OPTION, node=_changed(inner, rest, here, value, complaints))
-    return replace(node, entries={**node.entries, key: entry})
+    kept = node.entries
+    if key == "steps" and done and done[-1] == "ladder":
+        # the other form of a ladder would contradict the numbers that are asked for
+        kept = {name: old for name, old in kept.items() if name not in ("from", "to", "base")}
+    return replace(node, entries={**kept, key: entry})

@@ -70,6 +70,7 @@ _FORCING: Final = ByForm(
             ),
         )
     ),
+    example="{pieces: [{until: 1.0, value: 8}, {value: 0}]}",
 )
 _INITIAL: Final = Record(
     keys=(
@@ -285,7 +286,7 @@ _FRAME: Final = (
 )
 _GROUND: Final = Key(
     name="ground_acceleration",
-    shape=ByForm(single=_FORCING.single, mapping=_FORCING.mapping),
+    shape=ByForm(single=_FORCING.single, mapping=_FORCING.mapping, example=_FORCING.example),
     meaning="Acceleration a(t) of the ground: number or expression in t, or pieces "
     "(length per time^2).",
     default="0",

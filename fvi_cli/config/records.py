@@ -88,11 +88,25 @@ class ByForm:
     single: Shape | None = None
     several: Shape | None = None
     mapping: Shape | None = None
+    example: str = ""
 
     @property
     def expected(self) -> str:
         """What is allowed."""
-        return "; or ".join(shape.expected for shape in self._shapes())
+        example = f", such as {self.example}" if self.example else ""
+        return "; or ".join(shape.expected for shape in self._shapes()) + example
+
+    def _is_astray(self, node: Node) -> bool:
+        """Whether the example says more than complaints about what is inside of `node`."""
+        if not self.example:
+            return False
+        if isinstance(node, ListNode):
+            return any(isinstance(item, MappingNode) for item in node.items)
+        return (
+            isinstance(node, MappingNode)
+            and isinstance(self.mapping, Record)
+            and not any(key.name in node.entries for key in self.mapping.keys)
+        )
 
     def _shapes(self) -> list[Shape]:
         return [s for s in (self.single, self.several, self.mapping) if s is not None]
@@ -104,7 +118,8 @@ class ByForm:
             shape = self.several
         elif isinstance(node, MappingNode):
             shape = self.mapping
-        if shape is None or (isinstance(node, ScalarNode) and node.value is None):
+        is_empty = isinstance(node, ScalarNode) and node.value is None
+        if shape is None or is_empty or self._is_astray(node):
             complaints.add(node.place, path, needed(node, self.expected))
             return INVALID
         return shape.read(node, path, complaints)

@@ -52,10 +52,10 @@ _EXAMPLES: Final[dict[str, dict[str, str]]] = {
     },
     "bagley-torvik": {
         "damping": "[{order: 1.5, coefficient: 1.0}]",
-        "forcing": "1 + t",
-        "initial": "{position: 1.0, velocity: 1.0}",
-        "final_time": "5.0",
-        "exact": "1 + t",
+        "forcing": "15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5",
+        "initial": "{position: 0.0, velocity: 0.0}",
+        "final_time": "1.0",
+        "exact": "t**2.5",
     },
     "pendulum": {
         "damping": "[{order: 0.5, coefficient: 0.3}]",

@@ -64,6 +64,10 @@ MISTAKES = [
     ("problem.mass=a: b: c", "--set: problem.mass: not YAML"),
     ("problem.mass=!!float 1", "--set: problem.mass: the tag"),
     ("problem.damping.0.alpha=0.75", "--set: problem.damping.0.alpha: not a key"),
+    (
+        "problem.damping[0].order=1.2",
+        "--set: 'problem.damping[0].order' is not allowed; write problem.damping.0.order",
+    ),
     ("ladder.steps=[1, 2.5]", "--set: ladder.steps.1: 2.5 is not allowed"),
 ]
 
@@ -91,3 +95,24 @@ def test_one_of_several_experiments_is_meant_by_its_number():
     assert config.experiments[0].steps == (8,)
     with pytest.raises(ConfigError, match=r"write experiments\.0\.ladder"):
         parse_config(text, "f.yaml", overrides=["ladder.steps=8"])
+
+
+def test_steps_take_the_place_of_a_ladder_of_powers():
+    text = TEXT[: TEXT.index("ladder:")] + "ladder: {from: 4, to: 6, base: 2}\n"
+    assert parse_config(text, "f.yaml").experiments[0].steps == (16, 32, 64)
+    config = parse_config(text, "f.yaml", overrides=["ladder.steps=[16, 17]"])
+    assert config.experiments[0].steps == (16, 17)
+    # control: both in the file contradict each other
+    with pytest.raises(ConfigError, match="not together with steps"):
+        parse_config(text.replace("{from", "{steps: [16, 17], from"), "f.yaml")
+
+
+@pytest.mark.parametrize(
+    "forcing", ["[{until: 1.0, value: 8}, {value: 0}]", "{until: 1.0, value: 8}", "{}"]
+)
+def test_a_force_in_pieces_that_is_written_wrongly_is_shown_how(forcing):
+    right = "{pieces: [{until: 1.0, value: 8}, {value: 0}]}"
+    with pytest.raises(ConfigError) as caught:
+        changed(f"problem.forcing={forcing}")
+    (line,) = caught.value.complaints
+    assert line.endswith(f"such as {right}"), line

@@ -694,9 +694,9 @@ def damaged(path: Path, how: str) -> None:
 
 
 KINDS = {
-    "empty": "is not HDF5, or is damaged or cut off",
-    "text": "is not HDF5, or is damaged or cut off",
-    "cut": "is not HDF5, or is damaged or cut off",
+    "empty": "is not a result file of fvi \\(not HDF5, or damaged or cut off\\)",
+    "text": "is not a result file of fvi \\(not HDF5, or damaged or cut off\\)",
+    "cut": "is not a result file of fvi \\(not HDF5, or damaged or cut off\\)",
     "foreign": "was not written by fvi",
     "newer": "has format 2, this version of fvi reads up to 1",
     "strange": "is damaged or not a result file",

@@ -58,8 +58,8 @@ def open_stored(path: Path) -> h5py.File:
         raise StorageError(f"{path}: cannot be read: {reason(error)}") from None
     except (OSError, RuntimeError, ValueError):
         raise StorageError(
-            f"{path}: is not HDF5, or is damaged or cut off; nothing is read from it and nothing "
-            "written over it: delete it or move it away, and its runs are computed again"
+            f"{path}: is not a result file of fvi (not HDF5, or damaged or cut off); it is "
+            "left as it is: move it away, or choose another name or --output"
         ) from None
     try:
         with damage_told(path):
@@ -91,8 +91,8 @@ def damage_told(path: Path) -> Iterator[None]:
         yield
     except (OSError, KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
         raise StorageError(
-            f"{path}: is damaged or not a result file ({type(error).__name__}: {error}); delete it "
-            "or move it away, and its runs are computed again"
+            f"{path}: is damaged or not a result file ({type(error).__name__}: {error}); it "
+            "is left as it is: move it away, and its runs are computed again"
         ) from error
 
 
