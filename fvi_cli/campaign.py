@@ -44,6 +44,8 @@ class Settings:
         Draw a progress bar where there is a terminal.
     keep
         Write what is computed; otherwise nothing at all is written.
+    may_replace
+        Keep runs even where that replaces stored runs of another problem.
     """
 
     output: Path
@@ -52,6 +54,7 @@ class Settings:
     fail_fast: bool = False
     show_progress: bool = True
     keep: bool = True
+    may_replace: bool = True
 
     def path_of(self, request: Request) -> Path:
         """Where the runs of `request` are, or would be, stored."""
@@ -192,6 +195,7 @@ def plan(requests: Sequence[Request], settings: Settings) -> list[Plan]:
     """Tell for every run of `requests` what would be done with it; nothing is written."""
     plans = []
     for request in requests:
+        _is_kept(request, settings)
         with _stored_runs(request, settings) as known:
             for experiment in request.loaded.experiments:
                 plans += [_plan(run, known, request, settings) for run in experiment.runs()]
@@ -217,7 +221,7 @@ def answer(request: Request, settings: Settings) -> list[Outcome]:
     experiments = request.loaded.experiments
     if request.stored is not None:
         return _recall(experiments, request.stored)
-    if not settings.keep:
+    if not _is_kept(request, settings):
         with _stored_runs(request, settings) as known:
             return carry_out(experiments, settings, title=request.name, known=known)
     with open_results(settings.output, request.name, fresh=settings.fresh) as results:
@@ -232,6 +236,33 @@ def answer(request: Request, settings: Settings) -> list[Outcome]:
         finally:
             # also on Ctrl-C: what is finished is there for the next time
             results.consolidate(request.loaded)
+
+
+def _is_kept(request: Request, settings: Settings) -> bool:
+    """Whether runs are written; says so where stored runs of another problem are in their place."""
+    path = settings.path_of(request)
+    is_there = path.exists() or path.with_suffix(PARTS_SUFFIX).exists()
+    if request.stored is not None or not settings.keep or not is_there:
+        return settings.keep
+    with read_results(path) as results:
+        others = results.of_another_problem(
+            first for e in request.loaded.experiments for first in e.runs()[:1]
+        )
+    if others and settings.may_replace:
+        _logger.warning(
+            "%s: %d stored runs belong to another problem of this name and are replaced; "
+            "another name or --output keeps them",
+            path,
+            others,
+        )
+    elif others:
+        _logger.warning(
+            "%s: %d stored runs belong to another problem of this name and stay; "
+            "what is computed now is not kept",
+            path,
+            others,
+        )
+    return settings.may_replace or not others
 
 
 @contextlib.contextmanager

@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 import fvi_cli
 from fvi_cli.cli import app
+from fvi_cli.config.problem_keys import PROBLEM
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
@@ -82,10 +83,41 @@ def test_the_example_does_what_is_said_of_it(tmp_path, monkeypatch):
     assert (tmp_path / "results" / "my-oscillator.h5").is_file()
     assert (tmp_path / "results" / "tables" / "my-oscillator.md").is_file()
     assert list((tmp_path / "results" / "figures").glob("my-oscillator*.pdf"))
+    _, reading = blocks("python")
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", reading], capture_output=True, text=True, check=True
+    )
+    lines = done.stdout.splitlines()
+    assert len(lines) == 6
+    for line in lines:
+        time, position = map(float, line.split()[-2:])
+        assert time == 1.0
+        assert position == pytest.approx(1.0, abs=0.02)
+    two_masses = [
+        "problem.mass=[[1, 0], [0, 1]]",
+        "problem.stiffness=[[2, -1], [-1, 2]]",
+        "problem.initial={position: [1, 0], velocity: 0}",
+    ]
+    in_pieces = "problem.forcing={pieces: [{until: 1.0, value: 8}, {value: 0}]}"
+    for change in (*two_masses, in_pieces):
+        key, _, value = change.removeprefix("problem.").partition("=")
+        assert f"`{key}: {value}`" in README
+    assert set(
+        re.findall(r"`([a-z-]+)`", README.split("- Kinds of problems:")[1].split(";")[0])
+    ) == (set(PROBLEM.kinds))
+    (tmp_path / "other.yaml").write_text(example.replace("  exact: t**2.5\n", ""))
+    for changes in (
+        [*two_masses, "problem.forcing=0"],
+        [in_pieces, "problem.final_time=2.0", "method=[{rk: gauss, degree: 2}]"],
+        ["figures=[trajectory, energy, error]"],
+    ):
+        options = [word for change in changes for word in ("--set", change)]
+        result = CliRunner().invoke(app, ["check", "other.yaml", *options])
+        assert result.exit_code == 0, result.output
 
 
 def test_the_python_example_runs(tmp_path):
-    (example,) = blocks("python")
+    example, _ = blocks("python")
     environment = {**os.environ, "PYTHONPATH": str(Path(fvi_cli.__file__).parents[1])}
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", example],

@@ -70,7 +70,15 @@ def place_in(attributes: Mapping[str, Any]) -> Place:
 
 def basis_in(attributes: Mapping[str, Any]) -> str:
     """What the runs of one experiment have in common, as text: its problem and norm."""
-    specification = json.loads(attributes["specification"])
+    return _basis(json.loads(attributes["specification"]))
+
+
+def basis_of(run: Run) -> str:
+    """As :func:`basis_in`, for a run that may not be stored."""
+    return _basis(json.loads(canonical_json(run.specification())))
+
+
+def _basis(specification: Mapping[str, Any]) -> str:
     return canonical_json({k: v for k, v in specification.items() if k not in RUN_KEYS})
 
 

@@ -32,6 +32,7 @@ from fvi_cli.output.storage.records import (
     Record,
     attribute,
     basis_in,
+    basis_of,
     finished_of,
     group_path,
     place_in,
@@ -101,6 +102,17 @@ class StoredRuns:
         record = location.read()
         with damage_told(location.file):
             return finished_of(record, run)
+
+    def of_another_problem(self, runs: Iterable[Run]) -> int:
+        """Number of stored runs whose experiment has become another one by the time of `runs`.
+
+        Keeping `runs` replaces them.
+        """
+        bases = {run.experiment.name: basis_of(run) for run in runs}
+        return sum(
+            location.basis != bases.get(place[0], location.basis)
+            for place, location in self._by_place.items()
+        )
 
     def _learn(self, locations: Iterable[_Location]) -> None:
         for location in locations:
