@@ -79,7 +79,8 @@ def effects_of(problem: AnyProblem) -> list[str]:
     if isinstance(problem, DerivativeProblem):
         return [f"derivative of order {problem.order:g}"]
     scene = problem.scene
-    effects = [f"inertia ({scene.dimension} dof)"]
+    inertia = "inertia" if scene.lagrangian is None else "general Lagrangian"
+    effects = [f"{inertia} ({scene.dimension} dof)"]
     if scene.potential is not None:
         effects.append("linear potential" if scene.is_linear else "nonlinear potential")
     effects += [f"damping of order {term.order:g}" for term in scene.active_damping]
