@@ -132,11 +132,20 @@ def test_gauss4_with_series_is_at_5e_12_with_64_steps(gamma: float) -> None:
     assert errors(problem, Method(cq="gauss", degree=4), (64,))[0] > 5e-11
 
 
-@pytest.mark.parametrize("gamma", [0.3, 0.5, 1.5])
-@pytest.mark.parametrize("bdf_order", [2, 3, 4, 5, 6])
+UNSTABLE = pytest.mark.xfail(
+    strict=True, reason="BDF6 of degree 3 is unstable here on every practical step"
+)
+
+
+@pytest.mark.parametrize(
+    ("gamma", "bdf_order"),
+    [
+        pytest.param(gamma, order, marks=UNSTABLE if (gamma, order) == (1.5, 6) else ())
+        for gamma in (0.3, 0.5, 1.5)
+        for order in (2, 3, 4, 5, 6)
+    ],
+)
 def test_points_with_series_keep_order_p_where_stable(gamma: float, bdf_order: int) -> None:
-    if gamma == 1.5 and bdf_order == 6:
-        pytest.xfail("BDF6 of degree 3 is unstable here on every practical step")
     problem = free_oscillator(gamma)
     method = Method(cq=f"bdf{bdf_order}", degree=(bdf_order + 1) // 2, start="series")
     ladder = (512, 1024) if bdf_order < 5 else (256, 512)
