@@ -76,10 +76,10 @@ def smooth_order(scene: Scene, method: Method) -> float:
 
 
 def _after_breaks(scene: Scene, known: KnownPart | None, order: float) -> float:
-    """A nonlinear scene's response to a jump is known four powers far only."""
+    """A nonlinear scene's response to a jump is known four powers far only: 5 - gamma, measured."""
     if scene.is_linear or known is None or not known.jumps:
         return order
-    return min(order, 4.0)
+    return min(order, 5.0 - max(term.order for term in scene.active_damping))
 
 
 def _singular_order(scene: Scene, method: Method, norm: Norm) -> float:

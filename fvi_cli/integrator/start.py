@@ -99,10 +99,10 @@ def plan_start(
 ) -> StartDecision:
     r"""Decide whether a start series is used, and build its window.
 
-    The window is :math:`S(t) = e^{-\lambda t} c(t)` with :math:`\lambda = 4/\tau`, c the expansion
-    times :math:`e^{\lambda t}`, truncated. It is used if the expansion holds a fractional power
-    below the cutoff Q, has at most 128 exponents there, and :math:`\tau \ge 4h`: an expansion that
-    is good only for a few steps makes things worse.
+    The window is :math:`S(t) = e^{-\lambda t} c(t)`, c the expansion times :math:`e^{\lambda t}`,
+    truncated. It is used if there is a power below the cutoff Q that the method loses order on, if
+    at most 128 exponents lie there, and if `rule` finds the window well resolved and cheaper than
+    the singular terms: an expansion that is good only for a few steps makes things worse.
 
     Parameters
     ----------
@@ -145,6 +145,11 @@ def plan_jump(
     except SeriesError as error:
         return StartDecision(use=False, reason=f"no series at t = {break_point:g}: {error}")
     order = cutoff - rule.powers
+    fractional = expansion.exponents[expansion.exponents % 1 != 0]
+    if expansion.cutoff < cutoff and fractional.size and fractional[0] >= 3.0:
+        # orders of damping below 1: measured, it gains nothing
+        reason = f"no series at t = {break_point:g}: none is known further than it is needed"
+        return StartDecision(use=False, reason=reason, expansion=expansion)
     return _decide(expansion, scene, step_size, rule, order, wanted=not expansion.is_smooth)
 
 
@@ -254,7 +259,9 @@ def _decide(
             reason=f"no start series: no fractional power below t^{expansion.cutoff:g}",
             expansion=expansion,
         )
-    tau = _time_of_validity(expansion, scene)
+    # an expansion that ends before Q has few powers: only those in its last unit are the last
+    complete = expansion.cutoff >= order + rule.powers - SAME_EXPONENT
+    tau = _time_of_validity(expansion, scene, last_powers=2.0 if complete else 1.0)
     if not tau >= rule.steps * step_size:
         return StartDecision(
             use=False,
@@ -325,19 +332,20 @@ def _sizes(expansion: Expansion, scene: Scene) -> Array:
     return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", a, scene.inertia.mass, a)))
 
 
-def _time_of_validity(expansion: Expansion, scene: Scene) -> float:
+def _time_of_validity(expansion: Expansion, scene: Scene, last_powers: float) -> float:
     r"""Largest t at which the last terms do not outweigh the others.
 
     .. math:: \sum_{\sigma \ge Q-2} |a_\sigma| t^\sigma \le \sum_{0<\sigma<Q-2} |a_\sigma| t^\sigma
 
-    The size of a coefficient is its norm by the mass matrix, which does not depend on the choice
-    of coordinates. The quotient of the two sums increases with t, so that bisection in log t finds
-    the time. A sum that ends before Q - 2 is good for ever; it gets the length of the run.
+    (with `last_powers` in place of 2). The size of a coefficient is its norm by the mass matrix,
+    which does not depend on the choice of coordinates. The quotient of the two sums increases with
+    t, so that bisection in log t finds the time. A sum that ends before Q - 2 is good for ever; it
+    gets the length of the run.
     """
     sizes = _sizes(expansion, scene)
     used = (expansion.exponents > 0) & (sizes > 0)
     exponents, logs = expansion.exponents[used], np.log(sizes[used])
-    last = exponents >= expansion.cutoff - 2.0 - SAME_EXPONENT
+    last = exponents >= expansion.cutoff - last_powers - SAME_EXPONENT
     if not last.any():
         return scene.final_time
     if last.all():

@@ -257,6 +257,42 @@ def test_podlubny_values_of_the_step_forced_equation() -> None:
         assert trajectory.position[round(time * 20), 0] == pytest.approx(value, abs=2e-12)
 
 
+@pytest.mark.parametrize("gamma", [0.5, 0.8, 1.25, 1.5, 1.75])
+@pytest.mark.parametrize("degree", [2, 3])
+def test_a_jump_of_the_force_on_a_pendulum(gamma: float, degree: int) -> None:
+    """Order 5 - gamma with the response (used for gamma > 1), 4 - gamma without."""
+    pieces = tuple(
+        ForcingPiece(components=(Expression.parse(text, variables=("t",)),), until=until)
+        for text, until in (("2", 1.0), ("0", math.inf))
+    )
+    scene = pendulum(
+        final_time=8.0,
+        damping=[FractionalDamping(order=gamma, coefficient=0.5)],
+        forcing=Forcing(pieces=pieces),
+        initial_position=0.5,
+    )
+    finest = 4096
+    fine = Method(cq="gauss", degree=4, start="series")
+    reference = integrate(scene, fine, finest).position
+    errors_of = {}
+    for start in ("series", "none"):
+        method = Method(cq="gauss", degree=degree, start=start)
+        errors_of[start] = np.array(
+            [
+                np.abs(integrate(scene, method, n).position - reference[:: finest // n]).max()
+                for n in (128, 256, 512)
+            ]
+        )
+        orders = np.log2(errors_of[start][:-1] / errors_of[start][1:])
+        expected = expected_order(scene, method, "max", 512)
+        used = start == "series" and gamma > 1
+        assert expected == pytest.approx(min(2 * degree, 5 - gamma if used else 4 - gamma))
+        assert orders.min() > expected - 0.15
+    if gamma > 1:
+        # the control: without the series at the break
+        assert errors_of["none"][-1] > 10 * errors_of["series"][-1]
+
+
 def test_a_break_point_between_steps_is_refused_with_what_fits() -> None:
     with pytest.raises(ValueError, match=r"break point t = 1 .* 50 and 100"):
         integrate(step_forced(), Method(cq="gauss", degree=2), 60)
