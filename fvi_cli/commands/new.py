@@ -1,0 +1,25 @@
+"""``fvi new``: a commented configuration to start from."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from fvi_cli.commands.exits import DONE, guarded
+from fvi_cli.commands.options import Verbose
+
+
+@guarded
+def new(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the experiment.")],
+    kind: Annotated[
+        str, typer.Option("--kind", metavar="KIND", help="Kind of the problem.")
+    ] = "damped-oscillator",
+    verbose: Verbose = False,
+) -> int:
+    """Write a commented configuration NAME.yaml to start from."""
+    from fvi_cli import reports
+
+    print(reports.write_starter(name, kind))
+    return DONE

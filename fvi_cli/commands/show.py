@@ -1,0 +1,41 @@
+"""``fvi show``: what a result file holds."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fvi_cli.commands.exits import DONE, guarded
+from fvi_cli.commands.options import Verbose
+from fvi_cli.errors import RequestError
+
+_logger = logging.getLogger("fvi_cli")
+
+
+@guarded
+def show(
+    file: Annotated[Path, typer.Argument(metavar="FILE.h5", help="Results of `fvi run`.")],
+    config: Annotated[
+        bool, typer.Option("--config", help="Print the configuration that made the file.")
+    ] = False,
+    verbose: Verbose = False,
+) -> int:
+    """List what a result file holds, or print the configuration that made it."""
+    from fvi_cli import reports
+    from fvi_cli.output.storage import list_runs, read_configuration
+
+    if file.suffix in (".yaml", ".yml"):
+        raise RequestError(
+            f"{file}: is not a result file of fvi; `fvi check` and `fvi run` take configurations"
+        )
+    if not config:
+        print(reports.contents_as_text(list_runs(file)))
+        return DONE
+    configuration = read_configuration(file)
+    print(configuration.text, end="")
+    for override in configuration.overrides:
+        _logger.warning("made with --set %s", override)
+    return DONE
