@@ -32,9 +32,9 @@ from fvi_cli.integrator.stability_determinant import (
 from fvi_cli.mathematics.disc_zeros import (
     LogFunction,
     ZeroCountError,
-    count_zeros,
+    enclosed_zero_modulus,
     find_zeros,
-    smallest_zero_modulus,
+    zeros_in_disc,
 )
 
 Verdict = Literal["stable", "unstable", "unknown"]
@@ -167,13 +167,16 @@ def _growing_modes(log_determinant: LogFunction, n_steps: int, degree: int) -> t
     for share in (10.0, 10.7, 9.1):
         radius = 1.0 - 1.0 / (share * n_steps)
         try:
-            count = count_zeros(log_determinant, radius, degree)
-            if count == 0:
+            found = zeros_in_disc(log_determinant, radius, degree)
+            if found.count == 0:
                 return 0, 0.0
-            modulus = smallest_zero_modulus(log_determinant, radius, degree)
+            if found.zeros is None:
+                modulus = enclosed_zero_modulus(log_determinant, radius, degree)
+            else:
+                modulus = float(np.abs(found.zeros[0]))
         except ZeroCountError:
             continue
-        return count, -math.log(modulus) if modulus > 0 else 700.0
+        return found.count, -math.log(modulus) if modulus > 0 else 700.0
     raise ZeroCountError("a mode lies too close to the circle of no growth to be counted")
 
 

@@ -173,8 +173,8 @@ def step_determinant(system: LinearSystem, method: AnyMethod, step_size: float) 
     def log_determinant(z: ComplexArray) -> ComplexArray:
         matrix = constant + z[:, None, None] * linear
         samples = forms.samples(z)
-        for order, direction in damping:
-            force = forms.weigh(z, order, samples)
+        forces = forms.forces(z, tuple(order for order, _ in damping), samples)
+        for (_, direction), force in zip(damping, forces, strict=True):
             rows = forms.force_weights[:-1] @ force
             matrix[:, u, u] -= _kron(rows, direction)
             total = momentum_weights @ force
@@ -198,18 +198,24 @@ class _Forms:
         """Samples from increments at each z, shape ``(n, m, s)``."""
         return np.asarray(self.sample_matrix.T + z[:, None, None] * self.carry_matrix.T)
 
-    def weigh(self, z: ComplexArray, order: float, samples: ComplexArray) -> ComplexArray:
-        """Force of the samples, shape ``(n, m, s)``."""
+    def forces(
+        self, z: ComplexArray, orders: tuple[float, ...], samples: ComplexArray
+    ) -> list[ComplexArray]:
+        """Force of the samples for each order, shape ``(n, m, s)``."""
         if self.basis is None:
             # A(alpha) stability: the symbol keeps away from the cut along the negative axis
-            factor = symbol_at(self.method.bdf_order, z) ** order / (1.0 - z)
-            return np.asarray(factor[:, None, None] * samples)
-        if order == 1.0:
-            return samples
-        return np.asarray(self._symbol_power(z, self.basis, order - 1.0) @ samples)
+            symbol = symbol_at(self.method.bdf_order, z)
+            factors = [symbol**order / (1.0 - z) for order in orders]
+            return [np.asarray(factor[:, None, None] * samples) for factor in factors]
+        if all(order == 1.0 for order in orders):
+            return [samples for _ in orders]
+        powers = self._symbol_powers(z, self.basis, tuple(order - 1.0 for order in orders))
+        return [np.asarray(power @ samples) for power in powers]
 
-    def _symbol_power(self, z: ComplexArray, basis: StageBasis, exponent: float) -> ComplexArray:
-        r"""Powers of the symbol between Legendre coefficients, shape ``(n, m, m)``.
+    def _symbol_powers(
+        self, z: ComplexArray, basis: StageBasis, exponents: tuple[float, ...]
+    ) -> list[ComplexArray]:
+        r"""Powers of the symbol between Legendre coefficients, each of shape ``(n, m, m)``.
 
         There :math:`\Delta(z)^{-1} = T A T^{-1} + z / (1 - z) e_1 e_1^T`: near z = 1 one large
         entry beside a matrix of moderate ones, whose small eigenvalues are not drowned in it.
@@ -218,17 +224,28 @@ class _Forms:
         inverse = basis.to_coefficients @ tableau.A @ basis.to_values
         matrices = np.tile(inverse.astype(np.complex128), (z.size, 1, 1))
         matrices[:, 0, 0] += z / (1.0 - z)
+        if matrices.shape[1] == 1:
+            return [matrices**-exponent for exponent in exponents]
         values, vectors = np.linalg.eig(matrices)
-        condition = np.linalg.cond(vectors)
-        good = condition < LARGEST_CONDITION
-        power = np.empty_like(matrices)
-        chosen, scaled = vectors[good], values[good] ** -exponent
-        power[good] = (chosen * scaled[:, None, :]) @ np.linalg.inv(chosen)
-        if not good.all():
-            # eigenvalues that meet
-            rest = symbol_power(tableau, exponent, z[~good])
-            power[~good] = basis.to_coefficients @ rest @ basis.to_values
-        return power
+        try:
+            inverses = np.linalg.inv(vectors)
+        except np.linalg.LinAlgError:
+            inverses = np.full_like(vectors, np.inf)
+        # Frobenius norms: the product bounds the condition from above
+        with np.errstate(over="ignore", invalid="ignore"):
+            sizes = [(np.abs(one) ** 2).sum(axis=(1, 2)) for one in (vectors, inverses)]
+            poor = ~(sizes[0] * sizes[1] < LARGEST_CONDITION**2)
+        if poor.any():
+            inverses[poor] = 0.0
+        result = []
+        for exponent in exponents:
+            power = (vectors * values[:, None, :] ** -exponent) @ inverses
+            if poor.any():
+                # eigenvalues that meet
+                rest = symbol_power(tableau, exponent, z[poor])
+                power[poor] = basis.to_coefficients @ rest @ basis.to_values
+            result.append(np.asarray(power))
+        return result
 
 
 def _forms(method: Method) -> _Forms:

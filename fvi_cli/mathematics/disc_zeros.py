@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,13 +145,44 @@ def find_zeros(
     ZeroCountError
         If a zero lies on the circle to round-off.
     """
+    return zeros_in_disc(log_function, radius, degree).zeros
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DiscZeros:
+    """The zeros in a disc.
+
+    Parameters
+    ----------
+    count
+        How many there are, each as often as its multiplicity.
+    zeros
+        Where they are, smallest modulus first; None where they could not be told apart.
+    """
+
+    count: int
+    zeros: ComplexArray | None
+
+
+def zeros_in_disc(
+    log_function: LogFunction, radius: float, degree: int = USUAL_DEGREE
+) -> DiscZeros:
+    """Number and places of the zeros in a disc, from one circle of values.
+
+    Raises
+    ------
+    ZeroCountError
+        If a zero lies on the circle to round-off.
+    """
     count, points, values = _turns(log_function, radius, degree)
     if count == 0:
-        return np.empty(0, dtype=np.complex128)
+        return DiscZeros(count=0, zeros=np.empty(0, dtype=np.complex128))
     if count > LARGEST_COUNT:
-        return None
+        return DiscZeros(count=count, zeros=None)
     z = _repelled(log_function, _seeds(points, values, count), radius)
-    return np.asarray(z[np.argsort(np.abs(z))]) if _are_all(log_function, z, radius) else None
+    if not _are_all(log_function, z, radius):
+        return DiscZeros(count=count, zeros=None)
+    return DiscZeros(count=count, zeros=np.asarray(z[np.argsort(np.abs(z))]))
 
 
 def smallest_zero_modulus(
@@ -166,7 +198,16 @@ def smallest_zero_modulus(
     zeros = find_zeros(log_function, radius, degree)
     if zeros is not None:
         return float(np.abs(zeros[0])) if zeros.size else math.inf
-    # certain, but slower: halve the gap between a circle without zeros and one with some
+    return enclosed_zero_modulus(log_function, radius, degree)
+
+
+def enclosed_zero_modulus(
+    log_function: LogFunction, radius: float, degree: int = USUAL_DEGREE
+) -> float:
+    r"""Modulus of the smallest of the zeros in :math:`|z| < \rho`, of which there is one at least.
+
+    Certain, but slow: halves the gap between a circle without zeros and one with some.
+    """
     high = -math.log(radius)
     low, high = high, high + 1.0
     while (inside := _zeros_inside(log_function, math.exp(-high), degree)) is None or inside.size:
@@ -264,9 +305,12 @@ def _are_all(log_function: LogFunction, z: ComplexArray, radius: float) -> bool:
 
 __all__ = [
     "ComplexArray",
+    "DiscZeros",
     "LogFunction",
     "ZeroCountError",
     "count_zeros",
+    "enclosed_zero_modulus",
     "find_zeros",
     "smallest_zero_modulus",
+    "zeros_in_disc",
 ]
