@@ -11,9 +11,11 @@ from pathlib import Path
 
 from fvi_cli.config import LoadedConfig, find_config, load_config, parse_config
 from fvi_cli.errors import RequestError
-from fvi_cli.experiments.executor import compute_runs
+from fvi_cli.experiments.batches import batches_of, execute_batch
+from fvi_cli.experiments.executor import Executor, InProcess, compute_batches
 from fvi_cli.experiments.experiment import Experiment, FinishedRun, Predicted, Run
-from fvi_cli.experiments.study import execute, prediction_of
+from fvi_cli.experiments.processes import LocalProcesses
+from fvi_cli.experiments.study import prediction_of
 from fvi_cli.output.storage import open_results, read_configuration, read_results
 from fvi_cli.progress import progress_bar
 
@@ -23,7 +25,7 @@ STORED_SUFFIX = ".h5"
 PARTS_SUFFIX = ".parts"
 
 Known = Callable[[Run], FinishedRun | None]
-Keep = Callable[[FinishedRun], object]
+Keep = Callable[[Sequence[FinishedRun]], object]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +57,10 @@ class Settings:
     show_progress: bool = True
     keep: bool = True
     may_replace: bool = True
+
+    def executor(self) -> Executor:
+        """Where runs are computed."""
+        return LocalProcesses(workers=self.workers) if self.workers > 1 else InProcess()
 
     def path_of(self, request: Request) -> Path:
         """Where the runs of `request` are, or would be, stored."""
@@ -225,13 +231,18 @@ def answer(request: Request, settings: Settings) -> list[Outcome]:
         with _stored_runs(request, settings) as known:
             return carry_out(experiments, settings, title=request.name, known=known)
     with open_results(settings.output, request.name, fresh=settings.fresh) as results:
+
+        def keep(batch: Sequence[FinishedRun]) -> None:
+            for finished in batch:
+                results.add(finished)
+
         try:
             return carry_out(
                 experiments,
                 settings,
                 title=request.name,
                 known=_never if settings.fresh else results.finished,
-                keep=results.add,
+                keep=keep,
             )
         finally:
             # also on Ctrl-C: what is finished is there for the next time
@@ -322,7 +333,7 @@ def carry_out(
     known
         Gives back a run that was finished before, or None.
     keep
-        Called once with every run that is computed, as soon as it is finished.
+        Called with the runs of every batch that is computed, as soon as it is finished.
     """
     done: dict[Run, FinishedRun] = {}
     waiting: list[Run] = []
@@ -334,18 +345,20 @@ def carry_out(
         else:
             done[run] = earlier
     _logger.info("%s: %d runs, %d of them stored", title, len(done) + len(waiting), len(done))
-    computed = compute_runs(waiting, execute, workers=settings.workers)
+    computed = compute_batches(batches_of(waiting), execute_batch, executor=settings.executor())
     with (
         contextlib.closing(computed),
         progress_bar(title, len(waiting), wanted=settings.show_progress) as advance,
     ):
-        for finished in computed:
-            if keep is not None:
-                keep(finished)
-            done[finished.run] = finished
-            advance(_describe(finished.run))
-            _report(finished)
-            if settings.fail_fast and is_unexpected_failure(finished):
+        for batch in computed:
+            # what a dead worker did not tell is no result: the next time it is computed again
+            if keep is not None and not batch.is_lost:
+                keep(batch.finished)
+            for finished in batch.finished:
+                done[finished.run] = finished
+                advance(_describe(finished.run))
+                _report(finished)
+            if settings.fail_fast and any(map(is_unexpected_failure, batch.finished)):
                 _logger.error("stopped at the first unexpected failure (--fail-fast)")
                 break
     return [

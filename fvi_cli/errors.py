@@ -30,3 +30,7 @@ class ConfigError(RequestError):
 
 class StorageError(FviError):
     """A result file that cannot be read or written (exit code 2)."""
+
+
+class ExecutorError(FviError):
+    """Workers that cannot be reached or used (exit code 2)."""

@@ -1,113 +1,200 @@
-"""Runs one after the other in this process, or several at a time in processes of this machine."""
+"""Batches of runs, computed wherever an executor does it: here, in processes, on a cluster."""
 
 from __future__ import annotations
 
 import functools
-import multiprocessing
 import pickle
-import signal
-from collections.abc import Callable, Generator, Iterable, Mapping
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from dataclasses import fields
-from typing import Any
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
 
+import numpy as np
+
+import fvi_cli
+from fvi_cli.errors import ExecutorError
 from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
-from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
 
-ComputeRun = Callable[[Run], FinishedRun]
+Batch = tuple[Run, ...]
+ComputeBatch = Callable[[Batch], Sequence[FinishedRun]]
 
 
-def compute_runs(
-    runs: Iterable[Run], compute: ComputeRun, *, workers: int = 1
-) -> Generator[FinishedRun, None, None]:
-    """Compute every run and yield each as soon as it is finished.
-
-    Closing the generator, or an exception in the loop that reads it, ends the processes.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FinishedBatch:
+    """What became of one batch.
 
     Parameters
     ----------
-    runs
-        What to compute.
+    finished
+        Its runs in the order of the batch.
+    is_lost
+        Whoever computed it died every time; its runs are ``failed`` and say so. They tell nothing
+        about the method and are not to be stored.
+    """
+
+    finished: tuple[FinishedRun, ...]
+    is_lost: bool = False
+
+
+class Executor(Protocol):
+    """Computes batches somewhere."""
+
+    def compute(
+        self, batches: Sequence[Batch], compute: ComputeBatch
+    ) -> Generator[FinishedBatch, None, None]:
+        """Compute every batch and yield each as soon as it is finished.
+
+        Closing the generator, or an exception in the loop that reads it, ends what was begun.
+        What `compute` raises is raised here.
+        """
+
+
+def compute_batches(
+    batches: Sequence[Batch], compute: ComputeBatch, *, executor: Executor
+) -> Generator[FinishedBatch, None, None]:
+    """Compute every batch and yield each as soon as it is finished.
+
+    Parameters
+    ----------
+    batches
+        What to compute; the runs of a batch share their experiment.
     compute
-        Function of one run; with several workers it must be importable by name.
-    workers
-        Number of processes; 1 computes here, in the order of `runs`.
+        Function of one batch, which gives its finished runs in the same order; unless `executor`
+        computes in this process it must be importable by name.
+    executor
+        Where.
 
     Raises
     ------
     ValueError
-        If `workers` is less than 1.
+        If a batch is empty.
     """
-    if workers < 1:
-        raise ValueError(f"workers: {workers} is not allowed; it must be at least 1")
-    waiting = list(runs)
-    if min(workers, len(waiting)) <= 1:
-        yield from map(compute, waiting)
-    else:
-        yield from _compute_in_processes(waiting, compute, min(workers, len(waiting)))
+    if not all(batches):
+        raise ValueError("batches: an empty batch is not allowed")
+    yield from executor.compute(batches, compute)
 
 
-def _compute_in_processes(
-    runs: list[Run], compute: ComputeRun, workers: int
-) -> Generator[FinishedRun, None, None]:
-    # spawn: a fork would copy the locks of threads that a linear algebra library may hold
-    context = multiprocessing.get_context("spawn")
-    strangers = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_leave_interrupts_to_parent)
-    try:
-        portable = {id(run.experiment): _portable(run.experiment) for run in runs}
-        # the longest runs first, so that no single one is left for the end
-        tasks: dict[Future[dict[str, Any]], Run] = {
-            pool.submit(
-                _compute_portable, compute, portable[id(run.experiment)], run.method, run.n_steps
-            ): run
-            for run in sorted(runs, key=lambda run: -run.n_steps)
-        }
-        for future in as_completed(tasks):
-            yield FinishedRun(run=tasks[future], **future.result())
-    except BaseException:
-        for process in set(multiprocessing.active_children()) - strangers:
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
+@dataclass(frozen=True, kw_only=True)
+class InProcess:
+    """Computes in this process, one batch after the other, in their order."""
+
+    def compute(
+        self, batches: Sequence[Batch], compute: ComputeBatch
+    ) -> Generator[FinishedBatch, None, None]:
+        """As :meth:`Executor.compute`."""
+        for batch in batches:
+            yield FinishedBatch(finished=tuple(compute(batch)))
 
 
-def _leave_interrupts_to_parent() -> None:
-    """A Ctrl-C reaches every process of a terminal; only the parent answers it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+# --- how batches travel ---------------------------------------------------------------------------
 
 
-def _portable(experiment: Experiment) -> bytes:
-    """The experiment without its problem, whose functions need not survive the journey."""
-    description: dict[str, Any] = {
-        field.name: getattr(experiment, field.name)
-        for field in fields(experiment)
-        if field.name != "problem"
-    }
-    return pickle.dumps(
-        {
-            name: dict(value) if isinstance(value, Mapping) else value
-            for name, value in description.items()
-        }
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PortableBatch:
+    """A batch as it travels to another process: plain values, no functions.
+
+    Parameters
+    ----------
+    experiment
+        The experiment without its problem, pickled; the same text for all of its batches.
+    runs
+        The fields of every run, without the experiment.
+    version
+        Of the program that sends it.
+    """
+
+    experiment: bytes
+    runs: tuple[Mapping[str, Any], ...]
+    version: str = fvi_cli.__version__
+
+
+PortableResults = list[dict[str, Any]]
+"""The fields of finished runs, without the runs."""
+
+
+def longest_first(batches: Sequence[Batch]) -> list[Batch]:
+    """The batches with the longest in front, so that no single one is left for the end."""
+    return sorted(batches, key=lambda batch: -sum(run.n_steps for run in batch))
+
+
+def portable_batch(batch: Batch) -> PortableBatch:
+    """The batch for another process, where its problem is built anew from the specification."""
+    return PortableBatch(
+        experiment=_portable_experiment(batch[0].experiment),
+        runs=tuple(_fields_of(run, "experiment") for run in batch),
     )
 
 
 @functools.lru_cache(maxsize=8)
-def _revive(portable: bytes) -> Experiment:
-    """The experiment again, its problem built anew from its specification."""
+def _portable_experiment(experiment: Experiment) -> bytes:
+    return pickle.dumps(
+        {
+            name: dict(value) if isinstance(value, Mapping) else value
+            for name, value in _fields_of(experiment, "problem").items()
+        }
+    )
+
+
+def _fields_of(value: Any, left_out: str) -> dict[str, Any]:
+    names = (field.name for field in fields(value))
+    return {name: getattr(value, name) for name in names if name != left_out}
+
+
+@functools.lru_cache(maxsize=8)
+def _revived(portable: bytes) -> Experiment:
+    """The experiment again, its problem built anew."""
     description = pickle.loads(portable)  # noqa: S301 - made by the parent process
     problem = build_problem(description["problem_specification"])
     return Experiment(problem=problem, **description)
 
 
-def _compute_portable(
-    compute: ComputeRun, portable: bytes, method: AnyMethod, n_steps: int
-) -> dict[str, Any]:
-    finished = compute(Run(experiment=_revive(portable), method=method, n_steps=n_steps))
-    return {
-        field.name: getattr(finished, field.name)
-        for field in fields(finished)
-        if field.name != "run"
-    }
+def compute_portable(compute: ComputeBatch, portable: PortableBatch) -> PortableResults:
+    """Compute a batch that has travelled.
+
+    Raises
+    ------
+    ExecutorError
+        If it was sent by another version of the program, whose numbers may be others.
+    """
+    if portable.version != fvi_cli.__version__:
+        raise ExecutorError(
+            f"workers run fvi {fvi_cli.__version__}, this is fvi {portable.version}; "
+            "the same version must be installed on both sides"
+        )
+    experiment = _revived(portable.experiment)
+    batch = tuple(Run(experiment=experiment, **run) for run in portable.runs)
+    return [_fields_of(finished, "run") for finished in compute(batch)]
+
+
+def returned_batch(batch: Batch, results: PortableResults) -> FinishedBatch:
+    """The finished batch, its runs being those that were sent out."""
+    finished = tuple(
+        FinishedRun(run=run, **result) for run, result in zip(batch, results, strict=True)
+    )
+    return FinishedBatch(finished=finished)
+
+
+def lost_batch(batch: Batch, message: str) -> FinishedBatch:
+    """The batch as ``failed`` where nobody lived to tell its results."""
+    return FinishedBatch(finished=tuple(_lost(run, message) for run in batch), is_lost=True)
+
+
+def _lost(run: Run, message: str) -> FinishedRun:
+    problem = run.experiment.problem
+    start = problem.scene.initial_position if isinstance(problem, Problem) else np.zeros(1)
+    return FinishedRun(
+        run=run,
+        trajectory=Trajectory(
+            time=np.zeros(1),
+            position=start[None],
+            n_steps=run.n_steps,
+            step_size=run.step_size,
+            status="failed",
+            message=message,
+        ),
+        error=float("nan"),
+        floor=0.0,
+        status="failed",
+    )
