@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeVar
 
+from fvi_cli.experiments.members import Member
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import AnyProblem
@@ -26,7 +27,7 @@ class Experiment:
     name
         Used for files: letters, digits, ``-`` and ``_``.
     problem
-        Scene and exact solution.
+        Scene and exact solution; of a sweep those of the first member.
     problem_specification
         The resolved mapping that made the problem (JSON values only); it enters the identity.
     methods
@@ -46,6 +47,8 @@ class Experiment:
         Orders that the source of the experiment claims, by case name or its first part.
     figures
         Which figures to draw: ``convergence``, ``trajectory``, ``energy``, ``error``.
+    members
+        The members of a sweep; none: the experiment has the one problem.
     """
 
     name: str
@@ -59,13 +62,20 @@ class Experiment:
     store_every: int = 1
     claims: Mapping[str, float] = field(default_factory=dict)
     figures: tuple[str, ...] = ()
+    members: tuple[Member, ...] = ()
+
+    @property
+    def swept(self) -> tuple[str, ...]:
+        """Key paths in which the members differ."""
+        return tuple(self.members[0].values) if self.members else ()
 
     def runs(self) -> list[Run]:
-        """Every run, method by method, steps increasing."""
+        """Every run, method by method, steps increasing, then member by member."""
         return [
-            Run(experiment=self, method=method, n_steps=n)
+            Run(experiment=self, method=method, n_steps=n, member=member)
             for method in self.methods
             for n in self.steps
+            for member in self.members or (None,)
         ]
 
     def expects_failure(self, method: AnyMethod) -> bool:
@@ -88,16 +98,28 @@ def lookup_case(mapping: Mapping[str, T], method: AnyMethod) -> T | None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """One method with one number of steps."""
+    """One method with one number of steps, and one member where there is a sweep."""
 
     experiment: Experiment
     method: AnyMethod
     n_steps: int
+    member: Member | None = None
+
+    @property
+    def problem(self) -> AnyProblem:
+        """Scene and exact solution of this run."""
+        return self.experiment.problem if self.member is None else self.member.problem
 
     @property
     def step_size(self) -> float:
-        """H = T / N."""
+        """H = T / N; the final time is never swept."""
         return self.experiment.problem.final_time / self.n_steps
+
+    @property
+    def title(self) -> str:
+        """The run in one line."""
+        title = f"{self.experiment.name} {self.method.case} N={self.n_steps}"
+        return title if self.member is None else f"{title} ({self.member.label})"
 
     def specification(self) -> dict[str, Any]:
         """What determines the numbers, as JSON values."""
@@ -106,8 +128,11 @@ class Run:
         quadrature = getattr(method, "quadrature", None)
         if quadrature is not None:
             fields["quadrature"] = quadrature.label
+        problem = self.experiment.problem_specification
+        if self.member is not None:
+            problem = self.member.specification
         return {
-            "problem": json.loads(json.dumps(self.experiment.problem_specification)),
+            "problem": json.loads(json.dumps(problem)),
             "method": fields,
             "n_steps": self.n_steps,
             "norm": self.experiment.norm,

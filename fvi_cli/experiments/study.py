@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.experiments.experiment import Experiment, FinishedRun, Observed, Run
+from fvi_cli.experiments.members import Member
 from fvi_cli.experiments.norms import error_norm
 from fvi_cli.experiments.reference import Reference, find_reference
 from fvi_cli.integrator.expected_order import expected_order
@@ -45,18 +46,29 @@ def study(
 
 def execute(run: Run) -> FinishedRun:
     """Compute one run and its error, unless it is predicted to blow up and that is not wanted."""
-    experiment, problem = run.experiment, run.experiment.problem
-    prediction = prediction_of(run)
-    if prediction.verdict == "unstable" and not experiment.allow_unstable:
-        return _refused(run, prediction)
+    problem, prediction = run.problem, prediction_of(run)
+    if is_refused(run, prediction):
+        return refused(run, prediction)
     if isinstance(problem, DerivativeProblem):
         trajectory = _differentiate(problem, run)
     else:
         trajectory = _integrated(problem, run)
+    return assessed(run, trajectory, prediction, reference_of(run))
+
+
+def is_refused(run: Run, prediction: StabilityPrediction) -> bool:
+    """Whether the run is not to be computed, by what is predicted and what is wanted."""
+    return prediction.verdict == "unstable" and not run.experiment.allow_unstable
+
+
+def assessed(
+    run: Run, trajectory: Trajectory, prediction: StabilityPrediction, reference: Reference
+) -> FinishedRun:
+    """The run with its error against `reference`, and what is to be said of it."""
+    experiment = run.experiment
     if prediction.linearised_verdict == "unstable":
         remarks = (*trajectory.remarks, f"stability: {prediction.reason}")
         trajectory = dataclasses.replace(trajectory, remarks=remarks)
-    reference = reference_of(experiment)
     exact = reference.values(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
     scale = float(np.abs(compared).max(initial=0.0))
@@ -80,25 +92,37 @@ def execute(run: Run) -> FinishedRun:
 
 def _integrated(problem: Problem, run: Run) -> Trajectory:
     """The whole trajectory, or the points that are stored where the method needs no others."""
-    method, every = run.method, run.experiment.store_every
-    if every == 1 or not isinstance(method, Method) or method.history != "exponentials":
-        return integrate(problem.scene, method, run.n_steps)
-    trajectory = integrate(problem.scene, method, run.n_steps, every=every)
-    remark = f"errors are measured on the stored points: every {every}th, and the last"
+    every = kept_on_the_way(run)
+    trajectory = integrate(problem.scene, run.method, run.n_steps, every=every)
+    return with_remark_on_thinning(trajectory)
+
+
+def kept_on_the_way(run: Run) -> int:
+    """n: every n-th point is in memory; 1 unless the method can do without the others."""
+    method = run.method
+    is_memory_free = isinstance(method, Method) and method.history == "exponentials"
+    return run.experiment.store_every if is_memory_free else 1
+
+
+def with_remark_on_thinning(trajectory: Trajectory) -> Trajectory:
+    """The trajectory, with a remark where points are missing from it."""
+    if trajectory.every == 1:
+        return trajectory
+    remark = f"errors are measured on the stored points: every {trajectory.every}th, and the last"
     return dataclasses.replace(trajectory, remarks=(*trajectory.remarks, remark))
 
 
 def prediction_of(run: Run) -> StabilityPrediction:
     """What is known of the run's stability before it is computed."""
-    problem = run.experiment.problem
+    problem = run.problem
     if not isinstance(problem, Problem):
         return StabilityPrediction(verdict="unknown", reason="nothing is integrated")
     return predict_stability(problem.scene, run.method, run.n_steps)
 
 
-def _refused(run: Run, prediction: StabilityPrediction) -> FinishedRun:
+def refused(run: Run, prediction: StabilityPrediction) -> FinishedRun:
     """The run with its start and the reason why there is no more of it."""
-    problem = run.experiment.problem
+    problem = run.problem
     if not isinstance(problem, Problem):  # pragma: no cover - only scenes are predicted
         raise ValueError("run: a derivative has no stability")
     scene = problem.scene
@@ -121,14 +145,18 @@ def _refused(run: Run, prediction: StabilityPrediction) -> FinishedRun:
         status="refused",
         predicted=prediction.verdict,
         expected_order=_expected_order(run),
-        reference=reference_of(run.experiment).source,
+        reference=reference_of(run).source,
     )
 
 
+def reference_of(run: Run) -> Reference:
+    """What the error of `run` is measured against; made once for all runs of its problem."""
+    return _reference_of(run.member or run.experiment, run.experiment.steps)
+
+
 @functools.lru_cache(maxsize=8)
-def reference_of(experiment: Experiment) -> Reference:
-    """What the errors of `experiment` are measured against; made once for all of its runs."""
-    return find_reference(experiment.problem, experiment.steps)
+def _reference_of(source: Experiment | Member, steps: tuple[int, ...]) -> Reference:
+    return find_reference(source.problem, steps)
 
 
 def _observed(trajectory: Trajectory, error: float, floor: float, scale: float) -> Observed:
@@ -141,7 +169,7 @@ def _observed(trajectory: Trajectory, error: float, floor: float, scale: float) 
 
 
 def _expected_order(run: Run) -> float:
-    problem = run.experiment.problem
+    problem = run.problem
     if not isinstance(problem, Problem):
         return float("nan")
     return expected_order(problem.scene, run.method, run.experiment.norm, run.n_steps)

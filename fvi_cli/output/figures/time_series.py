@@ -127,7 +127,7 @@ def error_figure(
         If no run has that many steps, or there is nothing to measure against.
     """
     shown = select_runs(finished, n_steps)
-    reference = reference_of(experiment)
+    reference = reference_of(shown[0].run)
     if not reference.is_known:
         raise ValueError(f"reference: {experiment.name} has {reference.source}")
     styles = series_styles([item.run.method for item in shown])

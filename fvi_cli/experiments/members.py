@@ -1,0 +1,105 @@
+"""Members of a sweep: one problem each, told apart by the values of a few keys."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fvi_cli.scenes.problem import AnyProblem
+from fvi_cli.scenes.registry import build_problem
+
+MOST_BUILT = 2048
+"""Problems of members that are kept in memory at a time."""
+
+PREFIX = "problem"
+"""The first part of every key path that can be swept."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Member:
+    """One choice of values for the keys that an experiment sweeps over.
+
+    Parameters
+    ----------
+    number
+        Place in the sweep, from 0.
+    values
+        Key paths such as ``problem.damping.0.order`` with the value (JSON) that this member has.
+    template
+        The resolved ``problem`` mapping of any member; what is not swept is taken from it.
+    """
+
+    number: int
+    values: Mapping[str, Any]
+    template: Mapping[str, Any]
+
+    @property
+    def specification(self) -> dict[str, Any]:
+        """The resolved ``problem`` mapping of this member."""
+        return with_values(self.template, self.values)
+
+    @property
+    def problem(self) -> AnyProblem:
+        """Scene and exact solution; built when they are needed."""
+        return _built(self)
+
+    @property
+    def label(self) -> str:
+        """The values in words, for messages."""
+        return values_in_words(self.values)
+
+
+@functools.lru_cache(maxsize=MOST_BUILT)
+def _built(member: Member) -> AnyProblem:
+    return build_problem(member.specification)
+
+
+def values_in_words(values: Mapping[str, Any]) -> str:
+    """``problem.stiffness = 2, problem.damping.0.order = 0.5``."""
+    return ", ".join(f"{key} = {value_in_words(value)}" for key, value in values.items())
+
+
+def value_in_words(value: object) -> str:
+    """A swept value as people read it."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def with_values(template: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """A ``problem`` mapping with other values at some key paths; `template` stays as it is.
+
+    Parameters
+    ----------
+    template
+        JSON values.
+    values
+        Key paths that begin with ``problem.``, with what shall stand there; lists are entered by
+        their indices.
+
+    Raises
+    ------
+    KeyError, IndexError
+        If a path leads through something that is not there.
+    """
+    changed: Any = dict(template)
+    for path, value in values.items():
+        changed = _with(changed, path.split(".")[1:], value)
+    return dict(changed)
+
+
+def _with(node: Any, path: list[str], value: Any) -> Any:
+    if not path:
+        return value
+    if isinstance(node, list | tuple):
+        index = int(path[0])
+        entries = list(node)
+        entries[index] = _with(entries[index], path[1:], value)
+        return entries
+    inner = node[path[0]] if len(path) > 1 else None
+    return {**node, path[0]: _with(inner, path[1:], value)}
+
+
+def without_values(template: Mapping[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:
+    """The mapping with ``swept`` in place of what members differ in: the same for all of them."""
+    return with_values(template, dict.fromkeys(keys, "swept"))
