@@ -182,24 +182,9 @@ def _picard(
     # Besides x0 and v0 t every power exceeds 1: forces are integrable at 0.
     current = _truncated(np.arange(2.0), start, 1.0 + 1e-6)
     for _ in range(MOST_SWEEPS):
-        forces = [] if forcing is None else [forcing]
-        forces += [
-            _damping_force(current, term.order, term.coefficient, scene)
-            for term in scene.active_damping
-        ]
-        if gradient is not None:
-            forces.append(_scaled(gradient(current), -1.0))
-        force = _sum(forces) if forces else _truncated(np.empty(0), start[:0], cutoff)
-        if force.exponents.size and force.exponents[0] <= -1 + SAME_EXPONENT:
-            raise SeriesError(f"a force t**{force.exponents[0]:g} is not integrable at 0")
-        moved = force.exponents + 2.0
-        response = np.linalg.solve(scene.inertia.mass, force.coefficients.T).T
-        response = response / (moved * (moved - 1.0))[:, None]
-        following = _truncated(
-            np.concatenate((np.arange(2.0), moved)),
-            np.concatenate((start, response)),
-            min(cutoff, force.cutoff + 2.0),
-        )
+        # coefficients of strong damping may exceed all numbers: a SeriesError, not a warning
+        with np.errstate(over="ignore", invalid="ignore"):
+            following = _picard_sweep(current, scene, start, forcing, gradient, cutoff)
         if following.exponents.size > MOST_EXPONENTS:
             raise SeriesError(f"more than {MOST_EXPONENTS} exponents below t^{cutoff:g}")
         if following.cutoff >= cutoff - SAME_EXPONENT:
@@ -208,6 +193,35 @@ def _picard(
             raise SeriesError(f"the expansion cannot be continued beyond t^{current.cutoff:.3g}")
         current = following
     raise SeriesError(f"more than {MOST_SWEEPS} sweeps are needed to reach t^{cutoff:g}")
+
+
+def _picard_sweep(
+    current: Expansion,
+    scene: Scene,
+    start: Array,
+    forcing: Expansion | None,
+    gradient: Callable[[Expansion], Expansion] | None,
+    cutoff: float,
+) -> Expansion:
+    """What the forces of `current` make of the motion, as far as they are known."""
+    forces = [] if forcing is None else [forcing]
+    forces += [
+        _damping_force(current, term.order, term.coefficient, scene)
+        for term in scene.active_damping
+    ]
+    if gradient is not None:
+        forces.append(_scaled(gradient(current), -1.0))
+    force = _sum(forces) if forces else _truncated(np.empty(0), start[:0], cutoff)
+    if force.exponents.size and force.exponents[0] <= -1 + SAME_EXPONENT:
+        raise SeriesError(f"a force t**{force.exponents[0]:g} is not integrable at 0")
+    moved = force.exponents + 2.0
+    response = np.linalg.solve(scene.inertia.mass, force.coefficients.T).T
+    response = response / (moved * (moved - 1.0))[:, None]
+    return _truncated(
+        np.concatenate((np.arange(2.0), moved)),
+        np.concatenate((start, response)),
+        min(cutoff, force.cutoff + 2.0),
+    )
 
 
 def _damping_force(series: Expansion, order: float, coefficient: Array, scene: Scene) -> Expansion:

@@ -329,7 +329,10 @@ def _cost(
 def _sizes(expansion: Expansion, scene: Scene) -> Array:
     """Norms of the coefficients by the mass matrix, the same in all coordinates."""
     a = expansion.coefficients
-    return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", a, scene.inertia.mass, a)))
+    # divided before they are squared: coefficients of 1e200 and 1e-200 are in range, squares not
+    largest = np.abs(a).max(axis=1)
+    a = a / np.where(largest > 0, largest, 1.0)[:, None]
+    return np.asarray(largest * np.sqrt(np.einsum("ni,ij,nj->n", a, scene.inertia.mass, a)))
 
 
 def _time_of_validity(expansion: Expansion, scene: Scene, last_powers: float) -> float:

@@ -516,3 +516,34 @@ def test_a_window_that_costs_more_than_it_saves_is_not_used() -> None:
         assert plan_start(scene, 6.0, steps, WindowRule(largest_cost=0.03)).use is used
     # A method that loses one power on a singular term has more to gain.
     assert plan_start(scene, 6.0, step, WindowRule(largest_cost=0.03, powers_lost=1.0)).use
+
+
+@pytest.mark.parametrize("order", [0.5, 1.5])
+@pytest.mark.parametrize(("size", "time_unit"), [(1e-150, 1e7), (1e150, 1e-11)])
+def test_the_decision_does_not_depend_on_the_units(
+    order: float, size: float, time_unit: float
+) -> None:
+    """Coefficients between 1e-206 and 1e238 have no squares among the numbers."""
+    scaled = oscillator(
+        order,
+        time_unit ** (order - 2),
+        stiffness=time_unit**-2,
+        position=size,
+        velocity=0.5 * size / time_unit,
+        final_time=8 * time_unit,
+    )
+    found = plan_start(scaled, 8.0, time_unit / 16)
+    plain = plan_start(oscillator(order, velocity=0.5), 8.0, 1 / 16)
+    assert found.use
+    assert found.tau / time_unit == pytest.approx(plain.tau, rel=1e-12)
+    assert not plan_start(scaled, 8.0, 0.3 * plain.tau * time_unit).use
+
+
+def test_coefficients_beyond_all_numbers_are_a_reason_against_a_series() -> None:
+    scene = oscillator(1.99, 1e4)
+    with pytest.raises(SeriesError, match="not finite"):
+        solution_expansion(scene, 8.0)
+    decision = plan_start(scene, 8.0, 0.1)
+    assert not decision.use
+    assert decision.wanted
+    assert "not finite" in decision.reason
