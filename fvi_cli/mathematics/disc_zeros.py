@@ -73,11 +73,7 @@ def _turns(
     """Number of zeros, the points of the upper half circle, and log f there."""
     if not 0 < radius < 1:
         raise ValueError(f"radius: {radius!r} is not allowed; it must lie in (0, 1)")
-    least = min(max(1.0 - radius, 1e-12), 0.3)
-    number = math.ceil(math.log(math.pi / 2 / least) / math.log(_FIRST_RATIO)) + 2
-    rising = np.geomspace(least / 2, math.pi / 2, number)
-    even = np.linspace(0.0, math.pi, 2 * degree)
-    angles = np.unique(np.concatenate([even, rising, math.pi - rising[:-1]]))
+    angles = circle_angles(radius, degree)
     values = _finite(log_function, radius, angles)
     suspect = np.ones(angles.size - 1, dtype=bool)
     for _ in range(_ROUNDS):
@@ -86,7 +82,7 @@ def _turns(
             count = round(float(_changes(values).imag.sum()) / math.pi)
             if count < 0:
                 break
-            return count, _circle(radius, angles), values
+            return count, circle_points(radius, angles), values
         if angles.size + coarse.size > _LARGEST_POINTS:
             break
         middles = 0.5 * (angles[coarse] + angles[coarse + 1])
@@ -105,7 +101,17 @@ def _turns(
     raise ZeroCountError(f"radius: a zero lies on the circle of radius {radius!r}")
 
 
-def _circle(radius: float, angles: Array) -> ComplexArray:
+def circle_angles(radius: float, degree: int) -> Array:
+    r"""Angles in :math:`[0, \pi]` to begin with, closer to each other at both ends."""
+    least = min(max(1.0 - radius, 1e-12), 0.3)
+    number = math.ceil(math.log(math.pi / 2 / least) / math.log(_FIRST_RATIO)) + 2
+    rising = np.geomspace(least / 2, math.pi / 2, number)
+    even = np.linspace(0.0, math.pi, 2 * degree)
+    return np.unique(np.concatenate([even, rising, math.pi - rising[:-1]]))
+
+
+def circle_points(radius: float, angles: Array) -> ComplexArray:
+    """The points of the circle at these angles."""
     points = np.asarray(radius * np.exp(1j * angles), dtype=np.complex128)
     # exactly real at the ends, where f is real
     points[angles == 0.0] = radius
@@ -114,7 +120,7 @@ def _circle(radius: float, angles: Array) -> ComplexArray:
 
 
 def _finite(log_function: LogFunction, radius: float, angles: Array) -> ComplexArray:
-    values = log_function(_circle(radius, angles))
+    values = log_function(circle_points(radius, angles))
     if not np.isfinite(values).all():
         raise ZeroCountError(f"radius: no finite value on the circle of radius {radius!r}")
     return values
@@ -308,6 +314,8 @@ __all__ = [
     "DiscZeros",
     "LogFunction",
     "ZeroCountError",
+    "circle_angles",
+    "circle_points",
     "count_zeros",
     "enclosed_zero_modulus",
     "find_zeros",
