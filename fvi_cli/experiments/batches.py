@@ -1,18 +1,86 @@
-"""Runs that are computed, and stored, together."""
+"""Runs that are computed, and stored, together: members of a sweep that share method and N."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fvi_cli.experiments.experiment import FinishedRun, Run
-from fvi_cli.experiments.study import execute
+from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
+from fvi_cli.experiments.members import members_at_a_time
+from fvi_cli.experiments.study import (
+    assessed,
+    execute,
+    is_refused,
+    kept_on_the_way,
+    prediction_of,
+    references_of,
+    refused,
+    with_remark_on_thinning,
+)
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.scenes.problem import Problem
 
 
-def batches_of(runs: Sequence[Run]) -> list[tuple[Run, ...]]:
-    """The runs in the groups that are computed together, in their order."""
-    return [(run,) for run in runs]
+def batches_of(runs: Sequence[Run], *, workers: int = 1) -> list[tuple[Run, ...]]:
+    """The runs in the groups that are computed together.
+
+    A run that belongs to no sweep stands alone, in its place. Members of a sweep are dealt into
+    packs, so that a batch on the finest grid takes at most
+    :data:`fvi_cli.experiments.members.BATCH_BYTES` of memory and every worker has a pack; a batch
+    is one pack with one method and one number of steps. The batches of a pack follow each other,
+    for they share what errors are measured against.
+
+    Parameters
+    ----------
+    runs
+        What to compute.
+    workers
+        How many batches are computed at a time.
+    """
+    packs: dict[tuple[object, ...], dict[tuple[object, ...], list[Run]]] = {}
+    sizes: dict[Experiment, int] = {}
+    for run in runs:
+        if run.member is None:
+            packs[(run,)] = {(): [run]}
+            continue
+        experiment = run.experiment
+        size = sizes.setdefault(experiment, _pack_size(experiment, workers))
+        pack = packs.setdefault((experiment, run.member.number // size), {})
+        pack.setdefault((run.method, run.n_steps), []).append(run)
+    return [tuple(batch) for pack in packs.values() for batch in pack.values()]
+
+
+def _pack_size(experiment: Experiment, workers: int) -> int:
+    problem = experiment.problem
+    dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
+    share = -(-len(experiment.members) // max(1, workers))
+    return min(share, members_at_a_time(max(experiment.steps), dimension))
 
 
 def execute_batch(batch: tuple[Run, ...]) -> list[FinishedRun]:
-    """Compute every run of a batch and its error; see :func:`study.execute`."""
-    return [execute(run) for run in batch]
+    """Compute every run of a batch and its error, in the order of the batch.
+
+    Members of a sweep are integrated together; one that diverges or is refused does not disturb
+    the others.
+    """
+    first = batch[0]
+    if first.member is None or not isinstance(first.problem, Problem):
+        return [execute(run) for run in batch]
+    members = tuple(run.member for run in batch if run.member is not None)
+    references = references_of(members, first.experiment.steps)
+    predictions = [prediction_of(run) for run in batch]
+    going = [
+        run
+        for run, prediction in zip(batch, predictions, strict=True)
+        if not is_refused(run, prediction)
+    ]
+    scenes = [run.problem.scene for run in going if isinstance(run.problem, Problem)]
+    computed = iter(
+        integrate(scene, first.method, first.n_steps, every=kept_on_the_way(first))
+        for scene in scenes
+    )
+    return [
+        refused(run, prediction, reference)
+        if is_refused(run, prediction)
+        else assessed(run, with_remark_on_thinning(next(computed)), prediction, reference)
+        for run, prediction, reference in zip(batch, predictions, references, strict=True)
+    ]

@@ -133,6 +133,7 @@ def _portable_experiment(experiment: Experiment) -> bytes:
         {
             name: dict(value) if isinstance(value, Mapping) else value
             for name, value in _fields_of(experiment, "problem").items()
+            if name != "members"
         }
     )
 
@@ -182,7 +183,7 @@ def lost_batch(batch: Batch, message: str) -> FinishedBatch:
 
 
 def _lost(run: Run, message: str) -> FinishedRun:
-    problem = run.experiment.problem
+    problem = run.problem
     start = problem.scene.initial_position if isinstance(problem, Problem) else np.zeros(1)
     return FinishedRun(
         run=run,

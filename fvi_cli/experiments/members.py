@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,8 +14,14 @@ from fvi_cli.scenes.registry import build_problem
 MOST_BUILT = 2048
 """Problems of members that are kept in memory at a time."""
 
-PREFIX = "problem"
-"""The first part of every key path that can be swept."""
+MOST_TOGETHER = 1024
+"""Members that are computed together at most."""
+
+BATCH_BYTES = 2**29
+"""Memory that members which are computed together may take."""
+
+DOUBLES_PER_STEP = 60
+"""What a degree of freedom takes in memory for every step, by the hungriest method."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,17 +35,18 @@ class Member:
     values
         Key paths such as ``problem.damping.0.order`` with the value (JSON) that this member has.
     template
-        The resolved ``problem`` mapping of any member; what is not swept is taken from it.
+        The resolved ``problem`` mapping of any member, as JSON text; what is not swept is taken
+        from it.
     """
 
     number: int
     values: Mapping[str, Any]
-    template: Mapping[str, Any]
+    template: str
 
     @property
     def specification(self) -> dict[str, Any]:
         """The resolved ``problem`` mapping of this member."""
-        return with_values(self.template, self.values)
+        return with_values(json.loads(self.template), self.values)
 
     @property
     def problem(self) -> AnyProblem:
@@ -50,10 +58,25 @@ class Member:
         """The values in words, for messages."""
         return values_in_words(self.values)
 
+    def __reduce__(self) -> tuple[Callable[[int, str, str], Member], tuple[int, str, str]]:
+        """Travel to another process, where the same member comes out as the same object."""
+        return _arrived, (self.number, json.dumps(dict(self.values)), self.template)
+
+
+@functools.lru_cache(maxsize=2 * MOST_BUILT)
+def _arrived(number: int, values: str, template: str) -> Member:
+    return Member(number=number, values=json.loads(values), template=template)
+
 
 @functools.lru_cache(maxsize=MOST_BUILT)
 def _built(member: Member) -> AnyProblem:
     return build_problem(member.specification)
+
+
+def members_at_a_time(n_steps: int, dimension: int) -> int:
+    """How many members of so many degrees of freedom are computed together in so many steps."""
+    each = 8 * DOUBLES_PER_STEP * n_steps * dimension
+    return max(1, min(MOST_TOGETHER, BATCH_BYTES // each))
 
 
 def values_in_words(values: Mapping[str, Any]) -> str:

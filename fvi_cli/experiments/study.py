@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fvi_cli.experiments.experiment import Experiment, FinishedRun, Observed, Run
 from fvi_cli.experiments.members import Member
 from fvi_cli.experiments.norms import error_norm
-from fvi_cli.experiments.reference import Reference, find_reference
+from fvi_cli.experiments.reference import Reference, find_reference, find_references
 from fvi_cli.integrator.expected_order import expected_order
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
@@ -48,7 +48,7 @@ def execute(run: Run) -> FinishedRun:
     """Compute one run and its error, unless it is predicted to blow up and that is not wanted."""
     problem, prediction = run.problem, prediction_of(run)
     if is_refused(run, prediction):
-        return refused(run, prediction)
+        return refused(run, prediction, reference_of(run))
     if isinstance(problem, DerivativeProblem):
         trajectory = _differentiate(problem, run)
     else:
@@ -120,7 +120,7 @@ def prediction_of(run: Run) -> StabilityPrediction:
     return predict_stability(problem.scene, run.method, run.n_steps)
 
 
-def refused(run: Run, prediction: StabilityPrediction) -> FinishedRun:
+def refused(run: Run, prediction: StabilityPrediction, reference: Reference) -> FinishedRun:
     """The run with its start and the reason why there is no more of it."""
     problem = run.problem
     if not isinstance(problem, Problem):  # pragma: no cover - only scenes are predicted
@@ -145,18 +145,26 @@ def refused(run: Run, prediction: StabilityPrediction) -> FinishedRun:
         status="refused",
         predicted=prediction.verdict,
         expected_order=_expected_order(run),
-        reference=reference_of(run).source,
+        reference=reference.source,
     )
 
 
 def reference_of(run: Run) -> Reference:
     """What the error of `run` is measured against; made once for all runs of its problem."""
-    return _reference_of(run.member or run.experiment, run.experiment.steps)
+    if run.member is not None:
+        return references_of((run.member,), run.experiment.steps)[0]
+    return _reference_of(run.experiment)
+
+
+@functools.lru_cache(maxsize=16)
+def references_of(members: tuple[Member, ...], steps: tuple[int, ...]) -> tuple[Reference, ...]:
+    """What the errors of members are measured against; made once for all of their runs."""
+    return tuple(find_references([member.problem for member in members], steps))
 
 
 @functools.lru_cache(maxsize=8)
-def _reference_of(source: Experiment | Member, steps: tuple[int, ...]) -> Reference:
-    return find_reference(source.problem, steps)
+def _reference_of(experiment: Experiment) -> Reference:
+    return find_reference(experiment.problem, experiment.steps)
 
 
 def _observed(trajectory: Trajectory, error: float, floor: float, scale: float) -> Observed:
