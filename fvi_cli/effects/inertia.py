@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.effects.matrices import Array, symmetric_matrix
+from fvi_cli.effects.matrices import Array, is_diagonal, symmetric_matrix
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,3 +39,10 @@ class Inertia:
     def dimension(self) -> int:
         """Number d of degrees of freedom."""
         return int(self.mass.shape[0])
+
+    def velocity(self, momentum: Array) -> Array:
+        """M^-1 p, shape ``(..., d)`` to the same."""
+        if is_diagonal(self.mass):
+            return np.asarray(momentum / np.diagonal(self.mass))
+        columns = momentum.reshape(-1, self.dimension).T
+        return np.asarray(np.linalg.solve(self.mass, columns).T.reshape(momentum.shape))

@@ -29,3 +29,8 @@ def symmetric_matrix(value: ArrayLike, name: str) -> Array:
         raise ValueError(f"{name}: the matrix must be symmetric")
     matrix.setflags(write=False)
     return matrix
+
+
+def is_diagonal(matrix: Array) -> bool:
+    """Whether every entry off the diagonal is zero."""
+    return bool(np.count_nonzero(matrix) == np.count_nonzero(np.diagonal(matrix)))

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from fvi_cli.effects.matrices import Array, symmetric_matrix
+from fvi_cli.effects.matrices import Array, is_diagonal, symmetric_matrix
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
 
 T = TypeVar("T")
@@ -36,10 +36,12 @@ class QuadraticPotential:
 
     def energy(self, position: Array) -> Array:
         """V at `position`, shape ``(..., d)`` to ``(...)``."""
-        return np.asarray(0.5 * np.einsum("...i,ij,...j->...", position, self.stiffness, position))
+        return np.asarray(0.5 * np.einsum("...i,...i->...", position, self.gradient(position)))
 
     def gradient(self, position: Array) -> Array:
         """K q, shape ``(..., d)`` to ``(..., d)``."""
+        if is_diagonal(self.stiffness):
+            return position * np.diagonal(self.stiffness)
         return position @ self.stiffness
 
     def hessian(self, position: Array) -> Array:

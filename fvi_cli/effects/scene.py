@@ -127,8 +127,7 @@ class Scene:
                 raise ValueError("energy: the Lagrangian depends on t; give the time as well")
             rate = self.lagrangian.velocity(position, momentum, 0.0)
             return self.lagrangian.energy(position, rate, 0.0)
-        velocity = np.linalg.solve(self.inertia.mass, momentum[..., None])[..., 0]
-        kinetic = 0.5 * np.einsum("...i,...i->...", momentum, velocity)
+        kinetic = 0.5 * np.einsum("...i,...i->...", momentum, self.inertia.velocity(momentum))
         if self.potential is None:
             return np.asarray(kinetic)
         return np.asarray(kinetic + self.potential.energy(position))

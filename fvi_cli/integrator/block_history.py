@@ -102,6 +102,68 @@ def reversed_strip(kernel: Array, rows: int, reach: int) -> Array:
     return strip.reshape(q, rows * k, reach * k)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SharedStrip:
+    """Force of the last steps on the next ones, by one matrix for all systems of a batch.
+
+    The weights do not know of the systems; only the directions do. So the sums of a whole batch
+    are one product of matrices.
+
+    Parameters
+    ----------
+    batched
+        Weights and directions.
+    matrix
+        From samples of `reach` steps to forces on `rows` steps, shape ``(reach m, rows m)``.
+    samples
+        Number m of samples per step.
+    """
+
+    batched: BatchedChannel
+    matrix: Array
+    samples: int
+
+    def force(self, past: Array) -> Array:
+        """Force of the last samples, ``(q, e, n m)`` with n <= reach, as ``(q, e, rows m)``."""
+        q, e, size = past.shape
+        sums = past.reshape(q * e, size) @ self.matrix[self.matrix.shape[0] - size :]
+        directions = self.batched.directions
+        sums = sums.reshape(q, e, -1)
+        if e == 1:
+            return np.asarray(sums * directions)
+        return np.asarray(np.matmul(directions.transpose(0, 2, 1), sums))
+
+    def operations(self, n_past: int) -> int:
+        """Multiply-adds, weight times sample, of the force of `n_past` steps."""
+        q, e, _ = self.batched.directions.shape
+        return q * e * n_past * self.samples * int(self.matrix.shape[1])
+
+
+def shared_strip(
+    batched: BatchedChannel, rows: int, reach: int, samples: int, n_weights: int | None = None
+) -> SharedStrip:
+    """The force of the last `reach` steps on the next `rows`.
+
+    Parameters
+    ----------
+    batched
+        Weights and directions.
+    rows, reach
+        Number of steps ahead and behind.
+    samples
+        Number m of samples per step.
+    n_weights
+        Weights from this one on count as zero; None: all count.
+    """
+    unit = BatchedChannel(channel=batched.channel, directions=np.ones((1, 1, 1)))
+    last = rows + reach
+    kernel = np.zeros((1, last, samples, samples))
+    used = last if n_weights is None else min(last, n_weights)
+    kernel[:, :used] = lag_kernel((unit,), 0, used, samples)
+    matrix = np.ascontiguousarray(reversed_strip(kernel, rows, reach)[0].T)
+    return SharedStrip(batched=batched, matrix=matrix, samples=samples)
+
+
 class GroupHistory:
     """Forces of finished groups on later ones, and the finished samples, in one buffer.
 
@@ -136,17 +198,18 @@ class GroupHistory:
         self._transforms: dict[int, list[Transform]] = {}
         self.operations = 0
         self._near = min(group, max(1, LARGEST_NEAR // (samples * e))) if self._long else 1
-        self._tail: Array | None = None
+        self._tails: tuple[SharedStrip, ...] = ()
         self._reach = 0
         if self._n_groups > 1 and (self._short or self._near > 1):
-            memories = [c.channel.memory for c in self._short]
-            self._reach = max(memories, default=1) - 1
+            self._reach = max((c.channel.memory for c in self._short), default=1) - 1
             self._reach = max(self._reach, self._near - 1)
-            kernel = np.zeros((q, 2 * self._reach, samples * e, samples * e))
-            for batched in (*self._short, *self._long):
-                last = 2 * self._reach if batched.channel.memory <= group + 1 else self._near
-                kernel[:, :last] += lag_kernel((batched,), 0, last, samples)
-            self._tail = reversed_strip(kernel, self._reach, self._reach)
+            self._tails = tuple(
+                shared_strip(batched, self._reach, self._reach, samples, wanted)
+                for batched, wanted in (
+                    *((short, None) for short in self._short),
+                    *((long, self._near) for long in self._long),
+                )
+            )
 
     @property
     def samples(self) -> Array:
@@ -164,20 +227,19 @@ class GroupHistory:
         self._buffer[..., end - self._group : end] = samples.transpose(0, 2, 3, 1)
         if end >= self._end:
             return
-        if self._tail is not None:
+        if self._tails:
             self._spread_short(end, samples)
         if self._long:
             finished = index + 1
             self._spread_long(end, (finished & -finished) * self._group)
 
     def _spread_short(self, end: int, samples: Array) -> None:
-        if self._tail is None:  # pragma: no cover - checked by the caller
-            return
         q, m, e = self._shape
-        last = samples[:, -self._reach :].reshape(q, -1, 1)
-        force = np.matmul(self._tail, last).reshape(q, self._reach, m, e)
-        self._buffer[..., end : end + self._reach] += force.transpose(0, 2, 3, 1)
-        self.operations += self._tail.size
+        last = samples[:, -self._reach :].transpose(0, 3, 1, 2).reshape(q, e, -1)
+        for tail in self._tails:
+            force = tail.force(last).reshape(q, e, self._reach, m)
+            self._buffer[..., end : end + self._reach] += force.transpose(0, 3, 1, 2)
+            self.operations += tail.operations(self._reach)
 
     def _spread_long(self, end: int, length: int) -> None:
         """Convolve the last `length` samples into the next ones."""
