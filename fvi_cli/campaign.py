@@ -12,6 +12,7 @@ from pathlib import Path
 from fvi_cli.config import LoadedConfig, find_config, load_config, parse_config
 from fvi_cli.errors import RequestError
 from fvi_cli.experiments.batches import batches_of, execute_batch
+from fvi_cli.experiments.cluster import DaskCluster
 from fvi_cli.experiments.executor import Executor, InProcess, compute_batches
 from fvi_cli.experiments.experiment import Experiment, FinishedRun, Predicted, Run
 from fvi_cli.experiments.processes import LocalProcesses
@@ -37,7 +38,9 @@ class Settings:
     output
         Folder of results.
     workers
-        Number of processes.
+        Number of processes of this machine.
+    dask
+        Address of a Dask scheduler whose workers compute in their place.
     fresh
         Ignore stored runs.
     fail_fast
@@ -48,18 +51,30 @@ class Settings:
         Write what is computed; otherwise nothing at all is written.
     may_replace
         Keep runs even where that replaces stored runs of another problem.
+
+    Raises
+    ------
+    RequestError
+        If processes and a scheduler are given at the same time.
     """
 
     output: Path
     workers: int = 1
+    dask: str | None = None
     fresh: bool = False
     fail_fast: bool = False
     show_progress: bool = True
     keep: bool = True
     may_replace: bool = True
 
+    def __post_init__(self) -> None:
+        if self.dask is not None and self.workers > 1:
+            raise RequestError("--workers and --dask: give one of them; a scheduler has its own")
+
     def executor(self) -> Executor:
         """Where runs are computed."""
+        if self.dask is not None:
+            return DaskCluster(address=self.dask)
         return LocalProcesses(workers=self.workers) if self.workers > 1 else InProcess()
 
     def path_of(self, request: Request) -> Path:

@@ -10,6 +10,7 @@ from fvi_cli.commands.exits import DONE, exit_code, guarded, stops, verdict
 from fvi_cli.commands.options import (
     RESULTS,
     AllowUnstable,
+    Dask,
     DryRun,
     FailFast,
     Fresh,
@@ -37,6 +38,7 @@ def convergence(
     ] = False,
     overrides: Overrides = None,
     workers: Workers = 1,
+    dask: Dask = None,
     dry_run: DryRun = False,
     fresh: Fresh = False,
     fail_fast: FailFast = False,
@@ -52,6 +54,7 @@ def convergence(
     settings = campaign.Settings(
         output=output,
         workers=workers,
+        dask=dask,
         fresh=fresh,
         fail_fast=fail_fast,
         show_progress=not quiet,

@@ -40,6 +40,14 @@ AllowUnstable = Annotated[
 Workers = Annotated[
     int, typer.Option("--workers", min=1, metavar="N", help="Processes on this machine.")
 ]
+Dask = Annotated[
+    str | None,
+    typer.Option(
+        "--dask",
+        metavar="ADDRESS",
+        help="Compute on the workers of an existing Dask scheduler, such as tcp://host:8786.",
+    ),
+]
 Quiet = Annotated[
     bool,
     typer.Option(

@@ -12,6 +12,7 @@ from fvi_cli.commands.exits import DONE, exit_code, guarded, stops, verdict
 from fvi_cli.commands.options import (
     RESULTS,
     AllowUnstable,
+    Dask,
     DryRun,
     FailFast,
     Fresh,
@@ -51,6 +52,7 @@ def plot(
     ] = False,
     overrides: Overrides = None,
     workers: Workers = 1,
+    dask: Dask = None,
     dry_run: DryRun = False,
     fresh: Fresh = False,
     fail_fast: FailFast = False,
@@ -65,6 +67,7 @@ def plot(
     settings = campaign.Settings(
         output=output,
         workers=workers,
+        dask=dask,
         fresh=fresh,
         fail_fast=fail_fast,
         show_progress=not quiet,

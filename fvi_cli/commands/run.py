@@ -9,6 +9,7 @@ from fvi_cli.commands.options import (
     RESULTS,
     AllowUnstable,
     Configs,
+    Dask,
     DryRun,
     FailFast,
     Fresh,
@@ -29,6 +30,7 @@ def run(
     output: Output = RESULTS,
     overrides: Overrides = None,
     workers: Workers = 1,
+    dask: Dask = None,
     dry_run: DryRun = False,
     fresh: Fresh = False,
     fail_fast: FailFast = False,
@@ -42,6 +44,7 @@ def run(
     settings = campaign.Settings(
         output=output,
         workers=workers,
+        dask=dask,
         fresh=fresh,
         fail_fast=fail_fast,
         show_progress=not quiet,

@@ -1,5 +1,6 @@
 """Batches computed here and in other processes are the same batches; who dies is replaced."""
 
+import functools
 import multiprocessing
 import os
 import signal
@@ -150,20 +151,20 @@ def dies_of_sixteen(batch):
     return execute_batch(batch)
 
 
-def dies_once_of_sixteen(batch):
+def dies_once_of_sixteen(batch, folder):
     """The first process that meets N = 16 of a method dies, the next one does not."""
     for run in batch:
-        mark = Path(os.environ["FVI_TEST_FOLDER"]) / f"{run.method.case}-{run.n_steps}"
+        mark = Path(folder) / f"{run.method.case}-{run.n_steps}"
         if run.n_steps == 16 and not mark.exists():
             mark.touch()
             os.kill(os.getpid(), signal.SIGKILL)
     return execute_batch(batch)
 
 
-def test_a_batch_whose_process_died_is_computed_once_more(tmp_path, monkeypatch):
-    monkeypatch.setenv("FVI_TEST_FOLDER", str(tmp_path))
+def test_a_batch_whose_process_died_is_computed_once_more(tmp_path):
+    compute = functools.partial(dies_once_of_sixteen, folder=str(tmp_path))
     batches = singles(experiment().runs())
-    answers = list(compute_batches(batches, dies_once_of_sixteen, executor=TWO))
+    answers = list(compute_batches(batches, compute, executor=TWO))
     assert len(list(tmp_path.iterdir())) == 2  # both have died once
     assert not any(batch.is_lost for batch in answers)
     here = compute_batches(batches, execute_batch, executor=InProcess())
@@ -201,6 +202,12 @@ def sleeps(batch):
     os.write(1, f"{os.getpid()}\n".encode())
     time.sleep(600)
     return []
+
+
+def sleeps_at_four(batch):
+    if batch[0].n_steps == 4:
+        time.sleep(600)
+    return execute_batch(batch)
 
 
 def is_alive(process_id):
