@@ -17,7 +17,8 @@ from fvi_cli.experiments.reference import Reference, find_reference, find_refere
 from fvi_cli.integrator.expected_order import expected_order
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.stability import StabilityPrediction, predict_stability, refusal
+from fvi_cli.integrator.stability import StabilityPrediction, predict_stability
+from fvi_cli.integrator.stability_limits import refusal
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.operators import left_operator
 from fvi_cli.scenes.problem import DerivativeProblem, Problem

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.stability import exact_growth
+from fvi_cli.integrator.stability import RESOLVED, exact_growth
 from fvi_cli.integrator.stability_determinant import independent_systems
 from fvi_cli.integrator.stepping import Stepped, StepProblem
 
@@ -28,7 +28,7 @@ class GrowthBound:
         C: 1e8 times the sum of start position, way at the start velocity and way under the
         largest force; infinite for a scene that nothing moves.
     rate
-        The growth of the exact linear scene; 0 for a nonlinear one.
+        The growth of the exact linear scene and a quarter more; 0 for a nonlinear one.
     """
 
     size: float
@@ -55,7 +55,10 @@ def growth_bound(problem: StepProblem) -> GrowthBound:
     scale = float(np.abs(problem.position).max() + way + moved)
     rate = 0.0
     if scene.is_linear:
-        rate = max(exact_growth(part, final_time, h) for part in independent_systems(scene))
+        # a mode may grow that much faster and still be the truth, not resolved well
+        rate = (1.0 + RESOLVED) * max(
+            exact_growth(part, final_time, h) for part in independent_systems(scene)
+        )
     size = TOLERATED_FACTOR * scale
     return GrowthBound(size=size if 0 < size < math.inf else math.inf, rate=rate)
 

@@ -49,6 +49,11 @@ LARGEST_CONDITION = 1e6
 """Eigenvectors worse conditioned than this belong to eigenvalues that meet."""
 
 
+def has_patterns(method: AnyMethod) -> bool:
+    """Whether the step equations of `method` are known here; those of some baselines are not."""
+    return not isinstance(method, Baseline) or method.name in ("explicit-euler", "implicit-euler")
+
+
 def pattern_size(method: AnyMethod) -> int:
     """Rows of a pattern: position, momentum and the increments of a step."""
     return 2 if isinstance(method, Baseline) else method.degree + 2
