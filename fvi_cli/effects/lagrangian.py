@@ -61,6 +61,8 @@ class Lagrangian:
         :math:`\partial^2 L / \partial v \partial t`, d values.
     depends_on_time
         Whether t occurs in L.
+    rate
+        :math:`\partial L/\partial t`; None where it is not at hand.
     """
 
     coordinates: tuple[str, ...]
@@ -69,6 +71,7 @@ class Lagrangian:
     second: FormulaSystem
     drift: FormulaSystem
     depends_on_time: bool = False
+    rate: FormulaSystem | None = None
 
     @property
     def dimension(self) -> int:
@@ -115,6 +118,18 @@ class Lagrangian:
             mixed=matrices[..., 1, :, :],
             stiffness=matrices[..., 2, :, :],
         )
+
+    def time_derivative(self, position: Array, velocity: Array, time: Array | float) -> Array:
+        """The partial derivative of L by t, shape ``(...)``.
+
+        Raises
+        ------
+        ValueError
+            If the program of it is not at hand.
+        """
+        if self.rate is None:
+            raise ValueError("lagrangian: its derivative by t is not at hand")
+        return np.asarray(self._evaluate(self.rate, position, velocity, time)[..., 0])
 
     def momentum_rate(
         self, position: Array, velocity: Array, acceleration: Array, time: Array | float

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +12,14 @@ from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.block_history import SteppedHistory
 from fvi_cli.integrator.break_points import steps_at_break_points
+from fvi_cli.integrator.diagnostics import NOTHING, Asked, Motion, diagnose
 from fvi_cli.integrator.general_stepping import (
     GeneralStepProblem,
     KnownMotion,
     run_general_steps,
 )
 from fvi_cli.integrator.integrate import force_moments, jump_force
-from fvi_cli.integrator.known_part import NO_SERIES, plan_series, settled_method
+from fvi_cli.integrator.known_part import NO_SERIES, KnownPart, plan_series, settled_method
 from fvi_cli.integrator.memory import DirectHistory, build_memory
 from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.integrator.moments import StepFunction, exact_moments, galerkin_moments
@@ -30,12 +32,14 @@ from fvi_cli.mathematics.windowed_series import WindowedSeries
 Array = NDArray[np.float64]
 
 
-def integrate_general(scene: Scene, method: AnyMethod, n_steps: int) -> Trajectory:
+def integrate_general(
+    scene: Scene, method: AnyMethod, n_steps: int, asked: Asked = NOTHING
+) -> Trajectory:
     """Integrate a scene with a general Lagrangian in `n_steps` equal steps.
 
     Parameters
     ----------
-    scene, method, n_steps
+    scene, method, n_steps, asked
         As for :func:`fvi_cli.integrator.integrate.integrate`.
 
     Raises
@@ -59,7 +63,7 @@ def integrate_general(scene: Scene, method: AnyMethod, n_steps: int) -> Trajecto
     decision = None if series.known is None else series.known.start
     window = None if decision is None else decision.window
     method = settled_method(scene, method, series)
-    moments = None
+    moments, of_forcing, jump = None, None, None
     if decision is not None and window is not None:
         # smooth by construction: the action's own rule is exact enough
         moments = galerkin_moments(_residual(scene, lagrangian, decision), tables, h, n_steps)
@@ -68,6 +72,7 @@ def integrate_general(scene: Scene, method: AnyMethod, n_steps: int) -> Trajecto
             moments = force_moments(
                 scene.forcing.on_steps, method, tables, h, n_steps, (0, *breaks)
             )
+        of_forcing = moments
         jump = None if method.sampling == "nodes" else jump_force(scene)
         if jump is not None:
             # singular at 0: always by exact moments
@@ -96,9 +101,9 @@ def integrate_general(scene: Scene, method: AnyMethod, n_steps: int) -> Trajecto
     else:
         history = SteppedHistory(memory, n_steps, scene.dimension)
     ready = time.perf_counter()
-    stepped = run_general_steps(problem, history)
+    stepped = run_general_steps(problem, history, keep_increments=not asked.is_empty)
     finished = time.perf_counter()
-    return _trajectory(
+    trajectory = _trajectory(
         lagrangian,
         problem,
         stepped,
@@ -106,6 +111,28 @@ def integrate_general(scene: Scene, method: AnyMethod, n_steps: int) -> Trajecto
         remarks=series.remarks,
         seconds=(ready - began, finished - ready),
     )
+    if asked.is_empty or trajectory.momentum is None or trajectory.energy is None:
+        return trajectory
+    known = None
+    if decision is not None and window is not None:
+        known = KnownPart(scene=scene, start=decision)
+    motion = Motion(
+        scene=scene,
+        method=method,
+        tables=tables,
+        memory=memory,
+        step_size=h,
+        stepped=stepped,
+        moments=moments,
+        forcing_moments=of_forcing,
+        known=known,
+        jump=jump,
+        position=trajectory.position,
+        momentum=trajectory.momentum,
+        energy=trajectory.energy,
+    )
+    with np.errstate(all="ignore"):
+        return replace(trajectory, diagnostics=diagnose(motion, asked))
 
 
 def _known_motion(

@@ -262,7 +262,9 @@ class GeneralStepper:
         return size if known is None else size + float(np.abs(known.position[index]).max())
 
 
-def run_general_steps(problem: GeneralStepProblem, history: History) -> Stepped:
+def run_general_steps(
+    problem: GeneralStepProblem, history: History, *, keep_increments: bool = False
+) -> Stepped:
     """All steps, one after the other, until the end or until one cannot be solved.
 
     Parameters
@@ -271,6 +273,8 @@ def run_general_steps(problem: GeneralStepProblem, history: History) -> Stepped:
         Everything that the steps need.
     history
         Sums up the memory.
+    keep_increments
+        Keep the increments of every step.
     """
     tables, memory, n_steps = problem.tables, problem.memory, problem.n_steps
     d, m = problem.lagrangian.dimension, tables.sample_points.size
@@ -278,6 +282,7 @@ def run_general_steps(problem: GeneralStepProblem, history: History) -> Stepped:
     positions, momenta = np.empty((n_steps + 1, d)), np.empty((n_steps + 1, d))
     samples, forces = np.empty((n_steps, m, d)), np.zeros((n_steps + 1, m, d))
     position, momentum = CompensatedSum(problem.position), CompensatedSum(problem.momentum)
+    kept = np.empty((n_steps if keep_increments else 0, tables.degree, d))
     positions[0], momenta[0] = position.value, momentum.value
     guess, offset = stepper.first_guess, memory.first_offset
     newton, failure, done = NewtonRecord(), "", 0
@@ -300,6 +305,8 @@ def run_general_steps(problem: GeneralStepProblem, history: History) -> Stepped:
                 history.push(memory.sample_matrix.T @ increments + offset)
                 forces[index] = force
             samples[index] = position.value - problem.position + inner @ increments
+            if keep_increments:
+                kept[index] = increments
             position.add(increments[-1])
             momentum.add(change)
             positions[index + 1], momenta[index + 1] = position.value, momentum.value
@@ -317,6 +324,7 @@ def run_general_steps(problem: GeneralStepProblem, history: History) -> Stepped:
         operations=history.operations,
         newton=newton,
         failure=failure,
+        increments=kept[:done] if keep_increments else None,
     )
 
 

@@ -11,7 +11,9 @@ from scipy.special import rgamma
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
+from fvi_cli.integrator.block_history import SteppedHistory
 from fvi_cli.integrator.break_points import steps_at_break_points
+from fvi_cli.integrator.diagnostics import NOTHING, Asked, Motion, diagnose
 from fvi_cli.integrator.engine import run
 from fvi_cli.integrator.growth_bound import cut_at_bound, growth_bound
 from fvi_cli.integrator.known_part import (
@@ -20,7 +22,7 @@ from fvi_cli.integrator.known_part import (
     plan_series,
     settled_method,
 )
-from fvi_cli.integrator.memory import build_memory
+from fvi_cli.integrator.memory import ChannelSource, build_memory
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.moments import (
     StepFunction,
@@ -30,13 +32,20 @@ from fvi_cli.integrator.moments import (
 )
 from fvi_cli.integrator.starting_weights import correct_start
 from fvi_cli.integrator.step_tables import StepTables, step_tables
-from fvi_cli.integrator.stepping import Stepped, StepProblem
+from fvi_cli.integrator.stepping import Stepped, StepProblem, run_steps
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 
 Array = NDArray[np.float64]
 
 
-def integrate(scene: Scene, method: AnyMethod, n_steps: int, *, every: int = 1) -> Trajectory:
+def integrate(
+    scene: Scene,
+    method: AnyMethod,
+    n_steps: int,
+    *,
+    every: int = 1,
+    diagnostics: Asked = NOTHING,
+) -> Trajectory:
     """Integrate `scene` over [0, T] by `method` in `n_steps` equal steps.
 
     Parameters
@@ -50,6 +59,9 @@ def integrate(scene: Scene, method: AnyMethod, n_steps: int, *, every: int = 1) 
     every
         Keep every n-th point of the grid, the first and the last. With ``history: exponentials``
         the others are nowhere in memory.
+    diagnostics
+        What else is computed. It needs every increment, so the steps are then done one after the
+        other: the same to round-off, but slower than in blocks.
 
     Returns
     -------
@@ -62,25 +74,43 @@ def integrate(scene: Scene, method: AnyMethod, n_steps: int, *, every: int = 1) 
     ------
     ValueError
         If N or `every` is not a positive integer, a break point of the forcing lies between two
-        steps, or the method is not made for a general Lagrangian.
+        steps, the method is not made for a general Lagrangian, or diagnostics are asked of a
+        baseline or of ``history: exponentials``, which keep no increments.
     """
-    if not isinstance(n_steps, int | np.integer) or isinstance(n_steps, bool) or n_steps < 1:
-        raise ValueError(f"n_steps: {n_steps!r} is not allowed; it must be an integer >= 1")
-    if every < 1:
-        raise ValueError(f"every: {every!r} is not allowed; it must be an integer >= 1")
+    check_counts(n_steps, every)
+    if not diagnostics.is_empty and not can_be_diagnosed(method):
+        raise ValueError(f"diagnostics: {method.case} keeps no increments of its steps")
     if isinstance(method, Method) and method.history == "exponentials":
         from fvi_cli.integrator.exponential_run import integrate_part
 
         return integrate_part(scene, method, int(n_steps), every=every).trajectory
-    return thinned(_integrate(scene, method, int(n_steps)), every)
+    return thinned(_integrate(scene, method, int(n_steps), diagnostics), every)
 
 
-def _integrate(scene: Scene, method: AnyMethod, n_steps: int) -> Trajectory:
+def check_counts(n_steps: int, every: int) -> None:
+    """Refuse numbers of steps and of points that are no positive integers.
+
+    Raises
+    ------
+    ValueError
+        With the number and what is allowed.
+    """
+    for name, value in (("n_steps", n_steps), ("every", every)):
+        if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
+            raise ValueError(f"{name}: {value!r} is not allowed; it must be an integer >= 1")
+
+
+def can_be_diagnosed(method: AnyMethod) -> bool:
+    """Whether a method keeps what diagnostics are made of, the increments of its steps."""
+    return isinstance(method, Method) and method.history != "exponentials"
+
+
+def _integrate(scene: Scene, method: AnyMethod, n_steps: int, asked: Asked) -> Trajectory:
     """The whole trajectory by a history that needs all samples."""
     if scene.lagrangian is not None:
         from fvi_cli.integrator.general import integrate_general
 
-        return integrate_general(scene, method, n_steps)
+        return integrate_general(scene, method, n_steps, asked)
     if isinstance(method, Baseline):
         return integrate_baseline(scene, method, n_steps)
     began = time.perf_counter()
@@ -92,25 +122,64 @@ def _integrate(scene: Scene, method: AnyMethod, n_steps: int) -> Trajectory:
     farthest = float(bound.at(np.asarray(scene.final_time)))
     prepared = replace(prepared, problem=replace(prepared.problem, stop_beyond=farthest))
     ready = time.perf_counter()
-    stepped = run(prepared.problem, method.history)
+    if asked.is_empty:
+        stepped = run(prepared.problem, method.history)
+    else:
+        stepped = _run_with_increments(prepared.problem, method)
     stepped = cut_at_bound(prepared.problem, stepped, bound)
     finished = time.perf_counter()
-    return _trajectory(
-        scene, method, prepared, stepped, setup=ready - began, stepping=finished - ready
+    trajectory = finished_trajectory(
+        method, prepared, stepped, setup=ready - began, stepping=finished - ready
     )
+    if asked.is_empty or trajectory.momentum is None or trajectory.energy is None:
+        return trajectory
+    problem = prepared.problem
+    motion = Motion(
+        scene=scene,
+        method=method,
+        tables=problem.tables,
+        memory=problem.memory,
+        step_size=problem.step_size,
+        stepped=stepped,
+        moments=problem.moments,
+        forcing_moments=prepared.forcing_moments,
+        known=prepared.known,
+        jump=prepared.jump,
+        position=trajectory.position,
+        momentum=trajectory.momentum,
+        energy=trajectory.energy,
+    )
+    with np.errstate(over="ignore", invalid="ignore"):
+        return replace(trajectory, diagnostics=diagnose(motion, asked))
+
+
+def _run_with_increments(problem: StepProblem, method: Method) -> Stepped:
+    """All steps one after the other, by whose increments a motion is diagnosed."""
+    history = None
+    if problem.memory.channels and method.history != "direct":
+        history = SteppedHistory(problem.memory, problem.n_steps, problem.scene.dimension)
+    return run_steps(problem, history, keep_increments=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prepared:
-    """What is ready before the first step: the step problem, the known part, and remarks."""
+    """What is ready before the first step: the step problem, the known part, and remarks.
+
+    Beside a known part there are no `forcing_moments`; `jump` is the force of :func:`jump_force`
+    where the known part does not hold it.
+    """
 
     problem: StepProblem
     known: KnownPart | None
     remarks: tuple[str, ...]
+    forcing_moments: Array | None = None
+    jump: StepFunction | None = None
 
 
-def prepare(scene: Scene, method: Method, n_steps: int) -> Prepared:
-    """Everything that is known before the first step."""
+def prepare(
+    scene: Scene, method: Method, n_steps: int, source: ChannelSource | None = None
+) -> Prepared:
+    """Everything that is known before the first step; `source` as for `build_memory`."""
     tables = step_tables(method)
     h = scene.final_time / n_steps
     breaks = steps_at_break_points(scene, n_steps)
@@ -118,13 +187,16 @@ def prepare(scene: Scene, method: Method, n_steps: int) -> Prepared:
     known = series.known
     method = settled_method(scene, method, series)
     from_rest = known is not None and known.carries_start
-    memory = build_memory(scene, method, tables, n_steps, scene.active_damping, from_rest=from_rest)
+    memory = build_memory(
+        scene, method, tables, n_steps, scene.active_damping, from_rest=from_rest, source=source
+    )
     moments = None
     if known is not None:
         # smooth by construction: the action's own rule is exact enough
         moments = galerkin_moments(known.residual(), tables, h, n_steps)
     elif scene.forcing is not None:
         moments = force_moments(scene.forcing.on_steps, method, tables, h, n_steps, (0, *breaks))
+    of_forcing = None if known is not None else moments
     jump = None if from_rest or method.sampling == "nodes" else jump_force(scene)
     if jump is not None:
         # singular at 0: always by exact moments
@@ -146,7 +218,13 @@ def prepare(scene: Scene, method: Method, n_steps: int) -> Prepared:
         position_shift=shift,
         skip_first_kick=method.sampling == "nodes",
     )
-    return Prepared(problem=problem, known=known, remarks=series.remarks)
+    return Prepared(
+        problem=problem,
+        known=known,
+        remarks=series.remarks,
+        forcing_moments=of_forcing,
+        jump=jump,
+    )
 
 
 def force_moments(
@@ -183,16 +261,12 @@ def jump_force(scene: Scene) -> StepFunction | None:
     return force
 
 
-def _trajectory(
-    scene: Scene,
-    method: Method,
-    prepared: Prepared,
-    stepped: Stepped,
-    *,
-    setup: float,
-    stepping: float,
+def finished_trajectory(
+    method: Method, prepared: Prepared, stepped: Stepped, *, setup: float, stepping: float
 ) -> Trajectory:
+    """What the steps gave, with the known part of the solution added."""
     problem, known = prepared.problem, prepared.known
+    scene = problem.scene
     momentum = stepped.momentum
     if method.sampling == "nodes" and problem.memory.channels:
         # p_k of the scheme is the one before the kick, of order 1 only; half the kick mends that

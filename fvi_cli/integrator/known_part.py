@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,14 +53,39 @@ class KnownPart:
 
     def position(self, start: Array, step_size: float, offsets: Array) -> Array:
         """S at points of steps, shape ``(n,)`` and ``(r,)`` to ``(n, r, d)``."""
+        return self._on_steps(lambda window, at: window.position(at), start, step_size, offsets)
+
+    def velocity(self, start: Array, step_size: float, offsets: Array) -> Array:
+        """S' at points of steps, shape ``(n,)`` and ``(r,)`` to ``(n, r, d)``."""
+        return self._on_steps(lambda window, at: window.velocity(at), start, step_size, offsets)
+
+    def damping_force(self, start: Array, step_size: float, offsets: Array) -> Array:
+        r""":math:`\sum_j \mu_j D^{\gamma_j} S` at points of steps, as :meth:`position`."""
+
+        def force(window: WindowedSeries, time: Array) -> Array:
+            total = np.zeros((*time.shape, self.scene.dimension))
+            for term in self.scene.active_damping:
+                derivative = window.fractional_derivative(time, term.order, self.scene.derivative)
+                total += derivative @ term.coefficient
+            return total
+
+        return self._on_steps(force, start, step_size, offsets)
+
+    def _on_steps(
+        self,
+        of_window: Callable[[WindowedSeries, Array], Array],
+        start: Array,
+        step_size: float,
+        offsets: Array,
+    ) -> Array:
         time = start[:, None] + step_size * offsets
         total = np.zeros((*time.shape, self.scene.dimension))
         if self.start.window is not None:
-            total += self.start.window.position(time)
+            total += of_window(self.start.window, time)
         for break_point, window in self.jumps:
             present = start + 0.5 * step_size > break_point
             local = np.maximum(start[present] - break_point, 0.0)[:, None] + step_size * offsets
-            total[present] += window.position(local)
+            total[present] += of_window(window, local)
         return total
 
     def on_grid(self, time: Array) -> tuple[Array, Array]:

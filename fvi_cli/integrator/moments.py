@@ -54,16 +54,38 @@ def exact_moments(
     return moments
 
 
+def exact_integrals(
+    function: StepFunction, h: float, n_steps: int, singular_steps: tuple[int, ...] = (0,)
+) -> Array:
+    """Integral of a known function over every step, as `exact_moments`, ``(n_steps, d)``."""
+    fine = gauss_rule(FINE_POINTS)
+    chunks = []
+    for first in range(0, n_steps, CHUNK):
+        start = h * np.arange(first, min(first + CHUNK, n_steps), dtype=float)
+        values = function(start, h, fine.nodes)
+        chunks.append(h * np.einsum("i,kid->kd", fine.weights, values))
+    integrals = np.concatenate(chunks) if chunks else np.zeros((0, 1))
+    points, weights = _graded_rule(graded_edges())
+    for step in singular_steps:
+        integrals[step] = h * weights @ function(np.array([h * step]), h, points)[0]
+    return integrals
+
+
 def graded_edges() -> Array:
     """Edges of panels on [0, 1] that shrink geometrically towards 0."""
     return np.concatenate([[0.0], GRADING_RATIO ** np.arange(GRADING_LEVELS - 1, -1, -1.0)])
 
 
-def _composite(force: StepFunction, method: Method, h: float, step: int, edges: Array) -> Array:
+def _graded_rule(edges: Array) -> tuple[Array, Array]:
+    """Points and weights of a Gauss rule on every panel, in the order of the panels."""
     fine = gauss_rule(FINE_POINTS)
     widths = np.diff(edges)
     points = (edges[:-1, None] + widths[:, None] * fine.nodes).ravel()
-    weights = (widths[:, None] * fine.weights).ravel()
+    return points, (widths[:, None] * fine.weights).ravel()
+
+
+def _composite(force: StepFunction, method: Method, h: float, step: int, edges: Array) -> Array:
+    points, weights = _graded_rule(edges)
     values = lobatto_basis(method.degree).values(points) * weights
     return np.asarray(h * values @ force(np.array([h * step]), h, points)[0])
 

@@ -96,6 +96,8 @@ class Stepped:
         shape ``(n + 1, m, d)``.
     operations, newton, failure
         Work, record of Newton's iteration, and in words what stopped the steps early.
+    increments
+        Increments of every step, shape ``(n, s, d)``; None unless they were asked for.
     """
 
     position: Array
@@ -105,6 +107,7 @@ class Stepped:
     operations: int
     newton: NewtonRecord
     failure: str = ""
+    increments: Array | None = None
 
 
 class History(Protocol):
@@ -244,7 +247,9 @@ class Stepper:
         )
 
 
-def run_steps(problem: StepProblem, history: History | None = None) -> Stepped:
+def run_steps(
+    problem: StepProblem, history: History | None = None, *, keep_increments: bool = False
+) -> Stepped:
     """All steps, one after the other, until the end or until the numbers cease to be finite.
 
     Parameters
@@ -253,6 +258,8 @@ def run_steps(problem: StepProblem, history: History | None = None) -> Stepped:
         Everything that the steps need.
     history
         Sums up the memory; None: directly.
+    keep_increments
+        Keep the increments of every step.
     """
     tables, memory, n_steps = problem.tables, problem.memory, problem.n_steps
     d, m = problem.scene.dimension, tables.sample_points.size
@@ -263,6 +270,7 @@ def run_steps(problem: StepProblem, history: History | None = None) -> Stepped:
     momenta = np.empty((n_steps + 1, d))
     samples = np.empty((n_steps, m, d))
     forces = np.zeros((n_steps + 1, m, d))
+    kept = np.empty((n_steps if keep_increments else 0, tables.degree, d))
     position = CompensatedSum(problem.position)
     momentum = CompensatedSum(problem.momentum)
     positions[0], momenta[0] = position.value, momentum.value
@@ -295,6 +303,8 @@ def run_steps(problem: StepProblem, history: History | None = None) -> Stepped:
                 history.push(memory.sample_matrix.T @ increments + offset)
                 forces[index] = force
             samples[index] = position.value - problem.position + inner @ increments
+            if keep_increments:
+                kept[index] = increments
             position.add(increments[-1])
             momentum.add(change)
             positions[index + 1], momenta[index + 1] = position.value, momentum.value
@@ -319,6 +329,7 @@ def run_steps(problem: StepProblem, history: History | None = None) -> Stepped:
         operations=history.operations,
         newton=newton,
         failure=failure,
+        increments=kept[:done] if keep_increments else None,
     )
 
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from fvi_cli.integrator.diagnostics import Diagnostics
 
 Array = NDArray[np.float64]
 Status = Literal["ok", "diverged", "failed", "refused"]
@@ -60,6 +63,8 @@ class Trajectory:
         What the reader of a table should know, for example that a start fell back.
     every
         Only every n-th point of the grid is kept, with the first and the last.
+    diagnostics
+        Works, energy balance and momentum maps on the same points; None unless asked for.
     """
 
     time: Array
@@ -76,6 +81,7 @@ class Trajectory:
     stepping_seconds: float = 0.0
     remarks: tuple[str, ...] = ()
     every: int = 1
+    diagnostics: Diagnostics | None = None
 
 
 def thinned(trajectory: Trajectory, every: int) -> Trajectory:
@@ -93,5 +99,6 @@ def thinned(trajectory: Trajectory, every: int) -> Trajectory:
         position=trajectory.position[kept],
         momentum=None if momentum is None else momentum[kept],
         energy=None if energy is None else energy[kept],
+        diagnostics=None if trajectory.diagnostics is None else trajectory.diagnostics.at(kept),
         every=every,
     )

@@ -1,0 +1,273 @@
+"""Works, energy balance and momentum maps: exact where promised, of the method's order elsewhere.
+
+With ``NOTHING`` asked nothing of it is computed.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
+from fvi_cli.integrator import diagnostics as module
+from fvi_cli.integrator import integrate as integrating
+from fvi_cli.integrator.diagnostics import NOTHING, Asked
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.scenes.registry import build_problem
+
+GAUSS2 = Method(cq="gauss", degree=2, start="none")
+GAUSS2_SERIES = Method(cq="gauss", degree=2, start="series")
+GAUSS3_SERIES = Method(cq="gauss", degree=3, start="series")
+MIDPOINT_NODES = Method(cq="bdf2", degree=1, sampling="nodes")
+NODES = Method(cq="bdf3", degree=2, sampling="nodes")
+POINTS = Method(cq="bdf4", degree=2, sampling="points", start="none")
+
+TURN = Symmetry(name="angular", generator=[[0.0, -1.0], [1.0, 0.0]], shift=[0.0, 0.0])
+
+
+def scene_of(**specification):
+    return build_problem(specification).scene
+
+
+def oscillator(order, **more):
+    return scene_of(
+        kind="damped-oscillator",
+        stiffness=2.0,
+        damping=[{"order": order, "coefficient": 0.7}],
+        forcing="cos(t)",
+        initial={"position": 1.0, "velocity": 0.5},
+        final_time=8.0,
+        **more,
+    )
+
+
+def two_masses(derivative="caputo"):
+    return scene_of(
+        kind="bagley-torvik",
+        mass=[[2.0, 0.5], [0.5, 1.0]],
+        stiffness=[[2.0, -1.0], [-1.0, 2.0]],
+        damping=[
+            {"order": 0.5, "coefficient": [[0.7, 0.2], [0.2, 0.3]]},
+            {"order": 0.8, "coefficient": 0.1},
+        ],
+        derivative=derivative,
+        forcing={"pieces": [{"until": 1.0, "value": ["8", "t"]}, {"value": ["0", "1"]}]},
+        initial={"position": [1.0, 0.0], "velocity": [0.0, 0.5]},
+        final_time=4.0,
+    )
+
+
+def kepler(mu):
+    return scene_of(
+        kind="kepler",
+        damping=[{"order": 0.5, "coefficient": mu}] if mu else [],
+        initial={"position": [1.0, 0.0], "velocity": [0.0, 0.8]},
+        final_time=8.0,
+    )
+
+
+def double_pendulum():
+    return scene_of(
+        kind="double-pendulum",
+        joints=[{"order": 0.5, "coefficient": 0.2}],
+        initial={"position": [1.0, -0.5], "velocity": 0.0},
+        final_time=4.0,
+    )
+
+
+def changing_lagrangian():
+    return scene_of(
+        kind="lagrangian",
+        coordinates=["x"],
+        parameters={},
+        lagrangian="(1 + x**2)*vx**2/2*(1 + t/10) - x**2*(2 + sin(t))",
+        damping=[{"order": 0.5, "coefficient": 0.3}],
+        initial={"position": 1.0, "velocity": 0.0},
+        final_time=4.0,
+    )
+
+
+def pendulum():
+    return scene_of(
+        kind="pendulum",
+        damping=[{"order": 0.5, "coefficient": 0.3}],
+        initial={"position": 1.0, "velocity": 0.0},
+        final_time=10.0,
+    )
+
+
+def diagnosed(scene, method, n_steps, *symmetries):
+    asked = Asked(energy_balance=True, symmetries=symmetries)
+    return integrate(scene, method, n_steps, diagnostics=asked).diagnostics
+
+
+@pytest.mark.parametrize("method", [GAUSS2, MIDPOINT_NODES, NODES, POINTS], ids=lambda m: m.case)
+@pytest.mark.parametrize("order", [0.5, 1.0, 1.5])
+def test_energy_balance_is_exact_on_linear_scenes(method, order):
+    found = diagnosed(oscillator(order), method, 64)
+    assert np.abs(found.energy_defect).max() < 1e-14
+    # the works themselves are large, and leaving one out does not balance
+    assert found.dissipated_work[-1] > 0.5
+    without = found.energy_defect - found.dissipated_work
+    assert np.abs(without).max() > 0.5
+
+
+@pytest.mark.parametrize("derivative", ["caputo", "riemann-liouville"])
+def test_energy_balance_of_kicks_is_exact_beyond_one_mass_one_term_and_jumps(derivative):
+    scene = two_masses(derivative)
+    for method in (MIDPOINT_NODES, dataclasses.replace(NODES, start="weights")):
+        found = diagnosed(scene, method, 64)
+        assert np.abs(found.energy_defect).max() < 5e-14 * np.abs(found.forcing_work).max()
+
+
+def test_energy_balance_is_exact_with_several_matrices_and_jumps():
+    found = diagnosed(two_masses(), GAUSS2, 64)
+    assert np.abs(found.energy_defect).max() < 1e-14 * np.abs(found.forcing_work).max()
+
+
+@pytest.mark.parametrize(
+    ("name", "scene", "method", "steps", "order"),
+    [
+        ("series", oscillator(0.5), GAUSS2_SERIES, 32, 4),
+        ("series", oscillator(0.5), GAUSS3_SERIES, 32, 6),
+        ("series above 1", oscillator(1.5), GAUSS2_SERIES, 64, 4),
+        ("jump", two_masses(), GAUSS2_SERIES, 32, 4),
+        ("jump", two_masses("riemann-liouville"), GAUSS2_SERIES, 32, 4),
+        ("pendulum", pendulum(), GAUSS2_SERIES, 128, 4),
+        ("pendulum", pendulum(), GAUSS3_SERIES, 64, 6),
+        ("pendulum", pendulum(), MIDPOINT_NODES, 64, 2),
+        ("double pendulum", double_pendulum(), GAUSS2_SERIES, 64, 4),
+        ("double pendulum", double_pendulum(), GAUSS3_SERIES, 64, 6),
+        ("double pendulum", double_pendulum(), MIDPOINT_NODES, 64, 2),
+        ("dL/dt", changing_lagrangian(), GAUSS2_SERIES, 64, 4),
+        ("dL/dt", changing_lagrangian(), GAUSS3_SERIES, 64, 6),
+        ("kepler", kepler(0.05), GAUSS3_SERIES, 256, 6),
+    ],
+    ids=lambda value: getattr(value, "case", str(value))[:40] if value is not None else "",
+)
+def test_energy_defect_falls_with_the_order_of_the_method(name, scene, method, steps, order):
+    coarse, fine = (
+        np.abs(diagnosed(scene, method, n).energy_defect).max() for n in (steps, 2 * steps)
+    )
+    assert abs(np.log2(coarse / fine) - order) < 0.2, name
+
+
+@pytest.mark.parametrize("order", [0.5, 1.5])
+def test_works_are_those_of_the_exact_motion(order):
+    """Against the closed form: W_f by quadrature of x' f, W_d from the exact energy."""
+    specification = {
+        "kind": "damped-oscillator",
+        "stiffness": 2.0,
+        "damping": [{"order": order, "coefficient": 0.7}],
+        "forcing": "t - t**2/10",
+        "initial": {"position": 1.0, "velocity": 0.5},
+        "final_time": 8.0,
+    }
+    problem = build_problem(specification)
+    # x' by integration by parts: W_f = [x f] - int x f'
+    time = np.linspace(0.0, 8.0, 4097)
+    position = problem.exact(time)[:, 0]
+    pulled = position * (1 - time / 5)
+    simpson = (time[1] / 3) * (
+        pulled[0] + pulled[-1] + 4 * pulled[1:-1:2].sum() + 2 * pulled[2:-1:2].sum()
+    )
+    exact_work = position[-1] * 1.6 - simpson
+    asked = Asked(energy_balance=True)
+    trajectory = integrate(problem.scene, GAUSS3_SERIES, 256, diagnostics=asked)
+    found = trajectory.diagnostics
+    assert found.forcing_work[-1] == pytest.approx(exact_work, abs=1e-9)
+    energies = trajectory.energy
+    assert found.dissipated_work[-1] == pytest.approx(
+        exact_work + energies[0] - energies[-1], abs=1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    "method", [GAUSS2, MIDPOINT_NODES, NODES, POINTS, GAUSS3_SERIES], ids=lambda m: m.case
+)
+def test_momentum_maps_are_kept_or_balanced_to_round_off(method):
+    free = diagnosed(kepler(0.0), method, 128, TURN)
+    assert np.abs(free.momentum_map - 0.8).max() < 1e-14
+    if method.start == "none":
+        damped = diagnosed(kepler(0.05), method, 128, TURN)
+        assert damped.momentum_map[-1, 0] < 0.7
+        assert np.abs(damped.momentum_map_defect).max() < 1e-14
+
+
+def test_momentum_balance_of_a_series_start_falls_with_its_order():
+    coarse, fine = (
+        np.abs(diagnosed(kepler(0.05), GAUSS2_SERIES, n, TURN).momentum_map_defect).max()
+        for n in (128, 256)
+    )
+    assert abs(np.log2(coarse / fine) - 4) < 0.2
+
+
+def test_linear_momentum_of_a_free_chain_takes_up_the_impulse_of_the_forcing():
+    chain = scene_of(
+        kind="chain",
+        masses=3,
+        ends="none",
+        dampers=[{"order": 0.5, "coefficient": 0.2}],
+        forcing=["t", "0", "cos(t)"],
+        initial={"position": [1.0, 0.0, 0.0], "velocity": [0.0, 0.0, 1.0]},
+        final_time=2.0,
+    )
+    push = Symmetry(name="linear", generator=np.zeros((3, 3)), shift=np.ones(3))
+    assert symmetry_defect(chain, push) < 1e-14
+    found = diagnosed(chain, GAUSS2, 32, push)
+    assert found.momentum_map[-1, 0] == pytest.approx(1.0 + 2.0 + np.sin(2.0), abs=1e-7)
+    assert np.abs(found.momentum_map_defect).max() < 1e-14
+
+
+def test_symmetries_are_told_from_other_motions():
+    assert symmetry_defect(kepler(0.1), TURN) < 1e-14
+    push = Symmetry(name="push", generator=np.zeros((2, 2)), shift=[1.0, 0.0])
+    assert symmetry_defect(kepler(0.1), push) > 0.1
+    assert symmetry_defect(double_pendulum(), push) > 1e-3
+    control = diagnosed(kepler(0.0), GAUSS2, 128, push)
+    assert np.ptp(control.momentum_map) > 0.5
+
+
+def test_only_what_is_asked_for_is_computed(monkeypatch):
+    calls = []
+    monkeypatch.setattr(integrating, "diagnose", lambda *a: calls.append(a) or module.diagnose(*a))
+    scene = kepler(0.05)
+    assert integrate(scene, GAUSS2, 64).diagnostics is None
+    assert integrate(scene, GAUSS2, 64, diagnostics=NOTHING).diagnostics is None
+    assert not calls
+    found = integrate(scene, GAUSS2, 64, diagnostics=Asked(symmetries=(TURN,))).diagnostics
+    assert len(calls) == 1
+    assert found.energy_defect is None
+    assert found.map_names == ("angular",)
+
+
+def test_asking_changes_the_motion_by_round_off_only_and_is_thinned_with_it():
+    scene, asked = oscillator(0.5), Asked(energy_balance=True)
+    plain = integrate(scene, GAUSS3_SERIES, 256)
+    with_more = integrate(scene, GAUSS3_SERIES, 256, diagnostics=asked)
+    assert np.abs(plain.position - with_more.position).max() < 1e-13
+    thin = integrate(scene, GAUSS3_SERIES, 256, every=100, diagnostics=asked)
+    assert thin.time.size == thin.diagnostics.energy_defect.size == 4
+    assert thin.diagnostics.dissipated_work[-1] == with_more.diagnostics.dissipated_work[-1]
+
+
+def test_methods_without_increments_are_refused():
+    asked = Asked(energy_balance=True)
+    exponentials = Method(cq="gauss", degree=2, history="exponentials")
+    for method in (Baseline(name="implicit-euler"), exponentials):
+        with pytest.raises(ValueError, match="keeps no increments"):
+            integrate(oscillator(0.5), method, 16, diagnostics=asked)
+
+
+@pytest.mark.parametrize(
+    ("generator", "shift", "message"),
+    [
+        ([[0.0]], [0.0, 0.0], "2 x 2 generator"),
+        (np.zeros((2, 2)), [0.0, 0.0], "zero"),
+        ([[0.0, np.nan], [1.0, 0.0]], [0.0, 0.0], "finite"),
+    ],
+)
+def test_symmetries_that_are_none_are_refused(generator, shift, message):
+    with pytest.raises(ValueError, match=message):
+        Symmetry(name="wrong", generator=generator, shift=shift)
