@@ -241,6 +241,7 @@ def compiled_lagrangian(names: tuple[str, ...], formula: symbolic.Symbolic) -> L
         second=symbolic.compile_formulas([*momenta, *forces, *itertools.chain(*second)]),
         drift=symbolic.compile_formulas([p.diff(t) for p in momenta]),
         depends_on_time=bool(formula.has(t)),
+        rate=symbolic.compile_formulas([formula.diff(t)]),
     )
 
 
