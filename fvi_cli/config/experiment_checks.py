@@ -17,6 +17,7 @@ from fvi_cli.config.problem_checks import break_points, make_problem
 from fvi_cli.config.records import node_at
 from fvi_cli.config.shapes import is_complete
 from fvi_cli.experiments.experiment import Experiment
+from fvi_cli.integrator.baselines import baseline_objection
 from fvi_cli.integrator.break_points import TOLERANCE
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.scenes.problem import DerivativeProblem, Problem
@@ -201,17 +202,13 @@ def _objection(problem: Problem | DerivativeProblem, listed_method: ListedMethod
         by_bdf = not isinstance(method, Baseline) and not method.is_runge_kutta
         return "" if by_bdf else f"{method.case}: a fractional derivative is taken by bdf only"
     scene = problem.scene
+    if isinstance(method, Baseline):
+        return baseline_objection(scene, method)
     if scene.lagrangian is not None:
-        if isinstance(method, Baseline):
-            return f"{method.case} is not made for a Lagrangian without a constant mass matrix"
         if method.start == "weights":
             return "start: weights need a constant mass matrix; use series or none"
         if method.history == "exponentials":
             return "history: exponentials needs a constant mass matrix; use auto, fft or direct"
-    if isinstance(method, Baseline):
-        if scene.derivative == "riemann-liouville" and scene.initial_position.any():
-            return f"{method.case} needs derivative: caputo, or an initial position of 0"
-        return ""
     if method.forcing_quadrature == "projected" and method.rule.points > method.degree + 1:
         return (
             f"forcing_quadrature: projected takes at most degree + 1 = {method.degree + 1} "

@@ -72,7 +72,12 @@ _ENTRY: Final = Record(
         _several(
             "baseline",
             Choice(words=BASELINE_NAMES),
-            "A method of another kind, for comparison; it takes no other key.",
+            "A method of another kind, for comparison; it takes no other key but tolerance.",
+        ),
+        _several(
+            "tolerance",
+            Number(above=0.0),
+            "For baseline: dop853: relative and absolute tolerance. Default: 1e-9.",
         ),
         _several(
             "sampling",
@@ -231,8 +236,10 @@ def _is_coherent(
         complain(extra, f"not together with {families[0]}; write two list entries under method")
     if families == ["baseline"]:
         for key in values:
-            if key != "baseline":
+            if key not in ("baseline", "tolerance"):
                 complain(key, "a baseline takes no other key")
+    elif "tolerance" in values:
+        complain("tolerance", "only baseline: dop853 takes a tolerance")
     if "stages" in values:
         if "degree" in values:
             complain("stages", "not together with degree, which it stands for")
@@ -267,8 +274,11 @@ def _complain(
 def _make(values: Mapping[str, Any]) -> tuple[AnyMethod, dict[str, Any]]:
     """The method with its defaults, and the keys that say it in full."""
     if "baseline" in values:
-        baseline = Baseline(name=values["baseline"])
-        return baseline, {"baseline": baseline.name}
+        baseline = Baseline(name=values["baseline"], tolerance=values.get("tolerance"))
+        resolved_baseline: dict[str, Any] = {"baseline": baseline.name}
+        if baseline.tolerance is not None:
+            resolved_baseline["tolerance"] = baseline.tolerance
+        return baseline, resolved_baseline
     family: dict[str, Any]
     if "bdf" in values:
         order = values["bdf"]

@@ -2,44 +2,87 @@
 
 from __future__ import annotations
 
-import math
 import time
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.method import Baseline
+from fvi_cli.integrator.implicit_equation import solve_implicit
+from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
 from fvi_cli.mathematics.bdf import convolution_weights
 
 Array = NDArray[np.float64]
 
 
+def baseline_objection(scene: Scene, method: Baseline) -> str:
+    """Why `method` is not made for `scene`; empty where it is."""
+    name = method.case
+    if scene.lagrangian is not None:
+        return f"{name} is not made for a Lagrangian without a constant mass matrix"
+    fractional = [t.order for t in scene.active_damping if not t.is_integer_order]
+    if method.name == "dop853" and fractional:
+        return f"{name} knows no memory: the order of damping must be 1, not {fractional[0]:g}"
+    if scene.derivative == "riemann-liouville" and scene.initial_position.any():
+        return f"{name} needs derivative: caputo, or an initial position of 0"
+    if method.name in PEER_NAMES:
+        from fvi_cli.integrator.peers import peer_objection
+
+        return peer_objection(scene, method)
+    return ""
+
+
 def integrate_baseline(scene: Scene, method: Baseline, n_steps: int) -> Trajectory:
+    """The trajectory of a baseline on t_k = k T / N.
+
+    Raises
+    ------
+    ValueError
+        For scenes that the method is not made for.
+    """
+    objection = baseline_objection(scene, method)
+    if objection:
+        raise ValueError(f"baseline: {objection}")
+    if method.name == "gruenwald-letnikov":
+        from fvi_cli.integrator.gruenwald_letnikov import integrate_gruenwald_letnikov
+
+        return integrate_gruenwald_letnikov(scene, n_steps)
+    if method.name == "product-integration":
+        from fvi_cli.integrator.product_integration import integrate_product_trapezoidal
+
+        return integrate_product_trapezoidal(scene, n_steps)
+    if method.tolerance is not None:
+        from fvi_cli.integrator.dormand_prince import integrate_dop853
+
+        return integrate_dop853(scene, method.tolerance, n_steps)
+    if method.name in PEER_NAMES:
+        from fvi_cli.integrator.peers import integrate_peer
+
+        return integrate_peer(scene, method, n_steps)
+    return _integrate_euler(scene, method, n_steps)
+
+
+def _integrate_euler(scene: Scene, method: Baseline, n_steps: int) -> Trajectory:
     r"""Explicit or implicit Euler for position and velocity.
 
     The damping is :math:`h^{1-\gamma} \sum_n w_n v_{k-n}` with the weights of
     :math:`(1 - z)^{\gamma - 1}` (Gruenwald-Letnikov on the velocity), which for
     :math:`\gamma = 1` is the velocity itself, so that the schemes are the classical ones there.
-
-    Raises
-    ------
-    ValueError
-        For Riemann-Liouville damping of a scene that does not start at 0.
     """
-    if scene.derivative == "riemann-liouville" and np.any(scene.initial_position != 0):
-        raise ValueError(f"baseline: {method.name} needs Caputo damping or a start at 0")
     began = time.perf_counter()
     h = scene.final_time / n_steps
     explicit = method.name == "explicit-euler"
     inverse_mass = np.linalg.inv(scene.inertia.mass)
+    rest = np.zeros(scene.dimension)
     terms = []
     for term in scene.active_damping:
         length = 1 if term.is_integer_order else n_steps + 1
         weights = h ** (1 - term.order) * convolution_weights(1, term.order - 1, length)
-        shift = scene.initial_velocity if term.order > 1 else np.zeros(scene.dimension)
+        is_shifted = term.order > 1 and scene.derivative == "caputo"
+        shift = scene.initial_velocity if is_shifted else rest
         terms.append((np.ascontiguousarray(weights[::-1]), weights[0], term.coefficient, shift))
+    forces = forces_on_grid(scene, n_steps)
     ready = time.perf_counter()
     position = np.empty((n_steps + 1, scene.dimension))
     velocity = np.empty_like(position)
@@ -49,7 +92,7 @@ def integrate_baseline(scene: Scene, method: Baseline, n_steps: int) -> Trajecto
     def past(index: int) -> Array:
         """Damping force of velocities before `index` on time `index`."""
         nonlocal operations
-        force = np.zeros(scene.dimension)
+        force = rest
         for backwards, _, matrix, shift in terms:
             length = min(index, backwards.size - 1)
             if length:
@@ -59,40 +102,98 @@ def integrate_baseline(scene: Scene, method: Baseline, n_steps: int) -> Trajecto
                 operations += length * scene.dimension
         return force
 
-    def pull(q: Array, at: float) -> Array:
-        force = np.zeros(scene.dimension)
-        if scene.forcing is not None:
-            force = force + scene.forcing(np.asarray(at))
-        if scene.potential is not None:
-            force = force - scene.potential.gradient(q)
-        return force
-
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(n_steps):
             if explicit:
-                damping = past(k)
+                force = forces[k] - past(k)
                 for _, newest, matrix, shift in terms:
-                    damping = damping + newest * (velocity[k] - shift) @ matrix
-                acceleration = inverse_mass @ (pull(position[k], k * h) - damping)
-                velocity[k + 1] = velocity[k] + h * acceleration
+                    force = force - newest * (velocity[k] - shift) @ matrix
+                if scene.potential is not None:
+                    force = force - scene.potential.gradient(position[k])
+                velocity[k + 1] = velocity[k] + h * (inverse_mass @ force)
                 position[k + 1] = position[k] + h * velocity[k]
             else:
-                damping = past(k + 1)
-                solved, used = _implicit_step(
-                    scene, h, (k + 1) * h, position[k], velocity[k], damping, terms
+                linear = scene.inertia.mass / h
+                constant = linear @ velocity[k] - past(k + 1) + forces[k + 1]
+                for _, newest, matrix, shift in terms:
+                    linear = linear + newest * matrix
+                    constant = constant + newest * shift @ matrix
+                velocity[k + 1], used = solve_implicit(
+                    linear,
+                    constant,
+                    scene.potential,
+                    velocity[k],
+                    base=position[k],
+                    factor=h,
+                    weight=1.0,
                 )
                 iterations += used
-                velocity[k + 1] = solved
-                position[k + 1] = position[k] + h * solved
+                position[k + 1] = position[k] + h * velocity[k + 1]
             done = k + 1
             if not (np.isfinite(position[done]).all() and np.isfinite(velocity[done]).all()):
                 failure = f"not finite after step {k}, t = {done * h:.6g}"
                 break
-        momentum = velocity[: done + 1] @ scene.inertia.mass
-        energy = scene.energy(position[: done + 1], momentum)
+    return baseline_trajectory(
+        scene,
+        position[: done + 1],
+        velocity[: done + 1],
+        n_steps,
+        failure=failure,
+        operations=operations,
+        iterations=iterations,
+        began=began,
+        ready=ready,
+    )
+
+
+def forces_on_grid(scene: Scene, n_steps: int) -> Array:
+    """The forcing at t_0 .. t_N, shape ``(N + 1, d)``; zeros where there is none."""
+    if scene.forcing is None:
+        return np.zeros((n_steps + 1, scene.dimension))
+    # as products: quotients of sums would put break points beside the grid
+    return scene.forcing(scene.final_time / n_steps * np.arange(n_steps + 1, dtype=float))
+
+
+def baseline_trajectory(
+    scene: Scene,
+    position: Array,
+    velocity: Array | None,
+    n_steps: int,
+    *,
+    failure: str,
+    operations: int,
+    iterations: int,
+    began: float,
+    ready: float,
+    remarks: tuple[str, ...] = (),
+) -> Trajectory:
+    """What a baseline gives back.
+
+    Parameters
+    ----------
+    scene, n_steps
+        What was integrated, and on how many steps.
+    position, velocity
+        The finished points, shape ``(n, d)``; no velocity for methods that have none.
+    failure
+        Why it stopped early, or empty.
+    operations, iterations
+        Multiply-adds spent on the memory, and Newton iterations.
+    began, ready
+        When set-up and stepping began, by ``time.perf_counter``.
+    remarks
+        What the reader of a table should know.
+    """
+    finished = time.perf_counter()
+    h = scene.final_time / n_steps
+    momentum = energy = None
+    if velocity is not None:
+        with np.errstate(over="ignore", invalid="ignore"):
+            momentum = velocity @ scene.inertia.mass
+            energy = scene.energy(position, momentum)
     return Trajectory(
-        time=h * np.arange(done + 1, dtype=float),
-        position=position[: done + 1],
+        time=h * np.arange(position.shape[0], dtype=float),
+        position=position,
         momentum=momentum,
         energy=energy,
         n_steps=n_steps,
@@ -102,41 +203,6 @@ def integrate_baseline(scene: Scene, method: Baseline, n_steps: int) -> Trajecto
         history_operations=operations,
         newton=NewtonRecord(iterations=iterations),
         setup_seconds=ready - began,
-        stepping_seconds=time.perf_counter() - ready,
+        stepping_seconds=finished - ready,
+        remarks=remarks,
     )
-
-
-def _implicit_step(
-    scene: Scene,
-    h: float,
-    at: float,
-    position: Array,
-    velocity: Array,
-    damping: Array,
-    terms: list[tuple[Array, float, Array, Array]],
-) -> tuple[Array, int]:
-    """Velocity at the end of the step by Newton's iteration with the exact Jacobian."""
-    linear = scene.inertia.mass / h
-    constant = scene.inertia.mass @ velocity / h - damping
-    for _, newest, matrix, shift in terms:
-        linear = linear + newest * matrix
-        constant = constant + newest * shift @ matrix
-    if scene.forcing is not None:
-        constant = constant + scene.forcing(np.asarray(at))
-    unknown = velocity.copy()
-    previous = math.inf
-    for iteration in range(1, 51):
-        residual = linear @ unknown - constant
-        jacobian = linear
-        if scene.potential is not None:
-            q = position + h * unknown
-            residual = residual + scene.potential.gradient(q)
-            jacobian = jacobian + h * scene.potential.hessian(q)
-        update = np.linalg.solve(jacobian, residual)
-        unknown = unknown - update
-        size = float(np.abs(update).max())
-        scale = float(np.abs(unknown).max())
-        if scene.is_linear or size <= 1e-13 * scale or size >= 0.5 * previous or size == 0:
-            return unknown, iteration
-        previous = size
-    return unknown, iteration

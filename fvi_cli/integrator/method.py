@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,7 +21,29 @@ History = Literal["auto", "direct", "fft", "exponentials"]
 
 BDF_NAMES = tuple(f"bdf{p}" for p in range(1, 7))
 RUNGE_KUTTA_NAMES = ("gauss", "radau-iia", "lobatto-iiic")
-BASELINE_NAMES = ("explicit-euler", "implicit-euler")
+EULER_NAMES = ("explicit-euler", "implicit-euler")
+BASELINE_NAMES = (
+    *EULER_NAMES,
+    "gruenwald-letnikov",
+    "product-integration",
+    "dop853",
+)
+PEER_NAMES = ("pycaputo-pece", "pycaputo-trapezoidal")
+"""Methods of other packages, which are used where they are installed."""
+
+_LABELS: Mapping[str, str] = {
+    "explicit-euler": "explicit Euler",
+    "implicit-euler": "implicit Euler",
+    "gruenwald-letnikov": "Grünwald-Letnikov",
+    "product-integration": "product integration",
+    "dop853": "DOP853",
+    "pycaputo-pece": "pycaputo PECE",
+    "pycaputo-trapezoidal": "pycaputo trapezoidal",
+}
+DEFAULT_TOLERANCE = 1e-9
+TOLERANCES = (1e-13, 0.1)
+"""Least and largest tolerance of ``dop853``."""
+
 LARGEST_DEGREE = 20
 
 
@@ -207,22 +230,52 @@ class Method:
 class Baseline:
     """A method that users would write otherwise, for comparison.
 
+    Parameters
+    ----------
+    name
+        ``explicit-euler``, ``implicit-euler``, ``gruenwald-letnikov`` (central differences, order
+        1 by its derivative), ``product-integration`` (trapezoidal, order 2), ``dop853`` (SciPy's,
+        for scenes without memory), or a method of another package.
+    tolerance
+        Of ``dop853``, relative and absolute; its steps are its own, N is the number of intervals
+        at whose ends it is asked. Others have none.
+
     Raises
     ------
     ValueError
-        For a name that is not known.
+        For a name that is not known, and a tolerance that is out of range or has no meaning.
     """
 
     name: str
+    tolerance: float | None = None
 
     def __post_init__(self) -> None:
-        if self.name not in BASELINE_NAMES:
+        if self.name not in BASELINE_NAMES + PEER_NAMES:
             raise ValueError(f"baseline: {self.name!r} is not one of {', '.join(BASELINE_NAMES)}")
+        if self.name != "dop853":
+            if self.tolerance is not None:
+                raise ValueError(f"tolerance: {self.name} has none; only dop853 takes one")
+            return
+        if self.tolerance is None:
+            object.__setattr__(self, "tolerance", DEFAULT_TOLERANCE)
+        elif not TOLERANCES[0] <= self.tolerance <= TOLERANCES[1]:
+            least, most = TOLERANCES
+            raise ValueError(
+                f"tolerance: {self.tolerance!r} is not allowed; it must be {least:g} to {most:g}"
+            )
 
     @property
     def case(self) -> str:
         """Name of the method in files."""
-        return self.name
+        if self.tolerance is None:
+            return self.name
+        return f"{self.name}-{self.tolerance:g}".replace(".", "p")
+
+    @property
+    def label(self) -> str:
+        """Name of the method for people: ``Grünwald-Letnikov``, ``DOP853 1e-09``."""
+        name = _LABELS[self.name]
+        return name if self.tolerance is None else f"{name} {self.tolerance:g}"
 
 
 AnyMethod = Method | Baseline

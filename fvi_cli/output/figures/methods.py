@@ -125,7 +125,7 @@ def method_labels(methods: Sequence[AnyMethod]) -> dict[str, str]:
     labels = {}
     for method in methods:
         if isinstance(method, Baseline):
-            labels[method.case] = method.name.replace("-", " ").replace("euler", "Euler")
+            labels[method.case] = method.label
             continue
         base = _base_label(method)
         if beside_others:

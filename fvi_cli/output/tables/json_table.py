@@ -62,7 +62,9 @@ def _case(case: OrderCase) -> dict[str, object]:
 
 def _method(method: AnyMethod) -> dict[str, object]:
     if isinstance(method, Baseline):
-        return {"baseline": method.name}
+        if method.tolerance is None:
+            return {"baseline": method.name}
+        return {"baseline": method.name, "tolerance": method.tolerance}
     return {
         "cq": method.cq,
         "degree": method.degree,
@@ -136,7 +138,8 @@ def _read_case(entry: Entry) -> OrderCase:
 
 def _read_method(entry: Entry) -> AnyMethod:
     if "baseline" in entry:
-        return Baseline(name=_get(entry, "baseline", str))
+        tolerance = _real(entry["tolerance"], "tolerance") if "tolerance" in entry else None
+        return Baseline(name=_get(entry, "baseline", str), tolerance=tolerance)
     rule = _mapping(entry.get("quadrature"), "quadrature")
     # the value checks its own names at construction
     return Method(

@@ -91,7 +91,7 @@ def _is_bdf(method: AnyMethod) -> TypeGuard[Method]:
 
 def _family(method: AnyMethod) -> str:
     if isinstance(method, Baseline):
-        return method.name.replace("-", " ").replace("euler", "Euler")
+        return method.label
     if method.is_runge_kutta:
         return f"{_FAMILIES[method.cq]}{method.stages}"
     return f"BDF{method.bdf_order}"

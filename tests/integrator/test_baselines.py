@@ -1,0 +1,317 @@
+"""Baselines: their orders on known solutions, the work they count, and what they refuse."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import sys
+
+import mpmath
+import numpy as np
+import pytest
+
+from fvi_cli.config import parse_config
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import RequestError
+from fvi_cli.integrator import peers, product_integration
+from fvi_cli.integrator.expected_order import expected_order
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import PEER_NAMES, Baseline, Method
+from fvi_cli.integrator.product_integration import trapezoidal_weights
+from fvi_cli.integrator.stability import predict_stability
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.named import linear_oscillator, pendulum
+
+GRUENWALD = Baseline(name="gruenwald-letnikov")
+PRODUCT = Baseline(name="product-integration")
+FINE = Method(cq="gauss", degree=4, start="series")
+COUNTS = (100, 200, 400, 800)
+
+
+def damping(order: float, coefficient: object = 0.7) -> FractionalDamping:
+    return FractionalDamping(order=order, coefficient=np.asarray(coefficient, dtype=float))
+
+
+def step_forcing() -> Forcing:
+    def constant(value: str) -> tuple[Expression, ...]:
+        return (Expression.parse(value, variables=("t",)),)
+
+    return Forcing(
+        pieces=(
+            ForcingPiece(components=constant("8"), until=1.0),
+            ForcingPiece(components=constant("0")),
+        )
+    )
+
+
+def free(order: float) -> Scene:
+    return linear_oscillator(
+        final_time=4.0,
+        stiffness=2.0,
+        damping=[damping(order)],
+        initial_position=1.0,
+        initial_velocity=0.5,
+    )
+
+
+SCENES = {
+    **{f"gamma = {order}": free(order) for order in (0.3, 0.5, 1.0, 1.5, 1.9)},
+    "three terms": linear_oscillator(
+        final_time=4.0,
+        damping=[damping(0.5), damping(1.25, 0.2), damping(1.0, 0.1)],
+        initial_position=1.0,
+        initial_velocity=0.5,
+    ),
+    "two masses": linear_oscillator(
+        final_time=4.0,
+        mass=[[2, 0.3], [0.3, 1]],
+        stiffness=[[2, -1], [-1, 2]],
+        damping=[damping(0.5, [[0.5, -0.2], [-0.2, 0.4]])],
+        initial_position=[1.0, -0.3],
+        initial_velocity=[0.5, 0.1],
+    ),
+    "pendulum": pendulum(final_time=4.0, damping=[damping(0.5, 0.3)], initial_position=1.0),
+    "pendulum, gamma = 1.5": pendulum(
+        final_time=4.0, damping=[damping(1.5, 0.3)], initial_position=1.0, initial_velocity=0.4
+    ),
+    "step": linear_oscillator(final_time=4.0, damping=[damping(1.5, 0.5)], forcing=step_forcing()),
+    "no damping": pendulum(final_time=4.0, initial_position=1.0, initial_velocity=0.4),
+}
+
+
+def slope(scene: Scene, method: Baseline, counts: tuple[int, ...] = COUNTS) -> float:
+    finest = 2 * max(counts)
+    reference = integrate(scene, FINE, finest).position
+    errors = [
+        np.abs(integrate(scene, method, n).position - reference[:: finest // n]).max()
+        for n in counts
+    ]
+    fit, residual = np.polyfit(np.log(counts), np.log(errors), 1, full=True)[:2]
+    assert math.sqrt(float(residual[0]) / len(counts)) < 0.05
+    return -float(fit[0])
+
+
+@pytest.mark.parametrize("method", [GRUENWALD, PRODUCT], ids=lambda method: method.name)
+@pytest.mark.parametrize("name", SCENES)
+def test_orders_are_as_stated(name, method):
+    scene = SCENES[name]
+    expected = expected_order(scene, method, "max", 800)
+    assert expected == (2.0 if method is PRODUCT or name == "no damping" else 1.0)
+    assert slope(scene, method) == pytest.approx(expected, abs=0.1)
+
+
+def test_one_wrong_weight_costs_the_order(monkeypatch):
+    def wrong(order, step_size, n_weights):
+        weights = trapezoidal_weights(order, step_size, n_weights)
+        weights[1] *= 1.01
+        return weights
+
+    monkeypatch.setattr(product_integration, "trapezoidal_weights", wrong)
+    with pytest.raises(AssertionError):
+        assert slope(SCENES["gamma = 1.5"], PRODUCT) == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("method", "order"), [(GRUENWALD, 1.0), (PRODUCT, 1.5)])
+def test_orders_on_an_exact_solution(method, order):
+    # x = t^(5/2) solves x'' + D^(3/2) x + x = 15/4 sqrt(t) + 15/8 sqrt(pi) t + t^(5/2)
+    scene = linear_oscillator(
+        final_time=1.0,
+        damping=[damping(1.5, 1.0)],
+        forcing=Forcing.from_text("15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5"),
+    )
+    # the linear interpolant of sqrt(t) costs half an order
+    assert expected_order(scene, method, "max", 100) == order
+    errors = []
+    for n in COUNTS:
+        trajectory = integrate(scene, method, n)
+        errors.append(np.abs(trajectory.position[:, 0] - trajectory.time**2.5).max())
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders == pytest.approx(order, abs=0.1)
+
+
+def test_weights_against_extended_precision():
+    order, h = 0.7, 0.125
+    with mpmath.workdps(40):
+        exponent = mpmath.mpf(order) + 1
+        factor = mpmath.mpf(h) ** order / mpmath.gamma(mpmath.mpf(order) + 2)
+        exact = [
+            float(
+                factor * ((n + 1) ** exponent - 2 * mpmath.mpf(n) ** exponent + (n - 1) ** exponent)
+            )
+            for n in (1, 2, 10, 1000)
+        ]
+    found = trapezoidal_weights(order, h, 1001)
+    assert found[[1, 2, 10, 1000]] == pytest.approx(exact, rel=1e-11)
+    assert trapezoidal_weights(order, h, 1) == pytest.approx([h**0.7 / math.gamma(2.7)])
+
+
+def test_gruenwald_letnikov_is_the_textbook_scheme():
+    scene = SCENES["gamma = 1.5"]
+    n_steps, h = 16, 0.25
+    weights = [1.0]
+    for n in range(1, n_steps + 1):
+        weights.append(weights[-1] * (n - 1 - 1.5) / n)
+    x = [1.0, 1.0 + 0.5 * h - h * h / 2 * 2.0]
+    for k in range(1, n_steps):
+        derivative = h**-1.5 * sum(
+            weights[n] * (x[k - n] - 1.0 - 0.5 * h * (k - n)) for n in range(k + 1)
+        )
+        x.append(2 * x[k] - x[k - 1] - h * h * (0.7 * derivative + 2.0 * x[k]))
+    assert integrate(scene, GRUENWALD, n_steps).position[:, 0] == pytest.approx(x, abs=1e-12)
+
+
+def test_dot_products_are_counted():
+    scene, n = SCENES["two masses"], 100
+    assert integrate(scene, GRUENWALD, n).history_operations == 2 * n * (n + 1) // 2
+    assert integrate(scene, PRODUCT, n).history_operations == 2 * n * (n - 1) // 2
+    # three terms, one of them of order 1, which needs no past
+    operations = integrate(SCENES["three terms"], PRODUCT, n).history_operations
+    assert operations == 2 * n * (n - 1) // 2 + n
+    assert integrate(SCENES["no damping"], GRUENWALD, n).history_operations == 0
+
+
+def test_newton_is_counted_where_there_is_something_to_solve():
+    assert integrate(SCENES["pendulum"], PRODUCT, 100).newton.iterations > 100
+    assert integrate(SCENES["gamma = 0.5"], PRODUCT, 100).newton.iterations == 0
+
+
+def test_what_blows_up_is_told():
+    stiff = linear_oscillator(final_time=10.0, stiffness=1e6, initial_position=1.0)
+    trajectory = integrate(stiff, GRUENWALD, 400)
+    assert trajectory.status == "diverged"
+    assert trajectory.position.shape[0] == trajectory.time.size < 401
+    assert predict_stability(stiff, GRUENWALD, 400).verdict == "unknown"
+
+
+class TestDop853:
+    @pytest.mark.parametrize("tolerance", [1e-5, 1e-8, 1e-11])
+    @pytest.mark.parametrize("name", ["gamma = 1.0", "no damping"])
+    def test_errors_follow_the_tolerance(self, name, tolerance):
+        fine = integrate(SCENES[name], FINE, 800).position[::8]
+        found = integrate(SCENES[name], Baseline(name="dop853", tolerance=tolerance), 100)
+        error = np.abs(found.position - fine).max()
+        assert tolerance / 100 < error < 100 * tolerance
+        assert found.history_operations == 0
+        assert "evaluations of the right-hand side" in found.remarks[0]
+
+    def test_jumps_of_the_force_are_met(self):
+        scene = linear_oscillator(final_time=4.0, damping=[damping(1.0)], forcing=step_forcing())
+        fine = integrate(scene, FINE, 800).position[::8]
+        found = integrate(scene, Baseline(name="dop853", tolerance=1e-11), 100)
+        assert np.abs(found.position - fine).max() < 1e-9
+        # also beside the grid: the jump at t = 1 lies between two of 30 steps of 4 / 30
+        beside = integrate(scene, Baseline(name="dop853", tolerance=1e-11), 30)
+        assert beside.position[15] == pytest.approx(fine[50], abs=1e-9)
+
+    def test_momentum_and_energy(self):
+        found = integrate(SCENES["no damping"], Baseline(name="dop853", tolerance=1e-12), 50)
+        assert np.ptp(found.energy) < 1e-10
+
+    @pytest.mark.parametrize("tolerance", [0.0, 1e-14, 0.5, math.nan])
+    def test_tolerances_have_a_range(self, tolerance):
+        with pytest.raises(ValueError, match=r"tolerance: .* 1e-13 to 0\.1"):
+            Baseline(name="dop853", tolerance=tolerance)
+
+    def test_others_have_none(self):
+        with pytest.raises(ValueError, match="only dop853"):
+            Baseline(name="product-integration", tolerance=1e-6)
+
+    def test_memory_is_refused(self):
+        with pytest.raises(ValueError, match=r"knows no memory: .* must be 1, not 0.5"):
+            integrate(SCENES["gamma = 0.5"], Baseline(name="dop853"), 10)
+
+
+CONFIG = """\
+name: compared
+problem:
+  kind: bagley-torvik
+  damping: [{order: 1.0, coefficient: 0.2}]
+  initial: {position: 1.0, velocity: 0.0}
+  final_time: 2.0
+method:
+  - {baseline: [gruenwald-letnikov, product-integration]}
+  - {baseline: dop853, tolerance: [1e-6, 1e-9]}
+ladder: {steps: [4, 8]}
+"""
+
+
+class TestConfigured:
+    def test_lists_of_tolerances(self):
+        (experiment,) = parse_config(CONFIG, "compared.yaml").experiments
+        assert [method.case for method in experiment.methods] == [
+            "gruenwald-letnikov",
+            "product-integration",
+            "dop853-1e-06",
+            "dop853-1e-09",
+        ]
+        assert experiment.methods[-1].label == "DOP853 1e-09"
+
+    @pytest.mark.parametrize(
+        ("old", "new", "message"),
+        [
+            ("order: 1.0", "order: 0.5", r"compared.yaml:9:5: method.1: dop853-1e-06 knows no mem"),
+            ("1e-6,", "1e-20,", r"compared.yaml:9:36: method.1.tolerance.0: 1e-20 is not allowed"),
+            ("baseline: dop853", "bdf: 2", r"compared.yaml:9:14: method.1.tolerance: only baseli"),
+            ("baseline: dop853", "baseline: explicit-euler", r"method.1.tolerance.0: explicit-eul"),
+        ],
+    )
+    def test_mistakes_are_pointed_at(self, old, new, message):
+        with pytest.raises(RequestError, match=message):
+            parse_config(CONFIG.replace(old, new), "compared.yaml")
+
+
+class TestPeers:
+    @pytest.mark.parametrize("order", [0.4, 1.0, 1.6])
+    def test_the_system_is_the_equation_of_motion(self, order):
+        # along x = 1 + t^3 with its own derivatives the last block is the acceleration
+        scene = pendulum(
+            final_time=1.0,
+            damping=[damping(order, 0.3)],
+            initial_position=1.0,
+            forcing=Forcing.from_text("cos(t)"),
+        )
+        orders, start, rate, jacobian, velocity = peers._system(scene, scene.active_damping[0])
+        t = 0.8
+        x, v = 1 + t**3, 3 * t**2
+        derivative = 6 / math.gamma(4 - order) * t ** (3 - order)
+        state = {0.4: [x, derivative, v], 1.0: [x, v], 1.6: [x, v, derivative]}[order]
+        assert sum(orders) == pytest.approx(2.0)
+        value = rate(t, np.array(state))
+        assert value[:-1] == pytest.approx(state[1:])
+        assert value[-1] == pytest.approx(math.cos(t) - math.sin(x) - 0.3 * derivative)
+        assert np.array(state)[velocity] == pytest.approx(v)
+        assert start == pytest.approx([1.0] + [0.0] * (len(state) - 1))
+        step = 1e-6 * np.eye(len(state))
+        columns = [(rate(t, state + e) - rate(t, state - e)) / 2e-6 for e in step]
+        assert jacobian(t, np.array(state)) == pytest.approx(np.array(columns).T, abs=1e-8)
+
+    def test_what_is_not_installed_is_said(self, monkeypatch):
+        monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+        with pytest.raises(ValueError, match=r"not installed; `pip install 'fvi-cli\[peers\]'`"):
+            integrate(SCENES["pendulum"], Baseline(name="pycaputo-pece"), 10)
+
+    def test_an_old_one_is_told(self, monkeypatch):
+        monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
+        monkeypatch.setitem(sys.modules, "pycaputo.stepping", None)
+        assert "version 0.10 is needed" in peers.peers_objection()
+
+    def test_its_limits_are_told(self):
+        method = Baseline(name="pycaputo-pece")
+        assert "one damping term, not 3" in peers.peer_objection(SCENES["three terms"], method)
+
+    @pytest.mark.skipif(bool(peers.peers_objection()), reason="pycaputo is not installed")
+    @pytest.mark.parametrize(
+        ("name", "method", "order"),
+        [
+            ("pendulum", PEER_NAMES[0], 1.5),
+            ("pendulum", PEER_NAMES[1], 2.0),
+            ("gamma = 1.0", PEER_NAMES[0], 2.0),
+            ("gamma = 1.5", PEER_NAMES[1], 1.5),
+            ("two masses", PEER_NAMES[0], 1.5),
+        ],
+    )
+    def test_orders_of_the_real_ones(self, name, method, order):
+        measured = slope(SCENES[name], Baseline(name=method), (50, 100, 200))
+        assert measured == pytest.approx(order, abs=0.1)
