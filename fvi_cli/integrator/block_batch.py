@@ -92,8 +92,8 @@ class BatchProblem:
     first_offset
         Offset of the first samples, ``(q, m, e)``.
     moments
-        Moments of what is known in advance, for a range of steps, to ``(q, n, s + 1, e)``; None
-        where nothing is.
+        Moments of what is known in advance, for some systems and a range of steps, shape
+        ``(.., n, s + 1, e)``; None where nothing is.
     with_force
         Whether the damping force at the nodes is wanted.
     limit
@@ -107,7 +107,7 @@ class BatchProblem:
     position: Array
     momentum: Array
     first_offset: Array
-    moments: Callable[[int, int], Array] | None
+    moments: Callable[[slice, int, int], Array] | None
     with_force: bool
     limit: Array
     stop_together: bool
@@ -126,14 +126,14 @@ class BatchStepped:
     done
         Number of finished steps of each system, shape ``(q,)``.
     operations
-        Multiply-adds spent on the memory, the same for every system.
+        Multiply-adds that each system has spent on its memory, shape ``(q,)``.
     """
 
     position: Array
     momentum: Array
     force: Array | None
     done: NDArray[np.int64]
-    operations: int
+    operations: NDArray[np.int64]
 
 
 def run_batch(problem: BatchProblem) -> BatchStepped | None:
@@ -153,8 +153,7 @@ def run_batch(problem: BatchProblem) -> BatchStepped | None:
         return None
     position, momentum = np.empty((q, n_steps + 1, e)), np.empty((q, n_steps + 1, e))
     force = np.zeros((q, n_steps + 1, m, e)) if problem.with_force else None
-    done = np.zeros(q, dtype=np.int64)
-    operations = 0
+    done, operations = np.zeros(q, dtype=np.int64), np.zeros(q, dtype=np.int64)
     for first in range(0, q, width):
         part = slice(first, min(first + width, q))
         blocks = _Blocks(
@@ -165,7 +164,8 @@ def run_batch(problem: BatchProblem) -> BatchStepped | None:
             None if force is None else force[part],
         )
         done[part] = blocks.run()
-        operations += blocks.operations
+        # all systems of a slice do the same
+        operations[part] = blocks.operations // (part.stop - part.start)
     return BatchStepped(
         position=position, momentum=momentum, force=force, done=done, operations=operations
     )
@@ -192,7 +192,7 @@ def _sliced(problem: BatchProblem, part: slice) -> BatchProblem:
         position=problem.position[part],
         momentum=problem.momentum[part],
         first_offset=problem.first_offset[part],
-        moments=None if moments is None else lambda first, last: moments(first, last)[part],
+        moments=None if moments is None else lambda _, first, last: moments(part, first, last),
         limit=problem.limit[part],
     )
 
@@ -380,7 +380,7 @@ class _Blocks:
         if self._problem.moments is None:  # pragma: no cover - checked by the caller
             raise ValueError("no moments")
         last = min(first + count, self._problem.n_steps)
-        moments = self._problem.moments(first, last)
+        moments = self._problem.moments(slice(0, self._system.batch), first, last)
         if last - first < count:
             padded = np.zeros((moments.shape[0], count, *moments.shape[2:]))
             padded[:, : last - first] = moments

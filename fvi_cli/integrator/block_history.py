@@ -136,7 +136,7 @@ class SharedStrip:
     def operations(self, n_past: int) -> int:
         """Multiply-adds, weight times sample, of the force of `n_past` steps."""
         q, e, _ = self.batched.directions.shape
-        return q * e * n_past * self.samples * int(self.matrix.shape[1])
+        return int(q * e * n_past * self.samples * self.matrix.shape[1])
 
 
 def shared_strip(

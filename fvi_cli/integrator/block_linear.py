@@ -53,7 +53,7 @@ def run_linear_blocks(problem: StepProblem) -> Stepped | None:
     stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
     decoupling = decouple(scene.inertia.mass, stiffness, problem.memory)
     system = linear_system(problem, decoupling)
-    moments = partial(_batch_moments, problem, decoupling) if _has_moments(problem) else None
+    moments = partial(_batch_moments, problem, decoupling) if has_moments(problem) else None
     finished = run_batch(
         BatchProblem(
             system=system,
@@ -67,10 +67,11 @@ def run_linear_blocks(problem: StepProblem) -> Stepped | None:
             stop_together=True,
         )
     )
-    return None if finished is None else _stepped(problem, decoupling, finished)
+    return None if finished is None else stepped_scene(problem, decoupling, finished)
 
 
-def _has_moments(problem: StepProblem) -> bool:
+def has_moments(problem: StepProblem) -> bool:
+    """Whether anything is known in advance that drives the steps."""
     return not (
         problem.moments is None
         and problem.extra_force is None
@@ -80,11 +81,13 @@ def _has_moments(problem: StepProblem) -> bool:
     )
 
 
-def _batch_moments(problem: StepProblem, decoupling: Decoupling, first: int, last: int) -> Array:
-    return decoupling.forces(known_moments(problem, first, last))
+def _batch_moments(
+    problem: StepProblem, decoupling: Decoupling, part: slice, first: int, last: int
+) -> Array:
+    return decoupling.forces(known_moments(problem, first, last), part)
 
 
-def _stepped(problem: StepProblem, decoupling: Decoupling, finished: BatchStepped) -> Stepped:
+def stepped_scene(problem: StepProblem, decoupling: Decoupling, finished: BatchStepped) -> Stepped:
     """In the coordinates of the scene, up to the first numbers that are not finite."""
     n_steps, memory = problem.n_steps, problem.memory
     done = int(finished.done.min())
@@ -109,7 +112,7 @@ def _stepped(problem: StepProblem, decoupling: Decoupling, finished: BatchSteppe
         momentum=decoupling.scene_forces(momenta[:, : done + 1]),
         samples=np.zeros((0, *end_force.shape[1:])),
         end_force=end_force,
-        operations=finished.operations,
+        operations=int(finished.operations.sum()),
         newton=NewtonRecord(),
         failure=failure,
     )

@@ -18,7 +18,9 @@ So a large :math:`h^{-\gamma}` never meets a rounded position.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -76,6 +78,10 @@ class Channel:
         return np.asarray(newest * values if self.is_scalar else newest @ values)
 
 
+ChannelSource = Callable[[tuple[FractionalDamping, ...]], tuple[Channel, ...]]
+"""From damping terms to their channels."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Memory:
     r"""Weights of every direction and how samples follow from the increments of a step.
@@ -123,6 +129,7 @@ def build_memory(
     *,
     from_rest: bool = False,
     n_weights: int | None = None,
+    source: ChannelSource | None = None,
 ) -> Memory:
     """Weights and sample matrices for `n_steps` steps.
 
@@ -139,6 +146,8 @@ def build_memory(
     n_weights
         Make no more than the first so many weights of a Runge-Kutta method and no known force;
         what remains is for the caller to sum in another way.
+    source
+        Where the channels of terms come from; None: their weights are made.
     """
     h = scene.final_time / n_steps
     samples = tables.sample_points.size
@@ -149,8 +158,10 @@ def build_memory(
     above_one = [term.order > 1 for term in damping]
     known = None
     subtract = zero[0]
+    if source is None:
+        source = partial(build_channels, method, h, n_steps + 1)
     if n_weights is None:
-        channels = build_channels(method, h, n_steps + 1, damping)
+        channels = source(damping)
     else:
         channels = build_channels(method, h, n_weights, damping, n_steps)
     if caputo and np.any(velocity != 0) and any(above_one):
@@ -159,7 +170,7 @@ def build_memory(
         elif n_weights is None:
             above = tuple(term for term in damping if term.order > 1)
             known = -_force_of_constant_velocity(
-                build_channels(method, h, n_steps + 1, above),
+                source(above),
                 tables,
                 method,
                 h,
@@ -222,6 +233,26 @@ def build_channels(
             directions.append(direction)
             weights.append(own)
     return tuple(Channel(direction=d, weights=w) for d, w in zip(directions, weights, strict=True))
+
+
+def shared_channels(
+    method: Method, h: float, n_weights: int, orders: tuple[float, ...]
+) -> ChannelSource:
+    """Channels by the order of the terms, so that scenes of the same orders share all weights.
+
+    The direction of a channel is the sum of the coefficients of its order.
+    """
+    weights = {order: _weights(method, h, order, n_weights) for order in orders}
+
+    def channels(damping: tuple[FractionalDamping, ...]) -> tuple[Channel, ...]:
+        directions: dict[float, Array] = {}
+        for term in damping:
+            before = directions.get(term.order)
+            own = term.coefficient
+            directions[term.order] = own if before is None else before + own
+        return tuple(Channel(direction=d, weights=weights[o]) for o, d in directions.items())
+
+    return channels
 
 
 def scale_and_direction(term: FractionalDamping) -> tuple[float, Array]:

@@ -1,0 +1,227 @@
+"""Many scenes by one method and on one grid: those that fit together are one batch."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.block_batch import BatchProblem, BatchStepped, run_batch
+from fvi_cli.integrator.block_history import BatchedChannel
+from fvi_cli.integrator.block_linear import (
+    has_moments,
+    known_moments,
+    linear_system,
+    stepped_scene,
+)
+from fvi_cli.integrator.block_response import LinearSystem
+from fvi_cli.integrator.decoupling import Decoupling, decouple
+from fvi_cli.integrator.engine import LEAST_BLOCK_STEPS
+from fvi_cli.integrator.growth_bound import GrowthBound, cut_at_bound, growth_bound
+from fvi_cli.integrator.integrate import (
+    Prepared,
+    check_counts,
+    finished_trajectory,
+    integrate,
+    prepare,
+)
+from fvi_cli.integrator.memory import shared_channels
+from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.trajectory import Trajectory, thinned
+
+Array = NDArray[np.float64]
+
+
+def integrate_members(
+    scenes: Sequence[Scene], method: AnyMethod, n_steps: int, *, every: int = 1
+) -> list[Trajectory]:
+    """Integrate every scene, those that fit together as one batch.
+
+    Linear scenes of the same number of degrees of freedom, orders of damping, kind of derivative
+    and final time share all weights, and their steps are done side by side, without a loop over
+    scenes. The others, and all of them with ``start: weights``, ``history: direct`` or
+    ``exponentials``, or on very few steps, are integrated one by one.
+
+    Parameters
+    ----------
+    scenes
+        What is integrated.
+    method, n_steps, every
+        As for :func:`fvi_cli.integrator.integrate.integrate`, the same for all.
+
+    Returns
+    -------
+    list of Trajectory
+        One per scene, in their order: what `integrate` gives, to round-off, with a status of its
+        own; times are the equal shares of those of the batch, operations those of the scene.
+
+    Raises
+    ------
+    ValueError
+        As `integrate` does, for the first scene that is not allowed.
+    """
+    check_counts(n_steps, every)
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for index, scene in enumerate(scenes):
+        key = _kind(scene) if _goes_together(scene, method, n_steps) else (index,)
+        groups.setdefault(key, []).append(index)
+    found: dict[int, Trajectory] = {}
+    for indices in groups.values():
+        together = [scenes[index] for index in indices]
+        batch: list[Trajectory] | None = None
+        if len(indices) > 1 and isinstance(method, Method):
+            batch = _integrate_batch(together, method, int(n_steps))
+        if batch is None:
+            batch = [integrate(scene, method, n_steps, every=every) for scene in together]
+        else:
+            batch = [thinned(trajectory, every) for trajectory in batch]
+        found.update(zip(indices, batch, strict=True))
+    return [found[index] for index in range(len(scenes))]
+
+
+def _goes_together(scene: Scene, method: AnyMethod, n_steps: int) -> bool:
+    if not isinstance(method, Method) or not scene.is_linear:
+        return False
+    if method.history not in ("auto", "fft"):
+        return False
+    if method.history == "auto" and n_steps < LEAST_BLOCK_STEPS:
+        return False
+    return method.start != "weights" or not scene.active_damping
+
+
+def _orders(scene: Scene) -> tuple[float, ...]:
+    return tuple(sorted({term.order for term in scene.active_damping}))
+
+
+def _kind(scene: Scene) -> tuple[object, ...]:
+    return (scene.dimension, _orders(scene), scene.derivative, scene.final_time)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Ready:
+    """A member before the first step."""
+
+    prepared: Prepared
+    bound: GrowthBound
+    decoupling: Decoupling
+
+
+def _integrate_batch(
+    scenes: Sequence[Scene], method: Method, n_steps: int
+) -> list[Trajectory] | None:
+    """The whole trajectories of scenes that fit together; None where their blocks do not fit."""
+    began = time.perf_counter()
+    h = scenes[0].final_time / n_steps
+    source = shared_channels(method, h, n_steps + 1, _orders(scenes[0]))
+    members = []
+    for scene in scenes:
+        prepared = prepare(scene, method, n_steps, source)
+        bound = growth_bound(prepared.problem)
+        farthest = float(bound.at(np.asarray(scene.final_time)))
+        prepared = replace(prepared, problem=replace(prepared.problem, stop_beyond=farthest))
+        potential = scene.potential
+        stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
+        decoupling = decouple(scene.inertia.mass, stiffness, prepared.problem.memory)
+        members.append(_Ready(prepared=prepared, bound=bound, decoupling=decoupling))
+    # members with modes are as many systems as they have degrees of freedom
+    widths = [member.decoupling.batch for member in members]
+    if len(set(widths)) > 1:
+        members = [replace(m, decoupling=replace(m.decoupling, modes=None)) for m in members]
+    problem = _batch_problem(members, n_steps)
+    ready = time.perf_counter()
+    finished = run_batch(problem)
+    if finished is None:
+        return None
+    width = problem.system.batch // len(members)
+    results = []
+    for index, member in enumerate(members):
+        part = slice(index * width, (index + 1) * width)
+        own = stepped_scene(member.prepared.problem, member.decoupling, _part(finished, part))
+        results.append(cut_at_bound(member.prepared.problem, own, member.bound))
+    done = time.perf_counter()
+    share = 1.0 / len(members)
+    return [
+        finished_trajectory(
+            method,
+            member.prepared,
+            stepped,
+            setup=share * (ready - began),
+            stepping=share * (done - ready),
+        )
+        for member, stepped in zip(members, results, strict=True)
+    ]
+
+
+def _part(finished: BatchStepped, part: slice) -> BatchStepped:
+    """What the steps of some of the systems gave."""
+    return BatchStepped(
+        position=finished.position[part],
+        momentum=finished.momentum[part],
+        force=None if finished.force is None else finished.force[part],
+        done=finished.done[part],
+        operations=finished.operations[part],
+    )
+
+
+def _batch_problem(members: Sequence[_Ready], n_steps: int) -> BatchProblem:
+    """The systems of all members, one member after the other."""
+    systems = [linear_system(m.prepared.problem, m.decoupling) for m in members]
+    width = members[0].decoupling.batch
+
+    def moments(part: slice, first: int, last: int) -> Array:
+        begin, end = part.start // width, -(-part.stop // width)
+        parts = [
+            m.decoupling.forces(known_moments(m.prepared.problem, first, last))
+            for m in members[begin:end]
+        ]
+        return np.concatenate(parts)[part.start - begin * width : part.stop - begin * width]
+
+    driven = any(has_moments(m.prepared.problem) for m in members)
+    first = members[0].prepared.problem
+    return BatchProblem(
+        system=_joined(systems),
+        n_steps=n_steps,
+        position=np.concatenate(
+            [m.decoupling.positions(m.prepared.problem.position) for m in members]
+        ),
+        momentum=np.concatenate(
+            [m.decoupling.forces(m.prepared.problem.momentum) for m in members]
+        ),
+        first_offset=np.concatenate(
+            [m.decoupling.positions(m.prepared.problem.memory.first_offset) for m in members]
+        ),
+        moments=moments if driven else None,
+        with_force=first.skip_first_kick and bool(first.memory.channels),
+        limit=np.concatenate(
+            [m.prepared.problem.stop_beyond * m.decoupling.extents for m in members]
+        ),
+        stop_together=False,
+    )
+
+
+def _joined(systems: Sequence[LinearSystem]) -> LinearSystem:
+    """One batch of all systems; no stiffness is one of zero."""
+    first = systems[0]
+    stiffness = None
+    if any(system.stiffness is not None for system in systems):
+        stiffness = np.concatenate(
+            [np.zeros_like(s.mass) if s.stiffness is None else s.stiffness for s in systems]
+        )
+    return replace(
+        first,
+        mass=np.concatenate([s.mass for s in systems]),
+        stiffness=stiffness,
+        channels=tuple(
+            BatchedChannel(
+                channel=channel.channel,
+                directions=np.concatenate([s.channels[index].directions for s in systems]),
+            )
+            for index, channel in enumerate(first.channels)
+        ),
+        offset=np.concatenate([s.offset for s in systems]),
+    )

@@ -1,0 +1,246 @@
+"""Many scenes as one batch give what each of them gives alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator import members as members_module
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.scenes.named import linear_oscillator, pendulum
+
+TOLERANCE = 1e-12
+GAUSS2 = Method(cq="gauss", degree=2)
+METHODS = [
+    GAUSS2,
+    Method(cq="gauss", degree=3, start="series"),
+    Method(cq="bdf2", sampling="nodes", degree=1),
+    Method(cq="bdf4", degree=2, start="series", forcing_quadrature="exact"),
+    Method(cq="radau-iia", degree=2),
+]
+
+
+def difference(batch: Trajectory, alone: Trajectory) -> float:
+    """Largest relative difference of positions, momenta and energies."""
+    assert (batch.status, batch.message, batch.remarks) == (
+        alone.status,
+        alone.message,
+        alone.remarks,
+    )
+    assert asdict(batch.newton) == asdict(alone.newton)
+    assert np.array_equal(batch.time, alone.time)
+    worst = 0.0
+    for name in ("position", "momentum", "energy"):
+        a, b = getattr(batch, name), getattr(alone, name)
+        assert a.shape == b.shape
+        worst = max(worst, float(np.abs(a - b).max() / np.abs(b).max()))
+    return worst
+
+
+def agree(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> None:
+    batch = integrate_members(scenes, method, n_steps)
+    assert len(batch) == len(scenes)
+    for scene, one in zip(scenes, batch, strict=True):
+        assert difference(one, integrate(scene, method, n_steps)) <= TOLERANCE
+
+
+def oscillators(
+    count: int, orders: tuple[float, ...] = (0.5,), forcing: str | None = None
+) -> list[Scene]:
+    rng = np.random.default_rng(11)
+    return [
+        linear_oscillator(
+            final_time=5.0,
+            mass=rng.uniform(0.5, 2.0),
+            stiffness=rng.uniform(0.5, 4.0),
+            damping=[
+                FractionalDamping(order=o, coefficient=rng.uniform(0.05, 0.3)) for o in orders
+            ],
+            initial_position=rng.normal(),
+            initial_velocity=rng.normal(),
+            forcing=None if forcing is None else Forcing.from_text(f"{rng.normal()!r}*{forcing}"),
+        )
+        for _ in range(count)
+    ]
+
+
+def positive(rng: np.random.Generator, d: int) -> np.ndarray:
+    matrix = rng.normal(size=(d, d))
+    return matrix @ matrix.T / d + np.eye(d)
+
+
+def coupled(kind: str, seed: int) -> Scene:
+    rng = np.random.default_rng(seed)
+    mass, stiffness = positive(rng, 3), positive(rng, 3)
+    if kind == "uncoupled":
+        mass, stiffness = np.diag(np.diagonal(mass)), np.diag(np.diagonal(stiffness))
+    damping = positive(rng, 3) if kind == "general" else stiffness
+    return linear_oscillator(
+        final_time=3.0,
+        mass=mass,
+        stiffness=stiffness,
+        damping=[
+            FractionalDamping(order=0.5, coefficient=0.2 * damping),
+            FractionalDamping(order=1.5, coefficient=0.1 * mass),
+        ],
+        initial_position=rng.normal(size=3),
+        initial_velocity=rng.normal(size=3),
+        forcing=Forcing.from_text("cos(t)", "0", f"{seed}*t"),
+    )
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.case)
+@pytest.mark.parametrize("forcing", [None, "cos(2*t)"])
+def test_each_member_is_what_it_is_alone(method: Method, forcing: str | None) -> None:
+    agree(oscillators(5, forcing=forcing), method, 300)
+
+
+@pytest.mark.parametrize("orders", [(), (1.0,), (1.4,), (0.3, 1.5), (0.5, 1.0, 0.5)])
+def test_orders(orders: tuple[float, ...]) -> None:
+    agree(oscillators(3, orders), GAUSS2, 200)
+
+
+def test_riemann_liouville() -> None:
+    scenes = [replace(scene, derivative="riemann-liouville") for scene in oscillators(3)]
+    agree(scenes, GAUSS2, 100)
+
+
+@pytest.mark.parametrize("kind", ["modal", "general", "uncoupled"])
+@pytest.mark.parametrize("method", METHODS[:3], ids=lambda method: method.case)
+def test_several_degrees_of_freedom(kind: str, method: Method) -> None:
+    agree([coupled(kind, seed) for seed in range(4)], method, 150)
+
+
+def test_members_with_and_without_modes() -> None:
+    agree([coupled("modal", 1), coupled("general", 2), coupled("uncoupled", 3)], GAUSS2, 80)
+
+
+def test_more_members_than_a_slice_holds() -> None:
+    agree(oscillators(130), GAUSS2, 64)
+
+
+def test_break_points_of_the_forcing() -> None:
+    scenes = oscillators(3)
+    force = Forcing(
+        pieces=(
+            replace(Forcing.from_text("8").pieces[0], until=2.5),
+            Forcing.from_text("0").pieces[0],
+        )
+    )
+    agree([replace(scene, forcing=force) for scene in scenes], METHODS[1], 100)
+
+
+def counted(call: Callable[[], object]) -> tuple[int, int]:
+    """How many batches were run, and how many scenes were integrated one by one."""
+    with (
+        patch.object(members_module, "run_batch", wraps=members_module.run_batch) as batches,
+        patch.object(members_module, "integrate", wraps=members_module.integrate) as alone,
+    ):
+        call()
+    return batches.call_count, alone.call_count
+
+
+def test_those_that_fit_together_are_one_batch() -> None:
+    scenes = oscillators(4)
+    assert counted(lambda: integrate_members(scenes, GAUSS2, 64)) == (1, 0)
+    mixed = [*scenes, *oscillators(2, (0.7,)), replace(scenes[0], final_time=4.0)]
+    assert counted(lambda: integrate_members(mixed, GAUSS2, 64)) == (2, 1)
+    assert counted(lambda: integrate_members(scenes, replace(GAUSS2, history="direct"), 64)) == (
+        0,
+        4,
+    )
+    assert counted(lambda: integrate_members(scenes, GAUSS2, 8)) == (0, 4)
+    agree(mixed, GAUSS2, 64)
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        replace(GAUSS2, history="direct"),
+        replace(GAUSS2, history="exponentials"),
+        Method(cq="bdf2", degree=1, start="weights"),
+        Baseline(name="implicit-euler"),
+    ],
+    ids=lambda method: method.case,
+)
+def test_methods_that_take_members_one_by_one(method: AnyMethod) -> None:
+    batch = integrate_members(oscillators(2), method, 40)
+    for scene, one in zip(oscillators(2), batch, strict=True):
+        assert np.array_equal(one.position, integrate(scene, method, 40).position)
+
+
+def test_nonlinear_members() -> None:
+    damping = [FractionalDamping(order=0.5, coefficient=0.3)]
+    scenes = [pendulum(final_time=5.0, damping=damping, initial_position=x) for x in (0.5, 2.0)]
+    agree([*scenes, *oscillators(2)], GAUSS2, 100)
+
+
+def test_a_member_that_diverges_does_not_spoil_the_others() -> None:
+    method = Method(cq="bdf2", sampling="nodes", degree=1)
+    scenes = oscillators(4, (1.5,))
+    # explicit in the damping: unstable for a large coefficient
+    wild = FractionalDamping(order=1.5, coefficient=400.0)
+    scenes[1] = replace(scenes[1], damping=(wild,))
+    batch = integrate_members(scenes, method, 3000)
+    assert [one.status for one in batch] == ["ok", "diverged", "ok", "ok"]
+    for scene, one in zip(scenes, batch, strict=True):
+        assert difference(one, integrate(scene, method, 3000)) <= 1e-9
+    calm = [batch[0], batch[2], batch[3]]
+    undisturbed = integrate_members([scenes[0], scenes[2], scenes[3]], method, 3000)
+    for one, other in zip(calm, undisturbed, strict=True):
+        assert difference(one, other) <= TOLERANCE
+
+
+def test_operations_are_those_of_the_member() -> None:
+    scenes = oscillators(3)
+    batch = integrate_members(scenes, GAUSS2, 600)
+    assert len({one.history_operations for one in batch}) == 1
+    total = members_module.run_batch
+    seen: list[int] = []
+
+    def spy(problem: members_module.BatchProblem) -> members_module.BatchStepped | None:
+        finished = total(problem)
+        if finished is not None:
+            seen.append(int(finished.operations.sum()))
+        return finished
+
+    with patch.object(members_module, "run_batch", spy):
+        again = integrate_members(scenes, GAUSS2, 600)
+    assert sum(one.history_operations for one in again) == seen[0] > 0
+
+
+def test_thinned() -> None:
+    scenes = oscillators(2)
+    batch = integrate_members(scenes, GAUSS2, 50, every=7)
+    for scene, one in zip(scenes, batch, strict=True):
+        alone = integrate(scene, GAUSS2, 50, every=7)
+        assert one.every == 7
+        assert difference(one, alone) <= TOLERANCE
+
+
+def test_wrong_numbers_are_refused() -> None:
+    with pytest.raises(ValueError, match="n_steps: 0 is not allowed"):
+        integrate_members(oscillators(2), GAUSS2, 0)
+    with pytest.raises(ValueError, match="every: 0 is not allowed"):
+        integrate_members(oscillators(2), GAUSS2, 8, every=0)
+    assert integrate_members([], GAUSS2, 8) == []
+
+
+def test_a_wrong_member_would_be_seen() -> None:
+    """The control: one weight of ten thousand in one coefficient."""
+    scenes = oscillators(3)
+    batch = integrate_members(scenes, GAUSS2, 100)
+    term = scenes[1].damping[0]
+    moved = replace(term, coefficient=term.coefficient * 1.0001)
+    alone = integrate(replace(scenes[1], damping=(moved,)), GAUSS2, 100)
+    assert difference(batch[1], alone) > 1e3 * TOLERANCE
