@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from operator import itemgetter
+from pathlib import Path
 
 from fvi_cli.errors import ConfigError
 
@@ -34,8 +35,15 @@ class Place:
 
 @dataclass(kw_only=True)
 class Complaints:
-    """Collects complaints; the same one counts once."""
+    """Collects complaints about one text; the same one counts once.
 
+    Parameters
+    ----------
+    folder
+        Where relative paths in the text begin; None: in the folder of the process.
+    """
+
+    folder: Path | None = None
     _found: dict[tuple[Place, str], None] = field(default_factory=dict)
 
     def add(self, place: Place, path: KeyPath, message: str) -> None:
@@ -45,6 +53,11 @@ class Complaints:
 
     def __len__(self) -> int:
         return len(self._found)
+
+    def adopt(self, others: Complaints, addition: str) -> None:
+        """Note what `others` have found, with more words behind it."""
+        for place, message in others._found:
+            self._found[place, f"{message}{addition}"] = None
 
     def raise_if_any(self) -> None:
         """Tell everything in the order of the text.

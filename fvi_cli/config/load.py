@@ -18,6 +18,7 @@ from fvi_cli.config.experiment_keys import (
 )
 from fvi_cli.config.overrides import OPTION, apply_overrides
 from fvi_cli.config.shapes import describe
+from fvi_cli.config.sweep import nodes_with_sweeps
 from fvi_cli.errors import ConfigError
 from fvi_cli.experiments.experiment import Experiment
 
@@ -102,7 +103,7 @@ def parse_config(
     source_name
         What complaints call it, usually the path of the file; its stem is the default name.
     base
-        Folder where relative paths in the text begin; no key that exists holds a path yet.
+        Folder where relative paths in the text begin; None: the folder of the process.
     overrides
         Changes ``key.path=value``, validated like the text.
 
@@ -111,7 +112,7 @@ def parse_config(
     ConfigError
         Every mistake at once, each as ``file:line:column: key.path: message``.
     """
-    complaints = Complaints()
+    complaints = Complaints(folder=base)
     start = Place(source=excerpt(source_name, 1000), line=1, column=1)
     root = read_document(text, start, complaints)
     if isinstance(root, ScalarNode) and root.value is None:
@@ -131,6 +132,7 @@ def parse_config(
     changed = apply_overrides(root, overrides, complaints)
     if not isinstance(changed, MappingNode):  # pragma: no cover - overrides change what is inside
         raise ConfigError(f"{OPTION}: the configuration is no mapping any more")
+    changed = nodes_with_sweeps(changed, complaints)
     name, read = _read(changed, Path(source_name).stem, complaints)
     complaints.raise_if_any()
     experiments = tuple(r.experiment for r in read if r.experiment is not None)

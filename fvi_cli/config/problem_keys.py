@@ -7,6 +7,7 @@ from typing import Final
 
 from fvi_cli.config.document import Node, ScalarNode
 from fvi_cli.config.records import ByForm, ByKind, Key, ListOf, Named, Record, Refusal
+from fvi_cli.config.sampled_keys import PiecesOrSamples, Samples
 from fvi_cli.config.shapes import OPTIONAL, Choice, Formula, Integer, Matrix, Number, Text
 
 
@@ -60,14 +61,19 @@ _PIECE: Final = Record(
 )
 _FORCING: Final = ByForm(
     single=Formula(),
-    several=ListOf(shape=Formula(), example="[sin(t), 0]"),
-    mapping=Record(
-        keys=(
-            Key(
-                name="pieces",
-                shape=ListOf(shape=_PIECE, example="[{until: 1, value: 8}, {value: 0}]"),
-                meaning="Pieces in the order of time; jumps are allowed between them.",
-            ),
+    several=ListOf(
+        shape=ByForm(single=Formula(), mapping=Samples()),
+        example="[sin(t), {file: quake.csv, column: a}]",
+    ),
+    mapping=PiecesOrSamples(
+        pieces=Record(
+            keys=(
+                Key(
+                    name="pieces",
+                    shape=ListOf(shape=_PIECE, example="[{until: 1, value: 8}, {value: 0}]"),
+                    meaning="Pieces in the order of time; jumps are allowed between them.",
+                ),
+            )
         )
     ),
     example="{pieces: [{until: 1.0, value: 8}, {value: 0}]}",
@@ -148,7 +154,8 @@ def _dampers(name: str, meaning: str) -> Key:
 _FORCE: Final = Key(
     name="forcing",
     shape=_FORCING,
-    meaning="Force f(t): number or expression in t, one per coordinate, or pieces.",
+    meaning="Force f(t): number or expression in t, one per coordinate, {pieces: [...]}, or "
+    "samples, {file: force.csv, column: f}.",
     default="0",
 )
 
@@ -287,8 +294,8 @@ _FRAME: Final = (
 _GROUND: Final = Key(
     name="ground_acceleration",
     shape=ByForm(single=_FORCING.single, mapping=_FORCING.mapping, example=_FORCING.example),
-    meaning="Acceleration a(t) of the ground: number or expression in t, or pieces "
-    "(length per time^2).",
+    meaning="Acceleration a(t) of the ground: number or expression in t, {pieces: [...]}, or "
+    "samples, {file: quake.csv, column: a} (length per time^2).",
     default="0",
 )
 _STRING: Final = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 from fvi_cli.config.complaints import Complaints, KeyPath, listed, suggestion
 from fvi_cli.config.document import ListNode, MappingNode, Node, ScalarNode
@@ -81,13 +81,20 @@ class OneOrMany:
         return {"anyOf": [one, {"type": "array", "items": one, "minItems": 1}]}
 
 
+class MappingShape(Shape, Protocol):
+    """What may stand under a key as a mapping."""
+
+    def is_meant(self, node: MappingNode) -> bool:
+        """Whether a mapping has any key of this shape."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ByForm:
     """Different shapes for a single value, a list and a mapping."""
 
     single: Shape | None = None
     several: Shape | None = None
-    mapping: Shape | None = None
+    mapping: MappingShape | None = None
     example: str = ""
 
     @property
@@ -101,11 +108,16 @@ class ByForm:
         if not self.example:
             return False
         if isinstance(node, ListNode):
-            return any(isinstance(item, MappingNode) for item in node.items)
+            entry = self.several.shape if isinstance(self.several, ListOf) else None
+            allowed = entry.mapping if isinstance(entry, ByForm) else None
+            return any(
+                isinstance(item, MappingNode) and not (allowed and allowed.is_meant(item))
+                for item in node.items
+            )
         return (
             isinstance(node, MappingNode)
-            and isinstance(self.mapping, Record)
-            and not any(key.name in node.entries for key in self.mapping.keys)
+            and self.mapping is not None
+            and not self.mapping.is_meant(node)
         )
 
     def _shapes(self) -> list[Shape]:
@@ -201,6 +213,10 @@ class Record:
     def expected(self) -> str:
         """What is allowed."""
         return f"a mapping with {listed(key.name for key in self.keys)}"
+
+    def is_meant(self, node: MappingNode) -> bool:
+        """Whether a mapping has any of the keys."""
+        return any(key.name in node.entries for key in self.keys)
 
     def read(self, node: Node, path: KeyPath, complaints: Complaints) -> Any:
         """A dict with every key that is given or has a default."""

@@ -1,4 +1,4 @@
-"""Forcing by expressions in time, possibly in pieces with jumps between them."""
+"""Forcing by expressions in time or samples, possibly in pieces with jumps between them."""
 
 from __future__ import annotations
 
@@ -9,14 +9,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.effects.matrices import Array
+from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
+
+ForceComponent = Expression | SampledForce
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ForcingPiece:
-    """One smooth piece of a force: d expressions in ``t``, valid up to and including `until`."""
+    """One piece of a force: d components in ``t``, valid up to and including `until`.
 
-    components: tuple[Expression, ...]
+    Expressions are smooth inside of the piece; samples have knots there, at which only the
+    polynomials between them change.
+    """
+
+    components: tuple[ForceComponent, ...]
     until: float = math.inf
 
     def evaluate(self, time: Array) -> Array:
@@ -30,7 +37,7 @@ class ForcingPiece:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Forcing:
-    """A force f(t) in R^d, smooth inside each piece.
+    """A force f(t) in R^d, smooth inside each piece but for the knots of samples.
 
     Parameters
     ----------
@@ -72,6 +79,12 @@ class Forcing:
     def break_points(self) -> tuple[float, ...]:
         """Times at which one piece ends and the next begins."""
         return tuple(piece.until for piece in self.pieces[:-1])
+
+    @property
+    def samples(self) -> tuple[SampledForce, ...]:
+        """Its components that are given by samples."""
+        every = (c for piece in self.pieces for c in piece.components)
+        return tuple(c for c in every if isinstance(c, SampledForce))
 
     def on_steps(self, start: Array, step_size: float, offsets: Array) -> Array:
         r"""One-sided values on steps that no break point cuts.

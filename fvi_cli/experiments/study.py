@@ -16,6 +16,7 @@ from fvi_cli.experiments.norms import error_norm
 from fvi_cli.experiments.reference import Reference, find_reference, find_references
 from fvi_cli.integrator.expected_order import expected_order
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability import StabilityPrediction, predict_stability
 from fvi_cli.integrator.stability_limits import refusal
@@ -67,9 +68,12 @@ def assessed(
 ) -> FinishedRun:
     """The run with its error against `reference`, and what is to be said of it."""
     experiment = run.experiment
+    remarks = trajectory.remarks
+    if isinstance(run.problem, Problem):
+        remarks += interpolation_remarks(run.problem.scene, run.n_steps)
     if prediction.linearised_verdict == "unstable":
-        remarks = (*trajectory.remarks, f"stability: {prediction.reason}")
-        trajectory = dataclasses.replace(trajectory, remarks=remarks)
+        remarks += (f"stability: {prediction.reason}",)
+    trajectory = dataclasses.replace(trajectory, remarks=remarks)
     exact = reference.values(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
     scale = float(np.abs(compared).max(initial=0.0))

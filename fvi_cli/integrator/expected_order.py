@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.expansion import Expansion, solution_expansion
+from fvi_cli.integrator.interpolation_limit import interpolation_limit
 from fvi_cli.integrator.known_part import (
     KnownPart,
     forcing_powers,
@@ -24,6 +25,14 @@ Array = NDArray[np.float64]
 Norm = Literal["max", "final", "l2"]
 
 LARGEST_CUTOFF = 8.0
+
+_BASELINE_ORDERS = {
+    "explicit-euler": 1.0,
+    "implicit-euler": 1.0,
+    "gruenwald-letnikov": 1.0,
+    "product-integration": 2.0,
+}
+"""Of others nothing is stated: their steps are not ours."""
 
 
 def expected_order(scene: Scene, method: AnyMethod, norm: Norm, n_steps: int) -> float:
@@ -41,10 +50,11 @@ def expected_order(scene: Scene, method: AnyMethod, norm: Norm, n_steps: int) ->
       Runge-Kutta methods and on BDF at the quadrature points, not proved.
 
     A jump of the force that is left without a series counts with the power t**2 of its response.
+    Samples of the force set a limit of their own (`interpolation_limit`).
     """
     if isinstance(method, Baseline):
-        return 1.0
-    smooth = smooth_order(scene, method)
+        return _baseline_order(scene, method)
+    smooth = min(smooth_order(scene, method), interpolation_limit(scene, n_steps))
     if method.start == "series":
         plan = plan_series(scene, method, n_steps)
         if plan.known is not None and not plan.fell_back:
@@ -55,6 +65,20 @@ def expected_order(scene: Scene, method: AnyMethod, norm: Norm, n_steps: int) ->
         # on the nodes the kick at 0 that the scheme leaves out comes to light
         return _weighted_order(scene, method, smooth)
     return min(smooth, _singular_order(scene, method, norm))
+
+
+def _baseline_order(scene: Scene, method: Baseline) -> float:
+    r"""A forcing that starts like :math:`t^e` costs product integration :math:`h^{e + 1}`."""
+    if method.name == "gruenwald-letnikov" and not scene.active_damping:
+        return 2.0
+    order = _BASELINE_ORDERS.get(method.name, math.nan)
+    if method.name != "product-integration":
+        return order
+    try:
+        forcing = forcing_powers(scene)
+    except SeriesError:
+        return math.nan
+    return min([order, *(float(e) + 1.0 for e in forcing[~_is_integer(forcing)])])
 
 
 def smooth_order(scene: Scene, method: Method) -> float:

@@ -13,13 +13,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.mathematics import taylor
-from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.taylor import SeriesError as SeriesError
 
 Array = NDArray[np.float64]
@@ -299,8 +298,24 @@ def initial_terms(exponents: Array, order: float) -> NDArray[np.bool_]:
     return np.asarray(below & (exponents == np.round(exponents)))
 
 
+class Expandable(Protocol):
+    """A formula, or anything else that can be evaluated on power series."""
+
+    @property
+    def text(self) -> str:
+        """What it is called in messages."""
+
+    def evaluate(
+        self,
+        values: Mapping[str, PowerSeries | float],
+        functions: Mapping[str, Callable[..., PowerSeries]],
+        /,
+    ) -> PowerSeries | float:
+        """Its value for given variables."""
+
+
 def expand(
-    expression: Expression, cutoff: float, at: float = 0.0, variable: str = "t"
+    expression: Expandable, cutoff: float, at: float = 0.0, variable: str = "t"
 ) -> PowerSeries:
     """Expand an expression in one variable, to the right of the point `at`, up to `cutoff`.
 

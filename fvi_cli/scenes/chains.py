@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
 from fvi_cli.effects.matrices import Array
+from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.named import linear_oscillator
@@ -128,14 +129,17 @@ def ground_force(acceleration: Forcing, masses: Array) -> Forcing:
     pieces = []
     for piece in acceleration.pieces:
         (component,) = piece.components
-        by_mass = {
-            m: Expression.parse(f"-({m!r})*({component.text})", variables=component.variables)
-            for m in {float(m) for m in masses}
-        }
+        by_mass = {m: _times(component, -m) for m in {float(m) for m in masses}}
         pieces.append(
             ForcingPiece(components=tuple(by_mass[float(m)] for m in masses), until=piece.until)
         )
     return Forcing(pieces=tuple(pieces))
+
+
+def _times(component: ForceComponent, factor: float) -> ForceComponent:
+    if isinstance(component, SampledForce):
+        return component.scaled(factor)
+    return Expression.parse(f"({factor!r})*({component.text})", variables=component.variables)
 
 
 def frame(

@@ -16,6 +16,7 @@ from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import TIME, Lagrangian, velocity_name
 from fvi_cli.effects.matrices import Array
 from fvi_cli.effects.potential import ExpressionPotential, Potential, QuadraticPotential
+from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.mathematics import symbolic
 from fvi_cli.mathematics.expressions import Expression, ExpressionError
@@ -325,7 +326,9 @@ def _with(forcing: Forcing | None, own: tuple[Expression, ...] | None) -> Forcin
     pieces = []
     for piece in forcing.pieces:
         total = tuple(
-            Expression.parse(f"({a.text}) + ({b.text})", variables=(TIME,))
+            a.plus(b)
+            if isinstance(a, SampledForce)
+            else Expression.parse(f"({a.text}) + ({b.text})", variables=(TIME,))
             for a, b in zip(piece.components, own, strict=True)
         )
         pieces.append(ForcingPiece(components=total, until=piece.until))

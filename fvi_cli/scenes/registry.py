@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.directions import Directions
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
+from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
 from fvi_cli.mathematics.power_series import SeriesError, expand
@@ -21,6 +22,7 @@ from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.nonlinear import duffing, kepler
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
+from fvi_cli.scenes.samples import sampled_component
 
 Array = NDArray[np.float64]
 
@@ -76,6 +78,20 @@ def build_problem(specification: Mapping[str, Any]) -> AnyProblem:
     )
 
 
+def build_scene(specification: Mapping[str, Any]) -> Scene:
+    """The scene alone, without a search for its exact solution, which takes longer.
+
+    Raises
+    ------
+    ValueError
+        As :func:`build_problem`; also for ``fractional-derivative``, which is no scene.
+    """
+    kind = specification["kind"]
+    if kind not in EQUATIONS or kind == "fractional-derivative":
+        raise ValueError(f"kind: {kind!r} is not the name of a scene")
+    return _scene(kind, specification)
+
+
 def _scene(kind: str, specification: Mapping[str, Any]) -> Scene:
     initial = specification.get("initial", {})
     position = initial.get("position", 0.0)
@@ -100,12 +116,17 @@ def _scene(kind: str, specification: Mapping[str, Any]) -> Scene:
     }
     if kind == "frame":
         acceleration = build_forcing(
-            specification.get("ground_acceleration", 0), 1, "ground_acceleration"
+            specification.get("ground_acceleration", 0),
+            1,
+            "ground_acceleration",
+            final_time=common["final_time"],
         )
         return frame(
             ground_acceleration=acceleration, dampers=_dampers(specification), **own, **common
         )
-    common["forcing"] = build_forcing(specification.get("forcing", 0), dimension)
+    common["forcing"] = build_forcing(
+        specification.get("forcing", 0), dimension, final_time=common["final_time"]
+    )
     if kind == "chain":
         return chain(dampers=_dampers(specification), **own, **common)
     if kind == "lagrangian":
@@ -202,15 +223,28 @@ def _dampers(
     )
 
 
-def build_forcing(value: object, dimension: int, key: str = "forcing") -> Forcing | None:
-    """A force from an expression, a list of them, or ``{pieces: [...]}``; None when it is 0.
+def build_forcing(
+    value: object, dimension: int, key: str = "forcing", *, final_time: float = math.inf
+) -> Forcing | None:
+    """A force from what stands under its key; None when it is 0.
+
+    Parameters
+    ----------
+    value
+        An expression or ``{file: ..., column: ...}``, a list of such, or ``{pieces: [...]}``.
+    dimension
+        Number d of components.
+    key
+        What messages call it.
+    final_time
+        T; samples must reach so far.
 
     Raises
     ------
     ValueError
         ``<key>...: what is wrong``.
     """
-    if isinstance(value, Mapping):
+    if isinstance(value, Mapping) and "pieces" in value:
         pieces = []
         for index, piece in enumerate(value["pieces"]):
             pieces.append(
@@ -222,10 +256,42 @@ def build_forcing(value: object, dimension: int, key: str = "forcing") -> Forcin
                 )
             )
         return Forcing(pieces=tuple(pieces))
-    components = _expressions(value, dimension, key, ("t",))
-    if all(e.is_constant and e.evaluate({}, NUMPY_FUNCTIONS) == 0 for e in components):
+    components = _components(value, dimension, key, final_time)
+    if all(_is_zero(component) for component in components):
         return None
     return Forcing(pieces=(ForcingPiece(components=components),))
+
+
+def _components(
+    value: object, dimension: int, key: str, final_time: float
+) -> tuple[ForceComponent, ...]:
+    if isinstance(value, Mapping):
+        return (_sampled(value, key, final_time),) * dimension
+    if not isinstance(value, list | tuple) or not any(isinstance(v, Mapping) for v in value):
+        return _expressions(value, dimension, key, ("t",))
+    if len(value) != dimension:
+        raise ValueError(f"{key}: {len(value)} entries for {dimension} degrees of freedom")
+    components: list[ForceComponent] = []
+    for index, entry in enumerate(value):
+        place = f"{key}.{index}"
+        if isinstance(entry, Mapping):
+            components.append(_sampled(entry, place, final_time))
+        else:
+            components += _expressions([entry], 1, place, ("t",))
+    return tuple(components)
+
+
+def _sampled(specification: Mapping[str, Any], key: str, final_time: float) -> SampledForce:
+    try:
+        return sampled_component(specification, final_time)
+    except ValueError as error:
+        raise ValueError(f"{key}: {error}") from None
+
+
+def _is_zero(component: ForceComponent) -> bool:
+    if isinstance(component, SampledForce):
+        return component.formula is None and not component.coefficients.any()
+    return component.is_constant and component.evaluate({}, NUMPY_FUNCTIONS) == 0
 
 
 def _expressions(

@@ -99,8 +99,10 @@ def test_the_wheel_holds_every_package_and_the_configurations():
     }
     assert set(setuptools["packages"]) == packages | {"fvi_cli.shipped_configs"}
     assert setuptools["package-dir"] == {"fvi_cli.shipped_configs": "configs"}
-    assert setuptools["package-data"]["fvi_cli.shipped_configs"] == ["*.yaml"]
-    assert {path.stem for path in (PROJECT / "configs").iterdir()} == set(NAMES)
+    assert setuptools["package-data"]["fvi_cli.shipped_configs"] == ["*.yaml", "*.csv"]
+    files = {path.suffix: path for path in (PROJECT / "configs").iterdir()}
+    assert set(files) == {".yaml", ".csv"}
+    assert {path.stem for path in (PROJECT / "configs").glob("*.yaml")} == set(NAMES)
 
 
 @pytest.mark.parametrize("kind", list(PROBLEM.kinds))

@@ -1,0 +1,186 @@
+"""A force that is known at samples only, and what lies between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Final, Literal, TypeVar, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fvi_cli.effects.matrices import Array
+from fvi_cli.mathematics.expressions import Expression, ExpressionError
+from fvi_cli.mathematics.power_series import PowerSeries
+
+T = TypeVar("T")
+Interpolation = Literal["linear", "cubic"]
+
+INTERPOLATION_ORDERS: Final[Mapping[str, int]] = {"linear": 2, "cubic": 4}
+"""Order of every interpolation: the highest order of a method that its knots allow."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SampledForce:
+    r"""One component of a force as a piecewise polynomial through samples.
+
+    .. math:: f(t) = \sum_{j=0}^{p-1} c_{jk} (t - t_k)^{p-1-j}, \qquad t_k \le t \le t_{k+1}
+
+    Parameters
+    ----------
+    knots
+        Times :math:`t_0 < t_1 < \dots < t_n`, shape ``(n + 1,)``.
+    coefficients
+        The :math:`c_{jk}`, shape ``(p, n)``, the highest power first.
+    source
+        Where the samples come from, for messages.
+    formula
+        An expression in t that is added; None: nothing.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit, the times do not increase or a number is not finite.
+    """
+
+    knots: Array
+    coefficients: Array
+    source: str = "samples"
+    formula: Expression | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("knots", "coefficients"):
+            value = np.array(getattr(self, name), dtype=float)
+            if not np.isfinite(value).all():
+                raise ValueError(f"{self.source}: every number must be finite")
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+        if self.coefficients.ndim != 2 or self.knots.shape != (self.coefficients.shape[1] + 1,):
+            raise ValueError(
+                f"{self.source}: {self.knots.shape} knots do not fit polynomials of shape "
+                f"{self.coefficients.shape}"
+            )
+        if not np.all(np.diff(self.knots) > 0):
+            raise ValueError(f"{self.source}: times must increase")
+
+    @classmethod
+    def through(
+        cls,
+        time: ArrayLike,
+        values: ArrayLike,
+        interpolation: Interpolation,
+        *,
+        source: str = "samples",
+    ) -> SampledForce:
+        """The force through samples.
+
+        ``linear``: straight lines. ``cubic``: the spline with two continuous derivatives, whose
+        third is continuous at the second and the last but one sample as well ("not a knot").
+
+        Raises
+        ------
+        ValueError
+            For an unknown interpolation, too few samples, or samples that are not allowed.
+        """
+        if interpolation not in INTERPOLATION_ORDERS:
+            raise ValueError(f"interpolation: {interpolation!r} is not one of linear, cubic")
+        knots, at_knots = np.asarray(time, dtype=float), np.asarray(values, dtype=float)
+        least = INTERPOLATION_ORDERS[interpolation]
+        if knots.ndim != 1 or knots.shape != at_knots.shape or knots.size < least:
+            raise ValueError(
+                f"{source}: {knots.size} times and {at_knots.size} values; {interpolation} "
+                f"interpolation needs at least {least} of both"
+            )
+        if not (np.isfinite(at_knots).all() and np.all(np.diff(knots) > 0)):
+            raise ValueError(f"{source}: times must increase and every number must be finite")
+        if interpolation == "linear":
+            slopes = np.diff(at_knots) / np.diff(knots)
+            return cls(knots=knots, coefficients=np.stack([slopes, at_knots[:-1]]), source=source)
+        from scipy.interpolate import CubicSpline
+
+        return cls(knots=knots, coefficients=CubicSpline(knots, at_knots).c, source=source)
+
+    @property
+    def order(self) -> int:
+        """Number p of coefficients of every piece, the order of the interpolation."""
+        return int(self.coefficients.shape[0])
+
+    @property
+    def text(self) -> str:
+        """What the component is called in messages."""
+        return self.source if self.formula is None else f"{self.source} + {self.formula.text}"
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether the force is the same at all times."""
+        return (
+            self.formula is None
+            and not self.coefficients[:-1].any()
+            and bool(np.ptp(self.coefficients[-1]) == 0)
+        )
+
+    def scaled(self, factor: float) -> SampledForce:
+        """The force times a number."""
+        formula = self.formula
+        if formula is not None:
+            formula = Expression.parse(f"({factor!r})*({formula.text})", formula.variables)
+        return replace(self, coefficients=factor * self.coefficients, formula=formula)
+
+    def plus(self, formula: Expression) -> SampledForce:
+        """The force plus an expression in t."""
+        if self.formula is not None:
+            formula = Expression.parse(f"({self.formula.text}) + ({formula.text})", ("t",))
+        return replace(self, formula=formula)
+
+    def evaluate(
+        self, names: Mapping[str, T | float], functions: Mapping[str, Callable[..., T]]
+    ) -> T | float:
+        """The force at the times under ``t``, or its expansion to the right of a point.
+
+        Before the first and after the last sample the outermost polynomials go on, which is of
+        use for round-off at the ends only.
+
+        Parameters
+        ----------
+        names
+            ``{"t": ...}``: times as an array, or a power series in t.
+        functions
+            The elementary functions on that algebra, for the expression that is added.
+
+        Raises
+        ------
+        ExpressionError
+            On any other algebra: samples are no formula.
+        """
+        time = names["t"]
+        samples: object
+        if isinstance(time, PowerSeries):
+            samples = self._series(time)
+        elif isinstance(time, np.ndarray | float | int):
+            samples = self._values(np.asarray(time, dtype=float))
+        else:
+            raise ExpressionError(f"{self.source}: samples are not a formula")
+        if self.formula is not None:
+            samples = samples + self.formula.evaluate(names, functions)  # type: ignore[operator]
+        return cast(T, samples)
+
+    def _values(self, time: Array) -> Array:
+        pieces = self._pieces(time)
+        offset = time - self.knots[pieces]
+        values = self.coefficients[0, pieces]
+        for row in self.coefficients[1:]:
+            values = values * offset + row[pieces]
+        return np.asarray(values)
+
+    def _series(self, time: PowerSeries) -> PowerSeries:
+        place = int(self._pieces(np.asarray(time.coefficient(0.0))))
+        local = time - float(self.knots[place])
+        total = PowerSeries.constant(float(self.coefficients[0, place]), time.cutoff)
+        for coefficient in self.coefficients[1:, place]:
+            total = total * local + float(coefficient)
+        return total
+
+    def _pieces(self, time: Array) -> NDArray[np.intp]:
+        """Which polynomial holds at `time`; at a knot the later one."""
+        found = np.searchsorted(self.knots, time, side="right") - 1
+        return np.asarray(np.clip(found, 0, self.coefficients.shape[1] - 1))

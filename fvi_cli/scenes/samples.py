@@ -1,0 +1,87 @@
+"""Samples of a force as a text that travels with the problem, and back."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import zlib
+from collections.abc import Mapping
+from typing import Any, Final, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.sampled import Interpolation, SampledForce
+
+Array = NDArray[np.float64]
+
+MOST_SAMPLES: Final = 100_000
+LARGEST_TEXT: Final = 500_000
+"""Characters of samples as text: they stand in every result file, and in every run's identity."""
+_LARGEST_LINE: Final = 52
+
+
+def samples_as_text(time: Array, values: Array) -> str:
+    """Times and values without loss as one word.
+
+    Lines ``t,value`` with the shortest digits that give the numbers back, compressed (zlib) and in
+    letters (base64).
+    """
+    lines = "".join(f"{t!r},{v!r}\n" for t, v in zip(time.tolist(), values.tolist(), strict=True))
+    return base64.b64encode(zlib.compress(lines.encode(), 9)).decode()
+
+
+def samples_from_text(text: str) -> tuple[Array, Array]:
+    """Times and values of a text from `samples_as_text`.
+
+    Raises
+    ------
+    ValueError
+        If the text is not of that kind, or holds too many samples.
+    """
+    limit = MOST_SAMPLES * _LARGEST_LINE
+    try:
+        unpacking = zlib.decompressobj()
+        content = unpacking.decompress(base64.b64decode(text, validate=True), limit)
+        if unpacking.unconsumed_tail:
+            raise ValueError(f"more than {MOST_SAMPLES} samples")
+        rows = [line.split(",") for line in content.decode("ascii").splitlines()]
+        table = np.array([[float(cell) for cell in row] for row in rows])
+    except (binascii.Error, zlib.error, UnicodeError) as error:
+        raise ValueError(f"not samples as text: {error}") from None
+    if table.ndim != 2 or table.shape[1] != 2:
+        raise ValueError("not samples as text: two columns are needed")
+    return table[:, 0], table[:, 1]
+
+
+def sampled_component(specification: Mapping[str, Any], final_time: float) -> SampledForce:
+    """The component that ``{file, column, interpolation, scale, content}`` describes.
+
+    Parameters
+    ----------
+    specification
+        With the content of the file, which reading the configuration has put there.
+    final_time
+        T; the samples must reach from 0 to T.
+
+    Raises
+    ------
+    ValueError
+        ``<key>: what is wrong``, or what is wrong without a key.
+    """
+    name, column = str(specification["file"]), str(specification["column"])
+    if "content" not in specification:
+        raise ValueError(f"content: missing; what {name} holds is needed as well")
+    time, values = samples_from_text(str(specification["content"]))
+    slack = 1e-9 * final_time
+    if time[0] > slack or time[-1] < final_time - slack:
+        raise ValueError(
+            f"{name}: its samples reach from t = {time[0]:g} to {time[-1]:g}; they must reach from "
+            f"0 to final_time = {final_time:g}"
+        )
+    return SampledForce.through(
+        time,
+        float(specification.get("scale", 1.0)) * values,
+        cast(Interpolation, specification.get("interpolation", "linear")),
+        source=f"{column} of {name}",
+    )

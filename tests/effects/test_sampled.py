@@ -1,0 +1,98 @@
+"""Forces that are known at samples: values between them, expansions, and what they refuse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.sampled import SampledForce
+from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, ExpressionError
+from fvi_cli.mathematics.power_series import expand
+from fvi_cli.mathematics.power_sum import POWER_SUM_FUNCTIONS, PowerSum
+
+TIME = np.array([0.0, 0.3, 1.0, 1.2, 2.0])
+VALUES = np.array([1.0, -2.0, 0.5, 4.0, 3.0])
+
+
+def at(force: SampledForce, time: np.ndarray) -> np.ndarray:
+    return np.asarray(force.evaluate({"t": time}, NUMPY_FUNCTIONS))
+
+
+def test_straight_lines_are_those_of_numpy():
+    force = SampledForce.through(TIME, VALUES, "linear")
+    time = np.linspace(0.0, 2.0, 501)
+    np.testing.assert_allclose(at(force, time), np.interp(time, TIME, VALUES), atol=1e-14)
+
+
+def test_the_spline_has_two_continuous_derivatives_and_gives_cubics_back():
+    force = SampledForce.through(TIME, VALUES, "cubic")
+    np.testing.assert_allclose(at(force, TIME), VALUES, atol=1e-13)
+    for place in range(1, TIME.size - 1):
+        before = np.poly1d(force.coefficients[:, place - 1])
+        after = np.poly1d(force.coefficients[:, place])
+        width = TIME[place] - TIME[place - 1]
+        for times in (1, 2):
+            assert before.deriv(times)(width) == pytest.approx(after.deriv(times)(0.0), rel=1e-10)
+    # the third one jumps at the knot in the middle
+    assert abs(force.coefficients[0, 1] - force.coefficients[0, 2]) > 1.0
+    cubic = np.poly1d([1.0, -2.0, 0.5, 3.0])
+    time = np.linspace(0.0, 2.0, 101)
+    through = SampledForce.through(TIME, cubic(TIME), "cubic")
+    np.testing.assert_allclose(at(through, time), cubic(time), atol=1e-13)
+    # straight lines through the same samples do not
+    lines = SampledForce.through(TIME, cubic(TIME), "linear")
+    assert np.abs(at(lines, time) - cubic(time)).max() > 0.1
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "cubic"])
+@pytest.mark.parametrize("place", [0.0, 0.3, 1.1])
+def test_the_expansion_is_that_of_the_polynomial_to_the_right(interpolation, place):
+    force = SampledForce.through(TIME, VALUES, interpolation)
+    series = expand(force, 6.0, place)
+    ahead = np.linspace(0.0, 0.09, 7)
+    np.testing.assert_allclose(series(ahead), at(force, place + ahead), atol=1e-13)
+    assert series.exponents.max() <= force.order - 1
+
+
+def test_factors_and_formulas_are_added_up():
+    force = SampledForce.through(TIME, VALUES, "linear")
+    formula = Expression.parse("t**2", ("t",))
+    both = force.scaled(2.0).plus(formula).plus(formula).scaled(-1.0)
+    time = np.linspace(0.0, 2.0, 11)
+    np.testing.assert_allclose(at(both, time), -2 * at(force, time) - 2 * time**2, atol=1e-13)
+    series = expand(both, 4.0)
+    np.testing.assert_allclose(series(time[:2]), at(both, time[:2]), atol=1e-13)
+    assert not both.is_constant
+    assert SampledForce.through(TIME, 0 * VALUES + 3, "linear").is_constant
+
+
+def test_samples_are_no_formula():
+    force = SampledForce.through(TIME, VALUES, "linear")
+    with pytest.raises(ExpressionError, match="not a formula"):
+        force.evaluate({"t": PowerSum.variable()}, POWER_SUM_FUNCTIONS)
+
+
+def test_knots_are_no_break_points():
+    force = SampledForce.through(TIME, VALUES, "linear")
+    other = Expression.parse("t", ("t",))
+    forcing = Forcing(pieces=(ForcingPiece(components=(force, other)),))
+    assert forcing.break_points == ()
+    assert forcing.samples == (force,)
+    np.testing.assert_allclose(forcing(np.array([1.1])), [[2.25, 1.1]])
+
+
+@pytest.mark.parametrize(
+    ("time", "values", "interpolation", "says"),
+    [
+        ([0, 1], [0, 1], "quintic", "'quintic' is not one of linear, cubic"),
+        ([0], [0], "linear", "at least 2"),
+        ([0, 1, 2], [0, 1, 2], "cubic", "at least 4"),
+        ([0, 1, 1], [0, 1, 2], "linear", "increase"),
+        ([0, 1, 2], [0, np.nan, 2], "linear", "finite"),
+        ([0, 1, 2], [0, 1], "linear", "3 times and 2 values"),
+    ],
+)
+def test_samples_that_are_not_allowed(time, values, interpolation, says):
+    with pytest.raises(ValueError, match=says):
+        SampledForce.through(time, values, interpolation)
