@@ -17,15 +17,24 @@ from fvi_cli.experiments.executor import Executor, InProcess, compute_batches
 from fvi_cli.experiments.experiment import Experiment, FinishedRun, Predicted, Run
 from fvi_cli.experiments.processes import LocalProcesses
 from fvi_cli.experiments.study import prediction_of
-from fvi_cli.output.storage import open_results, read_configuration, read_results
+from fvi_cli.output.storage import (
+    NEW,
+    Reasons,
+    open_results,
+    place_of,
+    read_configuration,
+    read_results,
+)
 from fvi_cli.progress import progress_bar
 
 _logger = logging.getLogger(__name__)
 
 STORED_SUFFIX = ".h5"
 PARTS_SUFFIX = ".parts"
+FRESH = "--fresh"
 
 Known = Callable[[Run], FinishedRun | None]
+Why = Callable[[Run], str]
 Keep = Callable[[Sequence[FinishedRun]], object]
 
 
@@ -201,7 +210,9 @@ class Plan:
         ``reuse`` a stored result, ``compute``, ``refuse``, or ``leave out``: a result file was
         named, from which nothing is computed.
     reason
-        Why.
+        Why: ``stored``; ``new``, ``incomplete``, ``older solver``, ``changed: problem.stiffness``
+        (see :class:`fvi_cli.output.storage.Reasons`) or ``--fresh``; ``refused:`` and what is
+        predicted; ``not in the file``.
     predicted
         ``stable``, ``unstable`` or ``unknown``.
     """
@@ -217,13 +228,13 @@ def plan(requests: Sequence[Request], settings: Settings) -> list[Plan]:
     plans = []
     for request in requests:
         _is_kept(request, settings)
-        with _stored_runs(request, settings) as known:
+        with _stored_runs(request, settings) as known, _reasons(request, settings) as why:
             for experiment in request.loaded.experiments:
-                plans += [_plan(run, known, request, settings) for run in experiment.runs()]
+                plans += [_plan(run, known, why, request) for run in experiment.runs()]
     return plans
 
 
-def _plan(run: Run, known: Known, request: Request, settings: Settings) -> Plan:
+def _plan(run: Run, known: Known, why: Why, request: Request) -> Plan:
     earlier = known(run)
     if earlier is not None:
         return Plan(run=run, action="reuse", reason="stored", predicted=earlier.predicted)
@@ -231,9 +242,9 @@ def _plan(run: Run, known: Known, request: Request, settings: Settings) -> Plan:
     if request.stored is not None:
         action, reason = "leave out", "not in the file"
     elif prediction.verdict == "unstable" and not run.experiment.allow_unstable:
-        action, reason = "refuse", prediction.reason
+        action, reason = "refuse", f"refused: {prediction.reason}"
     else:
-        action, reason = "compute", "--fresh" if settings.fresh else "not stored"
+        action, reason = "compute", why(run)
     return Plan(run=run, action=action, reason=reason, predicted=prediction.verdict)
 
 
@@ -245,7 +256,10 @@ def answer(request: Request, settings: Settings) -> list[Outcome]:
     if not _is_kept(request, settings):
         with _stored_runs(request, settings) as known:
             return carry_out(experiments, settings, title=request.name, known=known)
-    with open_results(settings.output, request.name, fresh=settings.fresh) as results:
+    with (
+        open_results(settings.output, request.name, fresh=settings.fresh) as results,
+        _reasons(request, settings) as why,
+    ):
 
         def keep(batch: Sequence[FinishedRun]) -> None:
             for finished in batch:
@@ -257,6 +271,7 @@ def answer(request: Request, settings: Settings) -> list[Outcome]:
                 settings,
                 title=request.name,
                 known=_never if settings.fresh else results.finished,
+                why=why,
                 keep=keep,
             )
         finally:
@@ -303,6 +318,20 @@ def _stored_runs(request: Request, settings: Settings) -> Iterator[Known]:
         yield results.finished
 
 
+@contextlib.contextmanager
+def _reasons(request: Request, settings: Settings) -> Iterator[Why]:
+    """Function that says why a run is computed that was not found; writes nothing."""
+    path = settings.path_of(request)
+    if settings.fresh:
+        yield lambda run: FRESH
+    elif not (path.exists() or path.with_suffix(PARTS_SUFFIX).exists()):
+        yield lambda run: NEW
+    else:
+        with read_results(path) as stored:
+            asked = {place_of(run) for e in request.loaded.experiments for run in e.runs()}
+            yield Reasons(stored=stored, asked=asked).of
+
+
 def _recall(experiments: Sequence[Experiment], path: Path) -> list[Outcome]:
     """Read the runs of a result file, and compute nothing."""
     with read_results(path) as results:
@@ -334,6 +363,7 @@ def carry_out(
     title: str,
     known: Known = _never,
     keep: Keep | None = None,
+    why: Why | None = None,
 ) -> list[Outcome]:
     """Recall or compute every run of `experiments`.
 
@@ -349,6 +379,8 @@ def carry_out(
         Gives back a run that was finished before, or None.
     keep
         Called with the runs of every batch that is computed, as soon as it is finished.
+    why
+        Says why a run is computed, for the log.
     """
     done: dict[Run, FinishedRun] = {}
     waiting: list[Run] = []
@@ -360,6 +392,8 @@ def carry_out(
         else:
             done[run] = earlier
     _logger.info("%s: %d runs, %d of them stored", title, len(done) + len(waiting), len(done))
+    if why is not None:
+        _tell_reasons(title, waiting, why)
     computed = compute_batches(batches_of(waiting), execute_batch, executor=settings.executor())
     with (
         contextlib.closing(computed),
@@ -371,7 +405,7 @@ def carry_out(
                 keep(batch.finished)
             for finished in batch.finished:
                 done[finished.run] = finished
-                advance(_describe(finished.run))
+                advance(finished.run.title)
                 _report(finished)
             if settings.fail_fast and any(map(is_unexpected_failure, batch.finished)):
                 _logger.error("stopped at the first unexpected failure (--fail-fast)")
@@ -382,8 +416,16 @@ def carry_out(
     ]
 
 
-def _describe(run: Run) -> str:
-    return f"{run.experiment.name} {run.method.case} N={run.n_steps}"
+def _tell_reasons(title: str, waiting: Sequence[Run], why: Why) -> None:
+    """How many runs are computed again for which reason."""
+    counts: dict[str, int] = {}
+    for run in waiting:
+        reason = why(run)
+        if reason not in (NEW, FRESH):
+            _logger.debug("%s: %s", run.title, reason)
+            counts[reason] = counts.get(reason, 0) + 1
+    for reason, count in counts.items():
+        _logger.info("%s: computed again: %d runs, %s", title, count, reason)
 
 
 def _report(finished: FinishedRun) -> None:
@@ -393,7 +435,7 @@ def _report(finished: FinishedRun) -> None:
     _logger.log(
         level,
         "%s: %s, error %.3g%s",
-        _describe(finished.run),
+        finished.run.title,
         finished.status,
         finished.error,
         f" ({message})" if message else "",

@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import h5py
 import pytest
 from typer.testing import CliRunner
 
@@ -18,6 +19,7 @@ from fvi_cli import campaign
 from fvi_cli.cli import app
 from fvi_cli.experiments.benchmark import standard_cases
 from fvi_cli.experiments.memory_benchmark import memory_cases
+from fvi_cli.output.provenance import SOLVER_VERSION
 
 QUICK = """\
 name: quick
@@ -268,6 +270,79 @@ def test_an_interrupted_run_keeps_what_is_finished(folder, number, workers):
     assert stdout == ""
     rows = fvi("run", "quick.yaml", "--dry-run").stdout.splitlines()[1:]
     assert [("reuse" in row) for row in rows] == [True, True, False]
+
+
+def reasons(result):
+    """Action and reason of every row of a dry run."""
+    header, *rows = result.stdout.splitlines()
+    place = header.index("reason")
+    return [(row.split()[4], row[place:]) for row in rows]
+
+
+def test_a_dry_run_says_why(folder):
+    def planned(*arguments):
+        return reasons(fvi("run", "quick.yaml", "--dry-run", *arguments))
+
+    assert planned() == 8 * [("compute", "new")]
+    fvi("run", "quick.yaml", "-q")
+    assert planned() == 8 * [("reuse", "stored")]
+    assert planned("--fresh") == 8 * [("compute", "--fresh")]
+    assert planned("--set", "problem.stiffness=2.0") == 8 * [
+        ("compute", "changed: problem.stiffness")
+    ]
+    assert planned("--set", "report.norm=final", "--set", "problem.damping.0.order=1.25") == 8 * [
+        ("compute", "changed: report.norm, problem.damping.0.order")
+    ]
+    assert planned("--set", "method.history=direct") == 8 * [("compute", "changed: method.history")]
+    # a run elsewhere that is not asked for any more, of another method
+    assert planned("--set", "method.degree=2") == 8 * [
+        ("compute", "changed: method.degree, method.quadrature")
+    ]
+    assert planned("--set", "method.bdf=3") == 4 * [("compute", "changed: method.bdf")]
+    # control: what was there stays and something is added
+    assert planned("--set", "method.bdf=[1, 2, 3]") == 8 * [("reuse", "stored")] + 4 * [
+        ("compute", "new")
+    ]
+    assert planned("--set", "ladder.steps=[4, 64]") == 2 * [("reuse", "stored"), ("compute", "new")]
+
+
+def test_a_dry_run_tells_half_runs_older_solvers_and_refusals(folder, monkeypatch):
+    fvi("run", "quick.yaml", "-q")
+    with h5py.File("results/quick.h5", "r+") as file:
+        del file["quick/bdf1-nodes-s1-gauss1-none/n000004"].attrs["complete"]
+        del file["quick/bdf1-nodes-s1-gauss1-none/n000008"]
+    found = reasons(fvi("run", "quick.yaml", "--dry-run"))
+    assert found == [("compute", "incomplete"), ("compute", "new")] + 6 * [("reuse", "stored")]
+    told = fvi("run", "quick.yaml").stderr
+    assert "quick: computed again: 1 runs, incomplete" in told
+    for module in ("output.provenance", "output.storage.records", "output.storage.reasons"):
+        monkeypatch.setattr(f"fvi_cli.{module}.SOLVER_VERSION", SOLVER_VERSION + 1)
+    changed = fvi("run", "quick.yaml", "--dry-run", "--set", "problem.stiffness=2.0")
+    assert reasons(changed) == 8 * [("compute", "changed: problem.stiffness; older solver")]
+    assert reasons(fvi("run", "quick.yaml", "--dry-run")) == 8 * [("compute", "older solver")]
+    told = fvi("run", "quick.yaml", "-v").stderr
+    assert "quick: computed again: 8 runs, older solver" in told
+    assert "quick bdf1-nodes-s1-gauss1-none N=4: older solver" in told
+    (folder / "diverging.yaml").write_text(DIVERGING.replace("allow_unstable: true\n", ""))
+    found = reasons(fvi("run", "diverging.yaml", "--dry-run"))
+    assert [action for action, _ in found] == 2 * ["refuse"] + 2 * ["compute"]
+    assert all(reason.startswith("refused: ") for _, reason in found[:2])
+
+
+def test_allowing_what_is_stable_anyway_computes_nothing_again(folder):
+    (folder / "diverging.yaml").write_text(DIVERGING.replace("allow_unstable: true\n", ""))
+    fvi("run", "diverging.yaml", "-q")
+    allowed = reasons(fvi("run", "diverging.yaml", "--dry-run", "--allow-unstable"))
+    assert allowed == 2 * [("compute", "changed: allow_unstable")] + 2 * [("reuse", "stored")]
+    told = fvi("run", "diverging.yaml", "--allow-unstable").stderr
+    assert "4 runs, 2 of them stored" in told
+    # and back: what has been computed is not what is wanted now
+    again = reasons(fvi("run", "diverging.yaml", "--dry-run"))
+    assert [action for action, _ in again] == 2 * ["refuse"] + 2 * ["reuse"]
+    fvi("run", "diverging.yaml", "-q")
+    assert reasons(fvi("run", "diverging.yaml", "--dry-run")) == 4 * [("reuse", "stored")]
+    listed = fvi("show", "results/diverging.h5").stdout
+    assert listed.count("refused") == 2
 
 
 # --- convergence ----------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ import os
 import platform
 import shutil
 import subprocess
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -47,7 +48,20 @@ def sha256(text: str) -> str:
 
 def identity(run: Run) -> str:
     """SHA-256 of what determines the numbers of a run, with format and version of the solver."""
-    described = {"format": FORMAT, "solver": SOLVER_VERSION, "run": run.specification()}
+    return _identity(run.specification())
+
+
+def identity_otherwise_allowed(run: Run) -> str:
+    """Identity of the run if ``allow_unstable`` were the opposite of what it is.
+
+    It is the same run unless it is predicted to blow up: then one is computed, the other refused.
+    """
+    specification = run.specification()
+    return _identity({**specification, "allow_unstable": not specification["allow_unstable"]})
+
+
+def _identity(specification: Mapping[str, object]) -> str:
+    described = {"format": FORMAT, "solver": SOLVER_VERSION, "run": specification}
     return sha256(canonical_json(described))
 
 

@@ -15,9 +15,13 @@ from fvi_cli.output.storage.contents import (
     read_config_text,
     read_configuration,
 )
+from fvi_cli.output.storage.reasons import NEW, Reasons
+from fvi_cli.output.storage.records import place_of
 from fvi_cli.output.storage.results import Results, StoredRuns, open_results, read_results
 
 __all__ = [
+    "NEW",
+    "Reasons",
     "Results",
     "StoredConfiguration",
     "StoredFile",
@@ -25,6 +29,7 @@ __all__ = [
     "StoredRuns",
     "list_runs",
     "open_results",
+    "place_of",
     "read_config_text",
     "read_configuration",
     "read_results",

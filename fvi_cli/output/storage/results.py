@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,6 +19,7 @@ from fvi_cli.experiments.experiment import FinishedRun, Run
 from fvi_cli.output.provenance import (
     canonical_json,
     identity,
+    identity_otherwise_allowed,
     origin,
     package_versions,
     platform_name,
@@ -74,6 +75,7 @@ class _Location:
     place: Place
     identity: str
     basis: str
+    predicted: str
 
     def read(self) -> Record:
         with reading(self.file) as file:
@@ -96,12 +98,31 @@ class StoredRuns:
         StorageError
             If what is stored is damaged.
         """
-        location = self._by_identity.get(identity(run))
+        location = self._location(run)
         if location is None:
             return None
         record = location.read()
         with damage_told(location.file):
             return finished_of(record, run)
+
+    def _location(self, run: Run) -> _Location | None:
+        """Where the run is, also under the other answer to a question that it does not raise."""
+        location = self._by_identity.get(identity(run))
+        if location is None:
+            other = self._by_identity.get(identity_otherwise_allowed(run))
+            if other is not None and other.predicted != "unstable":
+                return other
+        return location
+
+    def places(self) -> Collection[Place]:
+        """Where runs are stored that are complete."""
+        return self._by_place.keys()
+
+    def attributes(self, place: Place) -> Mapping[str, Any]:
+        """What is said of the run in one of :meth:`places`."""
+        location = self._by_place[place]
+        with reading(location.file) as file:
+            return dict(file[group_path(location.place)].attrs)
 
     def of_another_problem(self, runs: Iterable[Run]) -> int:
         """Number of stored runs whose experiment has become another one by the time of `runs`.
@@ -132,9 +153,9 @@ class Results(StoredRuns):
         """As :meth:`StoredRuns.finished`; what is found belongs to the consolidated file."""
         if self.is_fresh:
             return None
-        found = super().finished(run)
-        if found is not None:
-            self._asked[place_of(run)] = identity(run)
+        found, location = super().finished(run), self._location(run)
+        if location is not None:
+            self._asked[place_of(run)] = location.identity
         return found
 
     def add(self, finished: FinishedRun) -> None:
@@ -277,6 +298,7 @@ def _located(path: Path, attributes: Mapping[str, Any]) -> _Location:
         place=place_in(attributes),
         identity=str(attributes["identity"]),
         basis=basis_in(attributes),
+        predicted=str(attributes["predicted"]),
     )
 
 
