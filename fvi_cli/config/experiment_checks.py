@@ -16,6 +16,7 @@ from fvi_cli.config.method_keys import ListedMethod, read_methods
 from fvi_cli.config.problem_checks import break_points, make_problem
 from fvi_cli.config.records import node_at
 from fvi_cli.config.shapes import is_complete
+from fvi_cli.config.stability_keys import stability_settings
 from fvi_cli.experiments.experiment import Experiment
 from fvi_cli.integrator.baselines import baseline_objection
 from fvi_cli.integrator.break_points import TOLERANCE
@@ -98,6 +99,7 @@ def make_experiment(
         store_every=values["store"]["every"],
         claims=values["claims"],
         figures=tuple(values["figures"]),
+        stability=stability_settings(values["stability"]),
     )
     return ReadExperiment(resolved=resolved, experiment=experiment)
 

@@ -23,6 +23,7 @@ from fvi_cli.config.shapes import (
     is_complete,
     needed,
 )
+from fvi_cli.config.stability_keys import STABILITY
 from fvi_cli.experiments.experiment import Norm
 
 MOST_STEPS: Final = 2**30
@@ -251,6 +252,12 @@ def _experiment_record(name: Key) -> Record:
                 default=False,
             ),
             Key(name="store", shape=_STORE, meaning="What is kept in files.", default={"every": 1}),
+            Key(
+                name="stability",
+                shape=STABILITY,
+                meaning="What fvi stability looks at, beside the methods and steps.",
+                default={"observe": True},
+            ),
         ),
         refused={"methods": "not a key: write method", "steps": "not a key: write ladder"},
     )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, TypeVar
 
 from fvi_cli.experiments.members import Member
+from fvi_cli.experiments.stability_settings import USUAL, StabilitySettings
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import AnyProblem
@@ -49,6 +50,8 @@ class Experiment:
         Which figures to draw: ``convergence``, ``trajectory``, ``energy``, ``error``.
     members
         The members of a sweep; none: the experiment has the one problem.
+    stability
+        What is looked at beside the runs where stability is studied.
     """
 
     name: str
@@ -63,6 +66,7 @@ class Experiment:
     claims: Mapping[str, float] = field(default_factory=dict)
     figures: tuple[str, ...] = ()
     members: tuple[Member, ...] = ()
+    stability: StabilitySettings = USUAL
 
     @property
     def swept(self) -> tuple[str, ...]:

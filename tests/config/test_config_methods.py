@@ -139,6 +139,7 @@ def test_every_default_is_filled_in():
         "figures": [],
         "allow_unstable": False,
         "store": {"every": 1},
+        "stability": {"observe": True},
     }
 
 
