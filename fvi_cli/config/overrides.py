@@ -19,6 +19,7 @@ from fvi_cli.config.document import (
 from fvi_cli.config.shapes import describe
 
 OPTION: Final = Place(source="--set")
+SWEEP: Final = "sweep"
 
 
 def apply_overrides(root: Node, overrides: Sequence[str], complaints: Complaints) -> Node:
@@ -55,6 +56,8 @@ def apply_overrides(root: Node, overrides: Sequence[str], complaints: Complaints
 def _changed(node: Node, path: KeyPath, done: KeyPath, value: Node, complaints: Complaints) -> Node:
     if not path:
         return value
+    if done and done[-1] == SWEEP and len(path) > 1:
+        path = _swept(node, path)
     key, rest = str(path[0]), path[1:]
     here = (*done, key)
     if isinstance(node, ScalarNode) and node.value is None:
@@ -84,3 +87,15 @@ def _changed(node: Node, path: KeyPath, done: KeyPath, value: Node, complaints: 
         # the other form of a ladder would contradict the numbers that are asked for
         kept = {name: old for name, old in kept.items() if name not in ("from", "to", "base")}
     return replace(node, entries={**kept, key: entry})
+
+
+def _swept(node: Node, path: KeyPath) -> KeyPath:
+    """The path below ``sweep``, whose keys hold dots themselves: the longest one that is there."""
+    if isinstance(node, ListNode):
+        return (path[0], ".".join(map(str, path[1:]))) if len(path) > 1 else path
+    known = node.entries if isinstance(node, MappingNode) else {}
+    for count in range(len(path), 0, -1):
+        key = ".".join(map(str, path[:count]))
+        if key in known:
+            return (key, *path[count:])
+    return (".".join(map(str, path)),)

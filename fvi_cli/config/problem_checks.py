@@ -50,7 +50,12 @@ def break_points(problem: Mapping[str, Any]) -> list[tuple[int, float]]:
 
 
 def make_problem(
-    problem: Mapping[str, Any], node: Node, path: KeyPath, complaints: Complaints
+    problem: Mapping[str, Any],
+    node: Node,
+    path: KeyPath,
+    complaints: Complaints,
+    *,
+    build: Callable[[Mapping[str, Any]], AnyProblem] = build_problem,
 ) -> AnyProblem | None:
     """The problem that a mapping read by PROBLEM describes; None when something is wrong.
 
@@ -62,6 +67,8 @@ def make_problem(
         Where it stands.
     complaints
         Receives what is wrong between the keys.
+    build
+        Makes the problem; raises ``ValueError("key.path: what is wrong")``.
     """
     before = len(complaints)
 
@@ -75,7 +82,7 @@ def make_problem(
     if not is_complete(dict(problem)) or len(complaints) > before:
         return None
     try:
-        return build_problem(problem)
+        return build(problem)
     except ValueError as error:
         leading = _LEADING_PATH.fullmatch(str(error))
         if leading is None:

@@ -13,6 +13,7 @@ from fvi_cli.config.records import Key, Record
 from fvi_cli.config.shapes import INVALID, Choice, Integer, Number, Schema, is_complete, needed
 
 MOST_NUMBERS: Final = 100_000
+LARGEST: Final = 1e300
 
 RANGE_KEYS: Final = Record(
     keys=(
@@ -47,14 +48,17 @@ class Range:
         values = RANGE_KEYS.read(node, path, complaints)
         if not is_complete(values):
             return INVALID
-        first, last, number = values["from"], values["to"], values["number"]
+        first, last = values["from"], values["to"]
         if first == last:
             complaints.add(
                 node.entries["to"].node.place, (*path, "to"), f"{last:g} is the same as from"
             )
             return INVALID
         if values["spacing"] == "linear":
-            return [float(number) for number in np.linspace(first, last, number)]
+            if abs(first) + abs(last) > LARGEST:
+                complaints.add(node.place, path, f"numbers up to {LARGEST:g} are allowed")
+                return INVALID
+            return [float(x) for x in np.linspace(first, last, values["number"])]
         for key, end in (("from", first), ("to", last)):
             if not end > 0:
                 complaints.add(
@@ -63,7 +67,7 @@ class Range:
                     f"{end:g} is not allowed with spacing: log; it must be greater than 0",
                 )
                 return INVALID
-        return [float(number) for number in np.geomspace(first, last, number)]
+        return [float(x) for x in np.geomspace(first, last, values["number"])]
 
     def schema(self) -> Schema:
         """The shape in JSON schema."""

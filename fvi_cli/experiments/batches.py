@@ -16,7 +16,7 @@ from fvi_cli.experiments.study import (
     refused,
     with_remark_on_thinning,
 )
-from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.members import integrate_members
 from fvi_cli.scenes.problem import Problem
 
 
@@ -75,8 +75,7 @@ def execute_batch(batch: tuple[Run, ...]) -> list[FinishedRun]:
     ]
     scenes = [run.problem.scene for run in going if isinstance(run.problem, Problem)]
     computed = iter(
-        integrate(scene, first.method, first.n_steps, every=kept_on_the_way(first))
-        for scene in scenes
+        integrate_members(scenes, first.method, first.n_steps, every=kept_on_the_way(first))
     )
     return [
         refused(run, prediction, reference)

@@ -123,6 +123,14 @@ def _with(node: Any, path: list[str], value: Any) -> Any:
     return {**node, path[0]: _with(inner, path[1:], value)}
 
 
+def value_at(specification: Mapping[str, Any], path: str) -> Any:
+    """What stands at a key path that begins with ``problem.``."""
+    node: Any = specification
+    for part in path.split(".")[1:]:
+        node = node[int(part)] if isinstance(node, list | tuple) else node[part]
+    return node
+
+
 def without_values(template: Mapping[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:
     """The mapping with ``swept`` in place of what members differ in: the same for all of them."""
     return with_values(template, dict.fromkeys(keys, "swept"))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.experiments.members import members_at_a_time
-from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 
@@ -200,8 +200,8 @@ def _runs(scenes: Sequence[Scene], n_steps: int) -> list[Array | _ReferenceFaile
     positions: list[Array | _ReferenceFailedError] = []
     size = members_at_a_time(n_steps, max((s.dimension for s in scenes), default=1))
     for start in range(0, len(scenes), size):
-        for scene in scenes[start : start + size]:
-            trajectory = integrate(scene, REFERENCE_METHOD, n_steps)
+        together = scenes[start : start + size]
+        for trajectory in integrate_members(together, REFERENCE_METHOD, n_steps):
             told = f"the refined run {trajectory.status}: {trajectory.message}"
             is_whole = trajectory.status == "ok"
             positions.append(trajectory.position if is_whole else _ReferenceFailedError(told))
