@@ -18,10 +18,12 @@ from fvi_cli.config.records import node_at
 from fvi_cli.config.shapes import is_complete
 from fvi_cli.config.stability_keys import stability_settings
 from fvi_cli.experiments.experiment import Experiment
+from fvi_cli.config.sweep import SWEEP
+from fvi_cli.config.sweep_checks import ReadMembers, check_total_memory, make_members
 from fvi_cli.integrator.baselines import baseline_objection
 from fvi_cli.integrator.break_points import TOLERANCE
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.scenes.problem import DerivativeProblem, Problem
+from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 
 # Break points are taken for fractions of the interval with denominators up to this.
 _LARGEST_DENOMINATOR: Final = 2**20
@@ -83,10 +85,17 @@ def make_experiment(
     resolved = {
         **values,
         "name": name,
+        diagnostics = read_diagnostics(
+            values["store"], problem, values["problem"], methods, node, path, complaints
+        )
+    members = None
+    if problem is not None and SWEEP in values and is_complete(values[SWEEP]):
+        members = _make_members(values, problem, methods, steps, node, path, complaints)
         "method": [listed_method.resolved for listed_method in methods],
     }
     if problem is None or len(complaints) > before or not is_complete(resolved):
         return ReadExperiment(resolved=resolved, experiment=None)
+        **({} if members is None else {SWEEP: members.resolved}),
     experiment = Experiment(
         name=name,
         problem=problem,
@@ -104,8 +113,36 @@ def make_experiment(
     return ReadExperiment(resolved=resolved, experiment=experiment)
 
 
+        members=() if members is None else members.members,
 def _steps(ladder: object) -> tuple[int, ...]:
     return tuple(ladder["steps"]) if isinstance(ladder, Mapping) else ()
+
+
+def _make_members(
+    values: Mapping[str, Any],
+    first: AnyProblem,
+    methods: list[ListedMethod],
+    steps: tuple[int, ...],
+    node: MappingNode,
+    path: KeyPath,
+    complaints: Complaints,
+) -> ReadMembers | None:
+    """The members of the sweep, checked like the experiment without one."""
+
+    def check(
+        specification: Mapping[str, Any], problem: AnyProblem, node: MappingNode, own: Complaints
+    ) -> None:
+        _check_break_points(specification, steps, node, path, own)
+        _check_meeting(problem, methods, own)
+
+    made = make_members(values["problem"], node, path, complaints, check)
+    if made is not None and isinstance(values["store"], Mapping):
+        every = values["store"]["every"]
+        dimension = first.scene.dimension if isinstance(first, Problem) else 1
+        points = [n_steps // every + 2 for n_steps in steps]
+        size = len(made.members)
+        check_total_memory(size, dimension, points, len(methods), node, path, complaints)
+    return made
 
 
 def _complain_of_step(

@@ -25,6 +25,7 @@ from fvi_cli.config.shapes import (
 )
 from fvi_cli.config.stability_keys import STABILITY
 from fvi_cli.experiments.experiment import Norm
+from fvi_cli.config.sweep import SweepShape
 
 MOST_STEPS: Final = 2**30
 LONGEST_NAME: Final = 100
@@ -222,6 +223,13 @@ def _experiment_record(name: Key) -> Record:
             Key(name="ladder", shape=Ladder(), meaning="Numbers of steps."),
             Key(
                 name="report",
+            Key(
+                name="sweep",
+                shape=SweepShape(),
+                meaning="Members: every combination of values of some keys of the problem, or a "
+                "list of mappings with the values of each member. They are computed together.",
+                default=OPTIONAL,
+            ),
                 shape=_REPORT,
                 meaning="How errors are measured.",
                 default={"norm": "max"},
