@@ -85,9 +85,6 @@ def make_experiment(
     resolved = {
         **values,
         "name": name,
-        diagnostics = read_diagnostics(
-            values["store"], problem, values["problem"], methods, node, path, complaints
-        )
     members = None
     if problem is not None and SWEEP in values and is_complete(values[SWEEP]):
         members = _make_members(values, problem, methods, steps, node, path, complaints)
