@@ -9,6 +9,7 @@ from fractions import Fraction
 from typing import Any, Final
 
 from fvi_cli.config.complaints import Complaints, KeyPath, excerpt, listed, suggestion
+from fvi_cli.config.diagnostic_keys import read_diagnostics
 from fvi_cli.config.document import ListNode, MappingNode, Node
 from fvi_cli.config.experiment_keys import MOST_STEPS
 from fvi_cli.config.memory import in_gigabytes, machine_bytes, predicted_bytes
@@ -17,11 +18,12 @@ from fvi_cli.config.problem_checks import break_points, make_problem
 from fvi_cli.config.records import node_at
 from fvi_cli.config.shapes import is_complete
 from fvi_cli.config.stability_keys import stability_settings
-from fvi_cli.experiments.experiment import Experiment
 from fvi_cli.config.sweep import SWEEP
 from fvi_cli.config.sweep_checks import ReadMembers, check_total_memory, make_members
+from fvi_cli.experiments.experiment import Experiment
 from fvi_cli.integrator.baselines import baseline_objection
 from fvi_cli.integrator.break_points import TOLERANCE
+from fvi_cli.integrator.diagnostics import NOTHING
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 
@@ -59,6 +61,7 @@ def make_experiment(
     """
     before = len(complaints)
     problem = None
+    diagnostics = NOTHING
     if isinstance(values["problem"], Mapping):
         problem = make_problem(
             values["problem"], node.entries["problem"].node, (*path, "problem"), complaints
@@ -82,17 +85,20 @@ def make_experiment(
         if all(_needs_stored_points_only(found.method) for found in methods):
             every = values["store"]["every"] if isinstance(values["store"], Mapping) else None
         _check_memory(dimension, steps, every, node, path, complaints)
-    resolved = {
-        **values,
-        "name": name,
+        diagnostics = read_diagnostics(
+            values["store"], problem, values["problem"], methods, node, path, complaints
+        )
     members = None
     if problem is not None and SWEEP in values and is_complete(values[SWEEP]):
         members = _make_members(values, problem, methods, steps, node, path, complaints)
+    resolved = {
+        **values,
+        "name": name,
         "method": [listed_method.resolved for listed_method in methods],
+        **({} if members is None else {SWEEP: members.resolved}),
     }
     if problem is None or len(complaints) > before or not is_complete(resolved):
         return ReadExperiment(resolved=resolved, experiment=None)
-        **({} if members is None else {SWEEP: members.resolved}),
     experiment = Experiment(
         name=name,
         problem=problem,
@@ -105,14 +111,11 @@ def make_experiment(
         store_every=values["store"]["every"],
         claims=values["claims"],
         figures=tuple(values["figures"]),
+        diagnostics=diagnostics,
         stability=stability_settings(values["stability"]),
+        members=() if members is None else members.members,
     )
     return ReadExperiment(resolved=resolved, experiment=experiment)
-
-
-        members=() if members is None else members.members,
-def _steps(ladder: object) -> tuple[int, ...]:
-    return tuple(ladder["steps"]) if isinstance(ladder, Mapping) else ()
 
 
 def _make_members(
@@ -140,6 +143,10 @@ def _make_members(
         size = len(made.members)
         check_total_memory(size, dimension, points, len(methods), node, path, complaints)
     return made
+
+
+def _steps(ladder: object) -> tuple[int, ...]:
+    return tuple(ladder["steps"]) if isinstance(ladder, Mapping) else ()
 
 
 def _complain_of_step(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final, get_args
 
 from fvi_cli.config.complaints import Complaints, KeyPath
+from fvi_cli.config.diagnostic_keys import DIAGNOSTIC_KEYS
 from fvi_cli.config.document import MappingNode, Node, ScalarNode
 from fvi_cli.config.method_keys import METHODS
 from fvi_cli.config.problem_keys import PROBLEM
@@ -24,8 +25,8 @@ from fvi_cli.config.shapes import (
     needed,
 )
 from fvi_cli.config.stability_keys import STABILITY
-from fvi_cli.experiments.experiment import Norm
 from fvi_cli.config.sweep import SweepShape
+from fvi_cli.experiments.experiment import Norm
 
 MOST_STEPS: Final = 2**30
 LONGEST_NAME: Final = 100
@@ -203,6 +204,7 @@ _STORE: Final = Record(
             meaning="Keep every n-th grid point in files.",
             default=1,
         ),
+        *DIAGNOSTIC_KEYS,
     )
 )
 FIGURES: Final = ("convergence", "trajectory", "energy", "error")
@@ -222,14 +224,14 @@ def _experiment_record(name: Key) -> Record:
             ),
             Key(name="ladder", shape=Ladder(), meaning="Numbers of steps."),
             Key(
-                name="report",
-            Key(
                 name="sweep",
                 shape=SweepShape(),
                 meaning="Members: every combination of values of some keys of the problem, or a "
                 "list of mappings with the values of each member. They are computed together.",
                 default=OPTIONAL,
             ),
+            Key(
+                name="report",
                 shape=_REPORT,
                 meaning="How errors are measured.",
                 default={"norm": "max"},

@@ -9,6 +9,7 @@ from typing import Any, Literal, TypeVar
 
 from fvi_cli.experiments.members import Member
 from fvi_cli.experiments.stability_settings import USUAL, StabilitySettings
+from fvi_cli.integrator.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import AnyProblem
@@ -50,6 +51,8 @@ class Experiment:
         Which figures to draw: ``convergence``, ``trajectory``, ``energy``, ``error``.
     members
         The members of a sweep; none: the experiment has the one problem.
+    diagnostics
+        What is computed and stored beside every trajectory.
     stability
         What is looked at beside the runs where stability is studied.
     """
@@ -67,6 +70,7 @@ class Experiment:
     figures: tuple[str, ...] = ()
     members: tuple[Member, ...] = ()
     stability: StabilitySettings = USUAL
+    diagnostics: Asked = NOTHING
 
     @property
     def swept(self) -> tuple[str, ...]:
@@ -142,7 +146,19 @@ class Run:
             "norm": self.experiment.norm,
             "store_every": self.experiment.store_every,
             "allow_unstable": self.experiment.allow_unstable,
+            **_asked(self.experiment.diagnostics),
         }
+
+
+def _asked(diagnostics: Asked) -> dict[str, Any]:
+    """The diagnostics as JSON values; nothing where none are asked for."""
+    if diagnostics.is_empty:
+        return {}
+    symmetries = [
+        {"name": one.name, "generator": one.generator.tolist(), "shift": one.shift.tolist()}
+        for one in diagnostics.symmetries
+    ]
+    return {"diagnostics": {"energy_balance": diagnostics.energy_balance, "symmetries": symmetries}}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,7 +15,7 @@ from fvi_cli.experiments.members import Member
 from fvi_cli.experiments.norms import error_norm
 from fvi_cli.experiments.reference import Reference, find_reference, find_references
 from fvi_cli.integrator.expected_order import expected_order
-from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.integrate import can_be_diagnosed, integrate
 from fvi_cli.integrator.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability import StabilityPrediction, predict_stability
@@ -98,7 +98,15 @@ def assessed(
 def _integrated(problem: Problem, run: Run) -> Trajectory:
     """The whole trajectory, or the points that are stored where the method needs no others."""
     every = kept_on_the_way(run)
-    trajectory = integrate(problem.scene, run.method, run.n_steps, every=every)
+    asked = run.experiment.diagnostics
+    if asked.is_empty or can_be_diagnosed(run.method):
+        trajectory = integrate(
+            problem.scene, run.method, run.n_steps, every=every, diagnostics=asked
+        )
+    else:
+        trajectory = integrate(problem.scene, run.method, run.n_steps, every=every)
+        remark = "no diagnostics: the method keeps no increments of its steps"
+        trajectory = dataclasses.replace(trajectory, remarks=(*trajectory.remarks, remark))
     return with_remark_on_thinning(trajectory)
 
 

@@ -17,6 +17,13 @@ from fvi_cli.experiments.order import damping_orders
 from fvi_cli.integrator.method import method_columns
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
 from fvi_cli.output.provenance import SOLVER_VERSION, canonical_json, identity, origin
+from fvi_cli.output.storage.diagnostic_records import (
+    DIAGNOSTIC_DIMENSIONS,
+    DIAGNOSTIC_NAMES,
+    diagnostic_attributes,
+    diagnostic_datasets,
+    diagnostics_of,
+)
 
 COMPLETE = "complete"
 """Attribute of a run that is written last."""
@@ -27,6 +34,7 @@ DIMENSIONS: Mapping[str, tuple[str, ...]] = {
     "position": ("time", "dof"),
     "momentum": ("time", "dof"),
     "energy": ("time",),
+    **DIAGNOSTIC_DIMENSIONS,
 }
 
 LONG_NAMES: Mapping[str, str] = {
@@ -35,6 +43,7 @@ LONG_NAMES: Mapping[str, str] = {
     "position": "position",
     "momentum": "momentum",
     "energy": "Hamiltonian without forcing",
+    **DIAGNOSTIC_NAMES,
     "n_steps": "number of steps",
     "step_size": "step size",
     "error": "error in the norm that the runs name",
@@ -43,7 +52,7 @@ LONG_NAMES: Mapping[str, str] = {
     "status": "what was observed",
 }
 
-RUN_KEYS = ("method", "n_steps", "store_every", "allow_unstable")
+RUN_KEYS = ("method", "n_steps", "store_every", "allow_unstable", "diagnostics")
 """Keys of a run's specification in which runs of one experiment may differ."""
 
 Place = tuple[str, str, int]
@@ -152,6 +161,9 @@ def record_of(finished: FinishedRun) -> Record:
         datasets["momentum"] = trajectory.momentum[kept]
     if trajectory.energy is not None:
         datasets["energy"] = trajectory.energy[kept]
+    diagnostics = None if trajectory.diagnostics is None else trajectory.diagnostics.at(kept)
+    datasets.update(diagnostic_datasets(diagnostics))
+    attributes.update(diagnostic_attributes(diagnostics))
     attributes["data_sha256"] = checksum(datasets)
     return Record(attributes=attributes, datasets=datasets)
 
@@ -190,6 +202,7 @@ def finished_of(record: Record, run: Run) -> FinishedRun:
         stepping_seconds=float(a["stepping_seconds"]),
         remarks=tuple(json.loads(a["remarks"])),
         every=int(a["store_every"]),
+        diagnostics=diagnostics_of(a, data),
     )
     return FinishedRun(
         run=run,

@@ -1,0 +1,141 @@
+"""Diagnostics from YAML to file and back."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import xarray
+
+from fvi_cli.config import parse_config
+from fvi_cli.errors import ConfigError
+from fvi_cli.experiments.study import study
+from fvi_cli.output.provenance import identity
+from fvi_cli.output.storage import open_results, read_results
+
+KEPLER = """\
+name: planet
+problem:
+  kind: kepler
+  damping: [{order: 0.5, coefficient: 0.05}]
+  initial: {position: [1.0, 0.0], velocity: [0.0, 0.8]}
+  final_time: 4.0
+method: [{rk: gauss, degree: 2}, {baseline: explicit-euler}]
+ladder: {steps: [64]}
+store: {every: 3, diagnostics: [energy-balance, momentum-maps]}
+"""
+DUFFING = "name: d\nproblem: {kind: duffing, final_time: 2.0}\nladder: {steps: [4]}\n"
+
+
+def kept(tmp_path, text):
+    config = parse_config(text, "planet.yaml")
+    with open_results(tmp_path, "planet") as results:
+        for finished in study(config.experiments[0]):
+            results.add(finished)
+        results.consolidate(config)
+    return config
+
+
+def test_diagnostics_come_back_as_they_were_computed(tmp_path):
+    config = kept(tmp_path, KEPLER)
+    (computed, plain) = study(config.experiments[0])
+    with read_results(tmp_path / "planet.h5") as stored:
+        found = stored.finished(computed.run).trajectory.diagnostics
+        assert stored.finished(plain.run).trajectory.diagnostics is None
+    assert found.map_names == ("angular",)
+    points = np.append(np.arange(0, 64, 3), 64)
+    for name in ("dissipated_work", "forcing_work", "energy_defect", "momentum_map"):
+        expected = getattr(computed.trajectory.diagnostics, name)[points]
+        assert np.array_equal(getattr(found, name), expected), name
+    assert np.abs(found.energy_defect).max() < 1e-3 < found.dissipated_work[-1]
+    # a method without increments says why it has none
+    assert any("no diagnostics" in remark for remark in plain.trajectory.remarks)
+
+
+def test_other_readers_find_axes_and_names(tmp_path):
+    kept(tmp_path, KEPLER)
+    group = "/planet/gauss-s2-series/n000064"
+    for engine in ("h5netcdf", "netcdf4"):
+        with xarray.open_dataset(tmp_path / "planet.h5", engine=engine, group=group) as data:
+            assert data["momentum_map"].dims == ("time", "map")
+            assert data["energy_defect"].dims == ("time",)
+            assert "work" in data["dissipated_work"].attrs["long_name"]
+            assert json.loads(data.attrs["momentum_maps"]) == ["angular"]
+
+
+def test_runs_without_diagnostics_keep_their_identity():
+    bare = "\n".join(KEPLER.splitlines()[:-1]) + "\nstore: {every: 3}\n"
+    empty = bare.replace("{every: 3}", "{every: 3, diagnostics: []}")
+    identities = [
+        identity(parse_config(text, "planet.yaml").experiments[0].runs()[0])
+        for text in (bare, empty, KEPLER)
+    ]
+    assert identities[0] == identities[1] != identities[2]
+    specification = parse_config(bare, "p.yaml").experiments[0].runs()[0].specification()
+    assert "diagnostics" not in specification
+
+
+def test_symmetries_may_be_given():
+    store = "{diagnostics: [momentum-maps], symmetries: [{name: L, generator: [[0, -2], [2, 0]]}]}"
+    text = re.sub("store: .*", f"store: {store}", KEPLER)
+    (experiment,) = parse_config(text, "planet.yaml").experiments
+    assert [one.name for one in experiment.diagnostics.symmetries] == ["L"]
+    assert not experiment.diagnostics.energy_balance
+
+
+def test_symmetries_are_found_where_coordinates_do_not_occur():
+    text = (
+        "name: c\nproblem: {kind: lagrangian, coordinates: [r, phi], parameters: {}, lagrangian: "
+        '"(vr**2 + r**2*vphi**2)/2 + 1/r", initial: {position: [1, 0], velocity: [0, 1]}, '
+        "final_time: 1.0}\nladder: {steps: [4]}\nstore: {diagnostics: [momentum-maps]}\n"
+    )
+    (experiment,) = parse_config(text, "c.yaml").experiments
+    assert [one.name for one in experiment.diagnostics.symmetries] == ["p_phi"]
+
+
+@pytest.mark.parametrize(
+    ("store", "expected"),
+    [
+        ("{diagnostics: [energy]}", "store.diagnostics.0: the text 'energy' is not allowed"),
+        (
+            "{diagnostics: [momentum-maps]}",
+            "store.diagnostics.0: no symmetry of this scene was found",
+        ),
+        ("{symmetries: [{name: a, shift: [1]}]}", "store.symmetries: needs diagnostics: ["),
+        (
+            "{diagnostics: [momentum-maps], symmetries: [{name: a, shift: [1]}]}",
+            "store.symmetries.0: a is no symmetry: ",
+        ),
+        (
+            "{diagnostics: [momentum-maps], symmetries: [{name: a, shift: [1, 2]}]}",
+            "store.symmetries.0.shift: 2 numbers for 1 coordinates",
+        ),
+        (
+            "{diagnostics: [momentum-maps], symmetries: [{name: a, generator: [[1, 0]]}]}",
+            "store.symmetries.0.generator: must be 1 rows of 1 numbers",
+        ),
+        (
+            "{diagnostics: [momentum-maps], symmetries: [{name: a}]}",
+            "store.symmetries.0: symmetry a: generator and shift are zero",
+        ),
+    ],
+)
+def test_mistakes_are_told_where_they_stand(store, expected):
+    with pytest.raises(ConfigError) as caught:
+        parse_config(f"{DUFFING}store: {store}\n", "d.yaml")
+    (line,) = caught.value.complaints
+    assert re.match(r"d\.yaml:4:\d+: ", line)
+    assert expected in line
+
+
+def test_methods_and_kinds_that_cannot_be_diagnosed_are_told():
+    store = "store: {diagnostics: [energy-balance]}\n"
+    text = f"{DUFFING}method: {{rk: gauss, history: exponentials}}\n{store}"
+    with pytest.raises(ConfigError, match="keeps no increments"):
+        parse_config(text, "d.yaml")
+    derivative = (
+        "name: d\nproblem: {kind: fractional-derivative, order: 0.5, function: t**2, "
+        "final_time: 1.0}\nmethod: {bdf: 1}\nladder: {steps: [4]}\n"
+    )
+    with pytest.raises(ConfigError, match="in which nothing moves"):
+        parse_config(derivative + store, "d.yaml")
