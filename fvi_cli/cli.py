@@ -15,13 +15,15 @@ from fvi_cli.commands.benchmark import benchmark
 from fvi_cli.commands.check import check
 from fvi_cli.commands.convergence import convergence
 from fvi_cli.commands.exits import DONE
+from fvi_cli.commands.export import export
 from fvi_cli.commands.new import new
 from fvi_cli.commands.plot import plot
 from fvi_cli.commands.run import run
 from fvi_cli.commands.schema import schema
 from fvi_cli.commands.show import show
+from fvi_cli.commands.stability import stability
 
-COMMANDS = (run, convergence, plot, check, show, benchmark, schema, new)
+COMMANDS = (run, convergence, plot, stability, check, show, export, benchmark, schema, new)
 
 app = typer.Typer(
     name="fvi",

@@ -1,0 +1,161 @@
+"""Exported numbers are the stored ones, in every format, whatever a group holds."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import loadmat
+from typer.testing import CliRunner
+
+from fvi_cli.cli import app
+from fvi_cli.errors import RequestError, StorageError
+from fvi_cli.output.export import FORMATS, export_file
+from fvi_cli.output.storage.arrays import StoredArrays, stored_arrays
+
+CONFIG = """
+name: two-masses
+problem:
+  kind: bagley-torvik
+  mass: [[1, 0], [0, 2]]
+  stiffness: [[2, -1], [-1, 2]]
+  damping: [{order: 0.5, coefficient: 0.3}]
+  initial: {position: [1, 0], velocity: 0}
+  final_time: 1.0
+method:
+  - {rk: gauss, degree: 2}
+  - {baseline: implicit-euler}
+ladder: {steps: [4, 8]}
+"""
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("export")
+    config = folder / "two-masses.yaml"
+    config.write_text(CONFIG, encoding="utf-8")
+    done = CliRunner().invoke(app, ["run", str(config), "--output", str(folder), "-q"])
+    assert done.exit_code == 0, done.output
+    return folder / "two-masses.h5"
+
+
+def read_csv(path: Path) -> tuple[dict[str, object], dict[str, list[str]]]:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    comments = [line[2:].split(": ", 1) for line in lines if line.startswith("# ")]
+    rows = list(csv.reader(line for line in lines if not line.startswith("# ")))
+    columns = dict(zip(rows[0], map(list, zip(*rows[1:], strict=True)), strict=True))
+    return {name: json.loads(value) for name, value in comments}, columns
+
+
+def test_csv_holds_every_number_to_the_last_digit(stored: Path, tmp_path: Path) -> None:
+    written = export_file(stored, "csv", tmp_path)
+    assert len(written) == 4
+    attributes, columns = read_csv(tmp_path / "two-masses-gauss-s2-series-n000008.csv")
+    with h5py.File(stored) as file:
+        run = file["two-masses/gauss-s2-series/n000008"]
+        assert [float(word) for word in columns["time"]] == run["time"][()].tolist()
+        for k in range(2):
+            assert [float(w) for w in columns[f"position_{k}"]] == run["position"][:, k].tolist()
+            assert [float(w) for w in columns[f"momentum_{k}"]] == run["momentum"][:, k].tolist()
+        assert [float(word) for word in columns["energy"]] == run["energy"][()].tolist()
+        assert attributes["identity"] == run.attrs["identity"]
+        assert attributes["step_size"] == 0.125
+    assert "dof" not in columns
+
+
+def test_npz_and_mat_hold_the_same_arrays(stored: Path, tmp_path: Path) -> None:
+    (npz,) = export_file(stored, "npz", tmp_path)
+    (mat,) = export_file(stored, "mat", tmp_path)
+    matlab = loadmat(mat, simplify_cells=True)
+    with np.load(npz) as arrays:  # without pickle
+        for run in stored_arrays(stored):
+            place = f"{run.experiment}/{run.case}/{run.name}"
+            structure = matlab[run.experiment.replace("-", "_")]
+            structure = structure[run.case.replace("-", "_")][run.name]
+            for name, values in run.arrays.items():
+                assert np.array_equal(arrays[f"{place}/{name}"], values)
+                assert np.array_equal(structure[name], values)
+            attributes = json.loads(str(arrays[f"{place}/attributes"]))
+            assert attributes["n_steps"] == structure["attributes"]["n_steps"] == len(values) - 1
+
+
+def test_members_become_rows() -> None:
+    batch = StoredArrays(
+        experiment="sweep",
+        case="gauss-s3-series",
+        name="n000002",
+        attributes={"n_steps": np.int64(2)},
+        arrays={
+            "time": np.array([0.0, 0.5, 1.0]),
+            "member": np.arange(2),
+            "stiffness": np.array([1.5, 2.5]),
+            "position": np.arange(12.0).reshape(2, 3, 2),
+            "dof": np.arange(2),
+            "status": np.array(["ok", "floor"], dtype=object),
+        },
+        dimensions={
+            "time": ("time",),
+            "member": ("member",),
+            "stiffness": ("member",),
+            "position": ("member", "time", "dof"),
+            "dof": ("dof",),
+            "status": ("member",),
+        },
+    )
+    ((name, content),) = FORMATS["csv"]("sweep", iter([batch]))
+    assert name == "sweep-gauss-s3-series-n000002.csv"
+    assert content.decode().splitlines() == [
+        "# n_steps: 2",
+        "member,time,stiffness,position_0,position_1,status",
+        "0,0.0,1.5,0.0,1.0,ok",
+        "0,0.5,1.5,2.0,3.0,ok",
+        "0,1.0,1.5,4.0,5.0,ok",
+        "1,0.0,2.5,6.0,7.0,floor",
+        "1,0.5,2.5,8.0,9.0,floor",
+        "1,1.0,2.5,10.0,11.0,floor",
+    ]
+
+
+def test_names_that_matlab_would_take_for_one_stay_apart(tmp_path: Path) -> None:
+    def run(experiment: str) -> StoredArrays:
+        return StoredArrays(
+            experiment=experiment,
+            case="1case",
+            name="n000001",
+            attributes={},
+            arrays={"time": np.array([0.0, len(experiment)])},
+            dimensions={"time": ("time",)},
+        )
+
+    names = ["a-b", "a_b", "x" * 70, "x" * 71]
+    ((_, content),) = FORMATS["mat"]("several", map(run, names))
+    path = tmp_path / "several.mat"
+    path.write_bytes(content)
+    matlab = loadmat(path, simplify_cells=True)
+    found = [matlab[k]["x1case"]["n000001"]["time"][1] for k in matlab if not k.startswith("__")]
+    assert found == [3.0, 3.0, 70.0, 71.0]
+
+
+def test_command_prints_what_it_writes(stored: Path, tmp_path: Path) -> None:
+    arguments = ["export", str(stored), "--to", "npz", "--output", str(tmp_path)]
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0
+    assert done.stdout.split() == [str(tmp_path / "export" / "two-masses" / "two-masses.npz")]
+    arguments[3] = "xlsx"
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 2
+    assert "csv, npz, mat" in done.stderr
+
+
+def test_mistakes_are_told(tmp_path: Path) -> None:
+    strange = tmp_path / "strange.h5"
+    strange.write_bytes(b"not HDF5")
+    with pytest.raises(StorageError, match="not a result file"):
+        export_file(strange, "csv", tmp_path / "new")
+    with pytest.raises(RequestError, match="is not one of csv, npz, mat"):
+        export_file(strange, "xml", tmp_path / "new")
+    assert not (tmp_path / "new").exists()
