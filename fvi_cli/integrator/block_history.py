@@ -245,7 +245,7 @@ class GroupHistory:
         """Convolve the last `length` samples into the next ones."""
         wanted = min(length, self._end - end)
         # what wraps around falls on the first `length` entries, which are not used
-        period = 2 * length if wanted == length else _even_fast_length(length + wanted)
+        period = 2 * length if wanted == length else even_fast_length(length + wanted)
         past = self._buffer[..., end - length : end]
         target = self._buffer[..., end : end + wanted]
         again = end + 2 * length < self._end and wanted == length
@@ -358,7 +358,7 @@ def _multiply_add(
         total -= product
 
 
-def _even_fast_length(at_least: int) -> int:
+def even_fast_length(at_least: int) -> int:
     """The smallest even 2^a 3^b >= `at_least` with b <= 2: lengths whose transforms are quick."""
     candidates = []
     for factor in (1, 3, 9):
@@ -367,6 +367,10 @@ def _even_fast_length(at_least: int) -> int:
             power *= 2
         candidates.append(power * factor)
     return min(candidates)
+
+
+STEPPED_GROUP = 128
+"""Steps per group where they are taken one at a time."""
 
 
 class SteppedHistory:
@@ -384,7 +388,9 @@ class SteppedHistory:
         Steps per group, summed directly among themselves.
     """
 
-    def __init__(self, memory: Memory, n_steps: int, dimension: int, group: int = 128) -> None:
+    def __init__(
+        self, memory: Memory, n_steps: int, dimension: int, group: int = STEPPED_GROUP
+    ) -> None:
         m = memory.sample_matrix.shape[1]
         batched = tuple(
             BatchedChannel(channel=c, directions=c.direction[None]) for c in memory.channels

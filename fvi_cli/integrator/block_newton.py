@@ -80,6 +80,37 @@ class _Frozen:
     remainder_moments: Array
 
 
+def group_operations(place: int, count: int, memory: int) -> int:
+    """Pairs of a step and an earlier one, or itself, that `memory` weights connect in a group.
+
+    Parameters
+    ----------
+    place, count
+        The steps: `count` of them from the one at `place` on.
+    memory
+        Number M of weights.
+    """
+    return sum(min(step + 1, memory) for step in range(place, place + count))
+
+
+def newton_block(size: int, n_steps: int) -> int | None:
+    """Steps of the largest block; None where even the smallest would be too large.
+
+    Parameters
+    ----------
+    size
+        Samples of a step times degrees of freedom.
+    n_steps
+        N.
+    """
+    if LEAST_BLOCK * size > LARGEST_DENSE:
+        return None
+    largest = LARGEST_BLOCK
+    while largest > LEAST_BLOCK and (largest * size > LARGEST_DENSE or 16 * largest > n_steps):
+        largest //= 2
+    return largest
+
+
 def run_newton_blocks(problem: StepProblem) -> Stepped | None:
     """All steps of a nonlinear scene; None where its blocks would be too large.
 
@@ -91,22 +122,18 @@ def run_newton_blocks(problem: StepProblem) -> Stepped | None:
     """
     potential = problem.scene.potential
     size = problem.tables.sample_points.size * problem.scene.dimension
-    if potential is None or LEAST_BLOCK * size > LARGEST_DENSE:
+    largest = newton_block(size, problem.n_steps)
+    if potential is None or largest is None:
         return None
-    return _NewtonBlocks(problem, potential, size).run()
+    return _NewtonBlocks(problem, potential, size, largest).run()
 
 
 class _NewtonBlocks:
     """State and matrices of one run."""
 
-    def __init__(self, problem: StepProblem, potential: Potential, size: int) -> None:
+    def __init__(self, problem: StepProblem, potential: Potential, size: int, largest: int) -> None:
         self._problem, self._potential = problem, potential
         memory, d = problem.memory, problem.scene.dimension
-        largest = LARGEST_BLOCK
-        while largest > LEAST_BLOCK and (
-            largest * size > LARGEST_DENSE or 16 * largest > problem.n_steps
-        ):
-            largest //= 2
         self._largest, self._group = largest, largest * BLOCKS_PER_GROUP
         self._d, self._m, self._size = d, problem.tables.sample_points.size, size
         self._channels = tuple(
@@ -169,6 +196,9 @@ class _NewtonBlocks:
             if done % self._group == 0:
                 self._begin_group(done)
             forces[done] = self._newest_force(self._known(done, 1))
+            if self._damped and done % self._group:
+                place = done % self._group
+                self.operations += min(place, self._reaches - 1) * self._size**2
         return self._stepped(positions, momenta, forces, done, failure)
 
     def _next_size(self, done: int) -> int:
@@ -216,9 +246,17 @@ class _NewtonBlocks:
             reach = min(place, self._reaches - 1) * self._size
             past = self._samples[:place].reshape(-1)[place * self._size - reach :]
             strip = self._strip[: count * self._size, self._strip.shape[1] - reach :]
-            self.operations += strip.size
             known = known + (strip @ past).reshape(count, self._size)
         return np.asarray(known)
+
+    def _count_operations(self, place: int, count: int) -> None:
+        """Note the memory's work inside of the group: once for each step that is done.
+
+        So it does not depend on how the steps were cut into blocks; attempts that failed are work
+        of Newton's iteration.
+        """
+        if self._damped:
+            self.operations += group_operations(place, count, self._reaches) * self._size**2
 
     def _freeze(self) -> None:
         """Linear response with the Hessian at the position that is reached."""
@@ -329,8 +367,7 @@ class _NewtonBlocks:
         self._state[2 * d : -1] = result[-size:]
         self._remainder = remainder[-1, -1:]
         self._note(done, tuple(changes))
-        if self._damped:
-            self.operations += (count * (count + 1) // 2) * size * size
+        self._count_operations(place, count)
         self._judge(count, len(changes))
         self._excess += len(changes) - 4
         if self._excess > REFRESH_AFTER:
@@ -407,6 +444,7 @@ class _NewtonBlocks:
         if self._damped:
             sample = memory.sample_matrix.T @ increments + offset
             self._samples[done % self._group] = sample.ravel()
+        self._count_operations(done % self._group, 1)
         if forces is not None:
             # what is known in advance is added at the end
             forces[done] = force - (known - finished)

@@ -7,6 +7,7 @@ modes :math:`\Phi` with :math:`\Phi^T M \Phi = 1` and diagonal :math:`\Phi^T K \
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,10 +95,15 @@ class Decoupling:
 
 def decouple(mass: Array, stiffness: Array | None, memory: Memory) -> Decoupling:
     """Modes of the scene where it has any; otherwise everything stays coupled."""
+    return decouple_forms(mass, stiffness, [channel.direction for channel in memory.channels])
+
+
+def decouple_forms(mass: Array, stiffness: Array | None, directions: Sequence[Array]) -> Decoupling:
+    """The same from the directions of the damping alone."""
     d = mass.shape[0]
     if d == 1:
         return Decoupling(mass=mass, modes=None)
-    forms = [channel.direction for channel in memory.channels]
+    forms = list(directions)
     if stiffness is not None:
         forms.insert(0, stiffness)
     if all(np.array_equal(form, np.diag(np.diagonal(form))) for form in (mass, *forms)):

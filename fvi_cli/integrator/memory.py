@@ -220,19 +220,34 @@ def build_channels(
     With `n_steps` the first `n_weights` weights of Runge-Kutta methods are those of a run of that
     many steps, to the last digit.
     """
-    directions: list[Array] = []
-    weights: list[Array] = []
+    channels = []
+    for direction, terms in terms_by_direction(damping):
+        weights: Array | None = None
+        for scale, order in terms:
+            own = scale * _weights(method, h, order, n_weights, n_steps)
+            weights = own if weights is None else _padded_sum(weights, own)
+        if weights is not None:
+            channels.append(Channel(direction=direction, weights=weights))
+    return tuple(channels)
+
+
+def terms_by_direction(
+    damping: tuple[FractionalDamping, ...],
+) -> tuple[tuple[Array, tuple[tuple[float, float], ...]], ...]:
+    """The distinct directions of the coefficients, each with scale and order of its terms.
+
+    Every direction has one sequence of weights, however many terms there are.
+    """
+    found: list[tuple[Array, list[tuple[float, float]]]] = []
     for term in damping:
         scale, direction = scale_and_direction(term)
-        own = scale * _weights(method, h, term.order, n_weights, n_steps)
-        for index, other in enumerate(directions):
+        for other, terms in found:
             if same_direction(other, direction):
-                weights[index] = _padded_sum(weights[index], own)
+                terms.append((scale, term.order))
                 break
         else:
-            directions.append(direction)
-            weights.append(own)
-    return tuple(Channel(direction=d, weights=w) for d, w in zip(directions, weights, strict=True))
+            found.append((direction, [(scale, term.order)]))
+    return tuple((direction, tuple(terms)) for direction, terms in found)
 
 
 def shared_channels(
@@ -282,9 +297,15 @@ def _weights(
         else:
             weights = legendre_exponentials(tableau, theta, n_steps).weights(n_weights)
         return np.asarray(h ** (1.0 - order) * weights)
-    if order == 1.0:
-        n_weights = min(n_weights, method.bdf_order)
+    n_weights = memory_length(method, order, n_weights)
     return np.asarray(h ** (-order) * difference_weights(method.bdf_order, order, n_weights))
+
+
+def memory_length(method: Method, order: float, n_weights: int) -> int:
+    """How many of the first `n_weights` weights are not zero by construction."""
+    if order != 1.0:
+        return n_weights
+    return 1 if method.is_runge_kutta else min(n_weights, method.bdf_order)
 
 
 def runge_kutta_tableau(method: Method) -> ButcherTableau:
