@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 
 LARGEST_DENSE = 2048
 """Block times samples times coupled components, at most."""
+LARGEST_COUPLED = (16, 32, 4096)
+"""Samples times coupled components, at most, on few steps and on so many or more: above, the dense
+matrices of a block take longer to make than single steps with a sparse factorisation."""
 LARGEST_BATCH = 2**19
 """Entries of the matrices of all systems of a batch: large ones would not stay in the cache."""
 LARGEST_STRIP = 2**20
@@ -58,13 +61,14 @@ def block_sizes(samples: int, coupled: int, batch: int, n_steps: int) -> BlockSi
         N.
     """
     size = samples * coupled
+    few, many, long = LARGEST_COUPLED
+    if coupled > 1 and size > (few if n_steps < long else many):
+        return None
     block = BATCH_BLOCK if batch >= BATCH_BLOCK else 128 if size == 1 else 64
     while block > 8 and (
         block * size > LARGEST_DENSE or (batch > 1 and batch * (block * size) ** 2 > LARGEST_BATCH)
     ):
         block //= 2
-    if block * size > LARGEST_DENSE:
-        return None
     while block > 8 and 32 * block > n_steps:
         block //= 2
     blocks = 8 if size == 1 else 4

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fvi_cli.integrator.block_history import SteppedHistory
 from fvi_cli.integrator.block_linear import run_linear_blocks
 from fvi_cli.integrator.block_newton import run_newton_blocks
+from fvi_cli.integrator.large_linear import run_large_steps
 from fvi_cli.integrator.method import History
 from fvi_cli.integrator.stepping import Stepped, StepProblem, run_steps
 
@@ -32,12 +33,10 @@ def run(problem: StepProblem, history: History) -> Stepped:
         return run_steps(problem)
     if problem.scene.is_linear:
         finished = run_linear_blocks(problem)
-        if finished is not None:
-            return finished
-    else:
-        finished = run_newton_blocks(problem)
-        if finished is not None:
-            return finished
+        return run_large_steps(problem) if finished is None else finished
+    finished = run_newton_blocks(problem)
+    if finished is not None:
+        return finished
     memory = problem.memory
     if not memory.channels:
         return run_steps(problem)
