@@ -100,6 +100,8 @@ def independent_systems(scene: Scene, method: Method | None = None) -> tuple[Lin
         Channel(direction=matrix, weights=np.zeros(1)) for _, matrix in whole.damping
     )
     parts = decouple(whole.mass, whole.stiffness, replace(memory, channels=directions))
+    if parts.batch == 1:
+        return (whole,)
     mass, stiffness = parts.matrices(whole.mass), parts.matrices(whole.stiffness)
     damping = [(order, parts.matrices(matrix)) for order, matrix in whole.damping]
     systems: dict[tuple[float, ...], LinearSystem] = {}
