@@ -89,7 +89,7 @@ def make_experiment(
             values["store"], problem, values["problem"], methods, node, path, complaints
         )
     members = None
-    if problem is not None and SWEEP in values and is_complete(values[SWEEP]):
+    if problem is not None and SWEEP in node.entries:
         members = _make_members(values, problem, methods, steps, node, path, complaints)
     resolved = {
         **values,
