@@ -54,7 +54,7 @@ class Complaints:
     def __len__(self) -> int:
         return len(self._found)
 
-    def adopt(self, others: Complaints, addition: str) -> None:
+    def adopt(self, others: Complaints, addition: str = "") -> None:
         """Note what `others` have found, with more words behind it."""
         for place, message in others._found:
             self._found[place, f"{message}{addition}"] = None

@@ -10,11 +10,15 @@ from typing import Any, Final
 
 from fvi_cli.config.complaints import Complaints, KeyPath, Place, excerpt, show_path
 from fvi_cli.config.document import Entry, ListNode, MappingNode, Node, ScalarNode
+from fvi_cli.config.memory import in_gigabytes
 from fvi_cli.config.ranges import Range
 from fvi_cli.config.shapes import INVALID, Schema, needed
 
 MOST_MEMBERS: Final = 100_000
 MOST_KEYS: Final = 20
+BYTES_PER_RUN: Final = 4000
+"""What is kept in memory of a finished run beside its trajectory."""
+
 SWEEP: Final = "sweep"
 PROBLEM: Final = "problem"
 
@@ -65,8 +69,10 @@ class SweepShape:
 
     def read(self, node: Node, path: KeyPath, complaints: Complaints) -> Any:
         """Plain values, ranges written out; what the values mean is read with the problem."""
-        sweep = read_sweep(node, path, complaints)
-        if sweep is None:
+        own = Complaints(folder=complaints.folder)
+        sweep = read_sweep(node, path, own)
+        complaints.adopt(own)
+        if sweep is None or len(own):
             return INVALID
         if isinstance(node, MappingNode):
             return {key: [plain(value) for value in sweep.values[key]] for key in sweep.values}
@@ -97,8 +103,7 @@ def plain(node: Node) -> Any:
 
 
 def read_sweep(node: Node, path: KeyPath, complaints: Complaints) -> Sweep | None:
-    """The members' values; None, with a complaint, where they cannot be told."""
-    before = len(complaints)
+    """The members' values, as far as they can be told where there are complaints; None: not."""
     sweep = None
     if isinstance(node, MappingNode) and node.entries:
         sweep = _every_combination(node, path, complaints)
@@ -106,14 +111,13 @@ def read_sweep(node: Node, path: KeyPath, complaints: Complaints) -> Sweep | Non
         sweep = _listed_members(node, path, complaints)
     else:
         complaints.add(node.place, path, needed(node, _EXPECTED))
-    return sweep if len(complaints) == before else None
+    return sweep if sweep is not None and sweep.values and sweep.combinations else None
 
 
 def _every_combination(node: MappingNode, path: KeyPath, complaints: Complaints) -> Sweep | None:
     values: dict[str, Sequence[Node]] = {}
-    _check_keys(node, path, complaints)
-    for key, entry in node.entries.items():
-        here = (*path, key)
+    for key in _swept_keys(node, path, complaints):
+        entry, here = node.entries[key], (*path, key)
         found: Sequence[Node] = ()
         if isinstance(entry.node, ListNode):
             found = entry.node.items
@@ -131,8 +135,9 @@ def _every_combination(node: MappingNode, path: KeyPath, complaints: Complaints)
                 here,
                 needed(entry.node, f"a list of values, or a range such as {Range().expected}"),
             )
-        _complain_of_repeated(found, here, complaints)
-        values[key] = found
+        if found:
+            _complain_of_repeated(found, here, complaints)
+            values[key] = found
     count = 1
     for found in values.values():
         count *= len(found)
@@ -141,7 +146,7 @@ def _every_combination(node: MappingNode, path: KeyPath, complaints: Complaints)
         return None
     return Sweep(
         place=node.place,
-        key_places={key: entry.key_place for key, entry in node.entries.items()},
+        key_places={key: node.entries[key].key_place for key in values},
         values=values,
         combinations=list(itertools.product(*(range(len(found)) for found in values.values()))),
     )
@@ -149,7 +154,11 @@ def _every_combination(node: MappingNode, path: KeyPath, complaints: Complaints)
 
 def too_many(count: int) -> str:
     """The complaint of so many members."""
-    return f"{count} members are too many; at most {MOST_MEMBERS} are allowed"
+    # a finished run takes a few kilobytes, whatever its number of steps
+    return (
+        f"{count} members are too many; at most {MOST_MEMBERS} are allowed (one run of each would "
+        f"take more than {in_gigabytes(count * BYTES_PER_RUN)} of memory)"
+    )
 
 
 def _complain_of_repeated(found: Sequence[Node], path: KeyPath, complaints: Complaints) -> None:
@@ -182,7 +191,8 @@ def _listed_members(node: ListNode, path: KeyPath, complaints: Complaints) -> Sw
         complaints.add(node.place, path, too_many(len(node.items)))
         return None
     first = node.items[0]
-    keys = list(first.entries) if isinstance(first, MappingNode) else []
+    entries = first.entries if isinstance(first, MappingNode) else {}
+    keys = _swept_keys(first, (*path, 0), complaints) if isinstance(first, MappingNode) else []
     values: dict[str, list[Node]] = {key: [] for key in keys}
     indices: dict[str, dict[str, int]] = {key: {} for key in keys}
     combinations: dict[tuple[int, ...], None] = {}
@@ -193,10 +203,8 @@ def _listed_members(node: ListNode, path: KeyPath, complaints: Complaints) -> Sw
                 item.place, here, needed(item, "a mapping such as {problem.stiffness: 2}")
             )
             continue
-        if number == 0:
-            _check_keys(item, here, complaints)
-        if set(item.entries) != set(keys):
-            shown = ", ".join(excerpt(key) for key in keys)
+        if set(item.entries) != set(entries):
+            shown = ", ".join(excerpt(key) for key in entries)
             complaints.add(item.place, here, f"every member must have the same keys: {shown}")
             continue
         chosen = []
@@ -209,22 +217,22 @@ def _listed_members(node: ListNode, path: KeyPath, complaints: Complaints) -> Sw
         if tuple(chosen) in combinations:
             complaints.add(item.place, here, "the same values stand in the list already")
         combinations[tuple(chosen)] = None
-    places = first.entries if isinstance(first, MappingNode) else {}
     return Sweep(
         place=node.place,
-        key_places={key: places[key].key_place for key in keys},
+        key_places={key: entries[key].key_place for key in keys},
         values=values,
         combinations=list(combinations),
     )
 
 
-def _check_keys(node: MappingNode, path: KeyPath, complaints: Complaints) -> None:
-    """Keys lead to something under ``problem``, and none into another."""
+def _swept_keys(node: MappingNode, path: KeyPath, complaints: Complaints) -> list[str]:
+    """The keys, all of which must lead to something under ``problem``, and none into another."""
     if len(node.entries) > MOST_KEYS:
         complaints.add(
             node.place, path, f"{len(node.entries)} keys are too many; at most {MOST_KEYS}"
         )
-        return
+        return []
+    keys = []
     for key, entry in node.entries.items():
         first, *rest = key.split(".")
         if first != PROBLEM or not rest or not all(rest):
@@ -240,6 +248,11 @@ def _check_keys(node: MappingNode, path: KeyPath, complaints: Complaints) -> Non
         for outer in (".".join(parts[:count]) for count in range(1, len(parts))):
             if outer in node.entries:
                 complaints.add(entry.key_place, (*path, key), f"lies inside of {excerpt(outer)}")
+                break
+        else:
+            if first == PROBLEM and rest and all(rest) and key not in _NOT_SWEPT:
+                keys.append(key)
+    return keys
 
 
 def nodes_with_sweeps(root: MappingNode, complaints: Complaints) -> MappingNode:

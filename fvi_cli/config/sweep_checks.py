@@ -13,16 +13,21 @@ from fvi_cli.config.memory import in_gigabytes, machine_bytes
 from fvi_cli.config.problem_checks import make_problem
 from fvi_cli.config.problem_keys import PROBLEM as PROBLEM_SHAPE
 from fvi_cli.config.shapes import is_complete
-from fvi_cli.config.sweep import PROBLEM, SWEEP, Sweep, read_sweep, tree_of, with_node
+from fvi_cli.config.sweep import (
+    BYTES_PER_RUN,
+    PROBLEM,
+    SWEEP,
+    Sweep,
+    read_sweep,
+    tree_of,
+    with_node,
+)
 from fvi_cli.experiments.members import Member, value_at, with_values
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 from fvi_cli.scenes.registry import build_problem, build_scene
 
 MOST_TOLD: Final = 10
 """Members whose mistakes are told; the others are likely to have the same."""
-
-BYTES_PER_RUN: Final = 4000
-"""What is kept in memory of a finished run beside its trajectory."""
 
 CheckMember = Callable[[Mapping[str, Any], AnyProblem, MappingNode, Complaints], None]
 
@@ -57,12 +62,25 @@ def make_members(
     check
         What else must hold for a member's mapping and problem, in a tree that has its values.
     """
-    before = len(complaints)
+    # the same mistake may have been noted before
+    own = Complaints(folder=complaints.folder)
+    made = _made(template, node, path, own, check)
+    complaints.adopt(own)
+    return None if len(own) else made
+
+
+def _made(
+    template: Mapping[str, Any],
+    node: MappingNode,
+    path: KeyPath,
+    complaints: Complaints,
+    check: CheckMember,
+) -> ReadMembers | None:
     sweep = read_sweep(node.entries[SWEEP].node, (*path, SWEEP), complaints)
     if sweep is None:
         return None
     values = {key: _values(key, sweep, template, node, path, complaints) for key in sweep.values}
-    if len(complaints) > before:
+    if len(complaints):
         return None
     text = json.dumps(template)
     members = tuple(
@@ -77,8 +95,6 @@ def make_members(
         for number, combination in enumerate(sweep.combinations)
     )
     _check_members(members, template, sweep, node, path, complaints, check)
-    if len(complaints) > before:
-        return None
     is_listed = not isinstance(node.entries[SWEEP].node, MappingNode)
     resolved = [dict(member.values) for member in members] if is_listed else values
     return ReadMembers(members=members, resolved=resolved)
@@ -93,13 +109,15 @@ def _values(
     complaints: Complaints,
 ) -> list[Any]:
     """The values of one key, read at their place in the problem of the first member."""
-    found = []
+    found: list[Any] = []
     place = sweep.key_places[key]
+    if not _is_there(template, key):
+        return found
     shared = with_values(template, {key: None})
     for value in sweep.values[key]:
         tree = with_node(node, key, value, place).entries[PROBLEM].node
         read = PROBLEM_SHAPE.read(tree, (*path, PROBLEM), complaints)
-        if not is_complete(read):
+        if not is_complete(read) or not _is_there(read, key):
             continue
         if with_values(read, {key: None}) != shared:
             outer = key.rpartition(".")[0]
@@ -112,6 +130,15 @@ def _values(
             break
         found.append(value_at(read, key))
     return found
+
+
+def _is_there(specification: Mapping[str, Any], key: str) -> bool:
+    """Whether a key path leads to something; it does not where the key is not known."""
+    try:
+        value_at(specification, key)
+    except (LookupError, TypeError, ValueError):
+        return False
+    return True
 
 
 def _check_members(
