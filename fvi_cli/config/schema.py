@@ -110,6 +110,22 @@ _EXAMPLES: Final[dict[str, dict[str, str]]] = {
     },
 }
 
+_MANY: Final = "{from: 0.1, to: 1.9, number: 10}"
+_SWEPT: Final[dict[str, str]] = {
+    "damped-oscillator": f"problem.damping.0.order: {_MANY}, problem.stiffness: [1, 10]",
+    "bagley-torvik": "problem.stiffness: {from: 1, to: 100, number: 5, spacing: log}",
+    "pendulum": "problem.initial.position: [0.1, 1.0, 3.0]",
+    "duffing": "problem.cubic_stiffness: [0.1, 1.0, 10.0]",
+    "kepler": "problem.damping.0.coefficient: [0.0, 0.01, 0.1]",
+    "chain": "problem.dampers.0.coefficient: [0.1, 0.2, 0.4]",
+    "frame": f"problem.dampers.0.order: {_MANY}",
+    "string": "problem.pluck.at: [0.1, 0.3, 0.5]",
+    "double-pendulum": "problem.joints.0.order: [0.5, 1.0]",
+    "lagrangian": "problem.parameters.g: [1.62, 9.81]",
+    "fractional-derivative": f"problem.order: {_MANY}",
+}
+"""What a starter file shows of a sweep."""
+
 
 def starter_config(kind: str, *, name: str | None = None) -> str:
     """A commented configuration to begin with; it is valid as it stands.
@@ -153,6 +169,10 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
     }
     for key in EXPERIMENT.keys:
         if key.name in ("name", "problem"):
+            continue
+        if key.name == "sweep":
+            # not everybody wants one, and there is no empty sweep
+            lines += ["", *_comment(key.meaning, ""), f"# sweep: {{{_SWEPT[kind]}}}"]
             continue
         shown = examples.get(key.name)
         if shown is None:
