@@ -81,6 +81,19 @@ def block_sizes(samples: int, coupled: int, batch: int, n_steps: int) -> BlockSi
     return BlockSizes(block=block, blocks=blocks)
 
 
+def batch_sizes(
+    samples: int, coupled: int, batch: int, n_steps: int
+) -> tuple[int, BlockSizes] | None:
+    """Systems that are advanced together and their blocks, for any number of systems.
+
+    Parameters as for `block_sizes`; None where the blocks would be too large.
+    """
+    n_slices = -(-batch // LARGEST_SLICE)
+    width = -(-batch // n_slices)
+    sizes = block_sizes(samples, coupled, width, n_steps)
+    return None if sizes is None else (width, sizes)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BatchProblem:
     """What the steps of a batch of systems need.
@@ -150,11 +163,10 @@ def run_batch(problem: BatchProblem) -> BatchStepped | None:
     """
     system, n_steps = problem.system, problem.n_steps
     q, e, m = system.batch, system.coupled, system.samples
-    n_slices = -(-q // LARGEST_SLICE)
-    width = -(-q // n_slices)
-    sizes = block_sizes(m, e, width, n_steps)
-    if sizes is None:
+    chosen = batch_sizes(m, e, q, n_steps)
+    if chosen is None:
         return None
+    width, sizes = chosen
     position, momentum = np.empty((q, n_steps + 1, e)), np.empty((q, n_steps + 1, e))
     force = np.zeros((q, n_steps + 1, m, e)) if problem.with_force else None
     done, operations = np.zeros(q, dtype=np.int64), np.zeros(q, dtype=np.int64)

@@ -11,7 +11,7 @@ from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.integrator.block_batch import BatchProblem, BatchStepped, run_batch
 from fvi_cli.integrator.block_history import BatchedChannel
 from fvi_cli.integrator.block_response import LinearSystem
-from fvi_cli.integrator.decoupling import Decoupling, decouple
+from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.stepping import Stepped, StepProblem
 from fvi_cli.integrator.trajectory import NewtonRecord
 
@@ -39,8 +39,15 @@ def linear_system(problem: StepProblem, decoupling: Decoupling) -> LinearSystem:
     )
 
 
-def run_linear_blocks(problem: StepProblem) -> Stepped | None:
+def run_linear_blocks(problem: StepProblem, decoupling: Decoupling) -> Stepped | None:
     """All steps of a linear scene; None where its blocks would be too large.
+
+    Parameters
+    ----------
+    problem
+        Everything that the steps need.
+    decoupling
+        Coordinates of the steps.
 
     Returns
     -------
@@ -48,10 +55,6 @@ def run_linear_blocks(problem: StepProblem) -> Stepped | None:
         As `run_steps` gives it, without the samples; with the damping force at the nodes only
         where the samples lie on them.
     """
-    scene = problem.scene
-    potential = scene.potential
-    stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
-    decoupling = decouple(scene.inertia.mass, stiffness, problem.memory)
     system = linear_system(problem, decoupling)
     moments = partial(_batch_moments, problem, decoupling) if has_moments(problem) else None
     finished = run_batch(

@@ -2,15 +2,76 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.block_batch import batch_sizes
 from fvi_cli.integrator.block_history import SteppedHistory
 from fvi_cli.integrator.block_linear import run_linear_blocks
-from fvi_cli.integrator.block_newton import run_newton_blocks
+from fvi_cli.integrator.block_newton import newton_block, run_newton_blocks
+from fvi_cli.integrator.decoupling import Decoupling, decouple_forms
 from fvi_cli.integrator.large_linear import run_large_steps
 from fvi_cli.integrator.method import History
 from fvi_cli.integrator.stepping import Stepped, StepProblem, run_steps
 
+Array = NDArray[np.float64]
+Route = Literal["direct steps", "stepped", "linear blocks", "newton blocks", "large steps"]
+
 LEAST_BLOCK_STEPS = 16
 """Fewer steps are done sooner one after the other than the matrices of a block are made."""
+
+
+def choose_route(
+    scene: Scene,
+    history: History,
+    n_steps: int,
+    samples: int,
+    decoupling: Decoupling | None,
+    *,
+    damped: bool,
+) -> Route:
+    """How the steps are done; the plan of a run asks here as well.
+
+    Parameters
+    ----------
+    scene, history, n_steps
+        What is integrated, how its memory is to be summed up, and N.
+    samples
+        Number m of samples of a step.
+    decoupling
+        Coordinates of a linear scene; None for others.
+    damped
+        Whether there is any damping.
+    """
+    if sums_directly(history, n_steps):
+        return "direct steps"
+    if scene.lagrangian is None:
+        if decoupling is not None:
+            coupled = scene.dimension // decoupling.batch
+            sizes = batch_sizes(samples, coupled, decoupling.batch, n_steps)
+            return "large steps" if sizes is None else "linear blocks"
+        if newton_block(samples * scene.dimension, n_steps) is not None:
+            return "newton blocks"
+    return "stepped" if damped else "direct steps"
+
+
+def sums_directly(history: History, n_steps: int) -> bool:
+    """Whether every sum of the memory is written out."""
+    return history == "direct" or (history == "auto" and n_steps < LEAST_BLOCK_STEPS)
+
+
+def scene_decoupling(scene: Scene, directions: Sequence[Array]) -> Decoupling | None:
+    """Coordinates in which a linear scene falls apart; None for other scenes."""
+    if not scene.is_linear:
+        return None
+    potential = scene.potential
+    stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
+    return decouple_forms(scene.inertia.mass, stiffness, directions)
 
 
 def run(problem: StepProblem, history: History) -> Stepped:
@@ -29,15 +90,19 @@ def run(problem: StepProblem, history: History) -> Stepped:
     Stepped
         The same to round-off by every route.
     """
-    if history == "direct" or (history == "auto" and problem.n_steps < LEAST_BLOCK_STEPS):
-        return run_steps(problem)
-    if problem.scene.is_linear:
-        finished = run_linear_blocks(problem)
-        return run_large_steps(problem) if finished is None else finished
-    finished = run_newton_blocks(problem)
-    if finished is not None:
-        return finished
-    memory = problem.memory
-    if not memory.channels:
-        return run_steps(problem)
-    return run_steps(problem, SteppedHistory(memory, problem.n_steps, problem.scene.dimension))
+    scene, memory, n_steps = problem.scene, problem.memory, problem.n_steps
+    decoupling = None
+    if not sums_directly(history, n_steps):
+        decoupling = scene_decoupling(scene, [channel.direction for channel in memory.channels])
+    samples = memory.sample_matrix.shape[1]
+    route = choose_route(scene, history, n_steps, samples, decoupling, damped=bool(memory.channels))
+    finished: Stepped | None = None
+    if route == "linear blocks" and decoupling is not None:
+        finished = run_linear_blocks(problem, decoupling)
+    elif route == "newton blocks":
+        finished = run_newton_blocks(problem)
+    elif route == "large steps":
+        finished = run_large_steps(problem)
+    elif route == "stepped":
+        finished = run_steps(problem, SteppedHistory(memory, n_steps, scene.dimension))
+    return run_steps(problem) if finished is None else finished
