@@ -1,3 +1,31 @@
-"""Fractional variational integrators for mechanical systems with fractional damping."""
+"""Fractional variational integrators for mechanical systems with fractional damping.
+
+Every name of :mod:`fvi_cli.api` can be taken from here; it is loaded when it is first used, so that
+importing the package alone takes no time.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from fvi_cli.api import *  # noqa: F403
+
+
+def __getattr__(name: str) -> Any:
+    """A public name of :mod:`fvi_cli.api`."""
+    # the import system asks for submodules as well, and api itself must not be asked for itself
+    if not name.startswith("_") and name != "api":
+        api = importlib.import_module("fvi_cli.api")
+        if name in api.__all__:
+            return getattr(api, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """The public names, for completion."""
+    api = importlib.import_module("fvi_cli.api")
+    return sorted([*api.__all__, "__version__"])
