@@ -227,7 +227,9 @@ def build_channels(
             own = scale * _weights(method, h, order, n_weights, n_steps)
             weights = own if weights is None else _padded_sum(weights, own)
         if weights is not None:
-            channels.append(Channel(direction=direction, weights=weights))
+            channels.append(
+                Channel(direction=direction, weights=weights, has_parity=has_parity(method))
+            )
     return tuple(channels)
 
 
@@ -265,9 +267,18 @@ def shared_channels(
             before = directions.get(term.order)
             own = term.coefficient
             directions[term.order] = own if before is None else before + own
-        return tuple(Channel(direction=d, weights=weights[o]) for o, d in directions.items())
+        parity = has_parity(method)
+        return tuple(
+            Channel(direction=d, weights=weights[o], has_parity=parity)
+            for o, d in directions.items()
+        )
 
     return channels
+
+
+def has_parity(method: Method) -> bool:
+    """Whether the weights equal their transposes up to signs, see :class:`Channel`."""
+    return method.cq == "gauss"
 
 
 def scale_and_direction(term: FractionalDamping) -> tuple[float, Array]:
