@@ -1,6 +1,7 @@
 """Figures from finished runs, made without pyplot and without any global state."""
 
 from fvi_cli.output.figures.convergence import Study, convergence_figure
+from fvi_cli.output.figures.cost import cost_figure
 from fvi_cli.output.figures.drawn import compare_drawn, drawn_data
 from fvi_cli.output.figures.interpolation import interpolation_figure
 from fvi_cli.output.figures.planner import (
@@ -19,6 +20,7 @@ __all__ = [
     "Study",
     "compare_drawn",
     "convergence_figure",
+    "cost_figure",
     "drawn_data",
     "drawn_text",
     "energy_figure",

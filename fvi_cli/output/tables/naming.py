@@ -122,7 +122,8 @@ def _forcing(method: AnyMethod) -> str:
 
 
 def _history(method: AnyMethod) -> str:
-    return f"{method.history} history" if isinstance(method, Method) else ""
+    is_told = isinstance(method, Method) and method.history != "auto"
+    return f"{method.history} history" if is_told else ""
 
 
 _FEATURES: tuple[_Feature, ...] = (_degree, _rule, _start, _forcing, _history)
