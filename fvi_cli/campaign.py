@@ -1,15 +1,14 @@
-"""What the commands have in common: gather configurations, compute or recall runs, keep them."""
+"""What the commands have in common: compute or recall the runs of a request, keep them."""
 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fvi_cli.config import LoadedConfig, find_config, load_config, parse_config
+from fvi_cli.config.memory import in_gigabytes, machine_bytes, predicted_bytes
 from fvi_cli.errors import RequestError
 from fvi_cli.experiments.batches import batches_of, execute_batch
 from fvi_cli.experiments.cluster import DaskCluster
@@ -20,17 +19,29 @@ from fvi_cli.experiments.study import prediction_of
 from fvi_cli.output.storage import (
     NEW,
     Reasons,
+    holds_runs,
     open_results,
     place_of,
-    read_configuration,
     read_results,
 )
 from fvi_cli.progress import progress_bar
+from fvi_cli.requests import STORED_SUFFIX, Request, gather
+from fvi_cli.scenes.problem import Problem
+
+__all__ = [
+    "Outcome",
+    "Plan",
+    "Request",
+    "Settings",
+    "answer",
+    "carry_out",
+    "gather",
+    "is_unexpected_failure",
+    "plan",
+]
 
 _logger = logging.getLogger(__name__)
 
-STORED_SUFFIX = ".h5"
-PARTS_SUFFIX = ".parts"
 FRESH = "--fresh"
 
 Known = Callable[[Run], FinishedRun | None]
@@ -125,80 +136,6 @@ def is_unexpected_failure(finished: FinishedRun) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Request:
-    """A configuration, and the result file that it was taken from if it was.
-
-    Parameters
-    ----------
-    name
-        Name of the files that are written.
-    loaded
-        The configuration.
-    stored
-        Result file that was named in its place; then nothing is computed.
-    """
-
-    name: str
-    loaded: LoadedConfig
-    stored: Path | None = None
-
-
-def gather(
-    sources: Sequence[str], overrides: Sequence[str] = (), *, allow_unstable: bool = False
-) -> list[Request]:
-    """Read configurations given as files, as names of shipped ones, or as result files.
-
-    Raises
-    ------
-    StorageError
-        For a result file that cannot be read.
-    RequestError
-        With the mistakes in all of them, names that are neither files nor shipped
-        configurations, and names that occur twice.
-    """
-    requests: list[Request] = []
-    mistakes: list[str] = []
-    for source in sources:
-        try:
-            requests.append(_request(source, overrides, allow_unstable=allow_unstable))
-        except RequestError as error:
-            mistakes.extend(error.complaints)
-    if mistakes:
-        raise RequestError(*mistakes)
-    names = [request.name for request in requests]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise RequestError(f"{', '.join(twice)}: given twice; the files would overwrite each other")
-    return requests
-
-
-def _request(source: str, overrides: Sequence[str], *, allow_unstable: bool) -> Request:
-    if not source.endswith(STORED_SUFFIX):
-        loaded = load_config(find_config(source), overrides=overrides)
-        if allow_unstable:
-            loaded = _allowing_unstable(loaded)
-        return Request(name=loaded.name, loaded=loaded)
-    if overrides:
-        raise RequestError(f"{source}: --set changes a configuration, not a result file")
-    path = Path(source)
-    loaded = parse_config(read_configuration(path).resolved, source)
-    return Request(name=loaded.name, loaded=loaded, stored=path)
-
-
-def _allowing_unstable(loaded: LoadedConfig) -> LoadedConfig:
-    """The configuration as if ``allow_unstable`` stood in every experiment; files say so."""
-    is_single = len(loaded.experiments) == 1 and loaded.experiments[0].name == loaded.name
-    prefixes = [""] if is_single else [f"experiments.{k}." for k in range(len(loaded.experiments))]
-    resolved = [{**one, "allow_unstable": True} for one in loaded.resolved["experiments"]]
-    return dataclasses.replace(
-        loaded,
-        experiments=tuple(dataclasses.replace(e, allow_unstable=True) for e in loaded.experiments),
-        resolved={**loaded.resolved, "experiments": resolved},
-        overrides=(*loaded.overrides, *(f"{prefix}allow_unstable=true" for prefix in prefixes)),
-    )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
     """What would be done with one run.
 
@@ -227,6 +164,7 @@ def plan(requests: Sequence[Request], settings: Settings) -> list[Plan]:
     """Tell for every run of `requests` what would be done with it; nothing is written."""
     plans = []
     for request in requests:
+        _check_memory(request, settings)
         _is_kept(request, settings)
         with _stored_runs(request, settings) as known, _reasons(request, settings) as why:
             for experiment in request.loaded.experiments:
@@ -249,7 +187,16 @@ def _plan(run: Run, known: Known, why: Why, request: Request) -> Plan:
 
 
 def answer(request: Request, settings: Settings) -> list[Outcome]:
-    """Recall or compute every run of one request; keep what is computed if that is wanted."""
+    """Recall or compute every run of one request; keep what is computed if that is wanted.
+
+    Raises
+    ------
+    StorageError
+        If results cannot be read or written.
+    RequestError
+        If as many runs as there are processes would take more memory than there is.
+    """
+    _check_memory(request, settings)
     experiments = request.loaded.experiments
     if request.stored is not None:
         return _recall(experiments, request.stored)
@@ -262,8 +209,7 @@ def answer(request: Request, settings: Settings) -> list[Outcome]:
     ):
 
         def keep(batch: Sequence[FinishedRun]) -> None:
-            for finished in batch:
-                results.add(finished)
+            results.add_batch(batch)
 
         try:
             return carry_out(
@@ -279,11 +225,32 @@ def answer(request: Request, settings: Settings) -> list[Outcome]:
             results.consolidate(request.loaded)
 
 
+def _check_memory(request: Request, settings: Settings) -> None:
+    """The longest runs must have room at the same time; one alone was looked at before."""
+    available = machine_bytes()
+    if settings.workers == 1 or request.stored is not None or available is None:
+        return
+    sizes = []
+    for experiment in request.loaded.experiments:
+        problem = experiment.problem
+        dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
+        for method in experiment.methods:
+            is_brief = getattr(method, "history", "") == "exponentials"
+            every = experiment.store_every if is_brief else None
+            sizes += [predicted_bytes(n, dimension, every=every) for n in experiment.steps]
+    together = sum(sorted(sizes)[-settings.workers :])
+    if together > available:
+        raise RequestError(
+            f"--workers {settings.workers}: the longest runs of {request.name} need about "
+            f"{in_gigabytes(together)} of memory at the same time, this machine has "
+            f"{in_gigabytes(available)}; fewer processes need less"
+        )
+
+
 def _is_kept(request: Request, settings: Settings) -> bool:
     """Whether runs are written; says so where stored runs of another problem are in their place."""
     path = settings.path_of(request)
-    is_there = path.exists() or path.with_suffix(PARTS_SUFFIX).exists()
-    if request.stored is not None or not settings.keep or not is_there:
+    if request.stored is not None or not settings.keep or not holds_runs(path):
         return settings.keep
     with read_results(path) as results:
         others = results.of_another_problem(
@@ -311,7 +278,7 @@ def _stored_runs(request: Request, settings: Settings) -> Iterator[Known]:
     """Look-up of stored runs that writes nothing."""
     path = settings.path_of(request)
     is_fresh = settings.fresh and request.stored is None
-    if is_fresh or not (path.exists() or path.with_suffix(PARTS_SUFFIX).exists()):
+    if is_fresh or not holds_runs(path):
         yield _never
         return
     with read_results(path) as results:
@@ -324,7 +291,7 @@ def _reasons(request: Request, settings: Settings) -> Iterator[Why]:
     path = settings.path_of(request)
     if settings.fresh:
         yield lambda run: FRESH
-    elif not (path.exists() or path.with_suffix(PARTS_SUFFIX).exists()):
+    elif not holds_runs(path):
         yield lambda run: NEW
     else:
         with read_results(path) as stored:

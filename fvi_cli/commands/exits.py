@@ -49,6 +49,10 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
         except KeyboardInterrupt:
             _say("fvi: interrupted; finished runs are stored, the same command goes on from there")
             code = INTERRUPTED
+        except MemoryError as error:
+            detail = f": {error}" if str(error) else ""
+            _say(f"fvi: not enough memory{detail}; finished runs are stored")
+            code = RUN_FAILED
         except BrokenPipeError:
             # whoever read the result has gone; the interpreter would complain once more at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -21,6 +21,7 @@ from fvi_cli.experiments.executor import (
     compute_portable,
     longest_first,
     lost_batch,
+    no_memory,
     portable_batch,
     returned_batch,
 )
@@ -157,6 +158,8 @@ class _Crowd:
             return lost_batch(
                 batch, f"the worker that computed it died (out of memory?), {deaths} times"
             )
+        except MemoryError as error:
+            return lost_batch(batch, no_memory(error))
         except (CancelledError, CommClosedError):
             raise ExecutorError(_lost_scheduler(self.address)) from None
         except (ModuleNotFoundError, RuntimeError) as error:

@@ -30,8 +30,8 @@ class FinishedBatch:
     finished
         Its runs in the order of the batch.
     is_lost
-        Whoever computed it died every time; its runs are ``failed`` and say so. They tell nothing
-        about the method and are not to be stored.
+        Whoever computed it died every time, or had not enough memory; its runs are ``failed`` and
+        say so. They tell nothing about the method and are not to be stored.
     """
 
     finished: tuple[FinishedRun, ...]
@@ -85,7 +85,12 @@ class InProcess:
     ) -> Generator[FinishedBatch, None, None]:
         """As :meth:`Executor.compute`."""
         for batch in batches:
-            yield FinishedBatch(finished=tuple(compute(batch)))
+            try:
+                finished = tuple(compute(batch))
+            except MemoryError as error:
+                yield lost_batch(batch, no_memory(error))
+            else:
+                yield FinishedBatch(finished=finished)
 
 
 # --- how batches travel ---------------------------------------------------------------------------
@@ -180,6 +185,11 @@ def returned_batch(batch: Batch, results: PortableResults) -> FinishedBatch:
 def lost_batch(batch: Batch, message: str) -> FinishedBatch:
     """The batch as ``failed`` where nobody lived to tell its results."""
     return FinishedBatch(finished=tuple(_lost(run, message) for run in batch), is_lost=True)
+
+
+def no_memory(error: MemoryError) -> str:
+    """Why a batch is lost for which there was no memory."""
+    return "not enough memory" + (f": {error}" if str(error) else "")
 
 
 def _lost(run: Run, message: str) -> FinishedRun:

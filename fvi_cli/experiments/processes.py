@@ -19,9 +19,11 @@ from fvi_cli.experiments.executor import (
     Batch,
     ComputeBatch,
     FinishedBatch,
+    PortableResults,
     compute_portable,
     longest_first,
     lost_batch,
+    no_memory,
     portable_batch,
     returned_batch,
 )
@@ -95,7 +97,9 @@ class LocalProcesses:
                     crew.give(waiting.popleft())
                 for worker in crew.ready():
                     task, answer = crew.take(worker)
-                    if answer is not None:
+                    if isinstance(answer, str):
+                        yield lost_batch(task.batch, answer)
+                    elif answer is not None:
                         yield returned_batch(task.batch, answer)
                     elif task.deaths < ATTEMPTS:
                         waiting.append(task)
@@ -145,8 +149,8 @@ class _Crew:
         """Wait for processes that have answered or died."""
         return [self.busy[connection] for connection in wait(list(self.busy))]  # type: ignore[index]
 
-    def take(self, worker: _Worker) -> tuple[_Task, Any]:
-        """The task of a process with its answer; None in place of the answer if it died.
+    def take(self, worker: _Worker) -> tuple[_Task, PortableResults | str | None]:
+        """The task of a process with its results, with why there are none, or None if it died.
 
         Raises
         ------
@@ -203,6 +207,8 @@ def _serve(connection: Connection, compute: ComputeBatch) -> None:
 def _answer_to(portable: Any, compute: ComputeBatch) -> bytes:
     try:
         return pickle.dumps(("results", compute_portable(compute, portable)))
+    except MemoryError as error:
+        return pickle.dumps(("lost", no_memory(error)))
     except Exception as error:
         return _pickled_error(error)
 

@@ -17,7 +17,13 @@ from fvi_cli.output.storage.contents import (
 )
 from fvi_cli.output.storage.reasons import NEW, Reasons
 from fvi_cli.output.storage.records import place_of
-from fvi_cli.output.storage.results import Results, StoredRuns, open_results, read_results
+from fvi_cli.output.storage.results import (
+    Results,
+    StoredRuns,
+    holds_runs,
+    open_results,
+    read_results,
+)
 
 __all__ = [
     "NEW",
@@ -27,6 +33,7 @@ __all__ = [
     "StoredFile",
     "StoredRun",
     "StoredRuns",
+    "holds_runs",
     "list_runs",
     "open_results",
     "place_of",

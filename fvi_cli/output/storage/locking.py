@@ -38,7 +38,9 @@ def folder_lock(folder: Path) -> Iterator[None]:
         except OSError as error:
             if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
                 raise StorageError(
-                    f"{path}: cannot be locked: {os.strerror(error.errno or 0)}"
+                    f"{path}: cannot be locked: {os.strerror(error.errno or 0)}; on a file system "
+                    "without locks (some network folders) two commands could destroy each "
+                    "other's results: choose a folder on another one with --output"
                 ) from None
             raise StorageError(
                 f"{folder}: another fvi is writing there; wait until it has ended, or choose "

@@ -25,13 +25,27 @@ from fvi_cli.output.provenance import (
     platform_name,
     sha256,
 )
+from fvi_cli.output.storage.batch_reading import MemberReader, Row
+from fvi_cli.output.storage.batch_records import (
+    Columns,
+    block_of,
+    columns_of,
+    is_batch,
+    member_record,
+    read_columns,
+    values_in,
+    write_batch,
+    write_member_convergence,
+)
 from fvi_cli.output.storage.files import UNFINISHED, NewFile, damage_told, reading, replacing, told
 from fvi_cli.output.storage.locking import folder_lock
 from fvi_cli.output.storage.records import (
     COMPLETE,
+    SWEPT,
     Place,
     Record,
     attribute,
+    basis,
     basis_in,
     basis_of,
     finished_of,
@@ -76,10 +90,18 @@ class _Location:
     identity: str
     basis: str
     predicted: str
+    row: int | None = None
 
-    def read(self) -> Record:
+    def read(self, reader: MemberReader) -> Record:
+        if self.row is not None:
+            return reader.record(self.member_row)
         with reading(self.file) as file:
             return read_record(file[group_path(self.place)])
+
+    @property
+    def member_row(self) -> Row:
+        """Where a member of a sweep is."""
+        return self.file, group_path(self.place), self.row or 0
 
 
 @dataclass(kw_only=True, eq=False)
@@ -89,6 +111,7 @@ class StoredRuns:
     path: Path
     _by_identity: dict[str, _Location] = field(default_factory=dict)
     _by_place: dict[Place, _Location] = field(default_factory=dict)
+    _reader: MemberReader = field(default_factory=MemberReader)
 
     def finished(self, run: Run) -> FinishedRun | None:
         """The run with its result, read back; None if it is not there or not complete.
@@ -101,7 +124,7 @@ class StoredRuns:
         location = self._location(run)
         if location is None:
             return None
-        record = location.read()
+        record = location.read(self._reader)
         with damage_told(location.file):
             return finished_of(record, run)
 
@@ -121,6 +144,8 @@ class StoredRuns:
     def attributes(self, place: Place) -> Mapping[str, Any]:
         """What is said of the run in one of :meth:`places`."""
         location = self._by_place[place]
+        if location.row is not None:
+            return self._reader.attributes(location.member_row)
         with reading(location.file) as file:
             return dict(file[group_path(location.place)].attrs)
 
@@ -148,6 +173,7 @@ class Results(StoredRuns):
     parts: Path
     is_fresh: bool = False
     _asked: dict[Place, str] = field(default_factory=dict)
+    _numbers: dict[Place, int] = field(default_factory=dict)
 
     def finished(self, run: Run) -> FinishedRun | None:
         """As :meth:`StoredRuns.finished`; what is found belongs to the consolidated file."""
@@ -155,8 +181,14 @@ class Results(StoredRuns):
             return None
         found, location = super().finished(run), self._location(run)
         if location is not None:
-            self._asked[place_of(run)] = location.identity
+            self._ask(run, location.identity)
         return found
+
+    def _ask(self, run: Run, own_identity: str) -> None:
+        place = place_of(run)
+        self._asked[place] = own_identity
+        if run.member is not None:
+            self._numbers[place] = run.member.number
 
     def add(self, finished: FinishedRun) -> None:
         """Write a finished run at once, as a part of its own.
@@ -166,14 +198,45 @@ class Results(StoredRuns):
         StorageError
             If it cannot be written; other runs stay as they are.
         """
-        record = record_of(finished)
+        self.add_batch([finished])
+
+    def add_batch(self, batch: Sequence[FinishedRun]) -> None:
+        """Write the finished runs of a batch at once, as one part.
+
+        Raises
+        ------
+        StorageError
+            As :meth:`add`.
+        """
         with told(self.parts):
             self.parts.mkdir(exist_ok=True)
-        path = self.parts / f"{record.attributes['identity']}{SUFFIX}"
+        if batch[0].run.member is None:
+            for finished in batch:
+                record = record_of(finished)
+                path = self.parts / f"{record.attributes['identity']}{SUFFIX}"
+                with replacing(path) as new:
+                    write_record(new.file, record)
+                self._learn([_located(path, record.attributes)])
+                self._ask(finished.run, str(record.attributes["identity"]))
+            return
+        records = [member_record(finished) for finished in batch]
+        columns = columns_of(records)
+        path = self.parts / f"{sha256(';'.join(columns['identity']))}{SUFFIX}"
         with replacing(path) as new:
-            write_record(new.file, record)
-        self._learn([_located(path, record.attributes)])
-        self._asked[place_of(finished.run)] = str(record.attributes["identity"])
+            write_batch(new.file, columns, [block_of(records)])
+        own_basis = basis_in(records[0].attributes)
+        for row, (finished, record) in enumerate(zip(batch, records, strict=True)):
+            own_identity = str(record.attributes["identity"])
+            location = _Location(
+                file=path,
+                place=place_of(finished.run),
+                identity=own_identity,
+                basis=own_basis,
+                predicted=finished.predicted,
+                row=row,
+            )
+            self._learn([location])
+            self._ask(finished.run, own_identity)
 
     def consolidate(self, configuration: Configuration) -> Path | None:
         """Put all finished runs into one file, then remove the parts.
@@ -198,18 +261,21 @@ class Results(StoredRuns):
             try:
                 with replacing(self.path) as new:
                     _write_root(new.file, configuration)
-                    _write_runs(new, chosen)
+                    _write_runs(new, chosen, self._reader)
             except StorageError as error:
                 raise StorageError(f"{error}; finished runs are kept in {self.parts}") from error
         self._remove_parts()
         self._by_identity.clear()
         self._by_place.clear()
+        self._reader.forget()
         self._learn(index(self.path))
         return self.path
 
     def _chosen(self) -> dict[Place, _Location]:
         """What the file is to hold, in the order of asking, what was not asked for behind."""
-        chosen = {place: self._by_identity[asked] for place, asked in self._asked.items()}
+        # members in the order of the sweep, whenever they were computed
+        in_order = sorted(self._asked, key=lambda place: self._numbers.get(place, -1))
+        chosen = {place: self._by_identity[self._asked[place]] for place in in_order}
         bases = {place[0]: location.basis for place, location in chosen.items()}
         forgets_others = self.is_fresh and bool(chosen)
         superseded = 0
@@ -292,6 +358,14 @@ def read_results(path: Path) -> Iterator[StoredRuns]:
     yield stored
 
 
+def holds_runs(path: Path) -> bool:
+    """Whether there is something to read for :func:`read_results`: the file, or parts.
+
+    A folder of parts without any is what is left of a command that could write none.
+    """
+    return path.exists() or bool(_part_paths(path.with_suffix(PARTS_SUFFIX)))
+
+
 def _located(path: Path, attributes: Mapping[str, Any]) -> _Location:
     return _Location(
         file=path,
@@ -310,12 +384,34 @@ def index(path: Path) -> list[_Location]:
     StorageError
         If it cannot be read or is not ours.
     """
+    found = []
     with reading(path) as file:
-        return [
-            _located(path, group.attrs)
-            for _, _, group in run_groups(file)
-            if COMPLETE in group.attrs
-        ]
+        for _, _, group in run_groups(file):
+            if COMPLETE in group.attrs:
+                is_several = is_batch(group)
+                found += _members(path, group) if is_several else [_located(path, group.attrs)]
+    return found
+
+
+def _members(path: Path, group: h5py.Group) -> list[_Location]:
+    """Every member of a sweep in a group."""
+    keys = tuple(json.loads(group.attrs[SWEPT]))
+    own_basis = basis(json.loads(group.attrs["specification"]), keys)
+    names = (str(group.attrs["experiment"]), str(group.attrs["case"]), int(group.attrs["n_steps"]))
+    columns = read_columns(group, ("identity", "predicted"))
+    return [
+        _Location(
+            file=path,
+            place=(*names, canonical_json(values)),
+            identity=own_identity,
+            basis=own_basis,
+            predicted=predicted,
+            row=row,
+        )
+        for row, (values, own_identity, predicted) in enumerate(
+            zip(values_in(group), columns["identity"], columns["predicted"], strict=True)
+        )
+    ]
 
 
 def run_groups(file: h5py.File) -> Iterator[tuple[str, str, h5py.Group]]:
@@ -378,12 +474,16 @@ def _write_root(file: h5py.File, configuration: Configuration) -> None:
         file.attrs[name] = attribute(value)
 
 
-def _write_runs(new: NewFile, chosen: Mapping[Place, _Location]) -> None:
-    """Write all runs, one in memory at a time, and the summary of every case."""
+def _write_runs(new: NewFile, chosen: Mapping[Place, _Location], reader: MemberReader) -> None:
+    """Write all runs, one or a block in memory at a time, and the summary of every case."""
     rows: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    swept: dict[tuple[str, str, int], list[Row]] = {}
     for place, location in chosen.items():
-        experiment, case, n_steps = place
-        record = location.read()
+        experiment, case, n_steps, _ = place
+        if location.row is not None:
+            swept.setdefault((experiment, case, n_steps), []).append(location.member_row)
+            continue
+        record = location.read(reader)
         # the same numbers may have been stored under another experiment's name
         named = {"experiment": experiment, "case": case, "n_steps": n_steps}
         record = Record(attributes={**record.attributes, **named}, datasets=record.datasets)
@@ -396,6 +496,24 @@ def _write_runs(new: NewFile, chosen: Mapping[Place, _Location]) -> None:
         datasets = _convergence(ordered)
         write_datasets(group, datasets, dict.fromkeys(datasets, ("n_steps",)))
         group.attrs["norm"] = attribute(ordered[0]["norm"])
+    _write_sweeps(new, swept, reader)
+
+
+def _write_sweeps(
+    new: NewFile, swept: Mapping[tuple[str, str, int], Sequence[Row]], reader: MemberReader
+) -> None:
+    ladders: dict[tuple[str, str], dict[int, Columns]] = {}
+    for (experiment, case, n_steps), rows in swept.items():
+        columns = reader.columns(rows)
+        named = {"experiment": experiment, "case": case, "n_steps": n_steps}
+        columns |= {name: [value] * len(rows) for name, value in named.items()}
+        write_batch(new.file, columns, reader.blocks(rows))
+        new.check()
+        ladders.setdefault((experiment, case), {})[n_steps] = columns
+    for (experiment, case), ladder in ladders.items():
+        group = new.file.create_group(f"/{experiment}/{case}/{CONVERGENCE}", track_order=True)
+        keys = json.loads(next(iter(ladder.values()))[SWEPT][0])
+        write_member_convergence(group, ladder, keys)
 
 
 def _convergence(rows: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[Any]]:

@@ -1,0 +1,128 @@
+"""The command line as a process of its own, for tests that kill, starve or confine it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+
+import fvi_cli
+
+QUICK = """\
+name: quick
+problem:
+  kind: bagley-torvik
+  damping: [{order: 1.5, coefficient: 1.0}]
+  forcing: 15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5
+  initial: {position: 0.0, velocity: 0.0}
+  final_time: 1.0
+  exact: t**2.5
+method: {bdf: [1, 2, 3], sampling: nodes, degree: 1}
+ladder: {steps: [4, 8, 16, 24, 32, 48, 64, 96]}
+"""
+N_RUNS = 24
+
+# the direct sum over the history: the last run takes minutes, in little memory
+SLOW = QUICK.replace("[4, 8, 16, 24, 32, 48, 64, 96]", "[8, 16, 400000]")
+SLOW = SLOW.replace("[1, 2, 3]", "1").replace("degree: 1", "degree: 1, history: direct")
+
+COMMAND = [sys.executable, "-m", "fvi_cli"]
+
+
+def environment() -> dict[str, str]:
+    """Variables for a process that runs the package which is tested here."""
+    package = str(Path(fvi_cli.__file__).parents[1])
+    search = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))
+    return {**os.environ, "PYTHONPATH": search}
+
+
+def fvi(folder: Path, *arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
+    """Run a command in `folder` to its end."""
+    return subprocess.run(
+        [*COMMAND, *map(str, arguments)],
+        cwd=folder,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        **options,
+    )
+
+
+def started(folder: Path, *arguments: object) -> subprocess.Popen[str]:
+    """Begin a command in `folder`; its standard error can be read line by line."""
+    return subprocess.Popen(
+        [*COMMAND, *map(str, arguments)],
+        cwd=folder,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def first_finished(process: subprocess.Popen[str], count: int = 1) -> None:
+    """Wait until a command with ``-v`` has told of so many finished runs."""
+    told = ""
+    while told.count("error") < count:
+        line = process.stderr.readline()
+        assert line, told
+        told += line
+
+
+def confined(folder: Path, script: str) -> subprocess.CompletedProcess[str] | None:
+    """Run a shell script with mounts of its own, ``$FVI`` being the command.
+
+    None where the system allows nobody to mount anything.
+    """
+    if shutil.which("unshare") is None:
+        return None
+    prefix = ["unshare", "--map-root-user", "--mount", "sh", "-euc"]
+    probe = [*prefix, "mount -t tmpfs tmpfs ."]
+    if subprocess.run(probe, cwd=folder, capture_output=True, check=False).returncode:
+        return None
+    return subprocess.run(
+        [*prefix, script],
+        cwd=folder,
+        env={**environment(), "FVI": " ".join(COMMAND)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+def complete_runs(path: Path) -> set[str]:
+    """Complete runs in a file, which must be readable, and in the parts beside it."""
+    found: set[str] = set()
+    for one in [path, *path.with_suffix(".parts").glob("[!.]*.h5")]:
+        if not one.exists():
+            continue
+        with h5py.File(one, "r") as file:
+            for experiment in file.values():
+                for case, runs in experiment.items():
+                    found |= {
+                        f"{case} N={group.attrs['n_steps']}"
+                        for name, group in runs.items()
+                        if name != "convergence" and "complete" in group.attrs
+                    }
+    return found
+
+
+def children(process_id: int) -> list[int]:
+    """Processes whose parent is `process_id`."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                fields = (entry / "stat").read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            if int(fields[1]) == process_id:
+                found.append(int(entry.name))
+    return found

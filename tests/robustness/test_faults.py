@@ -1,0 +1,380 @@
+"""What happens to a command from outside: results that are finished survive it."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import random
+import re
+import resource
+import signal
+import time
+from pathlib import Path
+
+import h5py
+import pytest
+from commands import (
+    N_RUNS,
+    QUICK,
+    SLOW,
+    children,
+    complete_runs,
+    confined,
+    first_finished,
+    fvi,
+    started,
+)
+from typer.testing import CliRunner
+
+from fvi_cli.cli import app
+from fvi_cli.experiments.batches import execute_batch
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks into /proc")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "quick.yaml").write_text(QUICK)
+    (tmp_path / "slow.yaml").write_text(SLOW)
+    return tmp_path
+
+
+def here(*arguments):
+    """A command in this process."""
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert "Traceback" not in result.output
+    return result
+
+
+def told_runs(lines):
+    """Runs that a command with ``-v`` has told to be finished."""
+    return set(re.findall(r"^quick (\S+ N=\d+): \w+, error", "".join(lines), re.MULTILINE))
+
+
+# --- death ----------------------------------------------------------------------------------------
+
+
+def kill_and_resume(folder, chance, *options):
+    """Kill a command at a random moment; what it had told is stored, and the rest is computed."""
+    stored = folder / "results" / "quick.h5"
+    process = started(folder, "run", "quick.yaml", "-v", *options)
+    lines = []
+    with process:
+        moment = chance.randrange(N_RUNS + 2)
+        for line in process.stderr:
+            lines.append(line)
+            if len(lines) > moment:
+                break
+        time.sleep(chance.uniform(0, 0.03))
+        process.kill()
+        lines += process.stderr.readlines()
+    assert process.returncode in (0, -signal.SIGKILL)
+    assert "Traceback" not in "".join(lines)
+    found = complete_runs(stored)
+    told = told_runs(lines)
+    assert told <= found
+    # what is stored but was not told: one that was just being finished
+    assert len(found) <= len(told) + 1
+    resumed = here("run", "quick.yaml")
+    assert resumed.exit_code == 0, resumed.output
+    assert f"quick: {N_RUNS} runs, {len(found)} of them stored" in resumed.stderr
+    assert len(complete_runs(stored)) == N_RUNS
+    assert sorted(p.name for p in stored.parent.iterdir()) == [".lock", "quick.h5"]
+    return len(found), resumed.stdout
+
+
+def kill_many_times(folder, times, *options):
+    expected = here("run", "quick.yaml", "--output", "undisturbed").stdout.splitlines()[:-1]
+    chance = random.Random(times)
+    survived = []
+    for _ in range(times):
+        count, table = kill_and_resume(folder, chance, *options)
+        assert table.splitlines()[:-1] == expected
+        survived.append(count)
+        (folder / "results" / "quick.h5").unlink()
+    return survived
+
+
+def test_killed_at_random_moments_nothing_that_was_finished_is_lost(folder):
+    survived = kill_many_times(folder, 6)
+    # the moments differ: not always everything, not always nothing
+    assert len(set(survived)) > 2
+
+
+def test_killed_with_processes_of_its_own_nothing_that_was_finished_is_lost(folder):
+    kill_many_times(folder, 2, "--workers", "2")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [(), ("--workers", "2")])
+def test_killed_fifty_times(folder, options):
+    survived = kill_many_times(folder, 50, *options)
+    assert len(set(survived)) > 10
+    assert 0 < min(n for n in survived if n) < max(survived)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_it_stores_what_is_finished_and_exits_130(folder, number):
+    process = started(folder, "run", "slow.yaml", "-v")
+    with process:
+        first_finished(process, 2)
+        process.send_signal(number)
+        rest = process.stderr.read()
+    assert process.returncode == 130
+    assert "interrupted" in rest
+    assert "Traceback" not in rest
+    # consolidated, and no part left
+    assert sorted(p.name for p in (folder / "results").iterdir()) == [".lock", "quick.h5"]
+    assert len(complete_runs(folder / "results" / "quick.h5")) == 2
+
+
+@needs_proc
+def test_a_worker_killed_in_the_midst_changes_nothing(folder):
+    expected = here("run", "quick.yaml", "--output", "undisturbed")
+    process = started(folder, "run", "quick.yaml", "-v", "--workers", "2")
+    with process:
+        first_finished(process)
+        victims = [
+            child
+            for child in children(process.pid)
+            if "spawn_main" in Path(f"/proc/{child}/cmdline").read_text()
+        ]
+        assert victims
+        os.kill(victims[0], signal.SIGKILL)
+        rest = process.stderr.read()
+        table = process.stdout.read()
+    assert process.returncode == 0, rest
+    assert table.splitlines()[:-1] == expected.stdout.splitlines()[:-1]
+
+
+def dies_of_64(batch):
+    """No process survives BDF2 with N = 64."""
+    if any(run.n_steps == 64 and run.method.cq == "bdf2" for run in batch):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return execute_batch(batch)
+
+
+def test_a_run_that_no_worker_survives_is_reported_and_computed_the_next_time(folder, monkeypatch):
+    monkeypatch.setattr("fvi_cli.campaign.execute_batch", dies_of_64)
+    result = here("run", "quick.yaml", "--workers", "2")
+    assert result.exit_code == 1
+    failed = [row.split() for row in result.stdout.splitlines() if "failed" in row]
+    assert [row[1:3] for row in failed] == [["bdf2-nodes-s1-gauss1-none", "64"]]
+    assert "ended by SIGKILL (out of memory?), 2 times" in result.stderr
+    assert len(complete_runs(folder / "results" / "quick.h5")) == N_RUNS - 1
+    monkeypatch.undo()
+    monkeypatch.chdir(folder)
+    again = here("run", "quick.yaml")
+    assert again.exit_code == 0
+    assert f"{N_RUNS} runs, {N_RUNS - 1} of them stored" in again.stderr
+    assert "failed" not in again.stdout
+
+
+# --- places that refuse ---------------------------------------------------------------------------
+
+CRAMPED = """
+mkdir disk
+mount -t tmpfs -o size=120k tmpfs disk
+$FVI run quick.yaml --output disk --set ladder.steps=[4] -q
+cp disk/quick.h5 before.h5
+set +e
+$FVI run quick.yaml --output disk -q
+echo "code $?"
+cmp disk/quick.h5 before.h5 && echo "as it was"
+set -e
+ls disk/quick.parts/*.h5 | wc -l
+test -z "$(ls -A disk/quick.parts | grep part$ || true)"
+mount -o remount,size=64m tmpfs disk
+$FVI run quick.yaml --output disk
+cp disk/quick.h5 after.h5
+"""
+
+
+def test_on_a_full_disk_it_says_so_and_goes_on_where_there_is_room_again(folder):
+    done = confined(folder, CRAMPED)
+    if done is None:
+        pytest.skip("nothing may be mounted here")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    assert re.search(r"^fvi: .*cannot be written: No space left on device", done.stderr, re.M)
+    assert "code 2" in done.stdout
+    assert "as it was" in done.stdout
+    stored = int(re.search(r"as it was\n(\d+)", done.stdout)[1])
+    assert 0 < stored < N_RUNS
+    # those in the file and those in parts are not computed again
+    assert f"quick: {N_RUNS} runs, {stored + 3} of them stored" in done.stderr
+    assert len(complete_runs(folder / "after.h5")) == N_RUNS
+
+
+@pytest.mark.parametrize("limit", [0, 5_000, 60_000])
+def test_where_files_may_not_grow_it_says_so(folder, limit):
+    def starve():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    done = fvi(folder, "run", "quick.yaml", preexec_fn=starve)
+    assert done.returncode == 2, done.stderr
+    assert "cannot be written: File too large" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (folder / "results" / "quick.h5").exists()
+    # parts that were written are whole, and taken the next time
+    found = complete_runs(folder / "results" / "quick.h5")
+    assert (len(found) == N_RUNS) == (limit == 60_000)
+    assert f"{N_RUNS} runs, {len(found)} of them stored" in here("run", "quick.yaml").stderr
+
+
+READ_ONLY = """
+mkdir there
+$FVI run quick.yaml --output there --set ladder.steps=[4] -q
+mount --bind there there
+mount -o remount,bind,ro there
+set +e
+for output in there there/below; do
+  $FVI run quick.yaml --output $output
+  echo "code $?"
+done
+$FVI convergence quick.yaml --output there
+echo "code $?"
+$FVI plot quick.yaml --output there
+echo "code $?"
+$FVI show there/quick.h5 >/dev/null
+echo "shown $?"
+"""
+
+
+def test_in_a_folder_that_is_read_only_it_says_so(folder):
+    done = confined(folder, READ_ONLY)
+    if done is None:
+        pytest.skip("nothing may be mounted here")
+    assert "Traceback" not in done.stderr
+    assert done.stdout.count("code 2") == 4, done.stdout + done.stderr
+    assert done.stderr.count("cannot be written: Read-only file system") == 4, done.stderr
+    # reading needs no writing
+    assert "shown 0" in done.stdout
+    assert len(complete_runs(folder / "there" / "quick.h5")) == 3
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_in_a_folder_of_somebody_else_it_says_so(folder):
+    (folder / "there").mkdir(mode=0o555)
+    done = fvi(folder, "run", "quick.yaml", "--output", "there")
+    assert done.returncode == 2
+    assert "cannot be written: Permission denied" in done.stderr
+
+
+# --- two at a time --------------------------------------------------------------------------------
+
+
+def test_two_commands_on_one_folder_do_not_meet(folder):
+    first = started(folder, "run", "slow.yaml", "-v")
+    with first:
+        first_finished(first)
+        second = fvi(folder, "run", "quick.yaml")
+        assert second.returncode == 2
+        assert second.stderr == (
+            "fvi: results: another fvi is writing there; wait until it has ended, or choose "
+            "another folder with --output\n"
+        )
+        assert second.stdout == ""
+        # neither looking nor another folder is forbidden
+        assert fvi(folder, "run", "quick.yaml", "--dry-run").returncode == 0
+        assert fvi(folder, "run", "quick.yaml", "--output", "other", "-q").returncode == 0
+        first.kill()
+    assert here("run", "quick.yaml").exit_code == 0
+
+
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.EOPNOTSUPP])
+def test_a_file_system_without_locks_is_told(folder, monkeypatch, number):
+    def refuse(handle, operation):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    result = here("run", "quick.yaml")
+    assert result.exit_code == 2
+    assert "cannot be locked" in result.stderr
+    assert "file system without locks" in result.stderr
+    assert "--output" in result.stderr
+    assert [p.name for p in (folder / "results").iterdir()] == [".lock"]
+
+
+# --- files that are not what they should be -------------------------------------------------------
+
+
+def spoil(path, how):
+    if how == "cut":
+        path.write_bytes(path.read_bytes()[:-100])
+    elif how == "foreign":
+        path.unlink()
+        with h5py.File(path, "w") as file:
+            file["x"] = 1.0
+    else:
+        with h5py.File(path, "r+") as file:
+            file.attrs["format"] = 99
+
+
+@pytest.mark.parametrize(
+    ("how", "told"),
+    [
+        ("cut", "is not a result file of fvi"),
+        ("foreign", "was not written by fvi"),
+        ("newer", "has format 99"),
+    ],
+)
+def test_a_file_in_the_way_is_named_and_left_alone(folder, how, told):
+    here("run", "quick.yaml", "-q", "--set", "ladder.steps=[4, 8]")
+    path = folder / "results" / "quick.h5"
+    spoil(path, how)
+    before = path.read_bytes()
+    for command in ("run", "convergence", "plot", "show"):
+        for arguments in (("quick.yaml",), ("quick.yaml", "--fresh"), ("results/quick.h5",)):
+            if (command == "show") == (arguments == ("results/quick.h5",)) or command in (
+                "convergence",
+                "plot",
+            ):
+                result = here(command, *arguments)
+                assert result.exit_code == 2, (command, arguments, result.output)
+                assert f"results/quick.h5: {told}" in result.stderr
+    assert path.read_bytes() == before
+    assert not (folder / "results" / "tables").exists()
+
+
+# --- memory ---------------------------------------------------------------------------------------
+
+
+def test_runs_for_which_there_is_no_memory_are_refused_before_anything_is_computed(
+    folder, monkeypatch
+):
+    result = here("run", "quick.yaml", "--set", "ladder.steps=[4, 1073741824]")
+    assert result.exit_code == 2
+    assert "of memory, this machine has" in result.stderr
+    assert not (folder / "results").exists()
+    # each of these would have room, several at a time would not
+    monkeypatch.setattr("fvi_cli.campaign.machine_bytes", lambda: 1_000_000)
+    arguments = ("run", "quick.yaml", "--set", "ladder.steps=[4, 3000]")
+    result = here(*arguments, "--workers", "3")
+    assert result.exit_code == 2
+    assert "--workers 3" in result.stderr
+    assert "GB" in result.stderr
+    assert not (folder / "results").exists()
+    assert here(*arguments, "--workers", "2", "--dry-run").exit_code == 0
+    assert here(*arguments).exit_code == 0
+
+
+def test_an_allocation_that_fails_is_told_and_what_is_finished_is_stored(folder):
+    """An address space in which the long run finds no room, whatever was predicted."""
+
+    def starve():
+        resource.setrlimit(resource.RLIMIT_AS, (900_000_000, 900_000_000))
+
+    arguments = ("run", "quick.yaml", "--set", "method.bdf=1", "--set")
+    done = fvi(folder, *arguments, "ladder.steps=[4, 8, 100000000]", preexec_fn=starve)
+    assert done.returncode == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "N=100000000: failed, error nan (not enough memory" in done.stderr
+    assert [row.split()[-1] for row in done.stdout.splitlines()[1:-1]] == ["ok", "ok", "failed"]
+    # it says nothing of the method: the next time it is tried again
+    stored = {f"bdf1-nodes-s1-gauss1-none N={n}" for n in (4, 8)}
+    assert complete_runs(folder / "results" / "quick.h5") == stored
+    done = fvi(folder, *arguments, "ladder.steps=[4, 8, 16]", preexec_fn=starve)
+    assert done.returncode == 0, done.stderr
