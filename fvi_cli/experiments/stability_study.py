@@ -42,6 +42,9 @@ MOST_STEPS = 200_000
 MOST_VALUES = 4_000_000
 """Positions of an observation: larger scenes are observed for fewer steps."""
 
+LASTING = 1000
+"""So many times the time of the scene is long enough for every mode that grows at all to show."""
+
 _TIMES_E = 20.0
 _LARGEST_LOGARITHM = 600.0
 _SEED = 20
@@ -58,8 +61,8 @@ class Observation:
     n_steps
         Number of steps of the run.
     growth_per_step
-        Logarithm of the growth from the first to the last quarter, per step; infinite where
-        numbers overflowed.
+        Logarithm of the growth from the first to the last quarter, per step, up to where numbers
+        overflow.
     predicted
         The prediction for the same number of steps.
     """
@@ -90,6 +93,8 @@ class StabilityRow:
     largest_stable_step
         Largest step of the method from which on smaller ones are stable, over the same time;
         nan where there is none, or where nothing is predicted.
+    lasting_step
+        The same over a thousand times that time: up to it nothing grows, however slowly.
     observation
         None where it was not asked for, or cannot be made.
     """
@@ -97,6 +102,7 @@ class StabilityRow:
     run: Run
     prediction: StabilityPrediction
     largest_stable_step: float
+    lasting_step: float
     observation: Observation | None = None
 
     @property
@@ -133,19 +139,21 @@ def stability_rows(experiment: Experiment, *, with_observation: bool) -> Iterato
     ValueError
         If nothing is integrated: a fractional derivative has no stability.
     """
-    limits: dict[tuple[str, int], float] = {}
+    limits: dict[tuple[str, int], tuple[float, float]] = {}
     for run in experiment.runs():
         scene = _scene(run)
         key = (run.method.case, run.member.number if run.member is not None else 0)
         if key not in limits:
-            limits[key] = _limit(scene, run.method)
+            longer = replace(scene, final_time=LASTING * scene.final_time)
+            limits[key] = _limit(scene, run.method), _limit(longer, run.method)
         observation = None
         if with_observation:
             observation = observe(scene, run.method, run.n_steps)
         yield StabilityRow(
             run=run,
             prediction=predict_stability(scene, run.method, run.n_steps),
-            largest_stable_step=limits[key],
+            largest_stable_step=limits[key][0],
+            lasting_step=min(limits[key][1], scene.final_time),
             observation=observation,
         )
 
@@ -197,21 +205,22 @@ def observe(scene: Scene, method: AnyMethod, n_steps: int) -> Observation | None
     count = min(count, MOST_STEPS, max(FEWEST_STEPS, MOST_VALUES // linear.dimension))
     over = replace(linear, final_time=h * count)
     predicted = predict_stability(over, method, count)
-    ratio = _logarithm_of_growth(over, method, count)
-    between = 0.75 * count
-    truth = between * predicted.exact_growth
-    excess = ratio - truth
-    is_unstable = excess > math.log(TOLERATED_GROWTH) and excess > RESOLVED * truth
+    sizes = _sizes_from_random_data(over, method, count)
+    growth = _growth_between_quarters(sizes)
+    excess = 0.75 * count * (growth - predicted.exact_growth)
+    resolved = RESOLVED * 0.75 * count * predicted.exact_growth
+    has_overflowed = sizes.size <= count
+    is_unstable = has_overflowed or excess > max(math.log(TOLERATED_GROWTH), resolved)
     return Observation(
         verdict="unstable" if is_unstable else "stable",
         n_steps=count,
-        growth_per_step=ratio / between,
+        growth_per_step=growth,
         predicted=predicted.verdict,
     )
 
 
-def _logarithm_of_growth(scene: Scene, method: AnyMethod, n_steps: int) -> float:
-    """Log of the largest position in the last over that in the first quarter, random data."""
+def _sizes_from_random_data(scene: Scene, method: AnyMethod, n_steps: int) -> Array:
+    """Largest component at every time, up to the last that is a number."""
     random = np.random.default_rng(_SEED)
     position, velocity = random.standard_normal((2, scene.dimension))
     with np.errstate(all="ignore"):
@@ -224,10 +233,17 @@ def _logarithm_of_growth(scene: Scene, method: AnyMethod, n_steps: int) -> float
             moved = replace(scene, initial_position=position, initial_velocity=velocity)
             path = integrate(moved, method, n_steps).position
         sizes = np.abs(path).max(axis=1)
-        if sizes.size <= n_steps or not np.isfinite(sizes).all():
-            return math.inf
-        quarter = max(1, n_steps // 4)
-        return float(np.log(sizes[-quarter:].max()) - np.log(sizes[:quarter].max()))
+    finite = np.isfinite(sizes)
+    return np.asarray(sizes if finite.all() else sizes[: int(finite.argmin())])
+
+
+def _growth_between_quarters(sizes: Array) -> float:
+    """Logarithm of the growth of the largest value from the first to the last quarter, a step."""
+    quarter = max(1, sizes.size // 4)
+    first, last = sizes[:quarter].max(), sizes[-quarter:].max()
+    if sizes.size <= quarter or not first > 0:
+        return math.inf if last > 0 else 0.0
+    return float(np.log(max(last, 1e-300)) - np.log(first)) / (0.75 * sizes.size)
 
 
 def regions(

@@ -1,0 +1,52 @@
+"""``fvi stability``: what is predicted and seen over steps and parameters."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from fvi_cli.commands.exits import CHECK_FAILED, DONE, guarded
+from fvi_cli.commands.options import RESULTS, Configs, Output, Overrides, Quiet, Verbose
+
+
+@guarded
+def stability(
+    configs: Configs,
+    output: Output = RESULTS,
+    over: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--over",
+            metavar="KEY=FROM:TO:NUMBER[:log]",
+            help="Vary an entry of the problem, as in problem.stiffness=1:1e6:40:log; once or "
+            "twice. The configuration's own `sweep` gives way.",
+        ),
+    ] = None,
+    observe: Annotated[
+        bool | None,
+        typer.Option(
+            "--observe/--no-observe",
+            help="Run every method from random data and compare; default: as configured, yes.",
+        ),
+    ] = None,
+    overrides: Overrides = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Predict the stability of every method over steps and parameters, and compare with runs.
+
+    Exit code 3 when a prediction is not what is observed.
+    """
+    from fvi_cli import campaign, stability_reports
+
+    requests = campaign.gather(configs, (*(overrides or ()), *stability_reports.ranges(over or ())))
+    failed = 0
+    for request in requests:
+        tables = stability_reports.study_stability(
+            request, is_observed=observe, show_progress=not quiet
+        )
+        text, paths = stability_reports.write(request.name, tables, output)
+        print(text, *paths, "", sep="\n")
+        failed += sum(len(table.disagreements) for table in tables)
+    return CHECK_FAILED if failed else DONE
