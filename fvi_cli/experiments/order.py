@@ -17,7 +17,7 @@ from fvi_cli.experiments.experiment import (
     Predicted,
 )
 from fvi_cli.integrator.method import AnyMethod, method_columns
-from fvi_cli.scenes.problem import DerivativeProblem
+from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +145,7 @@ def order_table(experiment: Experiment, finished: Iterable[FinishedRun]) -> Orde
     return OrderTable(
         experiment=experiment.name,
         equation=problem.equation,
-        gamma=damping_orders(experiment),
+        gamma=damping_orders(experiment.problem),
         reference=runs[0].reference if runs else problem.exact_source,
         norm=experiment.norm,
         final_time=problem.final_time,
@@ -153,9 +153,8 @@ def order_table(experiment: Experiment, finished: Iterable[FinishedRun]) -> Orde
     )
 
 
-def damping_orders(experiment: Experiment) -> str:
+def damping_orders(problem: AnyProblem) -> str:
     """Orders of the damping terms, joined by ``;``."""
-    problem = experiment.problem
     if isinstance(problem, DerivativeProblem):
         return f"{problem.order:.15g}"
     return ";".join(f"{term.order:.15g}" for term in problem.scene.damping)

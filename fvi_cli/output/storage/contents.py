@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+import h5py
+import numpy as np
+
+from fvi_cli.experiments.members import value_in_words
+from fvi_cli.output.storage.batch_records import is_batch, values_in
 from fvi_cli.output.storage.files import reading
 from fvi_cli.output.storage.records import COMPLETE
 from fvi_cli.output.storage.results import run_groups
+
+MOST_VALUES = 6
+"""Values of a swept key that are told one by one."""
 
 _CONFIGURATION = ("config", "config_overrides", "resolved_config")
 
@@ -36,7 +45,17 @@ class StoredConfiguration:
 
 @dataclass(frozen=True, kw_only=True)
 class StoredRun:
-    """One run of a file in a line."""
+    """One run of a file in a line, or the members of a sweep.
+
+    Parameters
+    ----------
+    error, status, predicted
+        Of members: the largest error, and what there is how often.
+    members
+        Number of members; 0: a single run.
+    swept
+        What members differ in, in words.
+    """
 
     experiment: str
     case: str
@@ -49,6 +68,8 @@ class StoredRun:
     is_complete: bool
     created: str
     identity: str
+    members: int = 0
+    swept: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +129,7 @@ def list_runs(path: Path) -> StoredFile:
         runs = []
         for experiment, case, group in run_groups(file):
             a = group.attrs
+            of_several = _of_members(group) if is_batch(group) else {"error": float(a["error"])}
             runs.append(
                 StoredRun(
                     experiment=experiment,
@@ -115,12 +137,31 @@ def list_runs(path: Path) -> StoredFile:
                     n_steps=int(a["n_steps"]),
                     step_size=float(a["step_size"]),
                     norm=str(a["norm"]),
-                    error=float(a["error"]),
                     status=str(a["status"]),
                     predicted=str(a["predicted"]),
                     is_complete=COMPLETE in a,
-                    created=str(a["created"]),
+                    created=str(a.get("created", "at several times")),
                     identity=str(a["identity"]),
+                    **of_several,
                 )
             )
         return StoredFile(provenance=provenance, runs=tuple(runs))
+
+
+def _of_members(group: h5py.Group) -> dict[str, Any]:
+    """What a line on members says beside what it says of any run."""
+    errors = np.asarray(group["error"][()])
+    columns = values_in(group)
+    keys = list(columns[0])
+    return {
+        "error": float(np.nanmax(errors)) if np.isfinite(errors).any() else float("nan"),
+        "members": len(columns),
+        "swept": "; ".join(_told(key, [one[key] for one in columns]) for key in keys),
+    }
+
+
+def _told(key: str, values: Sequence[Any]) -> str:
+    distinct = list(dict.fromkeys(map(value_in_words, values)))
+    if len(distinct) <= MOST_VALUES:
+        return f"{key} = {', '.join(distinct)}"
+    return f"{key} = {distinct[0]} ... {distinct[-1]} ({len(distinct)} values)"

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.experiments.experiment import FinishedRun, Run
+from fvi_cli.experiments.members import value_at, without_values
 from fvi_cli.experiments.order import damping_orders
 from fvi_cli.integrator.method import method_columns
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
@@ -55,8 +56,11 @@ LONG_NAMES: Mapping[str, str] = {
 RUN_KEYS = ("method", "n_steps", "store_every", "allow_unstable", "diagnostics")
 """Keys of a run's specification in which runs of one experiment may differ."""
 
-Place = tuple[str, str, int]
-"""Experiment, case, number of steps."""
+SWEPT = "swept"
+"""Attribute of a member of a sweep: a JSON list of the keys in which members differ."""
+
+Place = tuple[str, str, int, str]
+"""Experiment, case, number of steps, and the values of a member of a sweep as JSON text."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,45 +73,58 @@ class Record:
 
 def place_of(run: Run) -> Place:
     """Where a run belongs."""
-    return run.experiment.name, run.method.case, run.n_steps
+    values = "" if run.member is None else canonical_json(dict(run.member.values))
+    return run.experiment.name, run.method.case, run.n_steps, values
 
 
 def place_in(attributes: Mapping[str, Any]) -> Place:
     """Where the run with these attributes belongs."""
-    return str(attributes["experiment"]), str(attributes["case"]), int(attributes["n_steps"])
+    experiment, case = str(attributes["experiment"]), str(attributes["case"])
+    values = ""
+    if keys := json.loads(attributes.get(SWEPT, "[]")):
+        problem = json.loads(attributes["specification"])["problem"]
+        values = canonical_json({key: value_at(problem, key) for key in keys})
+    return experiment, case, int(attributes["n_steps"]), values
 
 
 def basis_in(attributes: Mapping[str, Any]) -> str:
     """What the runs of one experiment have in common, as text: its problem and norm."""
-    return _basis(json.loads(attributes["specification"]))
+    keys = tuple(json.loads(attributes.get(SWEPT, "[]")))
+    return basis(json.loads(attributes["specification"]), keys)
 
 
 def basis_of(run: Run) -> str:
     """As :func:`basis_in`, for a run that may not be stored."""
-    return _basis(json.loads(canonical_json(run.specification())))
+    keys = () if run.member is None else tuple(run.member.values)
+    return basis(json.loads(canonical_json(run.specification())), keys)
 
 
-def _basis(specification: Mapping[str, Any]) -> str:
-    return canonical_json({k: v for k, v in specification.items() if k not in RUN_KEYS})
+def basis(specification: Mapping[str, Any], swept: tuple[str, ...]) -> str:
+    """What is left of a specification without what runs of one experiment may differ in."""
+    shared = {k: v for k, v in specification.items() if k not in RUN_KEYS}
+    if swept:
+        shared |= {"problem": without_values(shared["problem"], swept), SWEPT: list(swept)}
+    return canonical_json(shared)
 
 
 def checksum(datasets: Mapping[str, NDArray[Any]]) -> str:
     """SHA-256 of names, shapes and numbers."""
     digest = hashlib.sha256()
     for name, values in datasets.items():
-        numbers = np.ascontiguousarray(values, dtype=_kind(values))
+        numbers = np.ascontiguousarray(values, dtype=stored_kind(values))
         digest.update(f"{name}{numbers.shape}".encode())
         digest.update(numbers.data)
     return digest.hexdigest()
 
 
-def _kind(values: NDArray[Any]) -> str:
+def stored_kind(values: NDArray[Any]) -> str:
+    """Type of the numbers in a file."""
     return "<i8" if values.dtype.kind == "i" else "<f8"
 
 
 def group_path(place: Place) -> str:
     """Path of a run inside the file."""
-    experiment, case, n_steps = place
+    experiment, case, n_steps, _ = place
     return f"/{experiment}/{case}/n{n_steps:06d}"
 
 
@@ -122,7 +139,7 @@ def record_of(finished: FinishedRun) -> Record:
         "experiment": experiment.name,
         "case": method.case,
         **columns,
-        "gamma": damping_orders(experiment),
+        "gamma": damping_orders(run.problem),
         "n_steps": run.n_steps,
         "step_size": run.step_size,
         "norm": experiment.norm,
@@ -151,7 +168,7 @@ def record_of(finished: FinishedRun) -> Record:
         attributes["newton_worst_residuals"] = np.array(newton.worst_residuals, dtype=float)
     # what has been thinned on the way is not thinned again
     every = 1 if trajectory.every > 1 else experiment.store_every
-    kept = _kept(trajectory.time.size, every)
+    kept = kept_points(trajectory.time.size, every)
     datasets: dict[str, NDArray[Any]] = {
         "time": trajectory.time[kept],
         "dof": np.arange(trajectory.position.shape[1]),
@@ -168,7 +185,7 @@ def record_of(finished: FinishedRun) -> Record:
     return Record(attributes=attributes, datasets=datasets)
 
 
-def _kept(points: int, every: int) -> NDArray[np.intp]:
+def kept_points(points: int, every: int) -> NDArray[np.intp]:
     """Every n-th point and the last one."""
     return np.unique(np.append(np.arange(0, points, every), max(points - 1, 0)))[:points]
 
@@ -236,7 +253,7 @@ def write_datasets(
         dataset = (
             group.create_dataset(name, data=values.tolist(), dtype=h5py.string_dtype())
             if is_text
-            else group.create_dataset(name, data=values, dtype=_kind(values))
+            else group.create_dataset(name, data=values, dtype=stored_kind(values))
         )
         dataset.attrs["long_name"] = LONG_NAMES[name]
         if dimensions[name] == (name,):
