@@ -67,7 +67,7 @@ def plans_as_text(plans: Sequence[Plan]) -> str:
                 f"{run.step_size:.6g}",
                 plan.action,
                 plan.predicted,
-                ", ".join(effects_of(run.experiment.problem)),
+                ", ".join(effects_of(run.problem)),
                 plan.reason,
             )
         )
@@ -105,7 +105,13 @@ def contents_as_text(stored: StoredFile) -> str:
         )
         for run in stored.runs
     ]
-    return "\n".join([*lines, "", aligned(rows)])
+    text = "\n".join([*lines, "", aligned(rows)])
+    swept = dict.fromkeys(
+        f"{run.experiment}: {run.members} members, {run.swept}; the largest error is shown"
+        for run in stored.runs
+        if run.members
+    )
+    return "\n".join([text, *(["", *swept] if swept else [])])
 
 
 def studies(outcomes: Sequence[Outcome]) -> list[tuple[Experiment, tuple[FinishedRun, ...]]]:
