@@ -36,8 +36,12 @@ STABLE_COLOUR = "#A8D3EE"
 UNSTABLE_COLOUR = "#F4C9AE"
 SLOW_COLOUR = "#FBEBDD"
 UNKNOWN_COLOUR = "#E6E6E6"
-_VERDICTS = ("stable", "unstable", "unknown")
-_COLOURS = (STABLE_COLOUR, UNSTABLE_COLOUR, UNKNOWN_COLOUR)
+_COLOURS = {
+    "predicted stable": STABLE_COLOUR,
+    "growth, too slow for this time": SLOW_COLOUR,
+    "unstable": UNSTABLE_COLOUR,
+    "not predicted": UNKNOWN_COLOUR,
+}
 MOST_PANELS = 12
 
 
@@ -298,18 +302,24 @@ def _verdict_panel(axes: Axes, keys: Sequence[str], rows: Sequence[StabilityRow]
     x, y = sorted(set(across)), sorted(set(up))
     cells = np.full((len(y), len(x)), np.nan)
     for row, a, b in zip(rows, across, up, strict=True):
-        cells[y.index(b), x.index(a)] = _VERDICTS.index(row.verdict)
+        cells[y.index(b), x.index(a)] = list(_COLOURS).index(_kind(row))
     x_edges, x_scale = _edges(x)
     y_edges, y_scale = _edges(y)
     axes.set_xscale(x_scale)
     axes.set_yscale(y_scale)
     axes.pcolormesh(
-        x_edges, y_edges, cells, cmap=ListedColormap(_COLOURS), vmin=-0.5, vmax=2.5, rasterized=True
+        x_edges,
+        y_edges,
+        cells,
+        cmap=ListedColormap(list(_COLOURS.values())),
+        vmin=-0.5,
+        vmax=len(_COLOURS) - 0.5,
+        rasterized=True,
     )
     if len(keys) == 1:
-        limits = {a: row.largest_stable_step for row, a in zip(rows, across, strict=True)}
+        limits = {a: row.lasting_step for row, a in zip(rows, across, strict=True)}
         line = np.array([limits[a] for a in x])
-        axes.plot(x, line, color=INK, linewidth=1.3, label="largest stable step")
+        axes.plot(x, line, color=INK, linewidth=1.3, label="nothing grows below")
     seen = [
         (a, b)
         for row, a, b in zip(rows, across, up, strict=True)
@@ -340,6 +350,14 @@ def _verdict_panel(axes: Axes, keys: Sequence[str], rows: Sequence[StabilityRow]
             axis.set_minor_formatter(NullFormatter())
 
 
+def _kind(row: StabilityRow) -> str:
+    """Which of the fillings a cell has."""
+    kinds = list(_COLOURS)
+    if row.verdict == "stable":
+        return kinds[row.prediction.growth_per_step > row.prediction.exact_growth]
+    return kinds[2 if row.verdict == "unstable" else 3]
+
+
 def _edges(values: Sequence[float]) -> tuple[Array, str]:
     """Borders of the cells round these values, and the scale on which they are even."""
     points = np.array(values, dtype=float)
@@ -354,12 +372,12 @@ def _edges(values: Sequence[float]) -> tuple[Array, str]:
 
 def _parameter_entries(table: StabilityTable, number: int) -> list[Patch | Line2D]:
     entries: list[Patch | Line2D] = [
-        Patch(facecolor=colour, label=f"predicted {verdict}")
-        for verdict, colour in zip(_VERDICTS, _COLOURS, strict=True)
-        if verdict != "unknown" or any(row.verdict == "unknown" for row in table.rows)
+        Patch(facecolor=colour, label=kind)
+        for kind, colour in _COLOURS.items()
+        if any(_kind(row) == kind for row in table.rows)
     ]
     if number == 1:
-        entries.append(Line2D([], [], color=INK, linewidth=1.3, label="largest stable step"))
+        entries.append(Line2D([], [], color=INK, linewidth=1.3, label="nothing grows below"))
     if any(row.observation is not None for row in table.rows):
         entries.append(
             Line2D([], [], linestyle="none", marker=".", color=INK, label="observed unstable")
