@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.implicit_equation import solve_implicit
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
@@ -104,6 +105,8 @@ def _integrate_euler(scene: Scene, method: Baseline, n_steps: int) -> Trajectory
 
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(n_steps):
+            if k % STRIDE == 0:
+                advanced(k, n_steps)
             if explicit:
                 force = forces[k] - past(k)
                 for _, newest, matrix, shift in terms:

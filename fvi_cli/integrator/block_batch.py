@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.block_history import (
     BatchedChannel,
     GroupHistory,
@@ -344,6 +345,7 @@ class _Blocks:
         damped = self._system.memory > 1
         force: Array | None = None
         for index in range(count):
+            advanced((first + index) * block, self._problem.n_steps)
             place = (first + index) % blocks
             group = (first + index) // blocks
             row = inputs[:, index]

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.potential import Potential
+from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.block_history import (
     BatchedChannel,
     GroupHistory,
@@ -177,6 +178,7 @@ class _NewtonBlocks:
         self._freeze()
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             while done < n_steps and not failure:
+                advanced(done, n_steps)
                 if done % self._group == 0:
                     self._begin_group(done)
                 count = self._next_size(done)

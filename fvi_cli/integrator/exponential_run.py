@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.checkpoint import Checkpoint
 from fvi_cli.integrator.exponential_history import exponential_kernel
 from fvi_cli.integrator.exponential_march import (
@@ -102,6 +103,7 @@ def integrate_part(
     failure, done = "", begin
     with np.errstate(over="ignore", invalid="ignore"):
         while done < end and not failure:
+            advanced(done, n_steps)
             first = done - done % CHUNK
             last = min(first + CHUNK, end)
             marched = march.chunk(first, done, last)

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.lagrangian import Lagrangian
+from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.memory import Memory
 from fvi_cli.integrator.step_tables import StepTables
@@ -290,6 +291,8 @@ def run_general_steps(
     inner = tables.sample_basis[1:].T
     with np.errstate(all="ignore"):
         for index in range(n_steps):
+            if index % STRIDE == 0:
+                advanced(index, n_steps)
             acts = damped and not (problem.skip_first_kick and index == 0)
             past = (_known(problem, history, index), offset) if acts else None
             try:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.baselines import baseline_trajectory, forces_on_grid
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.bdf import convolution_weights
@@ -54,6 +55,8 @@ def integrate_gruenwald_letnikov(scene: Scene, n_steps: int) -> Trajectory:
     operations, failure, done = 0, "", 0
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(n_steps):
+            if k % STRIDE == 0:
+                advanced(k, n_steps)
             force = forces[k]
             for (backwards, matrix, shift), left in zip(terms, samples, strict=True):
                 left[k] = position[k] - shift[k]

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.block_history import BatchedChannel, GroupHistory, shared_strip
 from fvi_cli.integrator.block_linear import has_moments, known_moments
 from fvi_cli.integrator.compensated import CompensatedSum
@@ -91,6 +92,8 @@ class _LargeSteps:
         done, failure = 0, ""
         with np.errstate(over="ignore", invalid="ignore"):
             for index in range(n_steps):
+                if index % STRIDE == 0:
+                    advanced(index, n_steps)
                 increments, change, force, offsets = self._step(
                     index, position.value, momentum.value, offsets, constants
                 )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.baselines import baseline_trajectory
 from fvi_cli.integrator.gruenwald_letnikov import taken_off
 from fvi_cli.integrator.implicit_equation import solve_implicit
@@ -62,6 +63,8 @@ def integrate_product_trapezoidal(scene: Scene, n_steps: int) -> Trajectory:
     operations, iterations, failure, done = 0, 0, "", 0
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(n_steps):
+            if k % STRIDE == 0:
+                advanced(k, n_steps)
             constant = known[k + 1] - twice - h * once - h * h / 3 * pull
             for index, (backwards, matrix, _, is_integer) in enumerate(terms):
                 left = samples[index]

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.potential import Potential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.memory import DirectHistory, Memory
 from fvi_cli.integrator.step_tables import StepTables
@@ -283,6 +284,8 @@ def run_steps(
     inner = tables.sample_basis[1:].T
     with np.errstate(over="ignore", invalid="ignore"):
         for index in range(n_steps):
+            if index % STRIDE == 0:
+                advanced(index, n_steps)
             known = _known(problem, history, index) if damped else forces[0]
             skip = problem.skip_first_kick and index == 0
             try:

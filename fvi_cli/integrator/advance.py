@@ -1,0 +1,49 @@
+"""How far the steps have come, for whoever watches them; nothing is done when nobody does."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
+
+STRIDE = 256
+"""Loops over single steps tell about every so many of them."""
+
+SECONDS_BETWEEN = 0.1
+"""A watcher is told no more often than this."""
+
+Watcher = Callable[[int, int], None]
+"""Called with the number of steps that are done, and N."""
+
+_told: ContextVar[Watcher | None] = ContextVar("told", default=None)
+
+
+@contextlib.contextmanager
+def watched(watcher: Watcher) -> Iterator[None]:
+    """Tell `watcher` now and then how far the integrations inside the block have come.
+
+    Loops tell it of their own accord, block by block; they need not be handed the watcher through
+    all that lies between.
+    """
+    due = 0.0
+
+    def seldom(done: int, n_steps: int) -> None:
+        nonlocal due
+        now = time.monotonic()
+        if now >= due:
+            due = now + SECONDS_BETWEEN
+            watcher(done, n_steps)
+
+    token = _told.set(seldom)
+    try:
+        yield
+    finally:
+        _told.reset(token)
+
+
+def advanced(done: int, n_steps: int) -> None:
+    """Note that `done` of `n_steps` steps are done."""
+    told = _told.get()
+    if told is not None:
+        told(done, n_steps)
