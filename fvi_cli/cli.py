@@ -14,6 +14,7 @@ import fvi_cli
 from fvi_cli.commands.benchmark import benchmark
 from fvi_cli.commands.check import check
 from fvi_cli.commands.convergence import convergence
+from fvi_cli.commands.cost import cost
 from fvi_cli.commands.exits import DONE
 from fvi_cli.commands.export import export
 from fvi_cli.commands.new import new
@@ -23,7 +24,19 @@ from fvi_cli.commands.schema import schema
 from fvi_cli.commands.show import show
 from fvi_cli.commands.stability import stability
 
-COMMANDS = (run, convergence, plot, stability, check, show, export, benchmark, schema, new)
+COMMANDS = (
+    run,
+    convergence,
+    plot,
+    cost,
+    stability,
+    check,
+    show,
+    export,
+    benchmark,
+    schema,
+    new,
+)
 
 app = typer.Typer(
     name="fvi",

@@ -1,0 +1,240 @@
+"""Costs as tables, page and picture."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+
+import pytest
+from matplotlib.colors import to_hex
+from typer.testing import CliRunner
+
+from fvi_cli import cost_reports
+from fvi_cli.cli import app
+from fvi_cli.experiments import cost
+from fvi_cli.experiments.cost import CostCase, CostTable
+from fvi_cli.integrator import peers
+from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.output.figures.cost import BASELINE_COLOUR, cost_figure
+from fvi_cli.output.figures.drawn import drawn_data
+from fvi_cli.output.tables.cost import (
+    SUMMARY_COLUMNS,
+    cost_csv,
+    cost_json,
+    cost_report,
+    cost_summary_csv,
+)
+from fvi_cli.output.tables.latex import to_latex
+from fvi_cli.output.tables.markdown import to_markdown
+from tests.experiments.test_price import row, table
+
+# as the design of the command promises them
+PROMISED = (
+    "experiment, case, method, n_steps, step_size, error, setup_seconds, stepping_seconds_min, "
+    "stepping_seconds_median, storage_seconds, spread, repeats, peak_memory_bytes, "
+    "history_operations, newton_iterations, status"
+)
+
+
+def measured(*, memory: bool = True) -> CostTable:
+    counts = (10, 20, 40, 80, 160)
+    gauss = [row(n, n**-6.0, 1e-3 + 1e-6 * n) for n in counts]
+    slow = [row(n, 1 / n, 1e-4 * n) for n in counts]
+    failed = row(10, math.inf, 1e-3, "diverged")
+    cases = (
+        CostCase(method=Method(cq="gauss", degree=3, start="series"), rows=tuple(gauss)),
+        CostCase(method=Method(cq="bdf6", degree=1, sampling="nodes"), rows=(failed,)),
+        CostCase(method=Baseline(name="gruenwald-letnikov"), rows=tuple(slow)),
+        *(
+            CostCase(
+                method=Baseline(name="dop853", tolerance=tolerance),
+                rows=(row(10, tolerance, -1e-3 * math.log10(tolerance)),),
+            )
+            for tolerance in (1e-4, 1e-8)
+        ),
+    )
+    if memory:
+        return table(*cases)
+    from dataclasses import replace
+
+    return table(
+        *(
+            replace(case, rows=tuple(replace(r, history_operations=0) for r in case.rows))
+            for case in cases
+        )
+    )
+
+
+def test_the_columns_are_those_promised():
+    lines = list(csv.reader(io.StringIO(cost_csv([measured()]))))
+    assert ", ".join(lines[0]) == PROMISED
+    assert len(lines) == 1 + 13
+    first = dict(zip(lines[0], lines[1], strict=True))
+    assert first["case"] == "gauss-s3-series"
+    assert first["method"] == "Gauss3"
+    assert float(first["error"]) == 10**-6.0
+    assert first["storage_seconds"] == "nan"
+    # a row is never dropped
+    assert [line[-1] for line in lines].count("diverged") == 1
+
+
+def test_the_summary_keeps_guesses_apart():
+    lines = {
+        line["case"]: line for line in csv.DictReader(io.StringIO(cost_summary_csv([measured()])))
+    }
+    assert set(lines) == {"gauss-s3-series", "gruenwald-letnikov", "dop853"}
+    ours, theirs = lines["gauss-s3-series"], lines["gruenwald-letnikov"]
+    assert tuple(ours) == SUMMARY_COLUMNS
+    assert float(ours["seconds_to_1e-08"]) == pytest.approx(1.02e-3, rel=0.02)
+    assert float(ours["order"]) == pytest.approx(6.0)
+    assert theirs["seconds_to_1e-04"] == "not reached"
+    assert float(theirs["extrapolated_to_1e-04"]) == pytest.approx(1.0)
+    assert theirs["extrapolated_to_1e-02"] == "nan"
+    assert float(theirs["factor_per_digit"]) == pytest.approx(10.0)
+
+
+def test_the_report_says_who_is_cheapest_and_marks_guesses():
+    text = to_markdown(cost_report("one", [measured()]))
+    assert "| cheapest" in text
+    assert "- (1)" in text
+    assert "Gauss3" in text
+    assert "diverged" in text
+    assert r"\begin{tabular}" in to_latex(cost_report("one", [measured()]))
+
+
+def test_json_has_no_number_that_is_none():
+    content = json.loads(cost_json("one", [measured()]))
+    (found,) = content["experiments"]
+    assert found["methods"][1]["seconds_to_1e-04"] is None
+    assert found["runs"][5]["error"] is None
+    assert [entry["case"] for entry in found["cheapest"]][-1] == "gauss-s3-series"
+    assert found["pareto_front"]
+
+
+class TestFigure:
+    def test_methods_are_told_apart_without_colour_and_baselines_are_grey(self):
+        axes = cost_figure([measured()]).axes[0]
+        drawn = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
+        assert [line.get_label() for line in drawn] == ["Gauss3", "Grünwald-Letnikov", "DOP853"]
+        assert len({(line.get_marker(), line.get_linestyle()) for line in drawn}) == 3
+        assert [to_hex(line.get_color()) == BASELINE_COLOUR for line in drawn] == [
+            False,
+            True,
+            True,
+        ]
+
+    def test_the_answer_is_on_top(self):
+        figure = cost_figure([measured()])
+        texts = [text.get_text() for text in figure.axes[0].texts]
+        assert "Gauss3" in texts
+        left, right = figure.axes[0].get_xlim()
+        assert left > right
+
+    def test_work_is_drawn_where_there_is_memory(self):
+        assert len(cost_figure([measured()]).axes) == 2
+        assert len(cost_figure([measured(memory=False)]).axes) == 1
+        labels = [axes.get_ylabel() for axes in cost_figure([measured()]).axes]
+        assert labels == ["set-up and stepping, seconds", "multiply-adds on the history"]
+
+    def test_the_front_is_drawn(self):
+        data = drawn_data(cost_figure([measured()]))
+        labels = [line["label"] for line in data["panels"][0]["lines"]]
+        assert "Pareto front" in labels
+
+
+TEXT = """\
+name: small
+problem:
+  kind: bagley-torvik
+  damping: [{order: 0.5, coefficient: 1.0}]
+  initial: {position: 1.0, velocity: 0.0}
+  final_time: 1.0
+method:
+  - {rk: gauss, degree: 2}
+  - {baseline: product-integration}
+ladder: {steps: [4, 8, 16]}
+"""
+
+# the damping of order 3/2 is too much for BDF6 on the nodes
+FAILING = """\
+name: small
+problem:
+  kind: bagley-torvik
+  damping: [{order: 1.5, coefficient: 1.0}]
+  forcing: 15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5
+  final_time: 1.0
+  exact: t**2.5
+method:
+  - {rk: gauss, degree: 2}
+  - {bdf: 6, sampling: nodes, degree: 1}
+ladder: {steps: [8, 16, 32]}
+"""
+
+
+class TestCommand:
+    @pytest.fixture(autouse=True)
+    def _quick(self, monkeypatch, tmp_path):
+        monkeypatch.setattr(cost, "ENOUGH_SECONDS", 0.0)
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "small.yaml").write_text(TEXT)
+
+    def run(self, *arguments: str):
+        return CliRunner().invoke(app, ["cost", *arguments])
+
+    def test_tables_and_figure(self, tmp_path):
+        result = self.run("small.yaml")
+        assert result.exit_code == 0, result.output
+        written = {path.name for path in (tmp_path / "results").rglob("*") if path.is_file()}
+        assert written == {
+            *(f"small-cost.{suffix}" for suffix in ("csv", "md", "tex")),
+            "small-cost-summary.csv",
+            "small-cost.json",
+            "small-cost.pdf",
+            "small-cost.png",
+        }
+        assert "one more digit" in result.stdout
+        assert (tmp_path / "results/tables/small-cost.csv").read_text().count("\n") == 7
+
+    def test_dry_run_writes_nothing(self, tmp_path):
+        result = self.run("small.yaml", "--dry-run")
+        assert result.exit_code == 0
+        assert "product-integration" in result.stdout
+        assert not (tmp_path / "results").exists()
+
+    def test_a_failure_that_nobody_expected(self, tmp_path):
+        bad = FAILING.replace("name: small", "name: bad")
+        (tmp_path / "bad.yaml").write_text(bad)
+        result = self.run("bad.yaml")
+        assert result.exit_code == 1
+        assert "refused" in result.stderr
+        # the others are measured and written all the same
+        assert (tmp_path / "results/tables/bad-cost.csv").read_text().count(",ok") == 3
+
+    def test_peers_that_are_not_there(self, monkeypatch):
+        monkeypatch.setattr(cost_reports, "peers_objection", lambda: "pycaputo is not installed")
+        result = self.run("small.yaml", "--peers")
+        assert result.exit_code == 2
+        assert "--peers: pycaputo is not installed" in result.stderr
+
+    def test_peers_are_put_beside(self, monkeypatch):
+        monkeypatch.setattr(cost_reports, "peers_objection", lambda: "")
+        monkeypatch.setattr(peers, "peers_objection", lambda: "")
+        result = self.run("small.yaml", "--peers", "--dry-run")
+        assert result.exit_code == 0
+        assert result.stdout.count("pycaputo-pece") == 3
+
+    def test_what_has_no_price_is_told_at_once(self, tmp_path):
+        swept = TEXT.replace("small", "swept") + "sweep: {problem.stiffness: [1.0, 2.0]}\n"
+        (tmp_path / "swept.yaml").write_text(swept)
+        result = self.run("small.yaml", "swept.yaml")
+        assert result.exit_code == 2
+        assert "swept: a sweep has no one price" in result.stderr
+        assert not (tmp_path / "results").exists()
+
+    def test_the_page_shows_the_figures_to_meet(self, tmp_path):
+        path = cost_reports.write_page(tmp_path, {"one": [measured()]})
+        text = path.read_text()
+        assert "## Figures to meet" in text
+        assert "![Error against time and work](figures/one-cost.png)" in text
