@@ -207,7 +207,17 @@ _STORE: Final = Record(
         *DIAGNOSTIC_KEYS,
     )
 )
-FIGURES: Final = ("convergence", "trajectory", "energy", "error")
+FIGURES: Final = (
+    "convergence",
+    "trajectory",
+    "energy",
+    "error",
+    "balance",
+    "momenta",
+    "phase",
+    "path",
+    "waterfall",
+)
 
 
 def _experiment_record(name: Key) -> Record:

@@ -8,19 +8,46 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fvi_cli.experiments.experiment import Experiment, FinishedRun
+from fvi_cli.output.figures.balance import (
+    balance_figure,
+    has_balance,
+    has_momenta,
+    momenta_figure,
+)
 from fvi_cli.output.figures.convergence import Study, convergence_figure
 from fvi_cli.output.figures.interpolation import interpolation_figure
+from fvi_cli.output.figures.motion import (
+    WATERFALL_KINDS,
+    path_figure,
+    phase_figure,
+    waterfall_figure,
+)
 from fvi_cli.output.figures.saturation import saturation_figure
 from fvi_cli.output.figures.time_series import energy_figure, error_figure, trajectory_figure
 from fvi_cli.scenes.problem import DerivativeProblem
 
-FIGURE_KINDS = ("convergence", "trajectory", "energy", "error")
+FIGURE_KINDS = (
+    "convergence",
+    "trajectory",
+    "energy",
+    "error",
+    "balance",
+    "momenta",
+    "phase",
+    "path",
+    "waterfall",
+)
 """What ``Experiment.figures`` may name."""
 
 _OVER_TIME: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
     "trajectory": trajectory_figure,
     "energy": energy_figure,
     "error": error_figure,
+    "balance": balance_figure,
+    "momenta": momenta_figure,
+    "phase": phase_figure,
+    "path": path_figure,
+    "waterfall": waterfall_figure,
 }
 _LEAST_LADDER = 3
 
@@ -126,6 +153,15 @@ def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[
         return {**obstacles, **dict.fromkeys(_OVER_TIME, reason)}
     if all(item.trajectory.energy is None for item in moving):
         obstacles["energy"] = "no method of the experiment has a momentum"
+        obstacles["phase"] = obstacles["energy"]
+    if not any(has_balance(item) for item in moving):
+        obstacles["balance"] = "it needs store: {diagnostics: [energy-balance]}"
+    if not any(has_momenta(item) for item in moving):
+        obstacles["momenta"] = "it needs store: {diagnostics: [momentum-maps]}"
+    if moving[0].trajectory.position.shape[1] < 2:
+        obstacles["path"] = "the scene has one coordinate only"
+    if experiment.problem.kind not in WATERFALL_KINDS:
+        obstacles["waterfall"] = f"it is made for {', '.join(WATERFALL_KINDS)}"
     if experiment.problem.exact is None and not compared:
         obstacles["error"] = f"there is no error: the reference is {finished[0].reference}"
     return obstacles

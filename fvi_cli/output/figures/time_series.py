@@ -59,12 +59,12 @@ def trajectory_figure(
                 trajectory = item.trajectory
                 values = trajectory.position[:, component]
                 style = styles[item.run.method.case]
-                _draw_series(axes, trajectory.time, values, style, position)
+                draw_series(axes, trajectory.time, values, style, position)
                 ranges += [] if reference is not None else [values]
             _limit(axes, ranges)
             index = f"_{component + 1}" if dimension > 1 else ""
             axes.set_ylabel(f"position $x{index}(t)$")
-        _finish(figure, panels[-1], shown, experiment)
+        finish_figure(figure, panels[-1], shown, experiment)
     return figure
 
 
@@ -101,11 +101,11 @@ def energy_figure(
             energy = item.trajectory.energy
             if energy is None:
                 continue
-            _draw_series(axes, item.trajectory.time, energy, styles[item.run.method.case], position)
+            draw_series(axes, item.trajectory.time, energy, styles[item.run.method.case], position)
             ranges += [] if exact is not None else [energy]
         _limit(axes, ranges)
         axes.set_ylabel("energy $H(x, p)$")
-        _finish(figure, axes, shown, experiment)
+        finish_figure(figure, axes, shown, experiment)
     return figure
 
 
@@ -142,7 +142,7 @@ def error_figure(
                 error = np.abs(trajectory.position - reference.values(trajectory.time)).max(axis=1)
             error = np.where(np.isfinite(error) & (error > 0), error, np.nan)
             style = styles[item.run.method.case]
-            _draw_series(axes, trajectory.time, error, style, position, floor=item.floor)
+            draw_series(axes, trajectory.time, error, style, position, floor=item.floor)
             positive.append(error[np.isfinite(error)])
         values = np.concatenate(positive)
         if values.size:
@@ -158,7 +158,7 @@ def error_figure(
         axes.set_ylabel(
             label if experiment.problem.exact is not None else "error against a refined run"
         )
-        _finish(figure, axes, shown, experiment)
+        finish_figure(figure, axes, shown, experiment)
     return figure
 
 
@@ -202,7 +202,7 @@ def _draw_exact(axes: Axes, experiment: Experiment, component: int) -> Array | N
     return values
 
 
-def _draw_series(
+def draw_series(
     axes: Axes,
     time: Array,
     values: Array,
@@ -240,9 +240,10 @@ def _limit(axes: Axes, ranges: Sequence[Array]) -> None:
     axes.set_ylim(max(bottom, low - 0.6 * span), min(top, high + 0.6 * span))
 
 
-def _finish(
+def finish_figure(
     figure: Figure, axes: Axes, shown: Sequence[FinishedRun], experiment: Experiment
 ) -> None:
+    """Time axis, and one legend above all panels."""
     sizes = {item.run.step_size for item in shown}
     step = f" (step size $h = {sizes.pop():.8g}$)" if len(sizes) == 1 else ""
     axes.set_xlabel(f"time $t${step}")

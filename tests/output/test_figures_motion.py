@@ -1,0 +1,236 @@
+"""Figures of motions: what they draw is what the runs say, in the right places."""
+
+from __future__ import annotations
+
+import re
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from fvi_cli.config import parse_config
+from fvi_cli.experiments.experiment import Experiment, FinishedRun
+from fvi_cli.experiments.study import study
+from fvi_cli.output import figures
+from fvi_cli.output.figures.balance import balance_figure, momenta_figure
+from fvi_cli.output.figures.motion import path_figure, phase_figure, waterfall_figure
+
+Study = tuple[Experiment, list[FinishedRun]]
+
+OSCILLATOR = """\
+name: one
+problem:
+  kind: damped-oscillator
+  damping: [{order: 0.5, coefficient: 0.3}]
+  forcing: cos(1.2*t)
+  final_time: 4.0
+method: {rk: gauss, degree: [2, 3]}
+ladder: {steps: [32, 64]}
+store: {diagnostics: [energy-balance]}
+"""
+KEPLER = """\
+name: planet
+problem:
+  kind: kepler
+  damping: [{order: 0.5, coefficient: 0.05}]
+  initial: {position: [1.0, 0.0], velocity: [0.0, 1.1]}
+  final_time: 8.0
+method: [{rk: gauss, degree: 2}, {baseline: implicit-euler}]
+ladder: {steps: [128]}
+expect: {implicit-euler: diverged}
+store: {diagnostics: [energy-balance, momentum-maps]}
+"""
+PENDULUM = """\
+name: two
+problem:
+  kind: double-pendulum
+  lengths: [1.0, 0.5]
+  joints: [{order: 0.5, coefficient: 0.1}]
+  initial: {position: [2.0, 2.5], velocity: 0.0}
+  final_time: 2.0
+method: {rk: gauss, degree: 2}
+ladder: {steps: [40]}
+"""
+CHAIN = """\
+name: row
+problem:
+  kind: chain
+  masses: 40
+  dampers: [{order: 0.5, coefficient: 0.05}]
+  initial: {position: 0.0, velocity: 1.0}
+  final_time: 4.0
+method: {rk: gauss, degree: 2}
+ladder: {steps: [40]}
+"""
+STRING = """\
+name: tone
+problem:
+  kind: string
+  modes: 6
+  length: 2.0
+  pluck: {at: 0.3, height: 0.1}
+  internal_damping: [{order: 0.5, coefficient: 0.01}]
+  final_time: 2.0
+method: {rk: gauss, degree: 2}
+ladder: {steps: [64]}
+"""
+
+
+def made(text: str) -> Study:
+    (experiment,) = parse_config(text, "made.yaml").experiments
+    return experiment, list(study(experiment))
+
+
+@pytest.fixture(scope="module")
+def oscillator() -> Study:
+    return made(OSCILLATOR)
+
+
+@pytest.fixture(scope="module")
+def planet() -> Study:
+    return made(KEPLER)
+
+
+def drawn(figure: Figure) -> dict[str, dict[str, np.ndarray]]:
+    """Lines of the first panel by label."""
+    return {
+        str(line.get_label()): {
+            "x": np.asarray(line.get_xdata()),
+            "y": np.asarray(line.get_ydata()),
+        }
+        for line in figure.axes[0].lines
+    }
+
+
+def test_balance_shows_energy_works_and_a_sum_that_does_not_move(oscillator: Study) -> None:
+    figure = balance_figure(*oscillator)
+    lines = drawn(figure)
+    best = oscillator[1][-1].trajectory
+    assert np.array_equal(lines["energy $E$"]["y"], best.energy)
+    assert np.ptp(lines["$E + W_d - W_f$"]["y"]) < 1e-9 < np.ptp(best.energy)
+    below = figure.axes[1]
+    assert below.get_yscale() == "log"
+    two, three = (np.nanmax(np.asarray(line.get_ydata())) for line in below.lines)
+    # Gauss 2 goes without a series here and balances exactly, Gauss 3 with one to its order
+    assert two < 1e-14 < three < 1e-10
+
+
+def test_momenta_show_every_symmetry_and_leave_out_methods_without(planet: Study) -> None:
+    figure = momenta_figure(*planet)
+    values = drawn(figure)["angular momentum"]["y"]
+    assert values[0] == pytest.approx(1.1)
+    assert values[-1] < 1.0
+    assert len(figure.axes[1].lines) == 1
+
+
+def test_paths_lead_from_the_start_through_the_stored_points(planet: Study) -> None:
+    figure = path_figure(*planet)
+    lines = drawn(figure)
+    place = planet[1][0].trajectory.position
+    assert np.array_equal(
+        lines["Gauss 2" if "Gauss 2" in lines else "FVI-Gauss2CQ"]["x"], place[:, 0]
+    )
+    assert (lines["start"]["x"][0], lines["start"]["y"][0]) == (1.0, 0.0)
+    assert lines["centre"]["x"][0] == 0.0
+    assert figure.axes[0].get_aspect() == 1.0
+
+
+def test_a_double_pendulum_moves_in_space() -> None:
+    experiment, finished = made(PENDULUM)
+    lines = drawn(path_figure(experiment, finished))
+    inner, outer = lines["first mass"], lines["second mass"]
+    assert np.hypot(inner["x"], inner["y"]) == pytest.approx(1.0)
+    rod = np.hypot(outer["x"] - inner["x"], outer["y"] - inner["y"])
+    assert rod == pytest.approx(0.5)
+    assert (inner["x"][0], inner["y"][0]) == pytest.approx((np.sin(2.0), -np.cos(2.0)))
+
+
+def test_phase_portraits_have_a_panel_for_every_component(planet: Study) -> None:
+    figure = phase_figure(*planet)
+    assert [axes.get_xlabel() for axes in figure.axes] == ["position $x$", "position $y$"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["momentum $p_{x}$", "momentum $p_{y}$"]
+    first = planet[1][0].trajectory
+    assert first.momentum is not None
+    assert np.array_equal(np.asarray(figure.axes[1].lines[0].get_ydata()), first.momentum[:, 1])
+
+
+def test_a_long_chain_is_drawn_by_some_of_its_masses_in_their_places() -> None:
+    experiment, finished = made(CHAIN)
+    lines = drawn(waterfall_figure(experiment, finished))
+    masses = {
+        int(m[1]): line for label, line in lines.items() if (m := re.match(r"_mass (\d+)", label))
+    }
+    assert len(masses) == 24
+    assert {1, 40} <= set(masses)
+    position = finished[0].trajectory.position
+    lifted = masses[40]["y"] - 40
+    moving = np.abs(position[:, 39]) > 1e-3
+    factors = lifted[moving] / position[moving, 39]
+    assert np.ptp(factors) < 1e-9
+    # masses at rest at the start stand in their places
+    assert all(line["y"][0] == index for index, line in masses.items())
+
+
+def test_a_string_is_drawn_in_its_shapes() -> None:
+    experiment, finished = made(STRING)
+    figure = waterfall_figure(experiment, finished)
+    lines = drawn(figure)
+    start = lines["_t = 0"]
+    assert start["x"][-1] == 2.0
+    assert start["y"][[0, -1]] == pytest.approx(0.0, abs=1e-12)
+    # plucked at 0.3 of its length, as far as six modes can tell
+    assert abs(start["x"][start["y"].argmax()] - 0.6) < 0.1
+    # the bar: a round displacement that is not larger than the largest
+    (bar,) = (float(text.get_text()) for text in figure.axes[0].texts)
+    assert bar in (0.05, 0.1)
+
+
+def test_what_cannot_be_drawn_is_told_with_its_reason(oscillator: Study) -> None:
+    experiment, finished = oscillator
+    text = OSCILLATOR.replace("store: {diagnostics: [energy-balance]}", "")
+    figures_key = "figures: [balance, momenta, phase, path, waterfall]\n"
+    bare, runs = made(text + figures_key)
+    told = figures.left_out([(bare, runs)])
+    assert [line.split(" figure")[0] for line in told] == [
+        "one: no balance",
+        "one: no momenta",
+        "one: no path",
+        "one: no waterfall",
+    ]
+    assert figures.figure_kinds(bare, runs) == ("phase",)
+    for draw in (momenta_figure, path_figure, waterfall_figure):
+        with pytest.raises(ValueError, match=r"momenta|path|waterfall"):
+            draw(experiment, finished)
+
+
+def test_everything_is_legible_and_told_apart_without_colour(
+    oscillator: Study, planet: Study
+) -> None:
+    for figure in (
+        balance_figure(*oscillator),
+        phase_figure(*planet),
+        path_figure(*planet),
+        momenta_figure(*planet),
+    ):
+        assert figure.get_figwidth() == 3.4
+        figure.draw_without_rendering()
+        sizes = [text.get_fontsize() for text in figure.findobj(mpl.text.Text) if text.get_text()]
+        assert min(sizes) >= 7
+        for axes in figure.axes:
+            assert axes.get_ylabel()
+            looks = [
+                (line.get_marker(), str(line._unscaled_dash_pattern))  # type: ignore[attr-defined]
+                for line in axes.lines
+            ]
+            assert len(set(looks)) == len(looks)
+
+
+def test_comparison_forgives_rounding_in_a_defect_and_nothing_else(oscillator: Study) -> None:
+    experiment, finished = oscillator
+    old = figures.drawn_data(balance_figure(experiment, finished))
+    assert (
+        figures.compare_drawn(old, figures.drawn_data(balance_figure(experiment, finished))) == []
+    )
+    coarse = figures.drawn_data(balance_figure(experiment, finished, n_steps=32))
+    assert figures.compare_drawn(old, coarse)
