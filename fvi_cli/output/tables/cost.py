@@ -234,6 +234,7 @@ def _summary(table: CostTable, level: int) -> list[Block]:
             rows=tuple(rows),
             summary_rows=(("cheapest", "", "", "", *last),),
         ),
+        *_exact_methods(curves, names),
         Paragraph(words="Cheapest by accuracy:"),
         Bullets(
             items=tuple(
@@ -243,6 +244,23 @@ def _summary(table: CostTable, level: int) -> list[Block]:
             )
             or ("no method reached 1",)
         ),
+    ]
+
+
+def _exact_methods(curves: Sequence[Curve], names: Mapping[str, MethodName]) -> list[Block]:
+    """What is to be said of methods that this problem happens to suit."""
+    exact = [
+        curve_name(curve, names)
+        for curve in curves
+        if all(point.row.status == "floor" for point in curve.points)
+    ]
+    if not exact:
+        return []
+    return [
+        Paragraph(
+            words=f"{', '.join(exact)}: nothing but round-off at every N. That says something of "
+            "this solution, and nothing of others."
+        )
     ]
 
 
