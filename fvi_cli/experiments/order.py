@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,8 +17,10 @@ from fvi_cli.experiments.experiment import (
     Observed,
     Predicted,
 )
+from fvi_cli.experiments.members import Member, values_in_words
 from fvi_cli.integrator.method import AnyMethod, method_columns
-from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
+from fvi_cli.scenes.problem import DerivativeProblem
+from fvi_cli.scenes.registry import build_scene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +124,8 @@ class OrderTable:
         Norm of the error and T.
     cases
         One per method.
+    swept
+        Of a member of a sweep: its values by key path.
     """
 
     experiment: str
@@ -130,6 +135,35 @@ class OrderTable:
     norm: Norm
     final_time: float
     cases: tuple[OrderCase, ...]
+    swept: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """The experiment, and the member where there is a sweep."""
+        return (
+            f"{self.experiment} ({values_in_words(self.swept)})"
+            if self.swept
+            else (self.experiment)
+        )
+
+
+def order_tables(experiment: Experiment, finished: Iterable[FinishedRun]) -> list[OrderTable]:
+    """The table of `experiment`; of a sweep, one for every member that has finished runs."""
+    if not experiment.members:
+        return [order_table(experiment, finished)]
+    by_member: dict[Member, list[FinishedRun]] = {}
+    for one in finished:
+        if one.run.member is not None:
+            by_member.setdefault(one.run.member, []).append(one)
+    return [
+        replace(
+            order_table(experiment, by_member[member]),
+            gamma=damping_orders(member),
+            swept=member.values,
+        )
+        for member in experiment.members
+        if member in by_member
+    ]
 
 
 def order_table(experiment: Experiment, finished: Iterable[FinishedRun]) -> OrderTable:
@@ -145,7 +179,7 @@ def order_table(experiment: Experiment, finished: Iterable[FinishedRun]) -> Orde
     return OrderTable(
         experiment=experiment.name,
         equation=problem.equation,
-        gamma=damping_orders(experiment.problem),
+        gamma=damping_orders(experiment),
         reference=runs[0].reference if runs else problem.exact_source,
         norm=experiment.norm,
         final_time=problem.final_time,
@@ -153,11 +187,19 @@ def order_table(experiment: Experiment, finished: Iterable[FinishedRun]) -> Orde
     )
 
 
-def damping_orders(problem: AnyProblem) -> str:
+def damping_orders(source: Experiment | Member) -> str:
     """Orders of the damping terms, joined by ``;``."""
-    if isinstance(problem, DerivativeProblem):
-        return f"{problem.order:.15g}"
-    return ";".join(f"{term.order:.15g}" for term in problem.scene.damping)
+    if isinstance(source, Member):
+        specification = source.specification
+        if specification["kind"] == "fractional-derivative":
+            return f"{specification['order']:.15g}"
+        # without the search for a closed form that comes with the problem
+        scene = build_scene(specification)
+    elif isinstance(source.problem, DerivativeProblem):
+        return f"{source.problem.order:.15g}"
+    else:
+        scene = source.problem.scene
+    return ";".join(f"{term.order:.15g}" for term in scene.damping)
 
 
 def pairwise_order(coarse: float, fine: float, n_coarse: int, n_fine: int) -> float:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.experiments.experiment import FinishedRun
 from fvi_cli.experiments.members import value_at, with_values, without_values
+from fvi_cli.experiments.sweep_summary import counts_in_words
 from fvi_cli.output.provenance import canonical_json, sha256
 from fvi_cli.output.storage.records import (
     COMPLETE,
@@ -199,14 +199,6 @@ def _same(one: Any, other: Any) -> bool:
     if isinstance(one, float) and isinstance(other, float):
         return one == other or (math.isnan(one) and math.isnan(other))
     return type(one) is type(other) and bool(one == other)
-
-
-def counts_in_words(values: Iterable[Any]) -> str:
-    """``ok: 998; diverged: 2``, or the one word that all have."""
-    counts = Counter(str(value) for value in values)
-    if len(counts) == 1:
-        return next(iter(counts))
-    return "; ".join(f"{value}: {count}" for value, count in counts.most_common())
 
 
 _SUMMARIES: Mapping[str, Any] = {

@@ -139,7 +139,7 @@ def record_of(finished: FinishedRun) -> Record:
         "experiment": experiment.name,
         "case": method.case,
         **columns,
-        "gamma": damping_orders(run.problem),
+        "gamma": damping_orders(run.member or experiment),
         "n_steps": run.n_steps,
         "step_size": run.step_size,
         "norm": experiment.norm,

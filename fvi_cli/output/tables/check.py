@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TypeVar
 
 from fvi_cli.experiments.order import OrderCase, OrderRow, OrderTable, fit_slope
-from fvi_cli.output.tables.csv_table import COLUMNS
 from fvi_cli.output.tables.details import without_numbers
 from fvi_cli.output.tables.files import rendered, table_paths
 from fvi_cli.output.tables.json_table import from_json
@@ -89,7 +88,7 @@ def compare_tables(stored: Sequence[OrderTable], fresh: Sequence[OrderTable]) ->
     is compared. Numbers inside texts are ignored, and so are messages.
     """
     lines: list[str] = []
-    old, new = ({table.experiment: table for table in tables} for tables in (stored, fresh))
+    old, new = ({table.title: table for table in tables} for tables in (stored, fresh))
     lines += _presence("experiment", old, new)
     for experiment in _common(old, new):
         lines += [f"{experiment}: {line}" for line in _tables(old[experiment], new[experiment])]
@@ -217,17 +216,18 @@ def _near(one: float, other: float, absolute: float) -> bool:
 
 def _compare_csv(found: str, text: str, source: str) -> Iterator[str]:
     old, new = (list(csv.reader(io.StringIO(one, newline=""))) for one in (found, text))
-    if not old or tuple(old[0]) != COLUMNS:
-        yield f"its columns are not {','.join(COLUMNS)}"
+    columns = new[0]
+    if not old or old[0] != columns:
+        yield f"its columns are not {','.join(columns)}"
         return
     if len(old) != len(new):
         yield f"{len(old) - 1} rows; {source} has {len(new) - 1}"
-    n_steps = COLUMNS.index("n_steps")
+    n_steps = columns.index("n_steps")
     for row, expected in zip(old[1:], new[1:], strict=False):
-        if len(row) != len(COLUMNS):
+        if len(row) != len(columns):
             yield f"{len(row)} fields in {row}"
             continue
-        for column, one, other in zip(COLUMNS, row, expected, strict=True):
+        for column, one, other in zip(columns, row, expected, strict=True):
             if one != other:
                 place = f"{expected[0]}: {expected[1]}: N = {expected[n_steps]}"
                 yield f"{place}: {column}: {one!r}; {source} has {other!r}"

@@ -29,7 +29,7 @@ def details(table: OrderTable, names: Mapping[str, MethodName]) -> list[Block]:
     """Heading, equation, grids of errors and orders, remarks."""
     blocks: list[Block] = [
         Heading(level=2, words=table.experiment),
-        Paragraph(words=_setting(table)),
+        Paragraph(words=setting([table])),
     ]
     if not table.cases:
         return [*blocks, Paragraph(words="No run is finished.")]
@@ -40,9 +40,13 @@ def details(table: OrderTable, names: Mapping[str, MethodName]) -> list[Block]:
     return blocks
 
 
-def _setting(table: OrderTable) -> Words:
+def setting(tables: Sequence[OrderTable]) -> Words:
+    """Equation and norm of an experiment, which has a table for every member of a sweep."""
+    table = tables[0]
     orders = table.gamma.replace(";", ", ")
-    floors = [row.floor for case in table.cases for row in case.rows]
+    if any(other.gamma != table.gamma for other in tables):
+        orders = "swept"
+    floors = [row.floor for one in tables for case in one.cases for row in case.rows]
     return (
         "Equation: ",
         Code(table.equation or "not stated"),

@@ -9,13 +9,14 @@ from fvi_cli.errors import StorageError
 from fvi_cli.experiments.order import OrderTable
 from fvi_cli.output.atomic import replace_file
 from fvi_cli.output.tables.csv_table import to_csv
-from fvi_cli.output.tables.details import details
+from fvi_cli.output.tables.details import details, setting
 from fvi_cli.output.tables.document import Block, Heading
 from fvi_cli.output.tables.json_table import to_json
 from fvi_cli.output.tables.latex import to_latex
 from fvi_cli.output.tables.markdown import to_markdown
 from fvi_cli.output.tables.plain_text import to_text
 from fvi_cli.output.tables.summary import legend, names_of, summary
+from fvi_cli.output.tables.sweeps import split_sweeps, sweep_details
 
 FORMS = ("csv", "md", "tex", "json")
 
@@ -43,8 +44,11 @@ def report(name: str, tables: Sequence[OrderTable]) -> list[Block]:
     blocks += summary(name, tables)
     blocks += legend(tables)
     names = names_of(tables)
-    for table in tables:
+    single, swept = split_sweeps(tables)
+    for table in single:
         blocks += details(table, names)
+    for members in swept:
+        blocks += sweep_details(members, names, setting(members))
     return blocks
 
 

@@ -43,6 +43,7 @@ def _table(table: OrderTable) -> dict[str, object]:
         "reference": table.reference,
         "norm": table.norm,
         "final_time": _number(table.final_time),
+        **({"swept": dict(table.swept)} if table.swept else {}),
         "cases": [_case(case) for case in table.cases],
     }
 
@@ -122,6 +123,7 @@ def _read_table(entry: Entry) -> OrderTable:
         norm=cast(Norm, _one_of(entry, "norm", get_args(Norm))),
         final_time=_float(entry, "final_time"),
         cases=tuple(_read_case(_mapping(one, "case")) for one in _list(entry, "cases")),
+        swept=_mapping(entry.get("swept", {}), "swept"),
     )
 
 

@@ -14,6 +14,7 @@ from fvi_cli.output.tables.naming import (
     method_names,
     number,
 )
+from fvi_cli.output.tables.sweeps import split_sweeps, sweep_summary
 
 NOTED_DIFFERENCE = 0.06
 """A measured slope that is further from the stated order than this is pointed out."""
@@ -54,16 +55,19 @@ def short_titles(name: str, tables: Sequence[OrderTable]) -> dict[str, str]:
 def summary(name: str, tables: Sequence[OrderTable]) -> list[Block]:
     """Orders of all experiments side by side, with what a reader should know of them."""
     names = names_of(tables)
-    titles = short_titles(name, tables)
-    groups = _groups(tables)
-    if not groups:
+    single, swept = split_sweeps(tables)
+    titles = short_titles(name, single)
+    groups = _groups(single)
+    if not groups and not swept:
         return [Paragraph(words="No run is finished.")]
     blocks: list[Block] = [Paragraph(words=_explanation(tables))]
     blocks += [_grid(group, names, titles) for group in groups]
+    for members in swept:
+        blocks += sweep_summary(members, names, order_entry)
     remarks: list[Words] = []
-    for table in tables:
+    for table in single:
         remarks += _stated(table, names, titles)
-    for table in tables:
+    for table in single:
         remarks += _failures(table, names, titles)
     if remarks:
         blocks.append(Bullets(items=tuple(remarks)))
