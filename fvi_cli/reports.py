@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 from fvi_cli.config import starter_config
 from fvi_cli.config.experiment_keys import is_name
 from fvi_cli.errors import RequestError
-from fvi_cli.experiments.order import OrderTable, order_table
+from fvi_cli.experiments.order import OrderTable
+from fvi_cli.experiments.order import order_tables as tables_of_orders
+from fvi_cli.experiments.sweep_summary import sweep_lines
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 
 if TYPE_CHECKING:
@@ -33,12 +35,24 @@ def aligned(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(lines)
 
 
-def runs_as_text(outcomes: Sequence[Outcome]) -> str:
-    """One line for every finished run."""
+def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> str:
+    """One line for every finished run; of a sweep one for each method and number of steps.
+
+    Parameters
+    ----------
+    outcomes
+        What became of the experiments.
+    every_member
+        Give every member of a sweep a line as well.
+    """
     rows = [("experiment", "case", "n_steps", "step_size", "error", "status", "expected")]
     for outcome in outcomes:
         for finished in outcome.finished:
             run = finished.run
+        if outcome.experiment.members:
+            summed_up.append(_members_as_text(outcome))
+        if outcome.experiment.members and not every_member:
+            continue
             rows.append(
                 (
                     run.experiment.name,
@@ -53,6 +67,26 @@ def runs_as_text(outcomes: Sequence[Outcome]) -> str:
     return aligned(rows)
 
 
+    texts = [aligned(rows)] if len(rows) > 1 or not summed_up else []
+    return "\n\n".join([*texts, *summed_up])
+
+
+def _members_as_text(outcome: Outcome) -> str:
+    """One line for each method and number of steps of a sweep."""
+    rows = [("experiment", "case", "n_steps", "members", "median", "largest", "status", "at")]
+    rows += [
+        (
+            outcome.experiment.name,
+            line.method.case,
+            str(line.n_steps),
+            str(line.members),
+            f"{line.median_error:.3e}",
+            f"{line.largest_error:.3e}",
+            line.statuses,
+            line.worst,
+        )
+        for line in sweep_lines(outcome.finished)
+    ]
 def plans_as_text(plans: Sequence[Plan]) -> str:
     """One line for every run: what would be done with it, why, and which effects it has."""
     header = ("experiment", "case", "n_steps", "step_size", "action", "predicted", "effects")
@@ -120,8 +154,12 @@ def studies(outcomes: Sequence[Outcome]) -> list[tuple[Experiment, tuple[Finishe
 
 
 def order_tables(outcomes: Sequence[Outcome]) -> list[OrderTable]:
-    """One table of orders for every experiment."""
-    return [order_table(outcome.experiment, outcome.finished) for outcome in outcomes]
+    """A table of orders for every experiment, and for every member of a sweep."""
+    return [
+        table
+        for outcome in outcomes
+        for table in tables_of_orders(outcome.experiment, outcome.finished)
+    ]
 
 
 def write_benchmark(output: Path, exponent: int) -> tuple[str, Path]:

@@ -57,7 +57,7 @@ def run(
     for request in requests:
         computed = campaign.answer(request, settings)
         outcomes += computed
-        print(reports.runs_as_text(computed))
+        print(reports.runs_as_text(computed, every_member=verbose))
         print(settings.path_of(request))
         if stops(settings, computed):
             break
