@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import STRIDE, advanced
+from fvi_cli.integrator.growth_bound import beyond, farthest_position
 from fvi_cli.integrator.implicit_equation import solve_implicit
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
@@ -84,6 +85,7 @@ def _integrate_euler(scene: Scene, method: Baseline, n_steps: int) -> Trajectory
         shift = scene.initial_velocity if is_shifted else rest
         terms.append((np.ascontiguousarray(weights[::-1]), weights[0], term.coefficient, shift))
     forces = forces_on_grid(scene, n_steps)
+    limit = farthest_position(scene, n_steps)
     ready = time.perf_counter()
     position = np.empty((n_steps + 1, scene.dimension))
     velocity = np.empty_like(position)
@@ -133,8 +135,8 @@ def _integrate_euler(scene: Scene, method: Baseline, n_steps: int) -> Trajectory
                 iterations += used
                 position[k + 1] = position[k] + h * velocity[k + 1]
             done = k + 1
-            if not (np.isfinite(position[done]).all() and np.isfinite(velocity[done]).all()):
-                failure = f"not finite after step {k}, t = {done * h:.6g}"
+            failure = beyond(position[done], limit, done, h)
+            if failure:
                 break
     return baseline_trajectory(
         scene,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.stability import RESOLVED, exact_growth
 from fvi_cli.integrator.stability_determinant import independent_systems
 from fvi_cli.integrator.stepping import Stepped, StepProblem
@@ -43,43 +44,92 @@ class GrowthBound:
 def growth_bound(problem: StepProblem) -> GrowthBound:
     """The bound of the run that `problem` describes."""
     scene, h = problem.scene, problem.step_size
-    final_time = scene.final_time
-    way = final_time * np.abs(np.linalg.solve(scene.inertia.mass, problem.momentum)).max()
     force = 0.0
     if problem.moments is not None:
         force += float(np.abs(problem.moments.sum(axis=1)).max()) / h
     for known in (problem.memory.known_force, problem.extra_force):
         if known is not None:
             force += float(np.abs(known).max())
+    velocity = np.asarray(np.linalg.solve(scene.inertia.mass, problem.momentum), dtype=float)
+    return _bound(scene, h, problem.position, velocity, force)
+
+
+def farthest_position(scene: Scene, n_steps: int) -> float:
+    """The bound at the end of a run that starts from the scene's own data, for any method."""
+    grid = scene.final_time / n_steps * np.arange(n_steps + 1, dtype=float)
+    force = 0.0 if scene.forcing is None else float(np.abs(scene.forcing(grid)).max())
+    h = scene.final_time / n_steps
+    bound = _bound(scene, h, scene.initial_position, scene.initial_velocity, force)
+    return float(bound.at(np.asarray(scene.final_time)))
+
+
+def beyond(position: Array, limit: float, n_done: int, step_size: float) -> str:
+    """Why a run ends with this position after so many steps; empty where it goes on."""
+    size = float(np.abs(position).max())
+    if size <= limit and math.isfinite(size):
+        return ""
+    return (
+        f"diverged: |x| = {size:.3g} after step {n_done - 1}, t = {n_done * step_size:.6g}, is "
+        f"{TOLERATED_FACTOR:.0e} times beyond what the scene can do"
+    )
+
+
+def _bound(
+    scene: Scene, step_size: float, position: Array, velocity: Array, force: float
+) -> GrowthBound:
+    final_time = scene.final_time
+    way = final_time * np.abs(velocity).max()
     moved = final_time**2 * force * float(np.linalg.norm(np.linalg.inv(scene.inertia.mass), 2))
-    scale = float(np.abs(problem.position).max() + way + moved)
+    scale = float(np.abs(position).max() + way + moved)
     rate = 0.0
     if scene.is_linear:
+        parts = independent_systems(scene)
         # a mode may grow that much faster and still be the truth, not resolved well
-        rate = (1.0 + RESOLVED) * max(
-            exact_growth(part, final_time, h) for part in independent_systems(scene)
-        )
+        rate = max(exact_growth(part, final_time, step_size) for part in parts)
+        rate *= 1.0 + RESOLVED
     size = TOLERATED_FACTOR * scale
     return GrowthBound(size=size if 0 < size < math.inf else math.inf, rate=rate)
 
 
+def first_outside(
+    bound: GrowthBound, position: Array, first: int, step_size: float
+) -> tuple[int, str] | None:
+    """The first position outside of `bound`, with the failure in words; None: all are inside.
+
+    Parameters
+    ----------
+    bound
+        The bound of the run.
+    position
+        Positions at successive points of the grid, shape ``(n, d)``.
+    first
+        Index of the first of these points on the grid.
+    step_size
+        h.
+    """
+    time = step_size * np.arange(first, first + position.shape[0], dtype=float)
+    with np.errstate(invalid="ignore"):
+        outside = np.abs(position).max(axis=1) > bound.at(time)
+    if not outside.any():
+        return None
+    index = int(outside.argmax())
+    return index, (
+        f"diverged: |x| = {np.abs(position[index]).max():.3g} after step {first + index - 1}, "
+        f"t = {time[index]:.6g}, is {TOLERATED_FACTOR:.0e} times beyond what the scene can do"
+    )
+
+
 def cut_at_bound(problem: StepProblem, stepped: Stepped, bound: GrowthBound) -> Stepped:
     """What was finished up to the first position outside of `bound`; all of it without one."""
-    n = stepped.position.shape[0]
-    time = problem.step_size * np.arange(n, dtype=float)
-    with np.errstate(invalid="ignore"):
-        outside = np.abs(stepped.position).max(axis=1) > bound.at(time)
-    if not outside.any():
+    found = first_outside(bound, stepped.position, 0, problem.step_size)
+    if found is None:
         return stepped
-    first = int(outside.argmax())
+    first, failure = found
     return replace(
         stepped,
         position=stepped.position[: first + 1],
         momentum=stepped.momentum[: first + 1],
         samples=stepped.samples[:first],
         end_force=stepped.end_force[: first + 1],
-        failure=(
-            f"diverged: |x| = {np.abs(stepped.position[first]).max():.3g} after step {first - 1}, "
-            f"t = {time[first]:.6g}, is {TOLERATED_FACTOR:.0e} times beyond what the scene can do"
-        ),
+        failure=failure,
     )

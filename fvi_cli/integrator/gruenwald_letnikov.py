@@ -11,6 +11,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.baselines import baseline_trajectory, forces_on_grid
+from fvi_cli.integrator.growth_bound import beyond, farthest_position
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.bdf import convolution_weights
 
@@ -45,6 +46,7 @@ def integrate_gruenwald_letnikov(scene: Scene, n_steps: int) -> Trajectory:
         weights = h**-term.order * convolution_weights(1, term.order, length)
         shift = taken_off(scene, term, grid)
         terms.append((np.ascontiguousarray(weights[::-1]), term.coefficient, shift))
+    limit = farthest_position(scene, n_steps)
     ready = time.perf_counter()
     position = np.empty((n_steps + 1, d))
     position[0] = scene.initial_position
@@ -73,8 +75,8 @@ def integrate_gruenwald_letnikov(scene: Scene, n_steps: int) -> Trajectory:
             difference = difference + (0.5 if k == 0 else 1.0) * h * h * (inverse_mass @ force)
             position[k + 1] = position[k] + difference
             done = k + 1
-            if not np.isfinite(position[done]).all():
-                failure = f"not finite after step {k}, t = {done * h:.6g}"
+            failure = beyond(position[done], limit, done, h)
+            if failure:
                 break
         position = position[: done + 1]
         velocity: Array = np.asarray(

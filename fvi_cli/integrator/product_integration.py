@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.baselines import baseline_trajectory
+from fvi_cli.integrator.growth_bound import beyond, farthest_position
 from fvi_cli.integrator.gruenwald_letnikov import taken_off
 from fvi_cli.integrator.implicit_equation import solve_implicit
 from fvi_cli.integrator.trajectory import Trajectory
@@ -52,6 +53,7 @@ def integrate_product_trapezoidal(scene: Scene, n_steps: int) -> Trajectory:
         known = known + weights[0] * shift @ term.coefficient
         backwards = np.ascontiguousarray(weights[::-1])
         terms.append((backwards, term.coefficient, shift, term.is_integer_order))
+    limit = farthest_position(scene, n_steps)
     ready = time.perf_counter()
     position = np.empty((n_steps + 1, d))
     position[0] = scene.initial_position
@@ -96,8 +98,8 @@ def integrate_product_trapezoidal(scene: Scene, n_steps: int) -> Trajectory:
             for left, (_, _, shift, _) in zip(samples, terms, strict=True):
                 left[k + 1] = solved - shift[k + 1]
             done = k + 1
-            if not np.isfinite(solved).all():
-                failure = f"not finite after step {k}, t = {done * h:.6g}"
+            failure = beyond(solved, limit, done, h)
+            if failure:
                 break
     return baseline_trajectory(
         scene,

@@ -125,8 +125,8 @@ class PlaneFamily:
 
 
 def _plane_coefficients(patterns: ComplexArray) -> ComplexArray:
-    """Coefficients of the determinant by its values on circles, shape ``(k, n, n)``."""
-    n = patterns.shape[-1]
+    """Coefficients of the determinant by its values on circles, shape ``(k, n + 1, n + 1)``."""
+    n = patterns.shape[-1] + 1
     roots = np.exp(2j * np.pi * np.arange(n) / n)
     fixed = patterns[:, 0] + patterns[:, 1]
     matrices = (

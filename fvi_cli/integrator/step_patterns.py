@@ -49,26 +49,39 @@ LARGEST_CONDITION = 1e6
 """Eigenvectors worse conditioned than this belong to eigenvalues that meet."""
 
 
+_BASELINE_SIZES = {"explicit-euler": 2, "implicit-euler": 2, "gruenwald-letnikov": 1}
+"""Unknowns of a step of those baselines whose step equations are known here."""
+
+
 def has_patterns(method: AnyMethod) -> bool:
     """Whether the step equations of `method` are known here; those of some baselines are not."""
-    return not isinstance(method, Baseline) or method.name in ("explicit-euler", "implicit-euler")
+    return not isinstance(method, Baseline) or method.name in _BASELINE_SIZES
 
 
 def pattern_size(method: AnyMethod) -> int:
     """Rows of a pattern: position, momentum and the increments of a step."""
-    return 2 if isinstance(method, Baseline) else method.degree + 2
+    return _BASELINE_SIZES[method.name] if isinstance(method, Baseline) else method.degree + 2
 
 
 @functools.lru_cache(maxsize=64)
 def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
     """The patterns of `method` for these orders of damping.
 
+    Raises
+    ------
+    ValueError
+        For a method without :func:`has_patterns`.
+
     Returns
     -------
     Patterns
         Takes points z, shape ``(k,)``, to matrices of shape ``(k, 3 + len(orders), n, n)``.
     """
+    if not has_patterns(method):
+        raise ValueError(f"method: the step equations of {method.case} are not known here")
     if isinstance(method, Baseline):
+        if method.name == "gruenwald-letnikov":
+            return _central_patterns(orders)
         return _euler_patterns(method, orders)
     tables = step_tables(method)
     forms = _forms(method, tables)
@@ -95,6 +108,20 @@ def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
         for index, force in enumerate(forms.forces(z, orders, forms.samples(z))):
             result[:, DAMPING + index, u, u] = -(forms.force_weights[:-1] @ force)
             result[:, DAMPING + index, p, u] = z[:, None] * (momentum_weights @ force)
+        return result
+
+    return patterns
+
+
+def _central_patterns(orders: tuple[float, ...]) -> Patterns:
+    """Central differences of the positions, with the backward differences of fractional order."""
+
+    def patterns(z: ComplexArray) -> ComplexArray:
+        result = np.zeros((z.size, DAMPING + len(orders), 1, 1), dtype=np.complex128)
+        result[:, MASS, 0, 0] = (1.0 - z) ** 2
+        result[:, STIFFNESS, 0, 0] = z
+        for index, order in enumerate(orders):
+            result[:, DAMPING + index, 0, 0] = z * (1.0 - z) ** order
         return result
 
     return patterns

@@ -182,7 +182,8 @@ def test_what_blows_up_is_told():
     trajectory = integrate(stiff, GRUENWALD, 400)
     assert trajectory.status == "diverged"
     assert trajectory.position.shape[0] == trajectory.time.size < 401
-    assert predict_stability(stiff, GRUENWALD, 400).verdict == "unknown"
+    assert predict_stability(stiff, GRUENWALD, 400).verdict == "unstable"
+    assert predict_stability(stiff, PRODUCT, 400).verdict == "unknown"
 
 
 class TestDop853:
