@@ -47,11 +47,15 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
     """
     rows = [("experiment", "case", "n_steps", "step_size", "error", "status", "expected")]
     for outcome in outcomes:
+    summed_up = []
         for finished in outcome.finished:
             run = finished.run
         if outcome.experiment.members:
             summed_up.append(_members_as_text(outcome))
         if outcome.experiment.members and not every_member:
+        for finished in outcome.finished:
+            run = finished.run
+            member = "" if run.member is None else f" ({run.member.label})"
             continue
             rows.append(
                 (
@@ -60,7 +64,7 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
                     str(run.n_steps),
                     f"{run.step_size:.6g}",
                     f"{finished.error:.3e}",
-                    finished.status,
+                    f"{finished.status}{member}",
                     "may fail" if run.experiment.expects_failure(run.method) else "",
                 )
             )
