@@ -73,9 +73,13 @@ class WindowedSeries:
         count = max(1, math.ceil(cutoff - exponents.min())) if exponents.size else 1
         powers = np.arange(count)
         growth = np.array([decay**k / math.factorial(k) for k in range(count)])
+        # in extreme units products may leave the range of numbers from the cutoff on, where they
+        # are dropped
+        with np.errstate(over="ignore"):
+            products = coefficients[:, None, :] * growth[:, None]
         merged = merged_terms(
             np.add.outer(exponents, powers).ravel(),
-            (coefficients[:, None, :] * growth[:, None]).reshape(-1, coefficients.shape[1]),
+            products.reshape(-1, coefficients.shape[1]),
             cutoff,
         )
         return cls(exponents=merged[0], coefficients=merged[1], decay=decay)

@@ -178,3 +178,18 @@ def test_what_makes_no_window_is_refused(changes: dict[str, object], message: st
     for order in (0.0, 2.0, -0.5):
         with pytest.raises(ValueError, match="must lie in"):
             single(1.0).fractional_derivative(1.0, order, "caputo")
+
+
+def test_matching_in_units_at_the_edge_of_the_numbers() -> None:
+    """Products from the cutoff on leave the range of numbers; they are not part of the window."""
+    exponents, second = np.array([0.0, 2.5, 9.5]), 1e-11
+    plain = WindowedSeries.matching(exponents, np.ones((3, 1)), cutoff=10.0, decay=3.0)
+    scaled = WindowedSeries.matching(
+        exponents, 1e150 * second ** -exponents[:, None], cutoff=10.0, decay=3.0 / second
+    )
+    time = np.array([0.1, 1.0, 4.0])
+    np.testing.assert_allclose(
+        scaled.position(time * second) / 1e150, plain.position(time), rtol=1e-12
+    )
+    wider = WindowedSeries.matching(exponents, np.ones((3, 1)), cutoff=11.0, decay=3.0)
+    assert np.abs(wider.position(time) - plain.position(time)).max() > 1e-3
