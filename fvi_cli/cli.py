@@ -17,6 +17,7 @@ from fvi_cli.commands.convergence import convergence
 from fvi_cli.commands.cost import cost
 from fvi_cli.commands.exits import DONE
 from fvi_cli.commands.export import export
+from fvi_cli.commands.hard_cases import hard_cases
 from fvi_cli.commands.new import new
 from fvi_cli.commands.plot import plot
 from fvi_cli.commands.run import run
@@ -33,6 +34,7 @@ COMMANDS = (
     check,
     show,
     export,
+    hard_cases,
     benchmark,
     schema,
     new,

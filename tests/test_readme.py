@@ -170,7 +170,7 @@ def test_every_command_and_common_option_is_documented():
             if parameter.param_type_name == "option":
                 assert any(option in README for option in parameter.opts), (name, parameter.name)
     # and the other way round
-    named = set(re.findall(r"`fvi ([a-z]+)", README))
+    named = set(re.findall(r"`fvi ([a-z][a-z-]*)", README))
     assert named <= set(commands)
     known = {o for c in commands.values() for p in c.params for o in p.opts} | {
         "--version",

@@ -1,0 +1,1 @@
+"""Hard cases: what must hold where integrators usually fail, measured for every method."""

@@ -1,0 +1,242 @@
+"""What a hard case is: scenes, and claims with a number that must not be exceeded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.stability import StabilityPrediction, Verdict, predict_stability
+from fvi_cli.integrator.trajectory import Status, Trajectory
+
+Sense = Literal["at most", "at least"]
+Judged = Literal["runs", "predictions"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Setting:
+    """A scene and the number of steps that it gets; the same object is computed only once."""
+
+    scene: Scene
+    n_steps: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Claim:
+    """One number that must hold.
+
+    Parameters
+    ----------
+    quantity
+        What is measured, in words.
+    limit
+        The number.
+    settings
+        What is computed for it.
+    judge
+        Trajectories of the settings, in their order, to the measured number; their stability
+        predictions, if those are `judged`.
+    sense
+        Whether the number must be at most, or at least, the limit.
+    judged
+        ``runs`` or, before any run, ``predictions``.
+    is_comparable
+        Whether every machine measures the same number; not so where round-off decides.
+    """
+
+    quantity: str
+    limit: float
+    settings: tuple[Setting, ...]
+    judge: Callable[..., float]
+    sense: Sense = "at most"
+    judged: Judged = "runs"
+    is_comparable: bool = True
+
+    def holds(self, measured: float) -> bool:
+        """Whether a measured number fulfils the claim; nan does not."""
+        if self.sense == "at least":
+            return measured >= self.limit
+        return measured <= self.limit
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaseText:
+    """A case in words.
+
+    Parameters
+    ----------
+    name
+        Letters, digits and -.
+    title
+        What is hard about it, in a few words.
+    description
+        Equation, data and steps.
+    reference
+        Where the truth comes from.
+    """
+
+    name: str
+    title: str
+    description: str
+    reference: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HardCase(CaseText):
+    """A case with its claims.
+
+    Parameters
+    ----------
+    name, title, description, reference
+        As in :class:`CaseText`.
+    claims
+        What must hold.
+    """
+
+    claims: tuple[Claim, ...]
+
+    @property
+    def text(self) -> CaseText:
+        """The words alone."""
+        return CaseText(
+            name=self.name,
+            title=self.title,
+            description=self.description,
+            reference=self.reference,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """What became of one claim with one method.
+
+    Parameters
+    ----------
+    case, quantity
+        The claim.
+    method
+        Name of the method as people read it.
+    measured
+        The number; infinite where a run did not come to its end, nan where it means nothing.
+    limit, sense, holds
+        What it is held against, and how it came out.
+    status
+        The worst status of the runs.
+    predicted
+        The worst prediction for the runs.
+    is_comparable
+        As in the claim, and False as well for runs whose growth starts from round-off.
+    """
+
+    case: str
+    quantity: str
+    method: str
+    measured: float
+    limit: float
+    sense: Sense
+    holds: bool
+    status: Status
+    predicted: Verdict
+    is_comparable: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class HardCaseReport:
+    """What was found, with the words for it.
+
+    Parameters
+    ----------
+    cases
+        The cases, in their order.
+    findings
+        One for every claim and method, case by case.
+    """
+
+    cases: tuple[CaseText, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Names of the methods in their order."""
+        return tuple(dict.fromkeys(finding.method for finding in self.findings))
+
+    def of(self, case: str) -> tuple[Finding, ...]:
+        """The findings of one case."""
+        return tuple(finding for finding in self.findings if finding.case == case)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedMethod:
+    """A method under its name."""
+
+    name: str
+    method: Method
+
+
+@dataclass(kw_only=True)
+class Bench:
+    """Runs of one method, each computed once however many claims ask for it."""
+
+    method: Method
+    _runs: dict[Setting, Trajectory] = field(default_factory=dict)
+    _predictions: dict[Setting, StabilityPrediction] = field(default_factory=dict)
+
+    def run(self, setting: Setting) -> Trajectory:
+        """The trajectory."""
+        if setting not in self._runs:
+            self._runs[setting] = integrate(setting.scene, self.method, setting.n_steps)
+        return self._runs[setting]
+
+    def prediction(self, setting: Setting) -> StabilityPrediction:
+        """What is known before the run."""
+        if setting not in self._predictions:
+            self._predictions[setting] = predict_stability(
+                setting.scene, self.method, setting.n_steps
+            )
+        return self._predictions[setting]
+
+
+def examine(cases: Sequence[HardCase], methods: Sequence[NamedMethod]) -> Iterator[Finding]:
+    """Every claim of every case with every method, case by case."""
+    for case in cases:
+        for named in methods:
+            bench = Bench(method=named.method)
+            for claim in case.claims:
+                yield examine_claim(case, claim, named.name, bench)
+
+
+def examine_claim(case: HardCase, claim: Claim, name: str, bench: Bench) -> Finding:
+    """One claim with one method."""
+    predictions = [bench.prediction(setting) for setting in claim.settings]
+    worst: Status = "ok"
+    if claim.judged == "predictions":
+        measured = float(claim.judge(*predictions))
+    else:
+        runs = [bench.run(setting) for setting in claim.settings]
+        worst = next((run.status for run in runs if run.status != "ok"), "ok")
+        if worst == "ok":
+            measured = float(claim.judge(*runs))
+        else:
+            measured = math.inf if claim.sense == "at most" else math.nan
+    predicted = _worst_verdict([prediction.verdict for prediction in predictions])
+    return Finding(
+        case=case.name,
+        quantity=claim.quantity,
+        method=name,
+        measured=measured,
+        limit=claim.limit,
+        sense=claim.sense,
+        holds=worst == "ok" and claim.holds(measured),
+        status=worst,
+        predicted=predicted,
+        is_comparable=claim.is_comparable and predicted != "unstable",
+    )
+
+
+def _worst_verdict(verdicts: Sequence[Verdict]) -> Verdict:
+    order: tuple[Verdict, ...] = ("unstable", "unknown", "stable")
+    return next((verdict for verdict in order if verdict in verdicts), "unknown")
