@@ -1,0 +1,234 @@
+"""How many multiply-adds the memory will take: the counts of every route, without running it.
+
+A count is that of weights times samples, as the routes keep it in ``operations``; tests hold the
+two together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.integrator.block_batch import BlockSizes
+from fvi_cli.integrator.block_history import LARGEST_NEAR, STEPPED_GROUP, even_fast_length
+from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP
+from fvi_cli.integrator.large_linear import BLOCK as LARGE_BLOCK
+from fvi_cli.integrator.large_linear import GROUP as LARGE_GROUP
+from fvi_cli.integrator.memory import memory_length, terms_by_direction
+from fvi_cli.integrator.method import Baseline, Method
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelShape:
+    """How many weights a direction of the damping has, and of which kind.
+
+    Parameters
+    ----------
+    memory
+        Number M of weights.
+    is_scalar
+        Whether every sample of a step is convolved on its own.
+    support
+        Components that the direction does not leave alone.
+    """
+
+    memory: int
+    is_scalar: bool
+    support: int = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shape:
+    """Sizes of what is convolved.
+
+    Parameters
+    ----------
+    channels
+        Directions of the damping.
+    samples
+        Number m of samples of a step.
+    coupled, batch
+        Components e of a system, and number q of systems.
+    """
+
+    channels: tuple[ChannelShape, ...]
+    samples: int
+    coupled: int
+    batch: int = 1
+
+    @property
+    def memory(self) -> int:
+        """The largest number of weights; 0 without damping."""
+        return max((channel.memory for channel in self.channels), default=0)
+
+
+def channel_shapes(
+    method: Method, n_weights: int, damping: tuple[FractionalDamping, ...]
+) -> tuple[ChannelShape, ...]:
+    """The channels that `n_weights` weights of `damping` make, without making them."""
+    return tuple(
+        ChannelShape(
+            memory=max(memory_length(method, order, n_weights) for _, order in terms),
+            is_scalar=not method.is_runge_kutta,
+            support=int((direction != 0).any(axis=0).sum()),
+        )
+        for direction, terms in terms_by_direction(damping)
+    )
+
+
+def direct_operations(shape: Shape, n_steps: int) -> int:
+    """Every sum written out, step after step, and the force at the end."""
+    return sum(_direct_sum(shape, c, c.memory, range(n_steps + 1)) for c in shape.channels)
+
+
+def _direct_sum(shape: Shape, channel: ChannelShape, memory: int, places: Iterable[int]) -> int:
+    per_lag = shape.samples * shape.coupled * (1 if channel.is_scalar else shape.samples)
+    return per_lag * sum(min(place, memory - 1) for place in places)
+
+
+def stepped_operations(shape: Shape, n_steps: int) -> int:
+    """One step after the other, finished groups convolved into the future by FFT."""
+    if not shape.channels:
+        return 0
+    groups, rest = divmod(n_steps + 1, STEPPED_GROUP)
+    inside = 0
+    for channel in shape.channels:
+        memory = min(channel.memory, STEPPED_GROUP)
+        inside += groups * _direct_sum(shape, channel, memory, range(STEPPED_GROUP))
+        inside += _direct_sum(shape, channel, memory, range(rest))
+    return inside + spread_operations(shape, STEPPED_GROUP, n_steps + 1, n_steps // STEPPED_GROUP)
+
+
+def spread_operations(shape: Shape, group: int, n_steps: int, finished: int) -> int:
+    """What `finished` groups of `n_steps` steps take to be convolved into later ones."""
+    q, e, m = shape.batch, shape.coupled, shape.samples
+    n_groups = -(-n_steps // group)
+    end = n_groups * group
+    long = [c for c in shape.channels if c.memory - 1 > group]
+    short = [c for c in shape.channels if 1 < c.memory <= group + 1]
+    near = min(group, max(1, LARGEST_NEAR // (m * e))) if long else 1
+    spreading = min(finished, n_groups - 1)
+    total = 0
+    if n_groups > 1 and (short or near > 1):
+        reach = max(max((c.memory for c in short), default=1) - 1, near - 1)
+        total += spreading * (len(short) + len(long)) * q * e * (reach * m) ** 2
+    if long:
+        for done in range(1, spreading + 1):
+            length = (done & -done) * group
+            wanted = min(length, end - done * group)
+            period = 2 * length if wanted == length else even_fast_length(length + wanted)
+            total += transform_operations(shape, long, period)
+    return total
+
+
+def transform_operations(shape: Shape, channels: list[ChannelShape], period: int) -> int:
+    """5/4 n log2(n) multiply-adds for a real transform, 4 for a complex product."""
+    q, e, m = shape.batch, shape.coupled, shape.samples
+    transforms = 2 * q * m * e * int(1.25 * period * math.log2(period))
+    per_frequency = sum(1 if c.is_scalar else m for c in channels)
+    return transforms + 4 * per_frequency * q * m * e * e * (period // 2 + 1)
+
+
+def block_operations(shape: Shape, sizes: BlockSizes, n_steps: int, ends: int) -> int:
+    """Linear systems in blocks.
+
+    Parameters
+    ----------
+    shape, sizes, n_steps
+        What is convolved, in which blocks, over how many steps.
+    ends
+        1 where the force at the end of the last step is wanted, else 0.
+    """
+    if shape.memory <= 1:
+        return 0
+    q, e, m = shape.batch, shape.coupled, shape.samples
+    block, group = sizes.block, sizes.group
+    count = -(-n_steps // block)
+    if ends and n_steps % block == 0 and n_steps % group != 0:
+        count += 1
+    own = sum(min(k + 1, c.memory) for c in shape.channels for k in range(block))
+    total = q * e * count * m * m * own
+    far = min(block, shape.memory - 1)
+    reach = min(block * (sizes.blocks - 1), shape.memory - 1)
+    in_group = [min(reach, place * block) for place in range(sizes.blocks)]
+    whole, rest = divmod(count, sizes.blocks)
+    pairs = whole * sum(in_group) + sum(in_group[:rest])
+    total += len(shape.channels) * q * e * pairs * m * m * far
+    if ends and n_steps % group == 0:
+        total += q * e * sum(min(c.memory, n_steps + 1) - 1 for c in shape.channels)
+    return total + spread_operations(shape, group, n_steps, whole)
+
+
+def newton_operations(shape: Shape, largest: int, n_steps: int, ends: int) -> int:
+    """Nonlinear scenes in blocks of at most `largest` steps, however they are cut.
+
+    `ends` as for `block_operations`. Attempts of Newton's iteration that failed are not counted
+    as work of the memory.
+    """
+    memory = shape.memory
+    if memory <= 1:
+        return 0
+    group, size = largest * BLOCKS_PER_GROUP, shape.samples * shape.coupled
+    groups, rest = divmod(n_steps, group)
+    pairs = groups * sum(min(p + 1, memory) for p in range(group))
+    pairs += sum(min(p + 1, memory) for p in range(rest))
+    if ends and rest:
+        pairs += min(rest, memory - 1)
+    return pairs * size**2 + spread_operations(shape, group, n_steps + ends, groups)
+
+
+def large_operations(shape: Shape, n_steps: int, ends: int) -> int:
+    """Very many coupled components, step after step with sparse matrices; `ends` as above."""
+    m, total = shape.samples, 0
+    for channel in shape.channels:
+        if channel.memory <= 1:
+            continue
+        q = channel.support
+        groups, rest = divmod(n_steps, LARGE_GROUP)
+        blocks, left = divmod(n_steps, LARGE_BLOCK)
+        near = blocks * sum(min(k, channel.memory - 1) for k in range(LARGE_BLOCK))
+        near += sum(min(k, channel.memory - 1) for k in range(left))
+        total += near * m * m * q
+        reach = min(LARGE_GROUP - LARGE_BLOCK, channel.memory - 1)
+        ahead = [min(place, reach) for place in range(0, LARGE_GROUP, LARGE_BLOCK)]
+        # what lies ahead is summed up when a block is done, at the last step as well
+        pairs = groups * sum(ahead) + sum(ahead[: rest // LARGE_BLOCK + 1])
+        total += q * pairs * m * LARGE_BLOCK * m
+        own = Shape(channels=(channel,), samples=m, coupled=1, batch=q)
+        total += spread_operations(own, LARGE_GROUP, n_steps + 1, groups)
+    return total
+
+
+def exponential_operations(
+    shape: Shape, block: int, n_states: int, n_steps: int, pushes: int
+) -> int:
+    """The past as `n_states` exponentials, for blocks of `block` steps.
+
+    `pushes` is the number of blocks whose samples the states take up.
+    """
+    width = shape.batch * shape.coupled
+    known = -(-n_steps // block) * len(shape.channels) * block * shape.samples * width
+    return n_states * (known + pushes * block * shape.samples * width)
+
+
+def baseline_operations(
+    method: Baseline, damping: tuple[FractionalDamping, ...], dimension: int, n_steps: int
+) -> int | None:
+    """Sums of a baseline over its past; None where that is not ours to count."""
+    total = 0
+    for term in damping:
+        if method.name == "explicit-euler":
+            pairs = 0 if term.is_integer_order else n_steps * (n_steps - 1) // 2
+        elif method.name == "implicit-euler":
+            pairs = 0 if term.is_integer_order else n_steps * (n_steps + 1) // 2
+        elif method.name == "gruenwald-letnikov":
+            pairs = 2 * n_steps - 1 if term.is_integer_order else n_steps * (n_steps + 1) // 2
+        elif method.name == "product-integration":
+            pairs = n_steps if term.is_integer_order else n_steps * (n_steps - 1) // 2
+        else:
+            # SciPy's integrator has no memory; that of peers is not ours to count
+            return 0 if method.name == "dop853" else None
+        total += pairs * dimension
+    return total

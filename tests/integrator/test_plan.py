@@ -1,0 +1,230 @@
+"""The plan of a run: what it says beforehand against what the run then does."""
+
+from __future__ import annotations
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.plan import plan_run
+from fvi_cli.scenes.lagrangian import double_pendulum
+from fvi_cli.scenes.named import linear_oscillator, pendulum
+from fvi_cli.scenes.nonlinear import kepler
+
+NODES = Method(cq="bdf2", degree=1, sampling="nodes")
+
+
+def gauss(degree: int = 2, start: str = "none", history: str = "auto") -> Method:
+    return Method(cq="gauss", degree=degree, start=start, history=history)
+
+
+def points(order: int = 4, degree: int = 2, history: str = "auto") -> Method:
+    return Method(cq=f"bdf{order}", degree=degree, forcing_quadrature="exact", history=history)
+
+
+def oscillators(
+    dimension: int = 1,
+    orders: tuple[float, ...] = (0.5,),
+    *,
+    coupled: str = "no",
+    forcing: str | None = None,
+) -> Scene:
+    """Masses on springs: uncoupled, with common modes, or with a damper that spoils the modes."""
+    unit = np.eye(dimension)
+    neighbours = 2 * unit - np.eye(dimension, k=1) - np.eye(dimension, k=-1)
+    stiffness = unit if coupled == "no" else neighbours
+    matrix = np.diag(np.linspace(1.0, 2.0, dimension)) if coupled == "all" else unit
+    return linear_oscillator(
+        final_time=8.0,
+        mass=unit,
+        stiffness=stiffness,
+        damping=[
+            FractionalDamping(order=order, coefficient=(0.3 + 0.1 * place) * matrix)
+            for place, order in enumerate(orders)
+        ],
+        forcing=None if forcing is None else Forcing.from_text(*[forcing] * dimension),
+        initial_position=np.linspace(1.0, 0.5, dimension),
+        initial_velocity=np.zeros(dimension),
+    )
+
+
+def swing(order: float | None = 0.5) -> Scene:
+    damping = [] if order is None else [FractionalDamping(order=order, coefficient=0.3)]
+    return pendulum(final_time=8.0, damping=damping, initial_position=1.0)
+
+
+def rods() -> Scene:
+    return double_pendulum(final_time=2.0, joints=[(0.5, 0.1)], initial_position=[0.3, -0.2])
+
+
+LINEAR: list[tuple[str, Scene]] = [
+    ("undamped", oscillators(orders=())),
+    ("half", oscillators()),
+    ("first order", oscillators(orders=(1.0,))),
+    ("two terms", oscillators(orders=(0.5, 1.5))),
+    ("first order and half", oscillators(orders=(1.0, 0.5))),
+    ("forced", oscillators(forcing="sin(t)")),
+    ("uncoupled", oscillators(5)),
+    ("modes", oscillators(6, coupled="modes")),
+    ("coupled", oscillators(4, (0.5, 1.5), coupled="all")),
+    ("many uncoupled", oscillators(150)),
+]
+METHODS: list[Method] = [
+    NODES,
+    Method(cq="bdf3", degree=2, sampling="nodes"),
+    points(),
+    points(2, 1, "fft"),
+    points(3, 2, "direct"),
+    gauss(),
+    gauss(3, "series"),
+    gauss(1, history="fft"),
+    gauss(2, history="direct"),
+    gauss(2, history="exponentials"),
+    Method(cq="radau-iia", degree=2),
+    Method(cq="bdf2", degree=1, start="weights", forcing_quadrature="exact"),
+]
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.case)
+@pytest.mark.parametrize(("name", "scene"), LINEAR, ids=[name for name, _ in LINEAR])
+def test_operations_of_linear_scenes_are_those_counted(name, scene, method):
+    several = (7, 16, 100, 257, 1024) if scene.dimension < 100 else (40, 300)
+    for n_steps in several:
+        trajectory = integrate(scene, method, n_steps)
+        assert trajectory.status == "ok"
+        assert plan_run(scene, method, n_steps).history_operations == (
+            trajectory.history_operations
+        ), n_steps
+
+
+@pytest.mark.parametrize(
+    "method", [NODES, points(), gauss(), gauss(3, "series"), gauss(2, history="direct")]
+)
+@pytest.mark.parametrize("order", [None, 0.5, 1.0, 1.5])
+def test_operations_of_nonlinear_scenes_do_not_depend_on_newton(order, method):
+    scene = swing(order)
+    for n_steps in (10, 100, 333, 1025):
+        trajectory = integrate(scene, method, n_steps)
+        assert trajectory.newton.iterations > 0
+        planned = plan_run(scene, method, n_steps).history_operations
+        assert planned == trajectory.history_operations, n_steps
+    # a finer grid takes more iterations, a larger amplitude too; the memory does the same
+    wide = pendulum(final_time=8.0, damping=scene.damping, initial_position=2.9)
+    assert integrate(wide, method, 333).history_operations == (
+        integrate(scene, method, 333).history_operations
+    )
+
+
+def test_operations_of_general_lagrangians():
+    for method in (gauss(), gauss(2, history="direct"), points(), gauss(2, "series")):
+        for n_steps in (20, 140):
+            trajectory = integrate(rods(), method, n_steps)
+            planned = plan_run(rods(), method, n_steps)
+            assert planned.history_operations == trajectory.history_operations > 0
+
+
+def test_operations_of_large_coupled_scenes():
+    dimension = 140
+    unit = np.eye(dimension)
+    one = np.zeros((dimension, dimension))
+    one[0, 0] = 1.0
+    scene = linear_oscillator(
+        final_time=2.0,
+        mass=unit,
+        stiffness=2 * unit - np.eye(dimension, k=1) - np.eye(dimension, k=-1),
+        damping=[FractionalDamping(order=0.5, coefficient=one)],
+        initial_position=np.ones(dimension),
+        initial_velocity=np.zeros(dimension),
+    )
+    for n_steps in (40, 300):
+        planned = plan_run(scene, gauss(), n_steps)
+        assert "sparse" in planned.steps
+        counted = integrate(scene, gauss(), n_steps).history_operations
+        assert planned.history_operations == counted > 0
+
+
+@pytest.mark.parametrize(
+    "name", ["explicit-euler", "implicit-euler", "gruenwald-letnikov", "product-integration"]
+)
+@pytest.mark.parametrize("orders", [(), (1.0,), (0.5,), (0.5, 1.5)])
+def test_operations_of_baselines(name, orders):
+    scene = oscillators(2, orders)
+    method: AnyMethod = Baseline(name=name)
+    for n_steps in (400, 1000):
+        trajectory = integrate(scene, method, n_steps)
+        planned = plan_run(scene, method, n_steps).history_operations
+        assert planned == trajectory.history_operations
+
+
+MEMORY = [
+    ("nodes", oscillators(), NODES),
+    ("points", oscillators(), points()),
+    ("gauss2", oscillators(), gauss()),
+    ("gauss3 with series", oscillators(forcing="sin(t)"), gauss(3, "series")),
+    ("undamped", oscillators(orders=()), gauss()),
+    ("first order", oscillators(orders=(1.0,)), NODES),
+    ("uncoupled", oscillators(4), gauss()),
+    ("coupled", oscillators(4, coupled="all"), gauss()),
+    ("pendulum", swing(), gauss()),
+    ("undamped pendulum", swing(None), gauss()),
+    ("pendulum on nodes", swing(), NODES),
+    ("exponentials", oscillators(), gauss(history="exponentials")),
+]
+
+
+@pytest.mark.parametrize("n_steps", [4096, 5000, 2**14])
+@pytest.mark.parametrize(
+    ("scene", "method"), [case[1:] for case in MEMORY], ids=[case[0] for case in MEMORY]
+)
+def test_peak_memory_within_a_quarter_of_what_is_traced(scene, method, n_steps):
+    integrate(scene, method, 32)
+    planned = plan_run(scene, method, n_steps).memory_bytes
+    tracemalloc.start()
+    integrate(scene, method, n_steps)
+    _, traced = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert planned == pytest.approx(traced, rel=0.25)
+
+
+class TestWords:
+    def test_what_is_not_there_is_not_taken(self):
+        plan = plan_run(oscillators(orders=()), gauss(2, "series"), 1000)
+        assert plan.history == "none: nothing is damped"
+        assert plan.forcing == "none"
+        assert plan.n_sequences == plan.history_operations == 0
+        assert plan.series.startswith("no start series")
+
+    def test_terms_of_one_direction_share_their_weights(self):
+        two = plan_run(oscillators(orders=(0.5, 1.5)), gauss(), 1000)
+        one = plan_run(oscillators(), gauss(), 1000)
+        assert two.n_sequences == one.n_sequences == 1
+        assert two.history_operations == one.history_operations
+
+    def test_modes_and_components(self):
+        assert "6 uncoupled modes" in plan_run(oscillators(6, coupled="m"), gauss(), 99).steps
+        assert "5 uncoupled components" in plan_run(oscillators(5), gauss(), 99).steps
+        assert "4 coupled" in plan_run(oscillators(4, coupled="all"), gauss(), 99).steps
+
+    def test_the_start_and_its_reason(self):
+        plan = plan_run(oscillators(), gauss(3, "series"), 1000)
+        assert "start series below t^8 with the powers" in plan.series
+        coarse = plan_run(oscillators(), gauss(3, "series"), 4)
+        assert coarse.series.startswith("no start series: ")
+
+    def test_every_line_is_there(self):
+        lines = plan_run(swing(), gauss(2, "series"), 1000).lines()
+        heads = [line.split(":")[0] for line in lines]
+        assert heads[:5] == ["effects", "steps", "history", "start", "forcing"]
+        assert "Newton" in lines[1]
+        assert "about" in lines[-1]
+
+    def test_memory_and_time_grow(self):
+        small, large = (plan_run(kepler(final_time=1.0), gauss(), n) for n in (2**10, 2**18))
+        assert large.memory_bytes > 2 * small.memory_bytes
+        assert large.seconds > 10 * small.seconds > 0
