@@ -1,20 +1,10 @@
-r"""Nonlinear scenes, block by block: Newton's iteration with a frozen linear response.
+"""Nonlinear scenes, block by block: Newton's iteration with a frozen linear response.
 
-With a constant matrix K in place of the Hessian of the potential the steps of a block are linear,
-and the equations of the block become a fixed point for what is left of the force at the quadrature
-points, :math:`N_i = \nabla V(X_i) - K X_i`:
-
-.. math:: X = X_\text{known} + P N(X),
-
-P being the response of the linear scene with K. This is Newton's iteration for the whole block
-with the Jacobian of the linear scene; it contracts like :math:`|V'' - K| (B h)^2 / 2`, so a block
-that does not contract is halved, down to single steps with their own Jacobians.
+A block whose fixed point (:mod:`fvi_cli.integrator.frozen_response`) does not contract is halved,
+down to single steps with their own Jacobians.
 """
 
 from __future__ import annotations
-
-import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +18,7 @@ from fvi_cli.integrator.block_history import (
     reversed_strip,
 )
 from fvi_cli.integrator.block_linear import known_moments
-from fvi_cli.integrator.block_response import BlockResponse, LinearSystem, block_response
+from fvi_cli.integrator.frozen_response import BlockInputs, FrozenResponse, frozen_stiffness
 from fvi_cli.integrator.stepping import (
     StepFailedError,
     Stepped,
@@ -45,40 +35,12 @@ LEAST_BLOCK = 4
 LARGEST_DENSE = 512
 """Block times samples times components, at most."""
 BLOCKS_PER_GROUP = 8
-ITERATION_LIMIT = 40
 GROWING_ITERATIONS = 12
 """After a block with at most as many the next one is twice as long."""
 PATIENCE = 16
 """Blocks before a size that has failed is tried again."""
-TOLERANCE = 1e-15
 REFRESH_AFTER = 150
 """Iterations beyond four per block that pay for a new linear response."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Frozen:
-    """Matrices for blocks of n steps with the constant stiffness K.
-
-    Parameters
-    ----------
-    block, stiffness
-        n and K.
-    known_points
-        From all that goes into a block to the positions at its quadrature points.
-    remainder_points
-        From what is left of the force there to those positions.
-    outputs
-        From all that goes into a block to its samples, increments and carry.
-    remainder_moments
-        From what is left of the force in a step to moments.
-    """
-
-    block: int
-    stiffness: Array
-    known_points: Array
-    remainder_points: Array
-    outputs: Array
-    remainder_moments: Array
 
 
 def group_operations(place: int, count: int, memory: int) -> int:
@@ -156,17 +118,15 @@ class _NewtonBlocks:
             [problem.position, problem.momentum, memory.first_offset.ravel(), [1.0]]
         )
         self._lost = np.zeros(2 * d)
-        self._responses: BlockResponse | None = None
-        self._sized: dict[int, _Frozen] = {}
-        self._excess = 0
         self._count = self._ceiling = largest
         self._waiting, self._quiet, self._patience = 0, 0, LEAST_BLOCK
         self._newton = NewtonRecord()
-        self._remainder = np.zeros((problem.tables.points.size, d))
+        self._remainder = np.zeros((1, d))
         self.operations = 0
         self._samples = np.zeros((self._group, size))
         self._group_force = np.zeros((self._group, size))
         self._group_moments = np.zeros(0)
+        self._freeze(0)
 
     def run(self) -> Stepped:
         problem, d = self._problem, self._d
@@ -175,7 +135,6 @@ class _NewtonBlocks:
         forces = np.zeros((n_steps + 1, self._m, d)) if self._on_nodes else None
         positions[0], momenta[0] = problem.position, problem.momentum
         done, failure = 0, ""
-        self._freeze()
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             while done < n_steps and not failure:
                 advanced(done, n_steps)
@@ -260,150 +219,55 @@ class _NewtonBlocks:
         if self._damped:
             self.operations += group_operations(place, count, self._reaches) * self._size**2
 
-    def _freeze(self) -> None:
+    def _freeze(self, done: int) -> None:
         """Linear response with the Hessian at the position that is reached."""
-        problem, memory = self._problem, self._problem.memory
-        stiffness = self._potential.hessian(self._state[: self._d])
-        if not np.isfinite(stiffness).all():
-            stiffness = np.zeros((self._d, self._d))
-        stiffness = 0.5 * (stiffness + stiffness.T)
-        self._stiffness = stiffness
-        system = LinearSystem(
-            mass=problem.scene.inertia.mass[None],
-            stiffness=stiffness[None],
-            channels=self._channels,
-            tables=problem.tables,
-            sample_matrix=memory.sample_matrix,
-            carry_matrix=memory.carry_matrix,
-            force_weights=memory.force_weights,
-            offset=memory.offset[None],
-            step_size=problem.step_size,
+        position, shift = self._state[: self._d], self._problem.position_shift
+        if shift is not None:
+            position = position + shift[min(done, self._problem.n_steps - 1), 0]
+        stiffness = frozen_stiffness(self._potential, position)
+        self._frozen = FrozenResponse(
+            self._problem,
+            self._potential,
+            self._channels,
+            self._largest,
+            stiffness,
+            with_force=self._on_nodes,
         )
-        self._responses = block_response(system, self._largest)
-        self._sized = {}
         self._excess = 0
-
-    def _frozen(self, count: int) -> _Frozen:
-        """The part of the matrices that `count` steps need."""
-        if count in self._sized:
-            return self._sized[count]
-        response = self._responses
-        if response is None:  # pragma: no cover - made before the first block
-            raise ValueError("no linear response")
-        tables, d, size = self._problem.tables, self._d, self._size
-        largest, r = self._largest, tables.points.size
-        n_state, width = self._state.size, (tables.degree + 1) * d
-        columns = np.concatenate(
-            [
-                np.arange(count * size),
-                largest * size + np.arange(n_state),
-                largest * size + n_state + np.arange(count * width),
-            ]
-        )
-
-        def part(matrix: Array, rows: int) -> Array:
-            return np.asarray(matrix[0][: count * rows][:, columns])
-
-        points = part(response.points, r * d)
-        position, momentum = part(response.position, d), part(response.momentum, d)
-        outputs = [part(response.samples, size), position, momentum]
-        if self._on_nodes:
-            outputs.append(part(response.force, size))
-        outputs.append(part(response.carry, size)[-size:])
-        to_moments = np.asarray(-self._problem.step_size * np.kron(tables.test_weights, np.eye(d)))
-        driven = points[:, count * size + n_state :].reshape(-1, count, width)
-        self._sized[count] = _Frozen(
-            block=count,
-            stiffness=self._stiffness,
-            known_points=points,
-            remainder_points=np.ascontiguousarray(
-                (driven @ to_moments).reshape(count * r * d, count * r * d)
-            ),
-            outputs=np.concatenate(outputs),
-            remainder_moments=to_moments,
-        )
-        return self._sized[count]
 
     def _block(
         self, done: int, count: int, positions: Array, momenta: Array, forces: Array | None
     ) -> bool:
         """Attempt `count` steps; whether they are done."""
-        frozen = self._frozen(count)
-        problem, d, size = self._problem, self._d, self._size
-        r, place, n_state = problem.tables.points.size, done % self._group, self._state.size
-        moments = self._group_moments[place : place + count]
-        at = count * size
-        inputs = np.empty(at + n_state + moments.size)
-        inputs[:at] = self._known(done, count).ravel()
-        inputs[at : at + n_state] = self._state
-        inputs[at + n_state :] = moments.ravel()
-        origin = self._state[:d]
-        fixed = (frozen.known_points @ inputs).reshape(count, r, d)
-        shift = problem.position_shift
-        known = None if shift is None else shift[done : done + count]
-        remainder = np.broadcast_to(self._remainder, (count, r, d))
-        found = self._iterate(frozen, origin, fixed, known, remainder)
+        d, place = self._d, done % self._group
+        shift = self._problem.position_shift
+        found = self._frozen.attempt(
+            BlockInputs(
+                known=self._known(done, count),
+                state=self._state,
+                moments=self._group_moments[place : place + count],
+                shift=None if shift is None else shift[done : done + count],
+                remainder=self._remainder,
+            )
+        )
         if found is None:
             self._judge(count, 0)
             return False
-        remainder, changes = found
-        inputs[at + n_state :] += (
-            remainder.reshape(count, r * d) @ frozen.remainder_moments.T
-        ).ravel()
-        result = frozen.outputs @ inputs
-        steps = result[at : at + count * d].reshape(count, d)
-        kicks = result[at + count * d : at + 2 * count * d].reshape(count, d)
-        samples = result[:at].reshape(count, size)
-        path = np.cumsum(steps, axis=0)
-        momentum_path = np.cumsum(kicks, axis=0)
-        if not (np.isfinite(path).all() and np.isfinite(momentum_path).all()):
-            self._judge(count, 0)
-            return False
-        positions[done + 1 : done + count + 1] = origin + path
-        momenta[done + 1 : done + count + 1] = self._state[d : 2 * d] + momentum_path
-        if forces is not None:
-            force = result[at + 2 * count * d : -size].reshape(count, self._m, d)
-            forces[done : done + count] = force
-        self._samples[place : place + count] = samples
-        self._move(np.concatenate([path[-1], momentum_path[-1]]))
-        self._state[2 * d : -1] = result[-size:]
-        self._remainder = remainder[-1, -1:]
-        self._note(done, tuple(changes))
+        positions[done + 1 : done + count + 1] = self._state[:d] + found.path
+        momenta[done + 1 : done + count + 1] = self._state[d : 2 * d] + found.momentum_path
+        if forces is not None and found.force is not None:
+            forces[done : done + count] = found.force
+        self._samples[place : place + count] = found.samples
+        self._move(np.concatenate([found.path[-1], found.momentum_path[-1]]))
+        self._state[2 * d : -1] = found.carry
+        self._remainder = found.remainder
+        self._note(done, found.changes)
         self._count_operations(place, count)
-        self._judge(count, len(changes))
-        self._excess += len(changes) - 4
+        self._judge(count, len(found.changes))
+        self._excess += len(found.changes) - 4
         if self._excess > REFRESH_AFTER:
-            self._freeze()
+            self._freeze(done + count)
         return True
-
-    def _iterate(
-        self, frozen: _Frozen, origin: Array, fixed: Array, known: Array | None, remainder: Array
-    ) -> tuple[Array, list[float]] | None:
-        """The fixed point: remainder of the force and how the positions changed; None: none."""
-        stiffness, matrix = frozen.stiffness, frozen.remainder_points
-        points = fixed + (matrix @ remainder.ravel()).reshape(fixed.shape)
-        least = TOLERANCE * float(np.abs(points).max()) + 1e-16 * float(np.abs(origin).max())
-        changes: list[float] = []
-        for _ in range(ITERATION_LIMIT):
-            position = origin + points
-            true = self._potential.gradient(position if known is None else position + known)
-            remainder = true - position @ stiffness
-            moved = fixed + (matrix @ remainder.ravel()).reshape(fixed.shape)
-            change = float(np.abs(moved - points).max())
-            points = moved
-            changes.append(change)
-            if change <= least:
-                return remainder, changes
-            if len(changes) > 1:
-                # a Volterra equation contracts the better the longer it is iterated
-                rate = change / changes[-2]
-                if not rate <= 1.0:
-                    return None
-                if change * rate <= least:
-                    return remainder, changes
-            elif not math.isfinite(change):
-                return None
-        return None
 
     def _move(self, change: Array) -> None:
         value = self._state[: 2 * self._d]

@@ -28,7 +28,12 @@ class Checkpoint:
     states, states_lost
         The states of the memory, the same, ``(J, q e)``; J = 0 without memory.
     guess
-        Where Newton's iteration begins, ``(s, d)``; empty for linear scenes.
+        Where Newton's iteration begins, ``(1, d)``; empty for linear scenes.
+    stiffness
+        The matrix that stands for the Hessian in it, ``(d, d)``; empty for linear scenes.
+    pace
+        Steps of its next block, most steps of later ones, and iterations beyond those that a new
+        matrix would have saved; empty for linear scenes.
     """
 
     case: str
@@ -40,6 +45,8 @@ class Checkpoint:
     states: Array
     states_lost: Array
     guess: Array
+    stiffness: Array
+    pace: NDArray[np.int64]
 
     def to_bytes(self) -> bytes:
         """As an ``.npz`` file."""
@@ -55,6 +62,8 @@ class Checkpoint:
             states=self.states,
             states_lost=self.states_lost,
             guess=self.guess,
+            stiffness=self.stiffness,
+            pace=self.pace,
         )
         return buffer.getvalue()
 
@@ -82,4 +91,6 @@ class Checkpoint:
             states=arrays["states"],
             states_lost=arrays["states_lost"],
             guess=arrays["guess"],
+            stiffness=arrays["stiffness"],
+            pace=arrays["pace"],
         )

@@ -1,8 +1,8 @@
-"""Blocks of steps with the history as a sum of exponentials: linear scenes and others."""
+"""Blocks of steps of linear scenes with the history as a sum of exponentials."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.integrator.block_batch import LARGEST_BATCH, LARGEST_DENSE
-from fvi_cli.integrator.block_history import BatchedChannel, lag_kernel, reversed_strip
+from fvi_cli.integrator.block_history import BatchedChannel
 from fvi_cli.integrator.block_response import LinearSystem, block_response
 from fvi_cli.integrator.checkpoint import Checkpoint
-from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.decoupling import Decoupling, decouple
 from fvi_cli.integrator.exponential_history import (
     ExponentialHistory,
@@ -21,7 +20,7 @@ from fvi_cli.integrator.exponential_history import (
     ExponentialStates,
 )
 from fvi_cli.integrator.known_forces import KnownForces
-from fvi_cli.integrator.stepping import StepFailedError, Stepper, StepProblem
+from fvi_cli.integrator.stepping import StepProblem
 
 Array = NDArray[np.float64]
 
@@ -53,6 +52,15 @@ class Marched:
     finished: int
     iterations: tuple[int, ...] = ()
     failure: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class IterationState:
+    """What Newton's iteration takes from one block to the next, as in `Checkpoint`."""
+
+    guess: Array
+    stiffness: Array
+    pace: NDArray[np.int64]
 
 
 class March(Protocol):
@@ -230,149 +238,30 @@ class LinearMarch:
 
     def checkpoint(self, case: str, step: int) -> Checkpoint:
         """The state after `step` steps."""
-        return _checkpoint(
+        return checkpoint_after(
             self._problem,
             case,
             step,
             self._state[:, : 2 * self._e],
             self._lost,
             self._history,
-            np.zeros((0, 0)),
         )
 
 
-class SteppedMarch:
-    """One step after the other with Newton's iteration; the memory still goes by blocks.
-
-    Parameters are those of `LinearMarch`.
-    """
-
-    def __init__(
-        self,
-        problem: StepProblem,
-        known: KnownForces,
-        kernel: ExponentialKernel | None,
-        block: int,
-        start: Checkpoint | None,
-    ) -> None:
-        self._problem, self._known, self.block = problem, known, block
-        memory, d = problem.memory, problem.scene.dimension
-        self._size = problem.tables.sample_points.size * d
-        self._history: ExponentialHistory | None = None
-        self._strip = np.zeros((0, 0))
-        if kernel is not None:
-            states = None
-            if start is not None:
-                states = ExponentialStates(values=start.states, lost=start.states_lost)
-            directions = tuple(c.direction[None] for c in memory.channels)
-            self._history = ExponentialHistory(kernel, directions, block, states)
-            batched = tuple(
-                BatchedChannel(channel=c, directions=c.direction[None]) for c in memory.channels
-            )
-            lags = lag_kernel(batched, 0, block, problem.tables.sample_points.size)
-            self._strip = reversed_strip(lags, 1, block - 1)[0]
-        self._stepper = Stepper(problem)
-        self._guess = self._stepper.first_guess
-        self._position = CompensatedSum(problem.position)
-        self._momentum = CompensatedSum(problem.momentum)
-        if start is not None:
-            self._guess = start.guess
-            self._position = CompensatedSum(start.position_and_momentum[0, :d], start.lost[0, :d])
-            self._momentum = CompensatedSum(start.position_and_momentum[0, d:], start.lost[0, d:])
-
-    @property
-    def operations(self) -> int:
-        """Multiply-adds spent on the memory of earlier blocks."""
-        return 0 if self._history is None else self._history.operations
-
-    def chunk(self, first: int, begin: int, end: int) -> Marched:
-        """Steps `begin` to `end` of the chunk from `first` on."""
-        problem, memory = self._problem, self._problem.memory
-        d, m = problem.scene.dimension, problem.tables.sample_points.size
-        last = min(first + CHUNK, problem.n_steps)
-        shift = None if self._known.shift is None else self._known.shift(first, last)
-        local = replace(problem, moments=self._known.moments(first, last), position_shift=shift)
-        stepper = Stepper(local)
-        positions, momenta = np.zeros((last - first, d)), np.zeros((last - first, d))
-        samples = np.zeros((self.block, m, d))
-        iterations: list[int] = []
-        force = np.zeros((self.block, m, d))
-        for index in range(begin - first, end - first):
-            place = index % self.block
-            if place == 0 and self._history is not None:
-                force = self._history.known()[0]
-            known = force[place]
-            if place and self._history is not None:
-                strip = self._strip[:, (self.block - 1 - place) * self._size :]
-                known = known + (strip @ samples[:place].reshape(-1)).reshape(m, d)
-            try:
-                increments, _, change, residuals = stepper.advance(
-                    index,
-                    self._position.value,
-                    self._momentum.value,
-                    known,
-                    memory.offset,
-                    self._guess,
-                )
-            except StepFailedError as error:
-                step = first + index
-                return Marched(
-                    position=positions,
-                    momentum=momenta,
-                    finished=index,
-                    iterations=(*iterations, len(error.residuals)),
-                    failure=f"step {step}, t = {step * problem.step_size:.6g}: {error}",
-                )
-            iterations.append(len(residuals))
-            samples[place] = memory.sample_matrix.T @ increments + memory.offset
-            self._position.add(increments[-1])
-            self._momentum.add(change)
-            positions[index], momenta[index] = self._position.value, self._momentum.value
-            if not (np.isfinite(positions[index]).all() and np.isfinite(momenta[index]).all()):
-                step = first + index
-                return Marched(
-                    position=positions,
-                    momentum=momenta,
-                    finished=index + 1,
-                    iterations=tuple(iterations),
-                    failure=(
-                        f"not finite after step {step}, t = {(step + 1) * problem.step_size:.6g}"
-                    ),
-                )
-            self._guess = problem.tables.extrapolation @ increments
-            if place == self.block - 1 and self._history is not None:
-                self._history.push(samples[None])
-        return Marched(
-            position=positions,
-            momentum=momenta,
-            finished=end - first,
-            iterations=tuple(iterations),
-        )
-
-    def checkpoint(self, case: str, step: int) -> Checkpoint:
-        """The state after `step` steps."""
-        return _checkpoint(
-            self._problem,
-            case,
-            step,
-            np.concatenate([self._position.value, self._momentum.value])[None],
-            np.concatenate([self._position.lost, self._momentum.lost])[None],
-            self._history,
-            self._guess,
-        )
-
-
-def _checkpoint(
+def checkpoint_after(
     problem: StepProblem,
     case: str,
     step: int,
     value: Array,
     lost: Array,
     history: ExponentialHistory | None,
-    guess: Array,
+    iteration: IterationState | None = None,
 ) -> Checkpoint:
+    """The state after `step` steps."""
     empty = np.zeros((0, 0))
     states = ExponentialStates(values=empty, lost=empty) if history is None else history.states
+    if iteration is None:
+        iteration = IterationState(guess=empty, stiffness=empty, pace=np.zeros(0, dtype=np.int64))
     return Checkpoint(
         case=case,
         n_steps=problem.n_steps,
@@ -382,7 +271,9 @@ def _checkpoint(
         lost=lost.copy(),
         states=states.values,
         states_lost=states.lost,
-        guess=guess.copy(),
+        guess=iteration.guess.copy(),
+        stiffness=iteration.stiffness.copy(),
+        pace=iteration.pace.copy(),
     )
 
 

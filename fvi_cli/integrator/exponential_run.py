@@ -9,7 +9,7 @@ bit for bit as if it had not been.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +23,12 @@ from fvi_cli.integrator.exponential_march import (
     LARGEST_BLOCK,
     LinearMarch,
     March,
-    SteppedMarch,
     block_length,
     linear_decoupling,
 )
-from fvi_cli.integrator.known_forces import known_forces
+from fvi_cli.integrator.exponential_newton import NewtonMarch
+from fvi_cli.integrator.growth_bound import GrowthBound, first_outside, growth_bound
+from fvi_cli.integrator.known_forces import KnownForces, known_forces
 from fvi_cli.integrator.known_part import NO_SERIES, KnownPart, plan_series, settled_method
 from fvi_cli.integrator.memory import build_memory
 from fvi_cli.integrator.method import Method
@@ -36,6 +37,9 @@ from fvi_cli.integrator.stepping import StepProblem
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
 
 Array = NDArray[np.float64]
+
+PROBED_STEPS = 33
+"""Steps whose known forces tell how large they are in the run."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,7 +99,8 @@ def integrate_part(
     if not begin < until <= n_steps:
         raise ValueError(f"until: {until} is not allowed; it must be {begin + 1} to {n_steps}")
     began = time.perf_counter()
-    march, known, remarks = _march(scene, method, n_steps, checkpoint)
+    march, known, bound, remarks = _march(scene, method, n_steps, checkpoint)
+    h = scene.final_time / n_steps
     end = min(n_steps, -(-until // march.block) * march.block)
     ready = time.perf_counter()
     kept = _Kept(scene, known, n_steps, every, begin, end)
@@ -110,13 +115,19 @@ def integrate_part(
             failure = marched.failure
             newton = _noted(newton, done, marched.iterations)
             stop = first + marched.finished
+            fresh = marched.position[done - first : marched.finished]
+            outside = first_outside(bound, fresh, done + 1, h)
+            if outside is not None:
+                stop, failure = done + 1 + outside[0], outside[1]
             kept.keep(first, done, stop, marched.position, marched.momentum, final=bool(failure))
             done = stop
     finished = time.perf_counter()
     following = None
     if not failure and done < n_steps:
         following = march.checkpoint(method.case, done)
-    finite = bool(np.isfinite(kept.position).all() and np.isfinite(kept.momentum).all())
+    diverged = failure.startswith("diverged") or not (
+        np.isfinite(kept.position).all() and np.isfinite(kept.momentum).all()
+    )
     return Part(
         trajectory=Trajectory(
             time=kept.time,
@@ -124,8 +135,8 @@ def integrate_part(
             momentum=kept.momentum,
             energy=kept.energy,
             n_steps=n_steps,
-            step_size=scene.final_time / n_steps,
-            status="ok" if not failure else ("failed" if finite else "diverged"),
+            step_size=h,
+            status="ok" if not failure else ("diverged" if diverged else "failed"),
             message=failure,
             history_operations=march.operations,
             newton=newton,
@@ -140,7 +151,7 @@ def integrate_part(
 
 def _march(
     scene: Scene, method: Method, n_steps: int, checkpoint: Checkpoint | None
-) -> tuple[March, KnownPart | None, tuple[str, ...]]:
+) -> tuple[March, KnownPart | None, GrowthBound, tuple[str, ...]]:
     """Everything that is needed before the first step."""
     tables, h = step_tables(method), scene.final_time / n_steps
     asked = (method.case, n_steps, h)
@@ -175,7 +186,7 @@ def _march(
     )
     forces = known_forces(scene, settled, tables, memory, known, n_steps)
     samples = tables.sample_points.size
-    if scene.is_linear:
+    if scene.potential is None or scene.is_linear:
         decoupling = linear_decoupling(problem)
         batch = decoupling.batch
         size = samples * scene.dimension // batch
@@ -183,8 +194,17 @@ def _march(
         march: March = LinearMarch(problem, forces, decoupling, kernel, block, checkpoint)
     else:
         block = block_length(samples * scene.dimension, 1)
-        march = SteppedMarch(problem, forces, kernel, block, checkpoint)
-    return march, known, series.remarks
+        march = NewtonMarch(problem, scene.potential, forces, kernel, block, checkpoint)
+    return march, known, _bound(problem, forces), series.remarks
+
+
+def _bound(problem: StepProblem, forces: KnownForces) -> GrowthBound:
+    """The bound of the run, its largest force from steps spread over the whole of it."""
+    n_steps = problem.n_steps
+    steps = np.unique(np.linspace(0, n_steps - 1, PROBED_STEPS).astype(int)).tolist()
+    found = [forces.moments(step, step + 1) for step in steps]
+    present = [moments for moments in found if moments is not None]
+    return growth_bound(replace(problem, moments=np.concatenate(present)) if present else problem)
 
 
 def _noted(record: NewtonRecord, step: int, iterations: tuple[int, ...]) -> NewtonRecord:

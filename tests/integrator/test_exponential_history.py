@@ -21,6 +21,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.memory import build_channels
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.named import linear_oscillator, pendulum
+from fvi_cli.scenes.nonlinear import duffing
 
 GAUSS2 = Method(cq="gauss", degree=2, history="exponentials")
 FIELDS = ("time", "position", "momentum", "energy")
@@ -270,3 +271,59 @@ def test_trouble_is_told() -> None:
     assert trajectory.status == "diverged"
     assert "not finite after step" in trajectory.message
     assert 1 < trajectory.time.size < 1001
+
+
+@pytest.mark.parametrize("n_steps", [300, 9000])
+def test_a_run_that_leaves_its_bound_stops(n_steps: int) -> None:
+    """A repelling potential: with every history at the same step."""
+    scene = duffing(
+        stiffness=-1.0,
+        cubic_stiffness=-1.0,
+        final_time=30.0,
+        damping=damping(0.5),
+        initial_position=0.5,
+        forcing=Forcing.from_text("sin(t)"),
+    )
+    found = integrate(scene, GAUSS2, n_steps)
+    usual = integrate(scene, replace(GAUSS2, history="auto"), n_steps)
+    assert found.status == usual.status != "ok"
+    assert found.time.size == usual.time.size < n_steps // 2
+    assert found.message.split()[:1] == usual.message.split()[:1]
+
+
+def test_a_linear_run_that_leaves_its_bound_stops() -> None:
+    method = Method(cq="lobatto-iiic", degree=2, history="exponentials")
+    scene = linear_oscillator(
+        final_time=500.0, damping=damping(1.9), stiffness=1e6, initial_position=1.0
+    )
+    found = integrate(scene, method, 9000)
+    usual = integrate(scene, replace(method, history="auto"), 9000)
+    assert found.status == usual.status
+    assert found.time.size == usual.time.size
+    assert found.message[:20] == usual.message[:20]
+
+
+def test_nonlinear_blocks_take_few_iterations() -> None:
+    """Counted: blocks of steps share their iterations, with this history as with the other."""
+    scene = pendulum(final_time=20.0, damping=damping(0.5), initial_position=1.0)
+    by_block = integrate(scene, GAUSS2, 2048).newton.iterations
+    one_by_one = integrate(scene, replace(GAUSS2, history="direct"), 2048).newton.iterations
+    assert 10 * by_block < one_by_one
+
+
+def test_wild_motion_goes_on_bit_for_bit() -> None:
+    """Blocks that do not contract, single steps and new linear responses lie where they lay."""
+    scene = pendulum(
+        final_time=300.0, damping=damping(0.5), initial_position=2.9, initial_velocity=2.0
+    )
+    for start in ("none", "series"):
+        method = replace(GAUSS2, start=start)
+        whole = integrate(scene, method, 1500)
+        assert whole.newton.largest > 4
+        for until in (64, 640, 1400):
+            first = integrate_part(scene, method, 1500, until=until)
+            assert first.checkpoint is not None
+            loaded = Checkpoint.from_bytes(first.checkpoint.to_bytes())
+            rest = integrate_part(scene, method, 1500, checkpoint=loaded)
+            for field in FIELDS:
+                assert np.array_equal(joined([first, rest], field), getattr(whole, field))
