@@ -46,17 +46,15 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
         Give every member of a sweep a line as well.
     """
     rows = [("experiment", "case", "n_steps", "step_size", "error", "status", "expected")]
-    for outcome in outcomes:
     summed_up = []
-        for finished in outcome.finished:
-            run = finished.run
+    for outcome in outcomes:
         if outcome.experiment.members:
             summed_up.append(_members_as_text(outcome))
         if outcome.experiment.members and not every_member:
+            continue
         for finished in outcome.finished:
             run = finished.run
             member = "" if run.member is None else f" ({run.member.label})"
-            continue
             rows.append(
                 (
                     run.experiment.name,
@@ -68,9 +66,6 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
                     "may fail" if run.experiment.expects_failure(run.method) else "",
                 )
             )
-    return aligned(rows)
-
-
     texts = [aligned(rows)] if len(rows) > 1 or not summed_up else []
     return "\n\n".join([*texts, *summed_up])
 
@@ -91,6 +86,9 @@ def _members_as_text(outcome: Outcome) -> str:
         )
         for line in sweep_lines(outcome.finished)
     ]
+    return aligned(rows)
+
+
 def plans_as_text(plans: Sequence[Plan]) -> str:
     """One line for every run: what would be done with it, why, and which effects it has."""
     header = ("experiment", "case", "n_steps", "step_size", "action", "predicted", "effects")
