@@ -263,15 +263,19 @@ def merged_terms(exponents: Array, coefficients: Array, cutoff: float) -> tuple[
         raise SeriesError("a coefficient is not finite; no expansion in powers of t was found")
     if exponents.size == 0:
         return exponents, coefficients
-    order = np.argsort(exponents, kind="stable")
-    exponents, coefficients = exponents[order], coefficients[order]
-    starts = np.flatnonzero(np.diff(exponents, prepend=-math.inf) > SAME_EXPONENT)
-    exponents = exponents[starts]
+    sums = coefficients
+    # most sums are of series that are in order already: there is nothing to add up
+    if not np.all(exponents[1:] - exponents[:-1] > SAME_EXPONENT):
+        order = np.argsort(exponents, kind="stable")
+        exponents, coefficients = exponents[order], coefficients[order]
+        steps = exponents[1:] - exponents[:-1]
+        starts = np.concatenate(([0], np.flatnonzero(steps > SAME_EXPONENT) + 1))
+        exponents = exponents[starts]
+        sums = np.add.reduceat(coefficients, starts, axis=0)
+        sizes = np.add.reduceat(np.abs(coefficients), starts, axis=0)
+        sums[np.abs(sums) <= _CANCELLED * sizes] = 0.0
     whole = np.round(exponents)
     exponents = np.where(np.abs(exponents - whole) <= SAME_EXPONENT, whole, exponents)
-    sums = np.add.reduceat(coefficients, starts, axis=0)
-    sizes = np.add.reduceat(np.abs(coefficients), starts, axis=0)
-    sums[np.abs(sums) <= _CANCELLED * sizes] = 0.0
     present = np.any(sums.reshape(len(sums), -1) != 0, axis=1)
     if np.count_nonzero(present) > MOST_TERMS:
         raise SeriesError(f"more than {MOST_TERMS} exponents below {cutoff:g}")

@@ -115,16 +115,17 @@ class ExponentialSum:
             raise ValueError(
                 f"n_weights: {n_weights} is not allowed; permitted are 1 to {self.n_steps + 1}"
             )
-        m, n_blocks = self.tableau.n_stages, -(-(n_weights - 1) // _BLOCK)
-        memory = np.zeros((m * m, n_blocks * _BLOCK))
+        block = max(1, min(_BLOCK, n_weights - 1))
+        m, n_blocks = self.tableau.n_stages, -(-(n_weights - 1) // block)
+        memory = np.zeros((m * m, n_blocks * block))
         products = (self.columns[:, :, None] * self.rows[:, None, :]).reshape(-1, m * m)
-        within = self.powers(np.arange(_BLOCK))
+        within = self.powers(np.arange(block))
         for first in range(0, n_blocks, _BATCH):
             blocks = np.arange(first, min(first + _BATCH, n_blocks))
-            alive = -self.log_magnitudes * (first * _BLOCK) < _NEGLIGIBLE
-            scales = np.exp((blocks * _BLOCK)[:, None] * self.log_magnitudes[alive])
+            alive = -self.log_magnitudes * (first * block) < _NEGLIGIBLE
+            scales = np.exp((blocks * block)[:, None] * self.log_magnitudes[alive])
             steps = within[:, alive].T
-            begin, end = first * _BLOCK, (int(blocks[-1]) + 1) * _BLOCK
+            begin, end = first * block, (int(blocks[-1]) + 1) * block
             for entry in range(m * m):
                 values = (scales * products[alive, entry]) @ steps
                 memory[entry, begin:end] = values.reshape(-1)
