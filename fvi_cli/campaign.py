@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from fvi_cli.config.memory import in_gigabytes, machine_bytes, predicted_bytes
 from fvi_cli.errors import RequestError
-from fvi_cli.experiments.batches import batches_of, execute_batch
-from fvi_cli.experiments.cluster import DaskCluster
-from fvi_cli.experiments.executor import Executor, InProcess, compute_batches
-from fvi_cli.experiments.experiment import Experiment, FinishedRun, Predicted, Run
-from fvi_cli.experiments.processes import LocalProcesses
+from fvi_cli.execution import (
+    FRESH,
+    Known,
+    Outcome,
+    Settings,
+    Why,
+    carry_out,
+    is_unexpected_failure,
+    never,
+)
+from fvi_cli.experiments.experiment import Experiment, Predicted, Run
 from fvi_cli.experiments.study import prediction_of
 from fvi_cli.output.storage import (
     NEW,
@@ -24,8 +30,7 @@ from fvi_cli.output.storage import (
     place_of,
     read_results,
 )
-from fvi_cli.progress import progress_bar
-from fvi_cli.requests import STORED_SUFFIX, Request, gather
+from fvi_cli.requests import Request, gather
 from fvi_cli.scenes.problem import Problem
 
 __all__ = [
@@ -41,98 +46,6 @@ __all__ = [
 ]
 
 _logger = logging.getLogger(__name__)
-
-FRESH = "--fresh"
-
-Known = Callable[[Run], FinishedRun | None]
-Why = Callable[[Run], str]
-Keep = Callable[[Sequence[FinishedRun]], object]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Settings:
-    """What the options of a command ask for.
-
-    Parameters
-    ----------
-    output
-        Folder of results.
-    workers
-        Number of processes of this machine.
-    dask
-        Address of a Dask scheduler whose workers compute in their place.
-    fresh
-        Ignore stored runs.
-    fail_fast
-        Stop at the first unexpected failure.
-    show_progress
-        Draw a progress bar where there is a terminal.
-    keep
-        Write what is computed; otherwise nothing at all is written.
-    may_replace
-        Keep runs even where that replaces stored runs of another problem.
-
-    Raises
-    ------
-    RequestError
-        If processes and a scheduler are given at the same time.
-    """
-
-    output: Path
-    workers: int = 1
-    dask: str | None = None
-    fresh: bool = False
-    fail_fast: bool = False
-    show_progress: bool = True
-    keep: bool = True
-    may_replace: bool = True
-
-    def __post_init__(self) -> None:
-        if self.dask is not None and self.workers > 1:
-            raise RequestError("--workers and --dask: give one of them; a scheduler has its own")
-
-    def executor(self) -> Executor:
-        """Where runs are computed."""
-        if self.dask is not None:
-            return DaskCluster(address=self.dask)
-        return LocalProcesses(workers=self.workers) if self.workers > 1 else InProcess()
-
-    def path_of(self, request: Request) -> Path:
-        """Where the runs of `request` are, or would be, stored."""
-        return request.stored or self.output / f"{request.name}{STORED_SUFFIX}"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Outcome:
-    """What became of one experiment.
-
-    Parameters
-    ----------
-    experiment
-        What was asked for.
-    finished
-        Finished runs in the order of the experiment's own list.
-    """
-
-    experiment: Experiment
-    finished: tuple[FinishedRun, ...]
-
-    @property
-    def unexpected(self) -> tuple[FinishedRun, ...]:
-        """Runs that came to nothing although the configuration did not say so."""
-        return tuple(f for f in self.finished if is_unexpected_failure(f))
-
-    @property
-    def missing(self) -> int:
-        """Number of runs that were not computed."""
-        return len(self.experiment.runs()) - len(self.finished)
-
-
-def is_unexpected_failure(finished: FinishedRun) -> bool:
-    """Whether the run failed and its configuration did not expect that."""
-    if finished.status in ("ok", "floor"):
-        return False
-    return not finished.run.experiment.expects_failure(finished.run.method)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -207,18 +120,14 @@ def answer(request: Request, settings: Settings) -> list[Outcome]:
         open_results(settings.output, request.name, fresh=settings.fresh) as results,
         _reasons(request, settings) as why,
     ):
-
-        def keep(batch: Sequence[FinishedRun]) -> None:
-            results.add_batch(batch)
-
         try:
             return carry_out(
                 experiments,
                 settings,
                 title=request.name,
-                known=_never if settings.fresh else results.finished,
+                known=never if settings.fresh else results.finished,
                 why=why,
-                keep=keep,
+                keep=results.add_batch,
             )
         finally:
             # also on Ctrl-C: what is finished is there for the next time
@@ -279,7 +188,7 @@ def _stored_runs(request: Request, settings: Settings) -> Iterator[Known]:
     path = settings.path_of(request)
     is_fresh = settings.fresh and request.stored is None
     if is_fresh or not holds_runs(path):
-        yield _never
+        yield never
         return
     with read_results(path) as results:
         yield results.finished
@@ -316,94 +225,3 @@ def _recall(experiments: Sequence[Experiment], path: Path) -> list[Outcome]:
                 outcome.experiment.name,
             )
     return outcomes
-
-
-def _never(run: Run) -> FinishedRun | None:
-    """No run is known."""
-    return None
-
-
-def carry_out(
-    experiments: Sequence[Experiment],
-    settings: Settings,
-    *,
-    title: str,
-    known: Known = _never,
-    keep: Keep | None = None,
-    why: Why | None = None,
-) -> list[Outcome]:
-    """Recall or compute every run of `experiments`.
-
-    Parameters
-    ----------
-    experiments
-        What to do.
-    settings
-        How.
-    title
-        Beside the progress bar.
-    known
-        Gives back a run that was finished before, or None.
-    keep
-        Called with the runs of every batch that is computed, as soon as it is finished.
-    why
-        Says why a run is computed, for the log.
-    """
-    done: dict[Run, FinishedRun] = {}
-    waiting: list[Run] = []
-    listed = [(experiment, experiment.runs()) for experiment in experiments]
-    for run in (run for _, runs in listed for run in runs):
-        earlier = known(run)
-        if earlier is None:
-            waiting.append(run)
-        else:
-            done[run] = earlier
-    _logger.info("%s: %d runs, %d of them stored", title, len(done) + len(waiting), len(done))
-    if why is not None:
-        _tell_reasons(title, waiting, why)
-    computed = compute_batches(batches_of(waiting), execute_batch, executor=settings.executor())
-    with (
-        contextlib.closing(computed),
-        progress_bar(title, len(waiting), wanted=settings.show_progress) as advance,
-    ):
-        for batch in computed:
-            # what a dead worker did not tell is no result: the next time it is computed again
-            if keep is not None and not batch.is_lost:
-                keep(batch.finished)
-            for finished in batch.finished:
-                done[finished.run] = finished
-                advance(finished.run.title)
-                _report(finished)
-            if settings.fail_fast and any(map(is_unexpected_failure, batch.finished)):
-                _logger.error("stopped at the first unexpected failure (--fail-fast)")
-                break
-    return [
-        Outcome(experiment=experiment, finished=tuple(done[run] for run in runs if run in done))
-        for experiment, runs in listed
-    ]
-
-
-def _tell_reasons(title: str, waiting: Sequence[Run], why: Why) -> None:
-    """How many runs are computed again for which reason."""
-    counts: dict[str, int] = {}
-    for run in waiting:
-        reason = why(run)
-        if reason not in (NEW, FRESH):
-            _logger.debug("%s: %s", run.title, reason)
-            counts[reason] = counts.get(reason, 0) + 1
-    for reason, count in counts.items():
-        _logger.info("%s: computed again: %d runs, %s", title, count, reason)
-
-
-def _report(finished: FinishedRun) -> None:
-    """One line for a run; loud when it failed unexpectedly."""
-    level = logging.WARNING if is_unexpected_failure(finished) else logging.DEBUG
-    message = finished.trajectory.message
-    _logger.log(
-        level,
-        "%s: %s, error %.3g%s",
-        finished.run.title,
-        finished.status,
-        finished.error,
-        f" ({message})" if message else "",
-    )

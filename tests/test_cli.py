@@ -83,6 +83,31 @@ def test_the_command_line_loads_nothing_heavy():
     assert "numpy" in modules_after("import fvi_cli.campaign")
 
 
+ASK_FOR_HELP = """
+import sys
+from fvi_cli.__main__ import main
+
+sys.argv[1:] = ["--help"]
+try:
+    main()
+except SystemExit:
+    pass
+"""
+
+
+def test_help_loads_few_modules():
+    def count(statement):
+        code = statement + "\nimport sys; print(len(sys.modules), file=sys.stderr)"
+        command = [sys.executable, "-c", code]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+        return int(done.stderr)
+
+    bare, of_help, of_numpy = count("pass"), count(ASK_FOR_HELP), count("import numpy")
+    assert of_help - bare < 2 * (of_numpy - bare)
+    # control: what a command needs is much more
+    assert count("import fvi_cli.campaign") - bare > 2 * (of_numpy - bare)
+
+
 def test_help_names_every_command_and_version_the_version():
     done = in_a_process("--help")
     assert done.returncode == 0
@@ -540,11 +565,12 @@ def test_a_reader_that_goes_away_is_no_error_message(folder):
     assert done.returncode == 141
 
 
-def test_a_progress_bar_is_drawn_on_a_terminal_only(folder):
+def on_a_terminal(*arguments):
+    """What is drawn on a terminal, and what goes to standard output."""
     pty = pytest.importorskip("pty")
     leader, follower = pty.openpty()
-    command = [sys.executable, "-m", "fvi_cli", "run", "quick.yaml"]
-    environment = {**os.environ, "TERM": "xterm"}
+    command = [sys.executable, "-m", "fvi_cli", *arguments]
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "160"}
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=follower, text=True, env=environment
     )
@@ -562,7 +588,24 @@ def test_a_progress_bar_is_drawn_on_a_terminal_only(folder):
     stdout, _ = process.communicate(timeout=60)
     os.close(leader)
     assert process.returncode == 0
-    assert b"8/8" in drawn
+    return drawn.decode(), stdout
+
+
+def test_a_progress_bar_is_drawn_on_a_terminal_only(folder):
+    drawn, stdout = on_a_terminal("run", "quick.yaml")
+    assert "8/8" in drawn
     assert "8/8" not in stdout
     # control: no terminal, no bar
     assert "8/8" not in in_a_process("run", "quick.yaml", "--fresh").stderr
+
+
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_within_a_long_run_the_bar_says_how_far_it_is(folder, workers):
+    (folder / "quick.yaml").write_text(SLOW.replace("400000", "30000"))
+    drawn, _ = on_a_terminal("run", "quick.yaml", "--workers", workers)
+    shares = [int(share) for share in re.findall(r"N=30000: +(\d+) %", drawn)]
+    assert len(set(shares)) > 3
+    assert shares == sorted(shares)
+    assert "3/3" in drawn
+    # an estimate of the time that is left
+    assert re.search(r"left +\d+:\d\d:\d\d", re.sub(r"\x1b\[[\d;]*m", "", drawn))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import pickle
 from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
@@ -13,11 +14,14 @@ import numpy as np
 import fvi_cli
 from fvi_cli.errors import ExecutorError
 from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
+from fvi_cli.integrator.advance import Watcher, watched
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
 
 Batch = tuple[Run, ...]
+Watch = Callable[[Batch, int, int], None]
+"""Told now and then which batch is being computed, how many steps are done, and of how many."""
 ComputeBatch = Callable[[Batch], Sequence[FinishedRun]]
 
 
@@ -78,7 +82,15 @@ def compute_batches(
 
 @dataclass(frozen=True, kw_only=True)
 class InProcess:
-    """Computes in this process, one batch after the other, in their order."""
+    """Computes in this process, one batch after the other, in their order.
+
+    Parameters
+    ----------
+    watch
+        Told how far a batch is; None: nobody wants to know.
+    """
+
+    watch: Watch | None = None
 
     def compute(
         self, batches: Sequence[Batch], compute: ComputeBatch
@@ -86,11 +98,16 @@ class InProcess:
         """As :meth:`Executor.compute`."""
         for batch in batches:
             try:
-                finished = tuple(compute(batch))
+                with watched(_of_batch(self.watch, batch)) if self.watch else nullcontext():
+                    finished = tuple(compute(batch))
             except MemoryError as error:
                 yield lost_batch(batch, no_memory(error))
             else:
                 yield FinishedBatch(finished=finished)
+
+
+def _of_batch(watch: Watch, batch: Batch) -> Watcher:
+    return lambda done, n_steps: watch(batch, done, n_steps)
 
 
 # --- how batches travel ---------------------------------------------------------------------------

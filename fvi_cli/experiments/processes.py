@@ -20,6 +20,7 @@ from fvi_cli.experiments.executor import (
     ComputeBatch,
     FinishedBatch,
     PortableResults,
+    Watch,
     compute_portable,
     longest_first,
     lost_batch,
@@ -27,6 +28,7 @@ from fvi_cli.experiments.executor import (
     portable_batch,
     returned_batch,
 )
+from fvi_cli.integrator.advance import watched
 
 ATTEMPTS = 2
 """How often a batch is computed before it is given up."""
@@ -72,6 +74,8 @@ class LocalProcesses:
     ----------
     workers
         Number of processes.
+    watch
+        Told how far a batch is; None: nobody wants to know.
 
     Raises
     ------
@@ -80,6 +84,7 @@ class LocalProcesses:
     """
 
     workers: int
+    watch: Watch | None = None
 
     def __post_init__(self) -> None:
         if self.workers < 1:
@@ -90,13 +95,17 @@ class LocalProcesses:
     ) -> Generator[FinishedBatch, None, None]:
         """As :meth:`Executor.compute`; the longest batches first."""
         waiting = deque(_Task(batch=batch) for batch in longest_first(batches))
-        crew = _Crew(compute=compute, size=min(self.workers, len(waiting)))
+        size = min(self.workers, len(waiting))
+        crew = _Crew(compute=compute, size=size, watch=self.watch)
         try:
             while waiting or crew.busy:
                 while waiting and crew.has_room:
                     crew.give(waiting.popleft())
                 for worker in crew.ready():
-                    task, answer = crew.take(worker)
+                    received = crew.take(worker)
+                    if received is None:
+                        continue
+                    task, answer = received
                     if isinstance(answer, str):
                         yield lost_batch(task.batch, answer)
                     elif answer is not None:
@@ -117,6 +126,7 @@ class _Crew:
 
     compute: ComputeBatch
     size: int
+    watch: Watch | None = None
     busy: dict[Connection, _Worker] = field(default_factory=dict)
     idle: list[_Worker] = field(default_factory=list)
 
@@ -137,7 +147,8 @@ class _Crew:
         # spawn: a fork would copy the locks of threads that a linear algebra library may hold
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs, self.compute), daemon=True)
+        process = context.Process(target=_serve, args=(theirs, self.compute, bool(self.watch)))
+        process.daemon = True
         try:
             process.start()
         finally:
@@ -149,8 +160,10 @@ class _Crew:
         """Wait for processes that have answered or died."""
         return [self.busy[connection] for connection in wait(list(self.busy))]  # type: ignore[index]
 
-    def take(self, worker: _Worker) -> tuple[_Task, PortableResults | str | None]:
+    def take(self, worker: _Worker) -> tuple[_Task, PortableResults | str | None] | None:
         """The task of a process with its results, with why there are none, or None if it died.
+
+        None in place of both if the process has only said how far it is.
 
         Raises
         ------
@@ -160,14 +173,19 @@ class _Crew:
         task = worker.task
         if task is None:  # pragma: no cover - only busy processes are asked
             raise ValueError("worker: it computes nothing")
-        del self.busy[worker.connection]
-        worker.task = None
         try:
             kind, answer = worker.connection.recv()
         except (EOFError, OSError):
             task.deaths += 1
+            del self.busy[worker.connection]
             worker.connection.close()
             return task, None
+        if kind == "progress":
+            if self.watch is not None:
+                self.watch(task.batch, *answer)
+            return None
+        del self.busy[worker.connection]
+        worker.task = None
         self.idle.append(worker)
         if kind == "error":
             raise answer
@@ -193,15 +211,22 @@ class _Crew:
                 worker.process.join()
 
 
-def _serve(connection: Connection, compute: ComputeBatch) -> None:
+def _serve(connection: Connection, compute: ComputeBatch, is_watched: object) -> None:
     """Compute what comes through the pipe until its other end is closed."""
+
+    def tell(done: int, n_steps: int) -> None:
+        connection.send(("progress", (done, n_steps)))
+
     # a Ctrl-C reaches every process of a terminal; only the parent answers it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     # the parent has gone: there is nobody to tell
     with contextlib.suppress(EOFError, OSError):
         while True:
-            connection.send_bytes(_answer_to(connection.recv(), compute))
+            portable = connection.recv()
+            with watched(tell) if is_watched else contextlib.nullcontext():
+                answer = _answer_to(portable, compute)
+            connection.send_bytes(answer)
 
 
 def _answer_to(portable: Any, compute: ComputeBatch) -> bytes:

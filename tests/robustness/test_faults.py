@@ -157,7 +157,7 @@ def dies_of_64(batch):
 
 
 def test_a_run_that_no_worker_survives_is_reported_and_computed_the_next_time(folder, monkeypatch):
-    monkeypatch.setattr("fvi_cli.campaign.execute_batch", dies_of_64)
+    monkeypatch.setattr("fvi_cli.execution.execute_batch", dies_of_64)
     result = here("run", "quick.yaml", "--workers", "2")
     assert result.exit_code == 1
     failed = [row.split() for row in result.stdout.splitlines() if "failed" in row]

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from fvi_cli.experiments.experiment import Run
 from fvi_cli.output.provenance import SOLVER_VERSION, canonical_json
-from fvi_cli.output.storage.files import damage_told, reading
+from fvi_cli.output.storage.files import reading
 from fvi_cli.output.storage.records import COMPLETE, Place, group_path, place_of
-from fvi_cli.output.storage.results import StoredRuns
+from fvi_cli.output.storage.results import StoredRuns, run_groups
 
 NEW, INCOMPLETE, OLDER_SOLVER, OTHER_SOLVER = "new", "incomplete", "older solver", "newer solver"
 
@@ -25,7 +26,7 @@ _CONFIG_KEYS = {
 }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(kw_only=True, eq=False)
 class Reasons:
     """Compares runs that are to be computed with what is stored in their place.
 
@@ -64,7 +65,7 @@ class Reasons:
         specification = json.loads(canonical_json(run.specification()))
         if place in self.stored.places():
             return self._difference(place, specification)
-        if self._is_incomplete(place):
+        if group_path(place) in self._incomplete:
             return INCOMPLETE
         return self._replaced(place, specification)
 
@@ -81,8 +82,7 @@ class Reasons:
         """As `changed` if a run is left over that this one may stand for, else `new`."""
         candidates = (
             changed_keys(json.loads(self._attributes(other)["specification"]), specification)
-            for other in self.stored.places()
-            if other not in self.asked and (other[0], other[2:]) == (place[0], place[2:])
+            for other in self._left_over.get((place[0], place[2:]), ())
         )
         of_method = [
             changed for changed in candidates if all(key.startswith("method.") for key in changed)
@@ -94,12 +94,23 @@ class Reasons:
             self._read[place] = self.stored.attributes(place)
         return self._read[place]
 
-    def _is_incomplete(self, place: Place) -> bool:
-        path = self.stored.path
-        if not path.exists():
-            return False
-        with reading(path) as file, damage_told(path):
-            return group_path(place) in file and COMPLETE not in file[group_path(place)].attrs
+    @cached_property
+    def _incomplete(self) -> frozenset[str]:
+        """Groups of runs that are only half there."""
+        if not self.stored.path.exists():
+            return frozenset()
+        with reading(self.stored.path) as file:
+            groups = [group for _, _, group in run_groups(file)]
+            return frozenset(str(group.name) for group in groups if COMPLETE not in group.attrs)
+
+    @cached_property
+    def _left_over(self) -> Mapping[tuple[object, ...], list[Place]]:
+        """Stored runs that are not asked for any more, by all but their case."""
+        found: dict[tuple[object, ...], list[Place]] = {}
+        for place in self.stored.places():
+            if place not in self.asked:
+                found.setdefault((place[0], place[2:]), []).append(place)
+        return found
 
 
 def changed_keys(old: Mapping[str, Any], new: Mapping[str, Any]) -> tuple[str, ...]:
