@@ -87,31 +87,9 @@ def _pendulum_goals(table: CostTable) -> list[Goal]:
                 how=f"{theirs:.2g} s {how} over {ours.seconds:.2g} s",
             )
         )
-    if ours.curve is not None and f"{ours.curve.key}-direct" in curves:
-        direct = curves[f"{ours.curve.key}-direct"]
-        slow = direct.seconds_to(1e-9)
-        goals.append(
-            Goal(
-                name="pendulum to 1e-9: step by step with direct history over block by block",
-                measured=slow / ours.seconds,
-                bound=2.0,
-                is_least=True,
-                how=f"{slow:.2g} s over {ours.seconds:.2g} s, {ours.curve.key}, set-up included",
-            )
-        )
-        both = _same_steps(direct, ours.curve, 1e-9)
-        if both is not None:
-            slow_row, quick_row = both
-            goals.append(
-                Goal(
-                    name="the same, steps alone",
-                    measured=slow_row.stepping_seconds_min / quick_row.stepping_seconds_min,
-                    bound=2.0,
-                    is_least=True,
-                    how=f"{slow_row.stepping_seconds_min:.2g} s over "
-                    f"{quick_row.stepping_seconds_min:.2g} s, N = {quick_row.n_steps}",
-                )
-            )
+    for curve in blocks:
+        if f"{curve.key}-direct" in curves:
+            goals += _route_goals(curve, curves[f"{curve.key}-direct"])
     if baselines:
         ours = cheapest_at(blocks, 1e-7)
         times = {curve.key: _seconds(curve, 1e-7) for curve in baselines}
@@ -125,6 +103,33 @@ def _pendulum_goals(table: CostTable) -> list[Goal]:
                 bound=100.0,
                 is_least=True,
                 how=f"{name} {theirs:.2g} s {how} over {ours.seconds:.2g} s",
+            )
+        )
+    return goals
+
+
+def _route_goals(blocks: Curve, direct: Curve) -> list[Goal]:
+    """One method by both routes of its steps."""
+    slow, quick = direct.seconds_to(1e-9), blocks.seconds_to(1e-9)
+    goals = [
+        Goal(
+            name=f"pendulum to 1e-9, {blocks.key}: step by step with direct history over blocks",
+            measured=slow / quick,
+            bound=2.0,
+            is_least=True,
+            how=f"{slow:.2g} s over {quick:.2g} s, set-up included",
+        )
+    ]
+    both = _same_steps(direct, blocks, 1e-9)
+    if both is not None:
+        slow, quick = (row.stepping_seconds_min for row in both)
+        goals.append(
+            Goal(
+                name="the same, steps alone",
+                measured=slow / quick,
+                bound=2.0,
+                is_least=True,
+                how=f"{slow:.2g} s over {quick:.2g} s, N = {both[0].n_steps}",
             )
         )
     return goals
