@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from fvi_cli.experiments.experiment import Experiment, FinishedRun
@@ -35,6 +34,7 @@ Array = NDArray[np.float64]
 _MOST_COMPONENTS = 4
 _MOST_LINES = 24
 _FEW_LINES = 8
+_MOST_TICKS = 10
 _SHAPES = 17
 _POINTS = 201
 _MARKS = 9
@@ -167,7 +167,7 @@ def _draw_masses(axes: Axes, experiment: Experiment, best: FinishedRun, what: st
     axes.set_xlim(0.0, experiment.problem.final_time)
     axes.set_xlabel(f"time $t$ (step size $h = {best.run.step_size:.8g}$)")
     axes.set_ylabel(f"{what} $i$, displaced by $x_i(t)$")
-    axes.yaxis.set_major_locator(MaxNLocator(nbins=8, integer=True))
+    axes.set_yticks(np.arange(1, count + 1, -(-count // _MOST_TICKS)))
     _scale_bar(axes, lift, position[:, drawn])
 
 

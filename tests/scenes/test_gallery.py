@@ -1,0 +1,45 @@
+"""Every kind of scene has its equation in the README, a configuration and a committed picture."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from fvi_cli.config import find_config, load_config, shipped_configs
+from fvi_cli.scenes.registry import EQUATIONS
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+KINDS = [kind for kind in EQUATIONS if kind != "fractional-derivative"]
+GALLERY = {
+    experiment.problem.kind: experiment
+    for experiment in load_config(find_config("gallery")).experiments
+}
+
+
+def test_the_gallery_has_every_kind_once() -> None:
+    assert sorted(GALLERY) == sorted(KINDS)
+    assert all(one.name == f"gallery-{kind}" for kind, one in GALLERY.items())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_is_documented_and_pictured(kind: str) -> None:
+    (figure,) = GALLERY[kind].figures
+    equation = EQUATIONS[kind].replace("|", r"\|")
+    path = f"results/figures/gallery-{kind}-{figure}"
+    assert f"| `{kind}` | {equation} | [{figure}]({path}.png) |" in README
+    for suffix in (".png", ".pdf", ".json"):
+        assert (ROOT / f"{path}{suffix}").stat().st_size > 100
+    assert json.loads((ROOT / f"{path}.json").read_text(encoding="utf-8"))["panels"]
+
+
+def test_every_kind_has_a_configuration_beside_the_gallery() -> None:
+    others = {
+        experiment.problem.kind
+        for name in shipped_configs()
+        if name != "gallery"
+        for experiment in load_config(find_config(name)).experiments
+    }
+    assert others >= set(KINDS)
