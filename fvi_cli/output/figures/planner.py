@@ -23,6 +23,7 @@ from fvi_cli.output.figures.motion import (
     waterfall_figure,
 )
 from fvi_cli.output.figures.saturation import saturation_figure
+from fvi_cli.output.figures.sweeps import sweep_convergence_figure, sweep_trajectory_figure
 from fvi_cli.output.figures.time_series import energy_figure, error_figure, trajectory_figure
 from fvi_cli.scenes.problem import DerivativeProblem
 
@@ -49,6 +50,10 @@ _OVER_TIME: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
     "path": path_figure,
     "waterfall": waterfall_figure,
 }
+_OF_MEMBERS: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
+    "convergence": sweep_convergence_figure,
+    "trajectory": sweep_trajectory_figure,
+}
 _LEAST_LADDER = 3
 
 
@@ -57,7 +62,8 @@ def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[st
 
     An experiment that names its figures gets these. Otherwise a ladder of three or more step
     counts gets ``convergence``, a shorter one ``trajectory``, ``energy`` and ``error``, as far as
-    there are an energy and something to measure errors against. Experiments of kind
+    there are an energy and something to measure errors against. Of a sweep there are
+    ``convergence`` and ``trajectory`` only, in a figure of their own. Experiments of kind
     ``fractional-derivative`` share one saturation figure.
 
     Parameters
@@ -89,6 +95,9 @@ def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[st
         if isinstance(experiment.problem, DerivativeProblem) or not finished:
             continue
         for kind in figure_kinds(experiment, finished):
+            if experiment.members:
+                figures[f"{experiment.name}-{kind}"] = _OF_MEMBERS[kind](experiment, finished)
+                continue
             if kind == "convergence":
                 ladders.append((experiment, finished))
             else:
@@ -143,7 +152,10 @@ def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[
     """Why a kind of figure cannot be drawn, for those that cannot."""
     if not finished:
         return dict.fromkeys(FIGURE_KINDS, "no run was finished")
-    obstacles = {}
+    obstacles: dict[str, str] = {}
+    if experiment.members:
+        reason = f"of a sweep there are {' and '.join(_OF_MEMBERS)}"
+        obstacles = {kind: reason for kind in FIGURE_KINDS if kind not in _OF_MEMBERS}
     compared = any(np.isfinite(item.error) for item in finished)
     if not compared and all(item.status == "ok" for item in finished):
         obstacles["convergence"] = f"there is no error: the reference is {finished[0].reference}"
