@@ -167,12 +167,14 @@ def order_tables(outcomes: Sequence[Outcome]) -> list[OrderTable]:
 def write_benchmark(output: Path, exponent: int) -> tuple[str, Path]:
     """Measure the engine, write ``benchmark.md`` in `output`; returns the text and the path."""
     from fvi_cli.experiments.benchmark import run_benchmark
+    from fvi_cli.experiments.many_benchmark import run_many_benchmark
     from fvi_cli.experiments.memory_benchmark import run_memory_benchmark
     from fvi_cli.output.atomic import replace_file
     from fvi_cli.output.provenance import package_versions, platform_name
 
     before = _load()
     times = run_benchmark(exponent=exponent)
+    many = run_many_benchmark(exponent)
     # with the usual 2^20: 2^22 steps that are kept, and ten millions of which a few are
     memory = run_memory_benchmark(exponent=exponent + 2, long_steps=10**7 * 2**exponent // 2**20)
     versions = package_versions()
@@ -188,6 +190,9 @@ def write_benchmark(output: Path, exponent: int) -> tuple[str, Path]:
             "## Time and error",
             "",
             times.to_markdown(),
+            "## Many oscillators",
+            "",
+            many.to_markdown(),
             "## Memory",
             "",
             memory.to_markdown(),
