@@ -18,7 +18,11 @@ from fvi_cli.integrator.expected_order import expected_order
 from fvi_cli.integrator.integrate import can_be_diagnosed, integrate
 from fvi_cli.integrator.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.stability import StabilityPrediction, predict_stability
+from fvi_cli.integrator.stability import (
+    StabilityPrediction,
+    predict_stability,
+    stability_along,
+)
 from fvi_cli.integrator.stability_limits import refusal
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.operators import left_operator
@@ -71,8 +75,7 @@ def assessed(
     remarks = trajectory.remarks
     if isinstance(run.problem, Problem):
         remarks += interpolation_remarks(run.problem.scene, run.n_steps)
-    if prediction.linearised_verdict == "unstable":
-        remarks += (f"stability: {prediction.reason}",)
+    remarks += stability_remarks(run, trajectory, prediction)
     trajectory = dataclasses.replace(trajectory, remarks=remarks)
     exact = reference.values(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
@@ -93,6 +96,22 @@ def assessed(
         expected_order=_expected_order(run),
         reference=reference.source,
     )
+
+
+def stability_remarks(
+    run: Run, trajectory: Trajectory, prediction: StabilityPrediction
+) -> tuple[str, ...]:
+    """A warning where a nonlinear scene is unstable when it is linearised, now or later."""
+    if prediction.linearised_verdict == "unstable":
+        return (f"stability: {prediction.reason}",)
+    problem = run.problem
+    if not isinstance(problem, Problem) or problem.scene.is_linear:
+        return ()
+    worst = stability_along(problem.scene, run.method, run.n_steps, trajectory)
+    if worst is None or worst[1].verdict != "unstable":
+        return ()
+    time, there = worst
+    return (f"stability: nonlinear; linearised on the path at t = {time:.6g}: {there.reason}",)
 
 
 def _integrated(problem: Problem, run: Run) -> Trajectory:

@@ -1,0 +1,319 @@
+"""Stability of many modes, of planes, of long growth, along paths, and over configurations."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from fvi_cli.config import parse_config
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.experiments.stability_study import (
+    distinct_regions,
+    observe,
+    regions,
+    stability_rows,
+)
+from fvi_cli.experiments.study import execute
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.linearisation import linearised_along
+from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.integrator.stability import predict_stability, stability_along
+from fvi_cli.integrator.stability_determinant import (
+    LinearSystem,
+    number_of_unknowns,
+    step_determinant,
+)
+from fvi_cli.integrator.stability_map import GROWTH_LEVELS, stability_map
+from fvi_cli.mathematics.disc_zeros import count_zeros
+from fvi_cli.mathematics.many_discs import UNDECIDED, count_zeros_of_many
+from fvi_cli.output.tables.stability import COLUMNS, stability_csv, stability_json
+from fvi_cli.scenes.named import linear_oscillator
+
+GAUSS = Method(cq="gauss", degree=2)
+NODES = Method(cq="bdf6", degree=1, sampling="nodes")
+
+
+def oscillator(final_time, *, mass=1.0, stiffness=1.0, damping=((1.5, 1.0),)):
+    mass = np.atleast_2d(mass)
+    return linear_oscillator(
+        final_time=final_time,
+        mass=mass,
+        stiffness=stiffness,
+        damping=[FractionalDamping(order=o, coefficient=np.atleast_2d(c)) for o, c in damping],
+        initial_position=np.ones(mass.shape[0]),
+        initial_velocity=np.zeros(mass.shape[0]),
+    )
+
+
+class Polynomials:
+    """(z - a)(z - b) for pairs a, b."""
+
+    def __init__(self, pairs):
+        self.pairs = np.array(pairs, dtype=complex)
+
+    def tabulate(self, z):
+        return z
+
+    def all_logarithms(self, table, functions):
+        with np.errstate(divide="ignore"):
+            return np.log(table[None, :, None] - self.pairs[functions][:, None, :]).sum(axis=2)
+
+    def logarithms(self, table, functions):
+        with np.errstate(divide="ignore"):
+            return np.log(table[:, None] - self.pairs[functions]).sum(axis=1)
+
+
+def test_zeros_of_many_functions_are_counted_together():
+    # also pairs close to the circle, inside and outside, and one upon it
+    near = 0.9 * np.exp(0.7j)
+    pairs = [
+        (0.1, 0.2),
+        (0.95, -0.99),
+        (0.5, 2.0),
+        (near * 0.999, np.conj(near) * 0.999),
+        (near * 1.001, np.conj(near) * 1.001),
+        (0.89999, 0.90001),
+        (0.9, 0.1),
+    ]
+    counts = count_zeros_of_many(Polynomials(pairs), len(pairs), 0.9, 8)
+    assert counts.tolist() == [2, 0, 1, 2, 0, 1, UNDECIDED]
+    with pytest.raises(ValueError, match="must lie in"):
+        count_zeros_of_many(Polynomials(pairs), len(pairs), 1.0, 8)
+
+
+PLANE_METHODS = (
+    NODES,
+    Method(cq="bdf4", degree=2),
+    Method(cq="bdf3", degree=3),
+    Method(cq="radau-iia", degree=2),
+    Method(cq="lobatto-iiic", degree=3),
+    GAUSS,
+    Baseline(name="explicit-euler"),
+    Baseline(name="gruenwald-letnikov"),
+)
+
+
+@pytest.mark.parametrize("method", PLANE_METHODS, ids=lambda method: method.case)
+def test_a_map_says_what_the_determinants_say_one_by_one(method):
+    # the map evaluates polynomials in stiffness and damping, the determinants are determinants
+    stiffness, damping = np.geomspace(1e-2, 1e5, 6), np.geomspace(1e-3, 1e3, 5)
+    for order in (0.4, 1.6):
+        found = stability_map(method, order, stiffness, damping)
+        for row, mu in enumerate(damping):
+            for column, k in enumerate(stiffness):
+                system = LinearSystem(
+                    mass=np.eye(1), stiffness=np.array([[k]]), damping=((order, np.array([[mu]])),)
+                )
+                determinant = step_determinant(system, method, 1.0)
+                degree = number_of_unknowns(system, method)
+                counts = [count_zeros(determinant, math.exp(-g), degree) for g in GROWTH_LEVELS]
+                level = next((n for n, count in enumerate(counts) if not count), len(counts))
+                assert found.level[row, column] == level, (order, k, mu)
+    assert found.share_stable == (1.0 if method is GAUSS else pytest.approx(0.5, abs=0.45))
+
+
+def test_the_border_of_a_map_is_the_sawtooth_bound():
+    # mu h^(2 - gamma) gamma_6(-1)^gamma = 4 at little stiffness
+    damping = np.geomspace(1e-3, 1.0, 301)
+    found = stability_map(NODES, 1.5, np.array([1e-4]), damping)
+    border = damping[int((found.level[:, 0] == 0).sum())]
+    assert border == pytest.approx(4 / (416 / 15) ** 1.5, rel=0.03)
+    with pytest.raises(ValueError, match="stiffness: values must increase"):
+        stability_map(NODES, 1.5, np.array([2.0, 1.0]), damping)
+
+
+def chain(n, *, ends_only):
+    stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    coupling = np.zeros((n, n))
+    coupling[0, 0] += 1.0
+    return oscillator(
+        200.0,
+        mass=np.eye(n),
+        stiffness=50 * stiffness,
+        damping=((0.5, coupling if ends_only else stiffness),),
+    )
+
+
+@pytest.mark.parametrize(
+    "method", [Method(cq="bdf4", degree=2), NODES, Method(cq="radau-iia", degree=2)]
+)
+def test_long_chains_are_decided_mode_by_mode(method):
+    n, n_steps = 400, 400
+    scene = chain(n, ends_only=False)
+    together = predict_stability(scene, method, n_steps)
+    eigenvalues = 2 - 2 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1))
+    alone = [
+        predict_stability(
+            oscillator(200.0, stiffness=50 * value, damping=((0.5, value),)), method, n_steps
+        )
+        for value in eigenvalues[:: 1 if method.degree == 1 else 40]
+    ]
+    assert together.growth_per_step >= max(one.growth_per_step for one in alone) - 1e-9
+    assert together.verdict == "unstable"
+    if method.degree == 1:
+        assert together.growing_modes == sum(one.growing_modes for one in alone)
+        worst = max(one.growth_per_step for one in alone)
+        assert together.growth_per_step == pytest.approx(worst, rel=1e-9)
+
+
+def test_large_scenes_without_modes_are_decided_where_that_is_proved():
+    scene = chain(100, ends_only=True)
+    prediction = predict_stability(scene, GAUSS, 100)
+    assert prediction.verdict == "stable"
+    assert "no step of the method gains energy" in prediction.reason
+    midpoint = Method(cq="bdf2", degree=1)
+    assert predict_stability(scene, midpoint, 100).verdict == "stable"
+    # controls: methods that may gain energy, and a scene that is fed
+    for method in (NODES, Method(cq="bdf3", degree=1), Method(cq="bdf2", degree=2)):
+        unknown = predict_stability(scene, method, 100)
+        assert unknown.verdict == "unknown"
+        assert "do not fall apart into modes" in unknown.reason
+    (term,) = scene.damping
+    fed = dataclasses.replace(
+        scene, damping=(dataclasses.replace(term, coefficient=-term.coefficient),)
+    )
+    assert predict_stability(fed, GAUSS, 100).verdict == "unknown"
+
+
+@pytest.mark.parametrize("method", [GAUSS, Method(cq="gauss", degree=1)])
+@pytest.mark.parametrize(("order", "mu"), [(1.0, -1.9), (0.5, -1.6), (1.5, -0.9)])
+def test_long_growth_that_is_the_truth_is_not_unstable(method, order, mu):
+    # a relative error of the rate of one percent is a factor 1e3 after a growth of e^700
+    scene = oscillator(400.0, damping=((order, mu),))
+    for n_steps in (400, 800, 3000):
+        prediction = predict_stability(scene, method, n_steps)
+        assert prediction.verdict == "stable", (n_steps, prediction)
+        assert prediction.exact_growth > 0
+
+
+def test_growth_that_is_not_the_truth_is_unstable_beside_one_that_is():
+    # the sawtooth mode of explicit sampling, in a scene that is fed by a term of another order
+    scene = oscillator(200.0, damping=((1.5, 1.0), (0.3, -1.2)))
+    calm = predict_stability(scene, GAUSS, 200)
+    assert calm.exact_growth > 0
+    assert calm.verdict == "stable"
+    assert predict_stability(scene, NODES, 200).verdict == "unstable"
+    # a mode of the right kind, but a rate that is wrong by far more than a quarter
+    slow = oscillator(2000.0, damping=((1.0, -0.002),))
+    euler = predict_stability(slow, Baseline(name="explicit-euler"), 4000)
+    assert 0 < euler.exact_growth < euler.growth_per_step / 1.25
+    assert euler.verdict == "unstable"
+
+
+LIGHTER = """
+problem:
+  kind: lagrangian
+  coordinates: [x]
+  lagrangian: (1 + x**2)*vx**2/2 - 5*x**2
+  damping: [{order: 1.5, coefficient: 1.0, acts_on: [x]}]
+  initial: {position: 3.0, velocity: 0.0}
+  final_time: 4.0
+method: [{bdf: 6, sampling: nodes}, {rk: gauss, degree: 2, start: none}]
+ladder: {steps: [100]}
+"""
+
+
+def test_a_path_that_leads_into_instability_is_warned_about():
+    # heavy at the start, ten times lighter, and so more damped, where x = 0
+    runs = parse_config(LIGHTER, "lighter.yaml").experiments[0].runs()
+    nodes, gauss = (execute(run) for run in runs)
+    scene = nodes.run.problem.scene
+    assert predict_stability(scene, NODES, 100).linearised_verdict == "stable"
+    (remark,) = [r for r in nodes.trajectory.remarks if r.startswith("stability:")]
+    assert "linearised on the path at t = " in remark
+    assert nodes.predicted == "unknown"
+    assert not any(r.startswith("stability:") for r in gauss.trajectory.remarks)
+    time, worst = stability_along(scene, NODES, 100, gauss.trajectory)
+    assert (worst.verdict, time > 0) == ("unstable", True)
+
+
+def test_linearisations_lie_between_the_softest_and_the_stiffest():
+    text = """
+problem: {kind: pendulum, initial: {position: 3.0, velocity: 0.0}, final_time: 10.0}
+ladder: {steps: [100]}
+"""
+    (run,) = parse_config(text, "swing.yaml").experiments[0].runs()
+    scene = run.problem.scene
+    path = integrate(scene, run.method, 100)
+    found = [near.potential.stiffness[0, 0] for _, near in linearised_along(scene, path)]
+    assert found == sorted(found)
+    assert found[0] == pytest.approx(np.cos(path.position).min(), abs=1e-2)
+    assert found[-1] == pytest.approx(np.cos(path.position).max(), abs=1e-2)
+    assert linearised_along(oscillator(1.0), path) == []
+
+
+STUDY = """
+name: quick
+problem:
+  kind: bagley-torvik
+  damping: [{order: 1.5, coefficient: 1.0}]
+  final_time: 1.0
+method: {bdf: [2, 6], sampling: nodes, degree: 1}
+ladder: {steps: [16, 256]}
+stability:
+  region:
+    orders: [0.5, 1.5]
+    stiffness: {from: 0.01, to: 100, number: 5, spacing: log}
+    damping: [0.01, 1.0, 100.0]
+"""
+
+
+def test_what_is_predicted_over_a_ladder_is_observed():
+    (experiment,) = parse_config(STUDY, "quick.yaml").experiments
+    rows = list(stability_rows(experiment, with_observation=True))
+    assert [row.verdict for row in rows] == ["stable", "stable", "unstable", "unstable"]
+    assert [row.observation.verdict for row in rows] == [row.verdict for row in rows]
+    assert all(row.observation.agrees for row in rows)
+    for row in rows[2:]:
+        measured = row.observation.growth_per_step
+        assert measured == pytest.approx(row.prediction.growth_per_step, rel=1e-2)
+    assert rows[0].lasting_step == pytest.approx(0.25, rel=0.01)
+    assert rows[2].lasting_step < rows[2].largest_stable_step < 1 / 256
+    maps = regions(experiment)
+    assert [(one.method.case.split("-")[0], one.order) for one in maps] == [
+        ("bdf2", 0.5),
+        ("bdf6", 0.5),
+        ("bdf2", 1.5),
+        ("bdf6", 1.5),
+    ]
+    assert next(stability_rows(experiment, with_observation=False)).observation is None
+
+
+def test_a_wrong_prediction_would_be_seen():
+    # the control: what BDF6 does is not what is predicted of BDF5
+    scene = oscillator(1.0, stiffness=0.1, damping=((1.5, 0.5),))
+    n_steps = 140
+    other = Method(cq="bdf5", degree=1, sampling="nodes")
+    six, five = observe(scene, NODES, n_steps), observe(scene, other, n_steps)
+    assert (six.verdict, six.agrees) == ("unstable", True)
+    assert dataclasses.replace(six, predicted="stable").agrees is False
+    assert five.agrees is True
+    assert dataclasses.replace(six, predicted="unknown").agrees is None
+
+
+def test_true_growth_is_observed_as_stable():
+    scene = oscillator(20.0, damping=((1.0, -0.5),))
+    seen = observe(scene, GAUSS, 200)
+    assert (seen.verdict, seen.agrees) == ("stable", True)
+    assert seen.growth_per_step == pytest.approx(0.025, rel=0.02)
+
+
+def test_methods_that_differ_in_start_have_one_region():
+    methods = [GAUSS, dataclasses.replace(GAUSS, start="series"), NODES, Baseline(name="dop853")]
+    assert distinct_regions(methods) == [GAUSS, NODES]
+
+
+def test_tables_hold_every_row():
+    from fvi_cli.experiments.stability_study import StabilityTable
+
+    (experiment,) = parse_config(STUDY, "quick.yaml").experiments
+    rows = tuple(stability_rows(experiment, with_observation=False))
+    table = StabilityTable(experiment=experiment, rows=rows)
+    lines = stability_csv([table]).splitlines()
+    assert lines[0] == ",".join(COLUMNS)
+    assert len(lines) == 5
+    content = json.loads(stability_json("quick", [table]))
+    assert [row["predicted"] for row in content["rows"]] == [row.verdict for row in rows]
+    assert content["rows"][0]["observed_growth_per_step"] is None
