@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.output.storage.files import reading
-from fvi_cli.output.storage.results import run_groups
+from fvi_cli.output.storage.locations import run_groups
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -56,7 +56,7 @@ ALWAYS_BY_MEMBER = (
 """Datasets along ``member`` even where all members have the same."""
 
 _SHARED = ("time", "dof", "map")
-_MEANINGS: Mapping[str, str] = {
+MEANINGS: Mapping[str, str] = {
     **LONG_NAMES,
     MEMBER: "member of the sweep",
     POINTS: "number of points that the member has; nan behind them",
@@ -185,12 +185,12 @@ def _write_columns(group: h5py.Group, columns: Columns, keys: Sequence[str]) -> 
         if name in _SUMMARIES:
             group.attrs[name] = _SUMMARIES[name](values)
     group.create_dataset(MEMBER, data=np.arange(len(columns["identity"]))).make_scale(MEMBER)
-    group[MEMBER].attrs["long_name"] = _MEANINGS[MEMBER]
+    group[MEMBER].attrs["long_name"] = MEANINGS[MEMBER]
     for key in keys:
-        _write_column(group, key, [value_at(one["problem"], key) for one in specifications])
+        write_column(group, key, [value_at(one["problem"], key) for one in specifications])
     for name, values in columns.items():
         if name in ALWAYS_BY_MEMBER or name in varying:
-            _write_column(group, name, values)
+            write_column(group, name, values)
 
 
 def _same(one: Any, other: Any) -> bool:
@@ -209,8 +209,8 @@ _SUMMARIES: Mapping[str, Any] = {
 }
 
 
-def _write_column(group: h5py.Group, name: str, values: Sequence[Any]) -> None:
-    """One value for every member: numbers, texts, or JSON where it is neither."""
+def write_column(group: h5py.Group, name: str, values: Sequence[Any]) -> None:
+    """Write one value for every member: numbers, texts, or JSON where it is neither."""
     encoding = ""
     data: Any
     kind: Any
@@ -224,7 +224,7 @@ def _write_column(group: h5py.Group, name: str, values: Sequence[Any]) -> None:
             values = [json.dumps(_listed(v)) for v in values]
         data, kind = list(values), h5py.string_dtype()
     dataset = group.create_dataset(name, data=data, dtype=kind)
-    dataset.attrs["long_name"] = _MEANINGS.get(name, name.replace("_", " "))
+    dataset.attrs["long_name"] = MEANINGS.get(name, name.replace("_", " "))
     if encoding:
         dataset.attrs["encoding"] = encoding
     if name not in json.loads(group.attrs[SWEPT]):
@@ -244,7 +244,7 @@ def _write_shared(group: h5py.Group, block: Block, length: int) -> None:
         size = length if name == "time" else values.size
         data = np.full(size, np.nan) if name == "time" else values
         dataset = group.create_dataset(name, data=data, dtype=stored_kind(values))
-        dataset.attrs["long_name"] = _MEANINGS[name]
+        dataset.attrs["long_name"] = MEANINGS[name]
         dataset.make_scale(name)
         if name == "time":
             dataset[: values.size] = values
@@ -252,7 +252,7 @@ def _write_shared(group: h5py.Group, block: Block, length: int) -> None:
 
 def _create(group: h5py.Group, name: str, shape: tuple[int, ...], keys: Sequence[str]) -> None:
     dataset = group.create_dataset(name, shape=shape, dtype="<f8", fillvalue=np.nan)
-    dataset.attrs["long_name"] = _MEANINGS[name]
+    dataset.attrs["long_name"] = MEANINGS[name]
     dataset.attrs["coordinates"] = " ".join(keys)
 
 
@@ -349,77 +349,3 @@ def read_rows(group: h5py.Group, columns: Columns, start: int, stop: int) -> lis
             attributes["newton_worst_residuals"] = np.asarray(residuals, dtype=float)
         records.append(Record(attributes=attributes, datasets=datasets))
     return records
-
-
-def write_member_convergence(
-    group: h5py.Group, ladders: Mapping[int, Columns], keys: Sequence[str]
-) -> None:
-    """The summary of a case: errors and what they took, by member and number of steps.
-
-    Parameters
-    ----------
-    group
-        Empty.
-    ladders
-        The attributes of all members by number of steps.
-    keys
-        The swept keys.
-    """
-    steps = sorted(ladders)
-    places: dict[str, int] = {}
-    values: list[list[Any]] = []
-    for columns in ladders.values():
-        for text in columns["specification"]:
-            problem = json.loads(text)["problem"]
-            own = [value_at(problem, key) for key in keys]
-            if places.setdefault(canonical_json(own), len(places)) == len(values):
-                values.append(own)
-    first = ladders[steps[0]]
-    group.attrs[SWEPT] = json.dumps(list(keys))
-    group.attrs["norm"] = attribute(first["norm"][0])
-    scales = {
-        MEMBER: np.arange(len(values)),
-        "n_steps": np.array(steps, dtype=np.int64),
-    }
-    for name, numbers in scales.items():
-        dataset = group.create_dataset(name, data=numbers, dtype="<i8")
-        dataset.attrs["long_name"] = _MEANINGS[name]
-        dataset.make_scale(name)
-    for key, column in zip(keys, zip(*values, strict=True), strict=True):
-        _write_column(group, key, column)
-    sizes = [float(ladders[n]["step_size"][0]) for n in steps]
-    group.create_dataset("step_size", data=np.array(sizes)).dims[0].attach_scale(group["n_steps"])
-    group["step_size"].attrs["long_name"] = _MEANINGS["step_size"]
-    tables = {
-        name: np.full((len(values), len(steps)), empty, dtype=kind)
-        for name, (empty, kind) in _CONVERGENCE.items()
-    }
-    for rung, n_steps in enumerate(steps):
-        columns = ladders[n_steps]
-        for row, text in enumerate(columns["specification"]):
-            problem = json.loads(text)["problem"]
-            place = places[canonical_json([value_at(problem, key) for key in keys])]
-            for name, table in tables.items():
-                source = "stepping_seconds" if name == "seconds" else name
-                table[place, rung] = columns[source][row]
-    for name, table in tables.items():
-        is_text = table.dtype.kind == "O"
-        dataset = group.create_dataset(
-            name,
-            data=table.tolist() if is_text else table,
-            dtype=h5py.string_dtype() if is_text else stored_kind(table),
-        )
-        dataset.attrs["long_name"] = _MEANINGS[name]
-        dataset.attrs["coordinates"] = " ".join(keys)
-        for axis, dimension in enumerate((MEMBER, "n_steps")):
-            dataset.dims[axis].attach_scale(group[dimension])
-    for key in keys:
-        group[key].dims[0].attach_scale(group[MEMBER])
-
-
-_CONVERGENCE: Mapping[str, tuple[Any, Any]] = {
-    "error": (np.nan, float),
-    "seconds": (np.nan, float),
-    "history_operations": (0, np.int64),
-    "status": ("missing", object),
-}

@@ -14,8 +14,8 @@ import numpy as np
 from fvi_cli.experiments.members import value_in_words
 from fvi_cli.output.storage.batch_records import is_batch, values_in
 from fvi_cli.output.storage.files import reading
+from fvi_cli.output.storage.locations import run_groups
 from fvi_cli.output.storage.records import COMPLETE
-from fvi_cli.output.storage.results import run_groups
 
 MOST_VALUES = 6
 """Values of a swept key that are told one by one."""

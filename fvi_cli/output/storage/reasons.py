@@ -11,8 +11,9 @@ from typing import Any
 from fvi_cli.experiments.experiment import Run
 from fvi_cli.output.provenance import SOLVER_VERSION, canonical_json
 from fvi_cli.output.storage.files import reading
+from fvi_cli.output.storage.locations import run_groups
 from fvi_cli.output.storage.records import COMPLETE, Place, group_path, place_of
-from fvi_cli.output.storage.results import StoredRuns, run_groups
+from fvi_cli.output.storage.results import StoredRuns
 
 NEW, INCOMPLETE, OLDER_SOLVER, OTHER_SOLVER = "new", "incomplete", "older solver", "newer solver"
 

@@ -3,58 +3,38 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import logging
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
-
-import h5py
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from fvi_cli.errors import StorageError
 from fvi_cli.experiments.experiment import FinishedRun, Run
 from fvi_cli.output.provenance import (
-    canonical_json,
     identity,
     identity_otherwise_allowed,
-    origin,
-    package_versions,
-    platform_name,
     sha256,
 )
-from fvi_cli.output.storage.batch_reading import MemberReader, Row
+from fvi_cli.output.storage.batch_reading import MemberReader
 from fvi_cli.output.storage.batch_records import (
-    Columns,
     block_of,
     columns_of,
-    is_batch,
     member_record,
-    read_columns,
-    values_in,
     write_batch,
-    write_member_convergence,
 )
-from fvi_cli.output.storage.files import UNFINISHED, NewFile, damage_told, reading, replacing, told
+from fvi_cli.output.storage.consolidation import Configuration, described, write_root, write_runs
+from fvi_cli.output.storage.files import UNFINISHED, damage_told, reading, replacing, told
+from fvi_cli.output.storage.locations import Location, index, located
 from fvi_cli.output.storage.locking import folder_lock
 from fvi_cli.output.storage.records import (
-    COMPLETE,
-    SWEPT,
     Place,
-    Record,
-    attribute,
-    basis,
     basis_in,
     basis_of,
     finished_of,
     group_path,
-    place_in,
     place_of,
-    read_record,
     record_of,
-    write_datasets,
     write_record,
 )
 
@@ -62,46 +42,6 @@ _logger = logging.getLogger(__name__)
 
 SUFFIX = ".h5"
 PARTS_SUFFIX = ".parts"
-CONVERGENCE = "convergence"
-
-
-class Configuration(Protocol):
-    """What a file says of the configuration that made it."""
-
-    @property
-    def text(self) -> str:
-        """Word for word."""
-
-    @property
-    def resolved(self) -> Mapping[str, Any]:
-        """With every default filled in."""
-
-    @property
-    def overrides(self) -> tuple[str, ...]:
-        """Changes that were asked for beside it."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Location:
-    """Where a complete run is stored."""
-
-    file: Path
-    place: Place
-    identity: str
-    basis: str
-    predicted: str
-    row: int | None = None
-
-    def read(self, reader: MemberReader) -> Record:
-        if self.row is not None:
-            return reader.record(self.member_row)
-        with reading(self.file) as file:
-            return read_record(file[group_path(self.place)])
-
-    @property
-    def member_row(self) -> Row:
-        """Where a member of a sweep is."""
-        return self.file, group_path(self.place), self.row or 0
 
 
 @dataclass(kw_only=True, eq=False)
@@ -109,8 +49,8 @@ class StoredRuns:
     """The complete runs of a result file and of the parts beside it, by identity."""
 
     path: Path
-    _by_identity: dict[str, _Location] = field(default_factory=dict)
-    _by_place: dict[Place, _Location] = field(default_factory=dict)
+    _by_identity: dict[str, Location] = field(default_factory=dict)
+    _by_place: dict[Place, Location] = field(default_factory=dict)
     _reader: MemberReader = field(default_factory=MemberReader)
 
     def finished(self, run: Run) -> FinishedRun | None:
@@ -128,7 +68,7 @@ class StoredRuns:
         with damage_told(location.file):
             return finished_of(record, run)
 
-    def _location(self, run: Run) -> _Location | None:
+    def _location(self, run: Run) -> Location | None:
         """Where the run is, also under the other answer to a question that it does not raise."""
         location = self._by_identity.get(identity(run))
         if location is None:
@@ -160,7 +100,7 @@ class StoredRuns:
             for place, location in self._by_place.items()
         )
 
-    def _learn(self, locations: Iterable[_Location]) -> None:
+    def _learn(self, locations: Iterable[Location]) -> None:
         for location in locations:
             self._by_identity[location.identity] = location
             self._by_place[location.place] = location
@@ -216,7 +156,7 @@ class Results(StoredRuns):
                 path = self.parts / f"{record.attributes['identity']}{SUFFIX}"
                 with replacing(path) as new:
                     write_record(new.file, record)
-                self._learn([_located(path, record.attributes)])
+                self._learn([located(path, record.attributes)])
                 self._ask(finished.run, str(record.attributes["identity"]))
             return
         records = [member_record(finished) for finished in batch]
@@ -227,7 +167,7 @@ class Results(StoredRuns):
         own_basis = basis_in(records[0].attributes)
         for row, (finished, record) in enumerate(zip(batch, records, strict=True)):
             own_identity = str(record.attributes["identity"])
-            location = _Location(
+            location = Location(
                 file=path,
                 place=place_of(finished.run),
                 identity=own_identity,
@@ -260,8 +200,8 @@ class Results(StoredRuns):
         if not self._is_current(chosen, configuration):
             try:
                 with replacing(self.path) as new:
-                    _write_root(new.file, configuration)
-                    _write_runs(new, chosen, self._reader)
+                    write_root(new.file, configuration)
+                    write_runs(new, chosen, self._reader)
             except StorageError as error:
                 raise StorageError(f"{error}; finished runs are kept in {self.parts}") from error
         self._remove_parts()
@@ -271,7 +211,7 @@ class Results(StoredRuns):
         self._learn(index(self.path))
         return self.path
 
-    def _chosen(self) -> dict[Place, _Location]:
+    def _chosen(self) -> dict[Place, Location]:
         """What the file is to hold, in the order of asking, what was not asked for behind."""
         # members in the order of the sweep, whenever they were computed
         in_order = sorted(self._asked, key=lambda place: self._numbers.get(place, -1))
@@ -290,16 +230,16 @@ class Results(StoredRuns):
             _logger.info("%s: %d runs of an earlier problem are replaced", self.path, superseded)
         return chosen
 
-    def _is_current(self, chosen: Mapping[Place, _Location], configuration: Configuration) -> bool:
+    def _is_current(self, chosen: Mapping[Place, Location], configuration: Configuration) -> bool:
         """Whether the file holds just that already."""
         if not self.path.is_file() or any(
             location.file != self.path or location.place != place
             for place, location in chosen.items()
         ):
             return False
-        described = _described(configuration)
+        wanted = described(configuration)
         with reading(self.path) as file:
-            return all(file.attrs.get(name) == value for name, value in described.items())
+            return all(file.attrs.get(name) == value for name, value in wanted.items())
 
     def _remove_parts(self) -> None:
         with told(self.parts):
@@ -366,69 +306,12 @@ def holds_runs(path: Path) -> bool:
     return path.exists() or bool(_part_paths(path.with_suffix(PARTS_SUFFIX)))
 
 
-def _located(path: Path, attributes: Mapping[str, Any]) -> _Location:
-    return _Location(
-        file=path,
-        place=place_in(attributes),
-        identity=str(attributes["identity"]),
-        basis=basis_in(attributes),
-        predicted=str(attributes["predicted"]),
-    )
-
-
-def index(path: Path) -> list[_Location]:
-    """Every complete run of a file.
-
-    Raises
-    ------
-    StorageError
-        If it cannot be read or is not ours.
-    """
-    found = []
-    with reading(path) as file:
-        for _, _, group in run_groups(file):
-            if COMPLETE in group.attrs:
-                is_several = is_batch(group)
-                found += _members(path, group) if is_several else [_located(path, group.attrs)]
-    return found
-
-
-def _members(path: Path, group: h5py.Group) -> list[_Location]:
-    """Every member of a sweep in a group."""
-    keys = tuple(json.loads(group.attrs[SWEPT]))
-    own_basis = basis(json.loads(group.attrs["specification"]), keys)
-    names = (str(group.attrs["experiment"]), str(group.attrs["case"]), int(group.attrs["n_steps"]))
-    columns = read_columns(group, ("identity", "predicted"))
-    return [
-        _Location(
-            file=path,
-            place=(*names, canonical_json(values)),
-            identity=own_identity,
-            basis=own_basis,
-            predicted=predicted,
-            row=row,
-        )
-        for row, (values, own_identity, predicted) in enumerate(
-            zip(values_in(group), columns["identity"], columns["predicted"], strict=True)
-        )
-    ]
-
-
-def run_groups(file: h5py.File) -> Iterator[tuple[str, str, h5py.Group]]:
-    """Every run of a file with the names of its experiment and case."""
-    for experiment, cases in file.items():
-        for case, runs in cases.items():
-            for name, group in runs.items():
-                if name != CONVERGENCE:
-                    yield experiment, case, group
-
-
-def _all_locations(path: Path, parts: Path) -> list[_Location]:
+def _all_locations(path: Path, parts: Path) -> list[Location]:
     stored = index(path) if path.exists() else []
     return stored + _part_locations(parts)
 
 
-def _part_locations(parts: Path) -> list[_Location]:
+def _part_locations(parts: Path) -> list[Location]:
     found = []
     for path in _part_paths(parts):
         # another process may just have consolidated it
@@ -450,78 +333,3 @@ def _sweep(path: Path, parts: Path) -> None:
     for leftover in unfinished:
         with told(leftover):
             leftover.unlink(missing_ok=True)
-
-
-def _described(configuration: Configuration) -> dict[str, str]:
-    resolved = canonical_json(configuration.resolved)
-    return {
-        "config": configuration.text,
-        "config_overrides": json.dumps(list(configuration.overrides)),
-        "resolved_config": resolved,
-        "resolved_config_sha256": sha256(resolved),
-    }
-
-
-def _write_root(file: h5py.File, configuration: Configuration) -> None:
-    attributes = {
-        **_described(configuration),
-        **origin(),
-        "packages": canonical_json(package_versions()),
-        "hdf5_version": h5py.version.hdf5_version,
-        "platform": platform_name(),
-    }
-    for name, value in attributes.items():
-        file.attrs[name] = attribute(value)
-
-
-def _write_runs(new: NewFile, chosen: Mapping[Place, _Location], reader: MemberReader) -> None:
-    """Write all runs, one or a block in memory at a time, and the summary of every case."""
-    rows: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
-    swept: dict[tuple[str, str, int], list[Row]] = {}
-    for place, location in chosen.items():
-        experiment, case, n_steps, _ = place
-        if location.row is not None:
-            swept.setdefault((experiment, case, n_steps), []).append(location.member_row)
-            continue
-        record = location.read(reader)
-        # the same numbers may have been stored under another experiment's name
-        named = {"experiment": experiment, "case": case, "n_steps": n_steps}
-        record = Record(attributes={**record.attributes, **named}, datasets=record.datasets)
-        write_record(new.file, record)
-        new.check()
-        rows.setdefault((experiment, case), []).append(record.attributes)
-    for (experiment, case), attributes in rows.items():
-        group = new.file.create_group(f"/{experiment}/{case}/{CONVERGENCE}", track_order=True)
-        ordered = sorted(attributes, key=lambda row: int(row["n_steps"]))
-        datasets = _convergence(ordered)
-        write_datasets(group, datasets, dict.fromkeys(datasets, ("n_steps",)))
-        group.attrs["norm"] = attribute(ordered[0]["norm"])
-    _write_sweeps(new, swept, reader)
-
-
-def _write_sweeps(
-    new: NewFile, swept: Mapping[tuple[str, str, int], Sequence[Row]], reader: MemberReader
-) -> None:
-    ladders: dict[tuple[str, str], dict[int, Columns]] = {}
-    for (experiment, case, n_steps), rows in swept.items():
-        columns = reader.columns(rows)
-        named = {"experiment": experiment, "case": case, "n_steps": n_steps}
-        columns |= {name: [value] * len(rows) for name, value in named.items()}
-        write_batch(new.file, columns, reader.blocks(rows))
-        new.check()
-        ladders.setdefault((experiment, case), {})[n_steps] = columns
-    for (experiment, case), ladder in ladders.items():
-        group = new.file.create_group(f"/{experiment}/{case}/{CONVERGENCE}", track_order=True)
-        keys = json.loads(next(iter(ladder.values()))[SWEPT][0])
-        write_member_convergence(group, ladder, keys)
-
-
-def _convergence(rows: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[Any]]:
-    return {
-        "n_steps": np.array([row["n_steps"] for row in rows], dtype=np.int64),
-        "step_size": np.array([row["step_size"] for row in rows], dtype=float),
-        "error": np.array([row["error"] for row in rows], dtype=float),
-        "seconds": np.array([row["stepping_seconds"] for row in rows], dtype=float),
-        "history_operations": np.array([row["history_operations"] for row in rows], dtype=np.int64),
-        "status": np.array([row["status"] for row in rows], dtype=object),
-    }
