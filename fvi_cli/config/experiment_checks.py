@@ -12,7 +12,7 @@ from fvi_cli.config.complaints import Complaints, KeyPath, excerpt, listed, sugg
 from fvi_cli.config.diagnostic_keys import read_diagnostics
 from fvi_cli.config.document import ListNode, MappingNode, Node
 from fvi_cli.config.experiment_keys import MOST_STEPS
-from fvi_cli.config.memory import in_gigabytes, machine_bytes, predicted_bytes
+from fvi_cli.config.memory import in_gigabytes, machine_bytes, predicted_bytes, run_bytes
 from fvi_cli.config.method_keys import ListedMethod, read_methods
 from fvi_cli.config.problem_checks import break_points, make_problem
 from fvi_cli.config.records import node_at
@@ -24,7 +24,7 @@ from fvi_cli.experiments.experiment import Experiment
 from fvi_cli.integrator.baselines import baseline_objection
 from fvi_cli.integrator.break_points import TOLERANCE
 from fvi_cli.integrator.diagnostics import NOTHING
-from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.method import Baseline
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 
 # Break points are taken for fractions of the interval with denominators up to this.
@@ -80,11 +80,9 @@ def make_experiment(
         _check_cases(key, values[key], methods, node, path, complaints)
     if problem is not None:
         _check_meeting(problem, methods, complaints)
-        dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
-        every = None
-        if all(_needs_stored_points_only(found.method) for found in methods):
-            every = values["store"]["every"] if isinstance(values["store"], Mapping) else None
-        _check_memory(dimension, steps, every, node, path, complaints)
+        every = values["store"]["every"] if isinstance(values["store"], Mapping) else 1
+        if isinstance(every, int):
+            _check_memory(problem, methods, steps, every, node, path, complaints)
         diagnostics = read_diagnostics(
             values["store"], problem, values["problem"], methods, node, path, complaints
         )
@@ -260,31 +258,41 @@ def _objection(problem: Problem | DerivativeProblem, listed_method: ListedMethod
     return ""
 
 
-def _needs_stored_points_only(method: AnyMethod) -> bool:
-    return isinstance(method, Method) and method.history == "exponentials"
-
-
 def _check_memory(
-    dimension: int,
+    problem: Problem | DerivativeProblem,
+    methods: list[ListedMethod],
     steps: tuple[int, ...],
-    every: int | None,
+    every: int,
     node: MappingNode,
     path: KeyPath,
     complaints: Complaints,
 ) -> None:
     """No run may need more memory than there is."""
     available = machine_bytes()
-    for index, n_steps in enumerate(steps):
-        predicted = predicted_bytes(n_steps, dimension, every=every)
-        if available is not None and predicted > available:
-            _complain_of_step(
-                index,
-                node,
-                path,
-                complaints,
-                f"{n_steps} steps need about {in_gigabytes(predicted)} of memory, this machine "
-                f"has {in_gigabytes(available)}",
-            )
+    if available is None:
+        return
+
+    def predicted(n_steps: int) -> int:
+        if isinstance(problem, DerivativeProblem):
+            return predicted_bytes(n_steps, 1)
+        return max(
+            (run_bytes(problem.scene, found.method, n_steps, every=every) for found in methods),
+            default=0,
+        )
+
+    # memory grows with the number of steps
+    for index in sorted(range(len(steps)), key=lambda index: -steps[index]):
+        needed = predicted(steps[index])
+        if needed <= available:
+            break
+        _complain_of_step(
+            index,
+            node,
+            path,
+            complaints,
+            f"{steps[index]} steps need about {in_gigabytes(needed)} of memory, this machine "
+            f"has {in_gigabytes(available)}",
+        )
 
 
 def experiment_nodes(root: MappingNode) -> list[tuple[Node, KeyPath]]:

@@ -7,6 +7,10 @@ import os
 from pathlib import Path
 from typing import Final
 
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.plan import planned_bytes
+
 # Trajectory, samples, weights, their transforms and the copies that are made when storing.
 DOUBLES_PER_STEP: Final = 20
 _CONTAINER_LIMIT: Final = Path("/sys/fs/cgroup/memory.max")
@@ -24,6 +28,19 @@ def predicted_bytes(n_steps: int, dimension: int, *, every: int | None = None) -
     """
     points = n_steps if every is None else n_steps // every + 1
     return 8 * DOUBLES_PER_STEP * points * dimension
+
+
+def run_bytes(scene: Scene, method: AnyMethod, n_steps: int, *, every: int = 1) -> int:
+    """Memory of a run by its plan, in bytes.
+
+    Parameters
+    ----------
+    scene, method, n_steps
+        The run.
+    every
+        Only every n-th point is kept, which is of use with ``history: exponentials``.
+    """
+    return planned_bytes(scene, method, n_steps, every=every)
 
 
 def machine_bytes() -> int | None:

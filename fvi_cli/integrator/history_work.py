@@ -7,7 +7,6 @@ two together.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -80,12 +79,19 @@ def channel_shapes(
 
 def direct_operations(shape: Shape, n_steps: int) -> int:
     """Every sum written out, step after step, and the force at the end."""
-    return sum(_direct_sum(shape, c, c.memory, range(n_steps + 1)) for c in shape.channels)
+    return sum(_direct_sum(shape, c, c.memory, n_steps + 1) for c in shape.channels)
 
 
-def _direct_sum(shape: Shape, channel: ChannelShape, memory: int, places: Iterable[int]) -> int:
+def _direct_sum(shape: Shape, channel: ChannelShape, memory: int, count: int) -> int:
+    """Sums over the past of `count` steps from the first one on."""
     per_lag = shape.samples * shape.coupled * (1 if channel.is_scalar else shape.samples)
-    return per_lag * sum(min(place, memory - 1) for place in places)
+    return per_lag * pairs(count, memory)
+
+
+def pairs(count: int, memory: int) -> int:
+    """How many earlier steps, at most M - 1 for each, the first `count` steps look back to."""
+    rising = min(count, memory)
+    return rising * (rising - 1) // 2 + (count - rising) * (memory - 1)
 
 
 def stepped_operations(shape: Shape, n_steps: int) -> int:
@@ -96,8 +102,8 @@ def stepped_operations(shape: Shape, n_steps: int) -> int:
     inside = 0
     for channel in shape.channels:
         memory = min(channel.memory, STEPPED_GROUP)
-        inside += groups * _direct_sum(shape, channel, memory, range(STEPPED_GROUP))
-        inside += _direct_sum(shape, channel, memory, range(rest))
+        inside += groups * _direct_sum(shape, channel, memory, STEPPED_GROUP)
+        inside += _direct_sum(shape, channel, memory, rest)
     return inside + spread_operations(shape, STEPPED_GROUP, n_steps + 1, n_steps // STEPPED_GROUP)
 
 
@@ -105,7 +111,6 @@ def spread_operations(shape: Shape, group: int, n_steps: int, finished: int) -> 
     """What `finished` groups of `n_steps` steps take to be convolved into later ones."""
     q, e, m = shape.batch, shape.coupled, shape.samples
     n_groups = -(-n_steps // group)
-    end = n_groups * group
     long = [c for c in shape.channels if c.memory - 1 > group]
     short = [c for c in shape.channels if 1 < c.memory <= group + 1]
     near = min(group, max(1, LARGEST_NEAR // (m * e))) if long else 1
@@ -115,11 +120,18 @@ def spread_operations(shape: Shape, group: int, n_steps: int, finished: int) -> 
         reach = max(max((c.memory for c in short), default=1) - 1, near - 1)
         total += spreading * (len(short) + len(long)) * q * e * (reach * m) ** 2
     if long:
-        for done in range(1, spreading + 1):
-            length = (done & -done) * group
-            wanted = min(length, end - done * group)
+        # b finished groups spread as many groups as the largest power of two that divides b
+        power = 1
+        while power <= spreading:
+            count = (spreading // power + 1) // 2
+            last = (2 * count - 1) * power
+            wanted = min(power, n_groups - last) * group
+            length = power * group
             period = 2 * length if wanted == length else even_fast_length(length + wanted)
             total += transform_operations(shape, long, period)
+            if count > 1:
+                total += (count - 1) * transform_operations(shape, long, 2 * length)
+            power *= 2
     return total
 
 
@@ -148,14 +160,14 @@ def block_operations(shape: Shape, sizes: BlockSizes, n_steps: int, ends: int) -
     count = -(-n_steps // block)
     if ends and n_steps % block == 0 and n_steps % group != 0:
         count += 1
-    own = sum(min(k + 1, c.memory) for c in shape.channels for k in range(block))
+    own = sum(pairs(block, c.memory) + block for c in shape.channels)
     total = q * e * count * m * m * own
     far = min(block, shape.memory - 1)
     reach = min(block * (sizes.blocks - 1), shape.memory - 1)
     in_group = [min(reach, place * block) for place in range(sizes.blocks)]
     whole, rest = divmod(count, sizes.blocks)
-    pairs = whole * sum(in_group) + sum(in_group[:rest])
-    total += len(shape.channels) * q * e * pairs * m * m * far
+    reached = whole * sum(in_group) + sum(in_group[:rest])
+    total += len(shape.channels) * q * e * reached * m * m * far
     if ends and n_steps % group == 0:
         total += q * e * sum(min(c.memory, n_steps + 1) - 1 for c in shape.channels)
     return total + spread_operations(shape, group, n_steps, whole)
@@ -172,11 +184,11 @@ def newton_operations(shape: Shape, largest: int, n_steps: int, ends: int) -> in
         return 0
     group, size = largest * BLOCKS_PER_GROUP, shape.samples * shape.coupled
     groups, rest = divmod(n_steps, group)
-    pairs = groups * sum(min(p + 1, memory) for p in range(group))
-    pairs += sum(min(p + 1, memory) for p in range(rest))
+    # every step looks back to earlier ones of its group, and to itself
+    connected = groups * pairs(group, memory) + pairs(rest, memory) + n_steps
     if ends and rest:
-        pairs += min(rest, memory - 1)
-    return pairs * size**2 + spread_operations(shape, group, n_steps + ends, groups)
+        connected += min(rest, memory - 1)
+    return connected * size**2 + spread_operations(shape, group, n_steps + ends, groups)
 
 
 def large_operations(shape: Shape, n_steps: int, ends: int) -> int:
@@ -188,14 +200,13 @@ def large_operations(shape: Shape, n_steps: int, ends: int) -> int:
         q = channel.support
         groups, rest = divmod(n_steps, LARGE_GROUP)
         blocks, left = divmod(n_steps, LARGE_BLOCK)
-        near = blocks * sum(min(k, channel.memory - 1) for k in range(LARGE_BLOCK))
-        near += sum(min(k, channel.memory - 1) for k in range(left))
+        near = blocks * pairs(LARGE_BLOCK, channel.memory) + pairs(left, channel.memory)
         total += near * m * m * q
         reach = min(LARGE_GROUP - LARGE_BLOCK, channel.memory - 1)
         ahead = [min(place, reach) for place in range(0, LARGE_GROUP, LARGE_BLOCK)]
         # what lies ahead is summed up when a block is done, at the last step as well
-        pairs = groups * sum(ahead) + sum(ahead[: rest // LARGE_BLOCK + 1])
-        total += q * pairs * m * LARGE_BLOCK * m
+        reached = groups * sum(ahead) + sum(ahead[: rest // LARGE_BLOCK + 1])
+        total += q * reached * m * LARGE_BLOCK * m
         own = Shape(channels=(channel,), samples=m, coupled=1, batch=q)
         total += spread_operations(own, LARGE_GROUP, n_steps + 1, groups)
     return total
@@ -220,15 +231,15 @@ def baseline_operations(
     total = 0
     for term in damping:
         if method.name == "explicit-euler":
-            pairs = 0 if term.is_integer_order else n_steps * (n_steps - 1) // 2
+            terms = 0 if term.is_integer_order else n_steps * (n_steps - 1) // 2
         elif method.name == "implicit-euler":
-            pairs = 0 if term.is_integer_order else n_steps * (n_steps + 1) // 2
+            terms = 0 if term.is_integer_order else n_steps * (n_steps + 1) // 2
         elif method.name == "gruenwald-letnikov":
-            pairs = 2 * n_steps - 1 if term.is_integer_order else n_steps * (n_steps + 1) // 2
+            terms = 2 * n_steps - 1 if term.is_integer_order else n_steps * (n_steps + 1) // 2
         elif method.name == "product-integration":
-            pairs = n_steps if term.is_integer_order else n_steps * (n_steps - 1) // 2
+            terms = n_steps if term.is_integer_order else n_steps * (n_steps - 1) // 2
         else:
             # SciPy's integrator has no memory; that of peers is not ours to count
             return 0 if method.name == "dop853" else None
-        total += pairs * dimension
+        total += terms * dimension
     return total

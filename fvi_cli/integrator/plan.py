@@ -129,21 +129,8 @@ def plan_run(scene: Scene, method: AnyMethod, n_steps: int, *, every: int = 1) -
         return _baseline_plan(scene, method, n_steps)
     plan = plan_series(scene, method, n_steps) if method.start == "series" else NO_SERIES
     settled = settled_method(scene, method, plan)
-    directions = terms_by_direction(scene.active_damping)
-    samples = 1 if method.sampling == "nodes" else method.stages
-    channels = channel_shapes(method, n_steps + 1, scene.active_damping)
-    shape = Shape(channels=channels, samples=samples, coupled=scene.dimension)
-    machinery = _machinery(scene, method, n_steps, shape)
-    sizes = Sizes(
-        scene=scene,
-        method=settled,
-        n_steps=n_steps,
-        every=every,
-        shape=machinery.shape,
-        route=machinery.route,
-        has_series=plan.known is not None,
-        n_states=machinery.n_states,
-    )
+    machinery = _machinery(scene, method, n_steps)
+    sizes = _sizes(scene, method, n_steps, every, has_series=plan.known is not None)
     return Plan(
         effects=effects_of_scene(scene),
         steps=machinery.steps,
@@ -153,10 +140,34 @@ def plan_run(scene: Scene, method: AnyMethod, n_steps: int, *, every: int = 1) -
         history_operations=machinery.operations,
         memory_bytes=peak_bytes(sizes),
         seconds=predicted_seconds(sizes, machinery.operations),
-        n_sequences=len(directions),
+        n_sequences=len(machinery.shape.channels),
         systems=machinery.shape.batch,
         coupled=machinery.shape.coupled,
         remarks=interpolation_remarks(scene, n_steps),
+    )
+
+
+def planned_bytes(scene: Scene, method: AnyMethod, n_steps: int, *, every: int = 1) -> int:
+    """The plan's memory alone, which takes no expansion of the solution.
+
+    A start series that is asked for counts as used.
+    """
+    if isinstance(method, Baseline):
+        return _baseline_bytes(scene, n_steps)
+    return peak_bytes(_sizes(scene, method, n_steps, every, has_series=method.start == "series"))
+
+
+def _sizes(scene: Scene, method: Method, n_steps: int, every: int, *, has_series: bool) -> Sizes:
+    machinery = _machinery(scene, method, n_steps)
+    return Sizes(
+        scene=scene,
+        method=method,
+        n_steps=n_steps,
+        every=every,
+        shape=machinery.shape,
+        route=machinery.route,
+        has_series=has_series,
+        n_states=machinery.n_states,
     )
 
 
@@ -172,14 +183,17 @@ class _Machinery:
     n_states: int = 0
 
 
-def _machinery(scene: Scene, method: Method, n_steps: int, shape: Shape) -> _Machinery:
-    forms = [direction for direction, _ in terms_by_direction(scene.active_damping)]
+@functools.lru_cache(maxsize=256)
+def _machinery(scene: Scene, method: Method, n_steps: int) -> _Machinery:
+    samples = 1 if method.sampling == "nodes" else method.stages
+    channels = channel_shapes(method, n_steps + 1, scene.active_damping)
+    shape = Shape(channels=channels, samples=samples, coupled=scene.dimension)
     ends = int(method.sampling == "nodes" and bool(shape.channels))
     if method.history == "exponentials":
-        return _exponentials(scene, method, n_steps, shape, scene_decoupling(scene, forms))
+        return _exponentials(scene, method, n_steps, shape, _decoupling(scene))
     decoupling = None
     if not sums_directly(method.history, n_steps):
-        decoupling = scene_decoupling(scene, forms)
+        decoupling = _decoupling(scene)
     damped = bool(shape.channels)
     route = choose_route(scene, method.history, n_steps, shape.samples, decoupling, damped=damped)
     whole = f"Newton's iteration with the exact Jacobian, {n_steps} single steps"
@@ -221,6 +235,13 @@ def _machinery(scene: Scene, method: Method, n_steps: int, shape: Shape) -> _Mac
         history=direct,
         operations=direct_operations(shape, n_steps),
     )
+
+
+@functools.lru_cache(maxsize=8)
+def _decoupling(scene: Scene) -> Decoupling | None:
+    """Made once for all runs of a scene: modes of many components take their time."""
+    directions = [direction for direction, _ in terms_by_direction(scene.active_damping)]
+    return scene_decoupling(scene, directions)
 
 
 def _linear_blocks(
@@ -318,7 +339,6 @@ def _forcing_in_words(scene: Scene, method: Method, plan: SeriesPlan) -> str:
 def _baseline_plan(scene: Scene, method: Baseline, n_steps: int) -> Plan:
     operations = baseline_operations(method, scene.active_damping, scene.dimension, n_steps)
     per_operation, per_call = machine_speed()
-    numbers = (4 + 2 * len(scene.active_damping)) * scene.dimension * n_steps
     return Plan(
         effects=effects_of_scene(scene),
         steps=f"{n_steps} single steps of {method.name}",
@@ -326,10 +346,14 @@ def _baseline_plan(scene: Scene, method: Baseline, n_steps: int) -> Plan:
         series="nothing is done about the start",
         forcing="none" if scene.forcing is None else "at the grid points",
         history_operations=operations,
-        memory_bytes=8 * numbers,
+        memory_bytes=_baseline_bytes(scene, n_steps),
         seconds=per_operation * (operations or 0) + 60 * per_call * n_steps,
         n_sequences=len(scene.active_damping),
         systems=1,
         coupled=scene.dimension,
         remarks=interpolation_remarks(scene, n_steps),
     )
+
+
+def _baseline_bytes(scene: Scene, n_steps: int) -> int:
+    return 8 * (4 + 2 * len(scene.active_damping)) * scene.dimension * n_steps

@@ -253,7 +253,7 @@ WHOLE_TEXTS = [
     ("»" + "#" * 1_000_001, "the text has more than 1000000 characters", "too large"),
     (
         PENDULUM.replace("[4]", "[»1073741824]"),
-        "ladder.steps.0: 1073741824 steps need about 172 GB",
+        "ladder.steps.0: 1073741824 steps need about 173 GB",
         "has 8 GB",
     ),
 ]
