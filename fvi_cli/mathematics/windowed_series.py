@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.mathematics.graded_panels import tabulated
+from fvi_cli.mathematics.kummer import kummer_functions
 from fvi_cli.mathematics.power_series import initial_terms, merged_terms, power_rule
 
 Array = NDArray[np.float64]
@@ -131,19 +132,21 @@ class WindowedSeries:
         )
         factors = power_rule(self.exponents, order)
 
+        parts = [
+            part
+            for sigma, c, factor, initial in zip(
+                self.exponents.tolist(), self.coefficients, factors, subtracted, strict=True
+            )
+            for part in _parts(sigma, c, float(factor), order, self.decay, initial=bool(initial))
+        ]
+        first = np.array([part.first for part in parts])
+        second = np.array([part.second for part in parts])
+
         def values(at: Array) -> Array:
             total = np.zeros((at.size, self.dimension))
-            for sigma, c, factor, initial in zip(
-                self.exponents, self.coefficients, factors, subtracted, strict=True
-            ):
-                if initial:
-                    basis = _caputo_of_initial_term(at, int(sigma), order, self.decay)
-                elif factor == 0:
-                    basis = _at_a_pole(at, float(sigma), order, self.decay)
-                else:
-                    basis = factor * at ** (sigma - order)
-                    basis *= _kummer(sigma + 1, sigma + 1 - order, self.decay * at)
-                total += basis[:, None] * c
+            functions = kummer_functions(first, second, self.decay * at)
+            for part, function in zip(parts, functions, strict=True):
+                total += (part.scale * at**part.power * function)[:, None] * part.coefficients
             return total
 
         return self._on_times(values, time)
@@ -172,30 +175,56 @@ class WindowedSeries:
             return tabulated(values, time.ravel()).reshape(*time.shape, self.dimension)
 
 
-def _caputo_of_initial_term(time: Array, exponent: int, order: float, decay: float) -> Array:
-    r"""Derivative of e^{-z} - 1 (+ z for orders above 1), or of t (e^{-z} - 1), z = lambda t."""
-    z = decay * time
-    if exponent == 1:
-        both = _kummer(2.0, 3.0 - order, z) + _kummer(1.0, 3.0 - order, z)
-        return -decay / math.gamma(3.0 - order) * time ** (2.0 - order) * both
-    n = math.ceil(order)
-    scale = (-decay) ** n / math.gamma(n + 1.0 - order)
-    return np.asarray(scale * time ** (n - order) * _kummer(1.0, n + 1.0 - order, z))
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Part:
+    r"""The function :math:`s t^p {}_1F_1(a; b; -\lambda t) c` with c in R^d.
+
+    In extreme units s and c are multiplied last, lest their product leave the range of numbers.
+    """
+
+    coefficients: Array
+    scale: float
+    power: float
+    first: float
+    second: float
 
 
-def _at_a_pole(time: Array, exponent: float, order: float, decay: float) -> Array:
-    """Limit of the general form where its second parameter is 0 or -1."""
-    a = exponent + 1.0
-    n = round(order - a) + 1
-    scale = math.gamma(a + n) * (-decay) ** n / math.factorial(n)
-    return np.asarray(
-        scale * time ** (exponent - order + n) * _kummer(a + n, n + 1.0, decay * time)
-    )
+def _parts(
+    exponent: float,
+    coefficients: Array,
+    factor: float,
+    order: float,
+    decay: float,
+    *,
+    initial: bool,
+) -> list[_Part]:
+    """The fractional derivative of one term under the exponential.
 
-
-def _kummer(a: float, b: float, z: Array) -> Array:
-    """1F1(a; b; -z) for z >= 0."""
-    # SciPy's special functions are slow to import and only singular starts call for them.
-    from scipy.special import hyp1f1
-
-    return np.asarray(hyp1f1(a, b, -z))
+    Of an `initial` term it is that of e^{-z} - 1 (+ z for orders above 1), or of t (e^{-z} - 1),
+    with z = lambda t. Where the second parameter of the general form is 0 or -1 (its `factor` is
+    0 there) it is the limit.
+    """
+    if initial and exponent == 1:
+        scale = -decay / math.gamma(3.0 - order)
+        return [
+            _Part(
+                coefficients=coefficients,
+                scale=scale,
+                power=2.0 - order,
+                first=a,
+                second=3.0 - order,
+            )
+            for a in (2.0, 1.0)
+        ]
+    if initial:
+        n = math.ceil(order)
+        scale = (-decay) ** n / math.gamma(n + 1.0 - order)
+        power, a, b = n - order, 1.0, n + 1.0 - order
+    elif factor == 0:
+        a = exponent + 1.0
+        n = round(order - a) + 1
+        scale = math.gamma(a + n) * (-decay) ** n / math.factorial(n)
+        power, a, b = exponent - order + n, a + n, n + 1.0
+    else:
+        scale, power, a, b = factor, exponent - order, exponent + 1.0, exponent + 1.0 - order
+    return [_Part(coefficients=coefficients, scale=scale, power=power, first=a, second=b)]
