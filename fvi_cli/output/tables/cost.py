@@ -17,6 +17,8 @@ from fvi_cli.experiments.price import (
     cost_curves,
     pareto_front,
 )
+from fvi_cli.integrator.method import PEER_NAMES, AnyMethod, Baseline
+from fvi_cli.integrator.peers import PEER_LIMITS
 from fvi_cli.output.tables.csv_table import field
 from fvi_cli.output.tables.document import Block, Bullets, Grid, Heading, Paragraph
 from fvi_cli.output.tables.naming import MethodName, method_names, number
@@ -204,9 +206,15 @@ def cost_summary(tables: Sequence[CostTable], *, level: int = 2) -> list[Block]:
             "is extrapolated, not measured."
         )
     ]
+    if any(_is_peer(case.method) for table in tables for case in table.cases):
+        blocks.append(Paragraph(words=f"Limits of the peers: {PEER_LIMITS}."))
     for table in tables:
         blocks += _summary(table, level)
     return blocks
+
+
+def _is_peer(method: AnyMethod) -> bool:
+    return isinstance(method, Baseline) and method.name in PEER_NAMES
 
 
 def _summary(table: CostTable, level: int) -> list[Block]:
