@@ -129,7 +129,7 @@ class ManyTable:
                 f"{1e3 * row.alone_seconds:.1f}",
                 f"{row.together_seconds:.2f}",
                 f"{row.multiple:.0f}",
-                f"{row.largest_each * row.count:.0f}",
+                f"{row.largest_each * row.count:.0f}" if math.isfinite(row.largest_each) else "-",
                 f"{row.difference:.1e}",
                 "yes" if row.is_met else "no",
             )
@@ -237,7 +237,7 @@ def measure_many(case: ManyCase, count: int, n_steps: int) -> ManyRow:
 
 def oscillators(count: int) -> list[Scene]:
     """Oscillators with stiffness, damping and start values of their own."""
-    rng, unit = np.random.default_rng(0), np.eye(1)
+    rng = np.random.default_rng(0)
     return [
         linear_oscillator(
             final_time=FINAL_TIME,
