@@ -32,6 +32,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ConfigError, FviError, RequestError, StorageError
 from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
 from fvi_cli.experiments.order import OrderTable, order_table
+from fvi_cli.experiments.order import order_tables as tables_of_orders
 from fvi_cli.experiments.study import study
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
@@ -169,7 +170,11 @@ def recall(path: Path | str) -> list[Outcome]:
 
 def order_tables(outcomes: Sequence[Outcome]) -> list[OrderTable]:
     """Tables of orders, one for every experiment, as ``fvi convergence`` makes them."""
-    return [order_table(outcome.experiment, outcome.finished) for outcome in outcomes]
+    return [
+        table
+        for outcome in outcomes
+        for table in tables_of_orders(outcome.experiment, outcome.finished)
+    ]
 
 
 def figures(outcomes: Sequence[Outcome], *, name: str = "figure") -> dict[str, Figure]:

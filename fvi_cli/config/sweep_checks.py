@@ -80,7 +80,9 @@ def _made(
     if sweep is None:
         return None
     values = {key: _values(key, sweep, template, node, path, complaints) for key in sweep.values}
-    if len(complaints):
+    # a key that is not known was complained of when the first member was read
+    is_whole = all(len(values[key]) == len(nodes) for key, nodes in sweep.values.items())
+    if len(complaints) or not is_whole:
         return None
     text = json.dumps(template)
     members = tuple(

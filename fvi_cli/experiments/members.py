@@ -80,8 +80,10 @@ def members_at_a_time(n_steps: int, dimension: int) -> int:
 
 
 def values_in_words(values: Mapping[str, Any]) -> str:
-    """``problem.stiffness = 2, problem.damping.0.order = 0.5``."""
-    return ", ".join(f"{key} = {value_in_words(value)}" for key, value in values.items())
+    """``stiffness = 2, damping.0.order = 0.5``: all keys lie under ``problem``."""
+    return ", ".join(
+        f"{key.removeprefix('problem.')} = {value_in_words(value)}" for key, value in values.items()
+    )
 
 
 def value_in_words(value: object) -> str:

@@ -1,0 +1,232 @@
+"""Sweeps in configurations: what members they make, and what is said of mistakes."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+
+from fvi_cli.config import json_schema, parse_config, starter_config
+from fvi_cli.config import sweep as sweep_module
+from fvi_cli.config.problem_keys import PROBLEM
+from fvi_cli.errors import ConfigError
+
+BASE = """\
+name: many
+problem:
+  kind: damped-oscillator
+  damping: [{order: 0.5, coefficient: 0.3}]
+  initial: {position: 1.0}
+  final_time: 8.0
+ladder: {steps: [16, 32]}
+"""
+
+
+def experiment(sweep, *overrides, base=BASE):
+    return parse_config(base + sweep, "many.yaml", overrides=overrides).experiments[0]
+
+
+def complaints(sweep, *overrides, base=BASE):
+    with pytest.raises(ConfigError) as caught:
+        parse_config(base + sweep, "many.yaml", overrides=overrides)
+    return list(caught.value.complaints)
+
+
+def test_members_are_all_combinations_with_the_last_key_running_fastest():
+    members = experiment(
+        "sweep: {problem.stiffness: [1, 2], problem.damping.0.order: [0.25, 1.0, 1.5]}"
+    ).members
+    assert [m.number for m in members] == list(range(6))
+    assert [tuple(m.values.values()) for m in members] == list(
+        itertools.product([1.0, 2.0], [0.25, 1.0, 1.5])
+    )
+    for member in members:
+        scene = member.problem.scene
+        assert scene.damping[0].order == member.values["problem.damping.0.order"]
+        assert scene.potential.stiffness[0, 0] == member.values["problem.stiffness"]
+
+
+def test_a_list_of_members_makes_just_these():
+    members = experiment(
+        "sweep:\n  - {problem.stiffness: 1, problem.mass: 2}\n"
+        "  - {problem.stiffness: 3, problem.mass: 4}\n"
+    ).members
+    assert [dict(m.values) for m in members] == [
+        {"problem.stiffness": 1.0, "problem.mass": 2.0},
+        {"problem.stiffness": 3.0, "problem.mass": 4.0},
+    ]
+
+
+@pytest.mark.parametrize(
+    ("spacing", "expected"), [("linear", [1.0, 50.5, 100.0]), ("log", [1.0, 10.0, 100.0])]
+)
+def test_a_range_has_both_ends_exactly(spacing, expected):
+    members = experiment(
+        f"sweep: {{problem.stiffness: {{from: 1, to: 100, number: 3, spacing: {spacing}}}}}"
+    ).members
+    assert [m.values["problem.stiffness"] for m in members] == pytest.approx(expected, rel=1e-15)
+    assert members[0].values["problem.stiffness"] == 1.0
+    assert members[-1].values["problem.stiffness"] == 100.0
+
+
+def test_a_run_of_a_member_is_the_run_of_an_experiment_with_that_problem():
+    swept = experiment("sweep: {problem.stiffness: [1, 2]}")
+    alone = experiment("", "problem.stiffness=2")
+    assert [run.specification() for run in swept.runs() if run.member.number == 1] == [
+        run.specification() for run in alone.runs()
+    ]
+    assert swept.runs()[0].specification() != alone.runs()[0].specification()
+
+
+def test_a_required_key_and_a_missing_mapping_may_stand_in_the_sweep_only():
+    base = BASE.replace("  initial: {position: 1.0}\n", "").replace("order: 0.5, ", "")
+    members = experiment(
+        "sweep: {problem.initial.velocity: [1, 2], problem.damping.0.coefficient: [0.1]}", base=base
+    ).members
+    assert [m.problem.scene.initial_velocity[0] for m in members] == [1.0, 2.0]
+
+
+def test_the_resolved_configuration_makes_the_same_members():
+    for sweep in (
+        "sweep: {problem.stiffness: {from: 1, to: 9, number: 4, spacing: log}}",
+        "sweep: [{problem.forcing: sin(t)}, {problem.forcing: 0}]",
+    ):
+        config = parse_config(BASE + sweep, "many.yaml")
+        again = parse_config(str(config.resolved).replace("'", '"').replace("False", "false"), "x")
+        old, new = config.experiments[0], again.experiments[0]
+        assert [m.specification for m in old.members] == [m.specification for m in new.members]
+
+
+def test_overrides_reach_into_a_sweep():
+    ranged = "sweep: {problem.stiffness: {from: 1, to: 9, number: 4}}"
+    assert len(experiment(ranged, "sweep.problem.stiffness.number=7").members) == 7
+    assert len(experiment(ranged, "sweep.problem.stiffness=[1, 2]").members) == 2
+    assert len(experiment(ranged, "sweep.problem.mass=[1, 2]").members) == 8
+    assert len(experiment("", "sweep.problem.damping.0.order=[0.5, 1]").members) == 2
+    listed = "sweep: [{problem.mass: 1}, {problem.mass: 2}]"
+    assert experiment(listed, "sweep.1.problem.mass=5").members[1].values == {"problem.mass": 5.0}
+
+
+@pytest.mark.parametrize(
+    ("sweep", "told"),
+    [
+        (
+            "sweep: {problem.damping.0.order: [0.5, 2.5]}",
+            "many.yaml:8:40: problem.damping.0.order: 2.5 is not allowed; it must be a number "
+            "between 0 and 2, both excluded",
+        ),
+        (
+            "sweep: {problem.stifness: [1, 2]}",
+            "many.yaml:8:9: problem.stifness: not known; did you mean 'stiffness'?",
+        ),
+        (
+            "sweep: {problem.damping.3.order: [1]}",
+            "many.yaml:8:9: sweep.problem.damping.3.order: there is no problem.damping.3",
+        ),
+        ("sweep: {method.degree: [1, 2]}", "many.yaml:8:9: sweep.method.degree: only keys of the"),
+        ("sweep: {problem.kind: [pendulum]}", "many.yaml:8:9: sweep.problem.kind: members are of"),
+        ("sweep: {problem.final_time: [1, 2]}", "sweep.problem.final_time: members share"),
+        ("sweep: {problem.mass: [1, 2, 1.0]}", "many.yaml:8:30: sweep.problem.mass.2: 1.0 stands"),
+        ("sweep: {problem.mass: []}", "many.yaml:8:23: sweep.problem.mass: no entries"),
+        (
+            "sweep: {problem.mass: 3}",
+            "many.yaml:8:23: sweep.problem.mass: 3 is not allowed",
+        ),
+        ("sweep: 3", "many.yaml:8:8: sweep: 3 is not allowed; it must be a mapping such as"),
+        (
+            "sweep: {problem.mass: {from: 1, to: -1, number: 3, spacing: log}}",
+            "many.yaml:8:37: sweep.problem.mass.to: -1 is not allowed with spacing: log",
+        ),
+        (
+            "sweep: {problem.mass: {from: 1, to: 2}}",
+            "many.yaml:8:23: sweep.problem.mass.number: missing",
+        ),
+        (
+            "sweep: [{problem.mass: 1}, {problem.stiffness: 1}]",
+            "many.yaml:8:28: sweep.1: every member must have the same keys: problem.mass",
+        ),
+        (
+            "sweep: [{problem.mass: 1}, {problem.mass: 1.0}]",
+            "many.yaml:8:28: sweep.1: the same values stand in the list already",
+        ),
+        (
+            "sweep: {problem.damping: [[]], problem.damping.0.order: [1]}",
+            "many.yaml:8:32: sweep.problem.damping.0.order: lies inside of problem.damping",
+        ),
+    ],
+)
+def test_a_mistake_is_told_with_its_place(sweep, told):
+    found = complaints(sweep)
+    assert any(told in one for one in found), found
+
+
+def test_all_mistakes_of_a_sweep_are_told_at_once():
+    found = complaints(
+        "sweep: {problem.damping.0.order: [2.5], problem.mass: [-1], problem.x: [1], ladder: [1]}"
+    )
+    assert len(found) == 4
+
+
+def test_a_member_that_cannot_be_is_told_with_its_values():
+    base = BASE.replace("  damping: [{order: 0.5, coefficient: 0.3}]\n", "").replace(
+        "initial: {position: 1.0}", "forcing: {pieces: [{until: 1.0, value: 1}, {value: 0}]}"
+    )
+    # the end of a piece must lie on the grid of every number of steps: 8/16 apart
+    found = complaints("sweep: {problem.forcing.pieces.0.until: [1.0, 1.3, 2.0]}", base=base)
+    assert len(found) == 2
+    assert all("(member 1: forcing.pieces.0.until = 1.3)" in one for one in found)
+    assert found[0].startswith("many.yaml:6:18: ladder.steps.0: 16 steps put the break point")
+
+
+def test_members_must_have_the_same_number_of_coordinates():
+    (told,) = complaints("sweep: {problem.initial.position: [1.0, [1.0, 2.0]]}")
+    assert told.startswith("many.yaml:3:3")
+    assert "has 2 degrees of freedom, the first member 1" in told
+    assert "(member 1: initial.position = [1.0, 2.0])" in told
+
+
+def test_too_many_members_are_refused_before_they_are_made():
+    (told,) = complaints(
+        "sweep: {problem.stiffness: {from: 1, to: 2, number: 50000}, "
+        "problem.mass: {from: 1, to: 2, number: 50000}}"
+    )
+    assert "2500000000 members are too many; at most 100000 are allowed" in told
+    assert "10000 GB" in told or "1e+04 GB" in told
+
+
+def test_members_that_would_not_fit_into_memory_are_refused(monkeypatch):
+    monkeypatch.setattr("fvi_cli.config.sweep_checks.machine_bytes", lambda: 10**6)
+    sweep = "sweep: {problem.stiffness: {from: 1, to: 2, number: 300}}"
+    (told,) = complaints(sweep)
+    assert told.startswith("many.yaml:8:8: sweep: 300 members need about 0.00")
+    monkeypatch.setattr("fvi_cli.config.sweep_checks.machine_bytes", lambda: 10**8)
+    assert len(experiment(sweep).members) == 300
+
+
+def test_mistakes_of_many_members_are_told_of_a_few(monkeypatch):
+    base = BASE.replace("  initial: {position: 1.0}\n", "  derivative: riemann-liouville\n")
+    base += "method: {baseline: explicit-euler}\n"
+    sweep = "sweep: {problem.initial.position: {from: 0, to: 2, number: 101}}"
+    found = complaints(sweep, base=base)
+    assert len([one for one in found if "(member " in one]) == 10
+    assert any("members after the 10 told here" in one for one in found)
+
+
+@pytest.mark.parametrize("kind", PROBLEM.kinds)
+def test_the_sweep_in_a_starter_file_is_valid_when_it_is_switched_on(kind):
+    text = starter_config(kind)
+    assert "\n# sweep: {" in text
+    switched = text.replace("# sweep:", "sweep:")
+    if kind == "bagley-torvik":
+        switched = switched.replace("exact: t**2.5", "exact: auto")
+    assert len(parse_config(switched, "starter.yaml").experiments[0].members) >= 2
+
+
+def test_the_schema_knows_sweeps():
+    schema = json_schema()
+    assert "sweep" in schema["$defs"]
+    assert "sweep" in schema["$defs"]["experiment"]["properties"]
+
+
+def test_the_most_members_are_told_by_the_message():
+    assert str(sweep_module.MOST_MEMBERS) in sweep_module.too_many(10**6)
