@@ -12,7 +12,7 @@ from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.block_history import SteppedHistory
 from fvi_cli.integrator.break_points import steps_at_break_points
-from fvi_cli.integrator.diagnostics import NOTHING, Asked, Motion, diagnose
+from fvi_cli.integrator.diagnostics import NOTHING, Asked, diagnose
 from fvi_cli.integrator.general_stepping import (
     GeneralStepProblem,
     KnownMotion,
@@ -23,6 +23,7 @@ from fvi_cli.integrator.known_part import NO_SERIES, KnownPart, plan_series, set
 from fvi_cli.integrator.memory import DirectHistory, build_memory
 from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.integrator.moments import StepFunction, exact_moments, galerkin_moments
+from fvi_cli.integrator.motion import Motion
 from fvi_cli.integrator.start import StartDecision
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.integrator.stepping import History, Stepped

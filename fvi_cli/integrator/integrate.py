@@ -13,7 +13,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
 from fvi_cli.integrator.block_history import SteppedHistory
 from fvi_cli.integrator.break_points import steps_at_break_points
-from fvi_cli.integrator.diagnostics import NOTHING, Asked, Motion, diagnose
+from fvi_cli.integrator.diagnostics import NOTHING, Asked, diagnose
 from fvi_cli.integrator.engine import run
 from fvi_cli.integrator.growth_bound import cut_at_bound, growth_bound
 from fvi_cli.integrator.known_part import (
@@ -30,6 +30,7 @@ from fvi_cli.integrator.moments import (
     galerkin_moments,
     projected_moments,
 )
+from fvi_cli.integrator.motion import Motion
 from fvi_cli.integrator.starting_weights import correct_start
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.integrator.stepping import Stepped, StepProblem, run_steps
