@@ -140,8 +140,9 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
     try:
         modes = growing_modes(systems, method, h, n_steps)
         limit = exact + math.log(TOLERATED_GROWTH) / n_steps
-        is_spurious = modes.growth > limit and any(
-            _has_spurious_mode(system, method, h, scene.final_time, limit) for system in systems
+        is_spurious = modes.growth > limit and (
+            exact == 0.0
+            or any(_has_spurious_mode(part, method, h, scene.final_time, limit) for part in systems)
         )
     except ZeroCountError as error:
         return StabilityPrediction(verdict="unknown", exact_growth=exact, reason=str(error))

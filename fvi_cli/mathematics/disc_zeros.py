@@ -293,7 +293,7 @@ def _repelled(log_function: LogFunction, z: ComplexArray, radius: float) -> Comp
         z = z - step
         away = np.abs(z) > 1.0 - 0.5 * (1.0 - radius)
         z = np.where(away, z / np.maximum(np.abs(z), 1e-300) * radius * 0.98, z)
-        if np.all(np.abs(step) < 1e-12 * np.abs(z)) and not away.any():
+        if np.all(np.abs(step) < 1e-12 * np.maximum(np.abs(z), 1e-3)) and not away.any():
             break
     return z
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +15,7 @@ from fvi_cli.integrator.engine import run
 from fvi_cli.integrator.integrate import prepare
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability import predict_stability
+from fvi_cli.integrator.stability_determinant import independent_systems
 from fvi_cli.scenes.named import linear_oscillator
 
 FEWEST_STEPS = 2000
@@ -69,10 +72,36 @@ def observed_growth(
     return float(position[-quarter:].max() / position[:quarter].max())
 
 
+def extreme_case(random: np.random.Generator) -> tuple[Scene, Method, int]:
+    """A scalar scene with step size 1 whose numbers may be anything, negative ones too."""
+    _, method = random_case(random)
+    n_steps = int(10 ** random.uniform(0, 7))
+    order = random.choice([1e-3, 0.05, 0.5, 1 - 1e-9, 1.0, 1 + 1e-9, 1.5, 1.95, 1.999])
+    coefficient = 10 ** random.uniform(-6, 6) * random.choice([1, 1, 1, -1])
+    scene = linear_oscillator(
+        final_time=float(n_steps),
+        stiffness=10 ** random.uniform(-8, 8) * random.choice([1, 1, 1, -1]),
+        damping=[FractionalDamping(order=float(order), coefficient=np.array([[coefficient]]))],
+        initial_position=0.0,
+        initial_velocity=0.0,
+    )
+    return scene, method, n_steps
+
+
+def tell_times(what: str, seconds: list[float]) -> None:
+    """Print, for people who run this with ``-s``, what predictions took of the processor."""
+    percentiles = 1e3 * np.percentile(seconds, [50, 90, 99, 100])
+    words = " ".join(f"{value:.1f}" for value in percentiles)
+    sys.stdout.write(
+        f"{what}: {len(seconds)} predictions, 50, 90, 99, 100 percentile: {words} ms\n"
+    )
+
+
 def contradictions(seed: int, count: int) -> tuple[list[str], dict[str, int]]:
     """Cases in which prediction and observation differ, and how often each was predicted."""
     random = np.random.default_rng(seed)
     wrong: list[str] = []
+    seconds: list[float] = []
     verdicts = {"stable": 0, "unstable": 0, "unknown": 0}
     for _ in range(count):
         scene, method = random_case(random)
@@ -80,13 +109,17 @@ def contradictions(seed: int, count: int) -> tuple[list[str], dict[str, int]]:
         # twenty times e, so that a mode that grows is seen, however slowly
         n_steps = max(FEWEST_STEPS, int(20 / growth)) if growth > 0 else FEWEST_STEPS
         scene = replace(scene, final_time=float(n_steps))
+        began = time.process_time()
         prediction = predict_stability(scene, method, n_steps)
+        if scene.dimension == 1:
+            seconds.append(time.process_time() - began)
         verdicts[prediction.verdict] += 1
         if prediction.verdict == "unstable" and method.cq == "gauss":
             wrong.append(f"{method.case}: {prediction}")
         ratio = observed_growth(scene, method, n_steps, random)
         if (ratio > 1e3) != (prediction.verdict == "unstable"):
             wrong.append(f"{method.case}, {scene.damping}: {prediction}, but {ratio:.3g}")
+    tell_times(f"random scalar scenes; {len(wrong)} of {count} cases wrong", seconds)
     return wrong, verdicts
 
 
@@ -104,6 +137,23 @@ def test_what_is_predicted_is_observed_in_two_thousand_cases() -> None:
     assert verdicts["unknown"] == 0
     assert sum(verdicts.values()) == 2000
     assert min(verdicts["stable"], verdicts["unstable"]) >= 500
+
+
+@pytest.mark.parametrize("count", [60, pytest.param(2000, marks=pytest.mark.slow)])
+def test_extreme_scenes_are_decided(count: int) -> None:
+    random = np.random.default_rng(5)
+    seconds = []
+    for _ in range(count):
+        scene, method, n_steps = extreme_case(random)
+        began = time.process_time()
+        prediction = predict_stability(scene, method, n_steps)
+        seconds.append(time.process_time() - began)
+        assert prediction.verdict != "unknown", (method.case, scene.damping, prediction)
+        if method.cq == "gauss" and all(
+            system.is_dissipative for system in independent_systems(scene)
+        ):
+            assert (prediction.verdict, prediction.growing_modes) == ("stable", 0)
+    tell_times("extreme scalar scenes", seconds)
 
 
 def test_a_wrong_prediction_would_be_noticed() -> None:
