@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from fvi_cli.campaign import Outcome, Plan
-    from fvi_cli.experiments.experiment import Experiment, FinishedRun
+    from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
     from fvi_cli.experiments.order import OrderTable
+    from fvi_cli.integrator.plan import Plan as Machinery
     from fvi_cli.output.storage import StoredFile
 
 
@@ -89,11 +90,20 @@ def _members_as_text(outcome: Outcome) -> str:
     return aligned(rows)
 
 
-def plans_as_text(plans: Sequence[Plan]) -> str:
-    """One line for every run: what would be done with it, why, and which effects it has."""
+def plans_as_text(plans: Sequence[Plan], *, in_full: bool = False) -> str:
+    """One line for every run: what would be done with it, why, which effects it has, what it takes.
+
+    Parameters
+    ----------
+    plans
+        What would be done.
+    in_full
+        Add the machinery of every run below, the same one once.
+    """
     header = ("experiment", "case", "n_steps", "step_size", "action", "predicted", "effects")
-    rows = [(*header, "reason")]
-    for plan in plans:
+    rows = [(*header, "operations", "memory", "time", "reason")]
+    machinery = [planned(plan.run) for plan in plans]
+    for plan, own in zip(plans, machinery, strict=True):
         run = plan.run
         rows.append(
             (
@@ -104,25 +114,55 @@ def plans_as_text(plans: Sequence[Plan]) -> str:
                 plan.action,
                 plan.predicted,
                 ", ".join(effects_of(run.problem)),
+                *_costs(own),
                 plan.reason,
             )
         )
-    return aligned(rows)
+    text = aligned(rows)
+    return f"{text}\n\n{machinery_as_text([p.run for p in plans])}" if in_full else text
+
+
+def machinery_as_text(runs: Sequence[Run]) -> str:
+    """How every run is done, in a paragraph each; runs that are done alike share one."""
+    paragraphs: dict[str, list[str]] = {}
+    for run in runs:
+        own = planned(run)
+        if own is not None:
+            lines = "\n".join(f"  {line}" for line in own.lines())
+            name = f"{run.experiment.name} {run.method.case} N={run.n_steps}"
+            paragraphs.setdefault(lines, []).append(name)
+    return "\n".join(
+        f"{', '.join(dict.fromkeys(names))}\n{lines}" for lines, names in paragraphs.items()
+    )
+
+
+def planned(run: Run) -> Machinery | None:
+    """The plan of a run; None where nothing is integrated."""
+    from fvi_cli.integrator.plan import plan_run
+
+    if isinstance(run.problem, DerivativeProblem):
+        return None
+    return plan_run(run.problem.scene, run.method, run.n_steps, every=run.experiment.store_every)
+
+
+def _costs(plan: Machinery | None) -> tuple[str, str, str]:
+    if plan is None:
+        return ("-", "-", "-")
+    count = plan.history_operations
+    return (
+        "-" if count is None else str(count),
+        f"{plan.memory_bytes / 1e6:.3g} MB",
+        f"about {plan.seconds:.1g} s" if plan.seconds < 10 else f"about {plan.seconds:.0f} s",
+    )
 
 
 def effects_of(problem: AnyProblem) -> list[str]:
     """Names of what is simulated; what is absent costs nothing."""
     if isinstance(problem, DerivativeProblem):
         return [f"derivative of order {problem.order:g}"]
-    scene = problem.scene
-    inertia = "inertia" if scene.lagrangian is None else "general Lagrangian"
-    effects = [f"{inertia} ({scene.dimension} dof)"]
-    if scene.potential is not None:
-        effects.append("linear potential" if scene.is_linear else "nonlinear potential")
-    effects += [f"damping of order {term.order:g}" for term in scene.active_damping]
-    if scene.forcing is not None:
-        effects.append("forcing")
-    return effects
+    from fvi_cli.integrator.plan import effects_of_scene
+
+    return list(effects_of_scene(problem.scene))
 
 
 def contents_as_text(stored: StoredFile) -> str:

@@ -51,7 +51,7 @@ def run(
     )
     requests = campaign.gather(configs, overrides or (), allow_unstable=allow_unstable)
     if dry_run:
-        print(reports.plans_as_text(campaign.plan(requests, settings)))
+        print(reports.plans_as_text(campaign.plan(requests, settings), in_full=verbose))
         return DONE
     outcomes: list[Outcome] = []
     for request in requests:

@@ -24,7 +24,7 @@ def show(
     verbose: Verbose = False,
 ) -> int:
     """List what a result file holds, or print the configuration that made it."""
-    from fvi_cli import reports
+    from fvi_cli import campaign, reports
     from fvi_cli.output.storage import list_runs, read_configuration
 
     if file.suffix in (".yaml", ".yml"):
@@ -33,6 +33,10 @@ def show(
         )
     if not config:
         print(reports.contents_as_text(list_runs(file)))
+        if verbose:
+            (request,) = campaign.gather([str(file)], ())
+            runs = [run for one in request.loaded.experiments for run in one.runs()]
+            print(f"\n{reports.machinery_as_text(runs)}")
         return DONE
     configuration = read_configuration(file)
     print(configuration.text, end="")

@@ -1,0 +1,79 @@
+"""The plan on the command line: dry runs, stored files, and runs for which there is no memory."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import h5py
+import pytest
+from typer.testing import CliRunner
+
+from fvi_cli.cli import app
+
+SCENE = """\
+name: planned
+problem:
+  kind: bagley-torvik
+  damping: [{order: 0.5, coefficient: 1.0}]
+  initial: {position: 1.0, velocity: 0.0}
+  final_time: 4.0
+method: {rk: gauss, degree: [2, 3]}
+ladder: {steps: [64, 128]}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "planned.yaml").write_text(SCENE)
+    return tmp_path
+
+
+def fvi(*arguments):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert "Traceback" not in result.output
+    return result
+
+
+def test_a_dry_run_tells_what_every_run_takes(folder):
+    header, *rows = fvi("run", "planned.yaml", "--dry-run").stdout.splitlines()
+    place = header.index("operations")
+    told = [int(row[place:].split()[0]) for row in rows]
+    assert all("about" in row and " MB " in row for row in rows)
+    fvi("run", "planned.yaml", "-q")
+
+    with h5py.File(Path("results/planned.h5")) as file:
+        counted = [
+            int(run.attrs["history_operations"])
+            for case in file["planned"].values()
+            for name, run in case.items()
+            if re.fullmatch(r"n\d+", name)
+        ]
+    assert sorted(told) == sorted(counted)
+
+
+def test_machinery_is_printed_when_more_is_asked_for(folder):
+    brief = fvi("run", "planned.yaml", "--dry-run").stdout
+    full = fvi("run", "planned.yaml", "--dry-run", "-v").stdout
+    assert len(full.splitlines()) > len(brief.splitlines()) + 20
+    for head in ("steps: blocks of", "history: one sequence of weights", "start: ", "forcing: "):
+        assert head in full
+        assert head not in brief
+    fvi("run", "planned.yaml", "-q")
+    stored = fvi("show", "results/planned.h5", "-v").stdout
+    assert "planned gauss-s2-series N=64\n  effects: inertia (1 dof)" in stored
+    assert "steps: " not in fvi("show", "results/planned.h5").stdout
+
+
+def test_a_run_for_which_there_is_no_memory_is_refused_with_the_number(folder, monkeypatch):
+    """The dense matrices of Gauss3 take 3 MB more than those of Gauss2; the limit lies between."""
+    (folder / "planned.yaml").write_text(SCENE.replace("[64, 128]", "[4096]"))
+    module = "fvi_cli.config.experiment_checks.machine_bytes"
+    monkeypatch.setattr(module, lambda: 4_500_000)
+    result = fvi("run", "planned.yaml")
+    assert result.exit_code == 2
+    assert "planned.yaml:8:18: ladder.steps.0: 4096 steps need about 0.005" in result.stderr
+    assert "this machine has 0.0045 GB" in result.stderr
+    assert not (folder / "results").exists()
+    assert fvi("check", "planned.yaml", "--set", "method.degree=2").exit_code == 0
