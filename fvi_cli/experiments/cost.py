@@ -132,8 +132,11 @@ class CostTable:
 
     @property
     def has_memory(self) -> bool:
-        """Whether any method summed over the past."""
-        return any(row.history_operations > 8 * row.n_steps for c in self.cases for row in c.rows)
+        """Whether the damping has a memory, and a method summed over it."""
+        orders = [] if self.gamma == "-" else [float(order) for order in self.gamma.split(";")]
+        return any(order != 1 for order in orders) and any(
+            row.history_operations for case in self.cases for row in case.rows
+        )
 
 
 Store = Callable[[FinishedRun], object]

@@ -66,6 +66,14 @@ class Curve:
         method = self.methods[0]
         return isinstance(method, Baseline) and method.tolerance is not None
 
+    @property
+    def is_exact_by_chance(self) -> bool:
+        """Whether there is nothing but round-off from the coarsest of three runs or more on.
+
+        That says something of the solution. Such a method is not rated among the others.
+        """
+        return len(self.points) > 2 and all(p.row.status == "floor" for p in self.points)
+
     def seconds_to(self, accuracy: float) -> float:
         """Least set-up plus stepping time to an error of at most `accuracy`; nan: not reached.
 
@@ -98,8 +106,17 @@ class Curve:
         return float(last[-1].seconds * price**decades)
 
     def _finest(self) -> tuple[Point, ...]:
-        """The finest rows above the floor; none where there are less than three."""
+        """The finest rows above the floor; none where there are less than three.
+
+        Where tolerances make the curve, only those that no other beats.
+        """
         above = [point for point in self.points if point.row.status == "ok" and point.error > 0]
+        if self.is_by_tolerance:
+            above = [
+                one
+                for one in above
+                if not any(p.error <= one.error and p.seconds < one.seconds for p in above)
+            ]
         return tuple(above[-FINEST_ROWS:]) if len(above) > 2 else ()
 
     @property
@@ -167,7 +184,11 @@ class Cheapest:
 
 def cheapest_at(curves: Sequence[Curve], accuracy: float) -> Cheapest:
     """Who reaches `accuracy` first; no curve where nobody does."""
-    times = [(curve.seconds_to(accuracy), k) for k, curve in enumerate(curves)]
+    times = [
+        (curve.seconds_to(accuracy), k)
+        for k, curve in enumerate(curves)
+        if not curve.is_exact_by_chance
+    ]
     reached = [(seconds, k) for seconds, k in times if not math.isnan(seconds)]
     if not reached:
         return Cheapest(accuracy=accuracy, curve=None, seconds=math.nan)
@@ -218,7 +239,8 @@ def cheapest_bands(curves: Sequence[Curve], coarse: float, fine: float) -> list[
 
 def pareto_front(curves: Sequence[Curve]) -> list[tuple[Curve, Point]]:
     """The runs that no other run beats in both error and time, the quickest first."""
-    everything = [(curve, point) for curve in curves for point in curve.points]
+    rated = [curve for curve in curves if not curve.is_exact_by_chance]
+    everything = [(curve, point) for curve in rated for point in curve.points]
     everything.sort(key=lambda one: (one[1].seconds, one[1].error))
     front: list[tuple[Curve, Point]] = []
     for curve, point in everything:

@@ -165,6 +165,17 @@ def test_tolerances_make_one_curve():
     assert 1.0 < found.seconds_to(1e-7) < 2.0
 
 
+def test_what_is_exact_by_chance_is_not_rated():
+    lucky = curve("lucky", [row(n, 1e-16, 1e-5 * n, "floor") for n in COUNTS])
+    other = power_law("other", 2, 1)
+    assert lucky.is_exact_by_chance
+    assert not other.is_exact_by_chance
+    # one of two runs at the floor may be due to its accuracy
+    assert not curve("short", [row(10, 1e-16, 1.0, "floor")]).is_exact_by_chance
+    assert cheapest_at([lucky, other], 1e-3).curve is other
+    assert {found.key for found, _ in pareto_front([lucky, other])} == {"other"}
+
+
 def test_runs_that_failed_are_on_no_curve():
     rows = (row(10, math.inf, 1.0, "diverged"), row(20, 1e-3, 2.0))
     (found,) = cost_curves(table(CostCase(method=GAUSS, rows=rows)))

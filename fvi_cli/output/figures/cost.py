@@ -174,6 +174,7 @@ def _draw_work(axes: Axes, curves: Sequence[Curve], styles: Mapping[str, SeriesS
     worked = [
         (float(point.row.history_operations), _shown(point))
         for curve in curves
+        if not curve.is_exact_by_chance
         for point in curve.points
         if point.row.history_operations > 0 and _shown(point) < _COARSEST
     ]
@@ -203,7 +204,8 @@ def _draw_bands(axes: Axes, curves: Sequence[Curve], styles: Mapping[str, Series
         Rectangle((0, bottom), 1, _STRIP_SHARE, transform=axes.transAxes, facecolor="#f4f4f4")
     )
     # the last band ends where the last method does
-    best = min((p.error for c in curves for p in c.points if p.error > 0), default=fine)
+    rated = [curve for curve in curves if not curve.is_exact_by_chance]
+    best = min((p.error for c in rated for p in c.points if p.error > 0), default=fine)
     named: set[str] = set()
     for band in cheapest_bands(curves, min(coarse, 1.0), max(fine, best)):
         style = styles[band.curve.key]

@@ -225,7 +225,7 @@ def _summary(table: CostTable, level: int) -> list[Block]:
             curve_name(curve, names),
             number(curve.order, ".2f"),
             number(curve.time_exponent, ".2f"),
-            number(curve.price_of_a_digit, ".3g"),
+            _price(curve.price_of_a_digit),
             *(_reached(curve, accuracy) for accuracy in ACCURACIES),
         )
         for curve in curves
@@ -257,19 +257,20 @@ def _summary(table: CostTable, level: int) -> list[Block]:
 
 def _exact_methods(curves: Sequence[Curve], names: Mapping[str, MethodName]) -> list[Block]:
     """What is to be said of methods that this problem happens to suit."""
-    exact = [
-        curve_name(curve, names)
-        for curve in curves
-        if all(point.row.status == "floor" for point in curve.points)
-    ]
+    exact = [curve_name(curve, names) for curve in curves if curve.is_exact_by_chance]
     if not exact:
         return []
     return [
         Paragraph(
             words=f"{', '.join(exact)}: nothing but round-off at every N. That says something of "
-            "this solution, and nothing of others."
+            "this solution, not of others, and is left out below."
         )
     ]
+
+
+def _price(factor: float) -> str:
+    # set-up is all there is to pay, and times scatter
+    return "1" if factor < 1.005 else number(factor, ".3g")
 
 
 def _reached(curve: Curve, accuracy: float) -> str:
