@@ -1,0 +1,452 @@
+"""Structure on random scenes: what holds exactly, and beside each law a control that must break it.
+
+A few examples each time, many with ``-m slow``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, assume, given, settings
+from hypothesis import strategies as st
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate, prepare
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.stability import predict_stability
+from fvi_cli.integrator.stepping import run_steps
+from fvi_cli.mathematics.lagrange import LagrangeBasis
+from fvi_cli.mathematics.operators import left_operator, right_operator
+from fvi_cli.mathematics.runge_kutta import gauss_tableau
+from fvi_cli.mathematics.runge_kutta_weights import left_operator_rk, right_operator_rk
+from fvi_cli.scenes.named import pendulum
+from fvi_cli.scenes.nonlinear import duffing, kepler
+
+Array = np.ndarray
+
+ORDERS = st.sampled_from([0.07, 0.3, 0.5, 0.8, 0.95, 1.0, 1.1, 1.25, 1.5, 1.75, 1.9])
+SEEDS = st.integers(0, 2**32 - 1)
+
+METHODS = (
+    Method(cq="gauss", degree=1),
+    Method(cq="gauss", degree=2),
+    Method(cq="gauss", degree=3),
+    Method(cq="gauss", degree=3, start="series"),
+    Method(cq="lobatto-iiic", degree=2),
+    Method(cq="radau-iia", degree=2),
+    Method(cq="bdf2", degree=1, start="series", forcing_quadrature="exact"),
+    Method(cq="bdf4", degree=2, start="series", forcing_quadrature="exact"),
+    Method(cq="bdf1", degree=1, sampling="nodes"),
+)
+
+
+@dataclass(frozen=True)
+class Property:
+    """A law: what is drawn, and the check of one example."""
+
+    drawn: dict[str, st.SearchStrategy[object]]
+    check: Callable[..., None]
+
+
+def positive(rng: np.random.Generator, d: int, least: float, most: float) -> Array:
+    """A random symmetric matrix with eigenvalues between `least` and `most`."""
+    rotation = np.linalg.qr(rng.normal(size=(d, d)))[0]
+    matrix = rotation @ np.diag(rng.uniform(least, most, d)) @ rotation.T
+    return 0.5 * (matrix + matrix.T)
+
+
+def random_scene(seed: int, d: int, orders: tuple[float, ...], *, velocity: bool = True) -> Scene:
+    """Matrices that do not commute, and start values of order 1."""
+    rng = np.random.default_rng(seed)
+    return Scene(
+        inertia=Inertia(mass=positive(rng, d, 0.5, 2.0)),
+        potential=QuadraticPotential(stiffness=positive(rng, d, 0.2, 5.0)),
+        damping=tuple(
+            FractionalDamping(order=order, coefficient=positive(rng, d, 0.1, 0.8))
+            for order in orders
+        ),
+        initial_position=rng.normal(size=d),
+        initial_velocity=rng.normal(size=d) if velocity else np.zeros(d),
+        final_time=float(rng.uniform(2.0, 6.0)),
+    )
+
+
+def undamped(scene: Scene) -> Scene:
+    return dataclasses.replace(scene, damping=())
+
+
+# 1. the energy that is lost is the work of the damping
+
+
+def check_dissipation(
+    seed: int, d: int, orders: list[float], stages: int, n_steps: int, velocity: bool
+) -> None:
+    scene = random_scene(seed, d, tuple(orders), velocity=velocity)
+    stepped = run_steps(prepare(scene, Method(cq="gauss", degree=stages), n_steps).problem)
+    h, tableau = scene.final_time / n_steps, gauss_tableau(stages)
+    basis = LagrangeBasis(control_points=np.concatenate([[0.0], tableau.c]))
+    inner = stepped.samples - (stepped.position[:-1] - stepped.position[0])[:, None]
+    rate = np.einsum("ni,knd->kid", basis.derivatives(tableau.c)[1:], inner) / h
+
+    def work(shift: float) -> float:
+        total = 0.0
+        for term in scene.damping:
+            moving = rate - (scene.initial_velocity if term.order > 1 else 0.0)
+            force = left_operator_rk(tableau, term.order - 1.0 + shift, h, moving)
+            power = np.einsum("kid,de,kie->ki", rate, term.coefficient, force)
+            total += h * float((power @ tableau.b).sum())
+        return total
+
+    energy = scene.energy(stepped.position, stepped.momentum)
+    size = float(energy.max()) + abs(work(0.0))
+    assert abs(energy[-1] - energy[0] + work(0.0)) <= 1e-11 * size
+    if not velocity or max(orders) <= 1:
+        assert work(0.0) >= -1e-13 * size
+    assert abs(energy[-1] - energy[0] + work(1e-4)) > 1e-9 * size
+
+
+# 2. the operators of two orders, one after the other, are that of the sum
+
+
+def check_semigroup(seed: int, a: float, share: float, stages: int, n_steps: int) -> None:
+    b = share * (0.95 - a if a > 0 else 0.95 + a)
+    rng = np.random.default_rng(seed)
+    tableau, h = gauss_tableau(stages), float(rng.uniform(0.01, 10.0))
+    values = rng.normal(size=(n_steps, stages, 2))
+    for left, x in (
+        (lambda e, v: left_operator_rk(tableau, e, h, v), values),
+        (lambda e, v: left_operator(stages, e, h, v), values[:, 0]),
+    ):
+        both = left(a, left(b, x))
+        size = max(np.abs(both).max(), np.abs(left(b, x)).max() * h**-a)
+        assert np.abs(left(a + b, x) - both).max() <= 1e-11 * size
+        assert np.abs(left(a + b + 1e-6, x) - both).max() > 1e-9 * np.abs(both).max()
+
+
+# 3. the operator to the right is the adjoint of that to the left
+
+
+def check_by_parts(seed: int, exponent: float, stages: int, n_steps: int) -> None:
+    rng = np.random.default_rng(seed)
+    tableau, h = gauss_tableau(stages), 0.1
+    x, y = rng.normal(size=(2, n_steps, stages))
+    b = tableau.b
+
+    def product(one: Array, other: Array) -> float:
+        return float(((one * other) @ b).sum())
+
+    left = product(left_operator_rk(tableau, exponent, h, x), y)
+    right = product(x, right_operator_rk(tableau, exponent, h, y))
+    size = h**-exponent * np.linalg.norm(x) * np.linalg.norm(y)
+    assert abs(left - right) <= 1e-12 * size
+    wrong = product(x, left_operator_rk(tableau, exponent, h, y))
+    assert abs(left - wrong) > 1e-8 * size
+    x, y = x[:, :1], y[:, :1]
+    left = float((left_operator(stages, exponent, h, x) * y).sum())
+    right = float((x * right_operator(stages, exponent, h, y)).sum())
+    assert abs(left - right) <= 1e-12 * size
+    wrong = float((x * left_operator(stages, exponent, h, y)).sum())
+    assert abs(left - wrong) > 1e-8 * size
+
+
+# 4. without damping the flow keeps areas: S^T J S = J
+
+
+def flow(scene: Scene, method: Method, n_steps: int) -> Callable[[Array], Array]:
+    """Position and momentum at the start to those at the end."""
+    d = scene.dimension
+
+    def end(state: Array) -> Array:
+        rate = np.linalg.solve(scene.inertia.mass, state[d:])
+        moved = dataclasses.replace(scene, initial_position=state[:d], initial_velocity=rate)
+        trajectory = integrate(moved, method, n_steps)
+        assert trajectory.momentum is not None
+        return np.concatenate([trajectory.position[-1], trajectory.momentum[-1]])
+
+    return end
+
+
+def area_defect(jacobian: Array) -> float:
+    d = jacobian.shape[0] // 2
+    zero, one = np.zeros((d, d)), np.eye(d)
+    form = np.block([[zero, one], [-one, zero]])
+    return float(np.abs(jacobian.T @ form @ jacobian - form).max())
+
+
+def check_symplectic(seed: int, d: int, index: int, n_steps: int) -> None:
+    scene = random_scene(seed, d, (0.6,))
+    method = METHODS[index]
+    columns = np.eye(2 * d)
+    free = np.stack([flow(undamped(scene), method, n_steps)(e) for e in columns], axis=1)
+    assert area_defect(free) <= 1e-11 * max(1.0, np.abs(free).max() ** 2)
+    damped = np.stack([flow(scene, method, n_steps)(e) for e in columns], axis=1)
+    assert area_defect(damped) > 1e-3
+
+
+def nonlinear_scene(seed: int, kind: str, coefficient: float) -> Scene:
+    rng = np.random.default_rng(seed)
+    if kind == "kepler":
+        # begins where it is closest, so that steps and differences are small enough later on
+        return kepler(
+            final_time=2.0,
+            damping=[FractionalDamping(order=0.7, coefficient=coefficient * np.eye(2))],
+            initial_position=[1.0, 0.0],
+            initial_velocity=[float(rng.uniform(-0.2, 0.2)), float(rng.uniform(0.95, 1.2))],
+        )
+    make = pendulum if kind == "pendulum" else duffing
+    return make(
+        final_time=2.0,
+        damping=[FractionalDamping(order=0.7, coefficient=np.array([[coefficient]]))],
+        initial_position=float(rng.uniform(-2.0, 2.0)),
+        initial_velocity=float(rng.uniform(-1.0, 1.0)),
+    )
+
+
+def check_symplectic_nonlinear(seed: int, kind: str, stages: int) -> None:
+    def jacobian(scene: Scene) -> Array:
+        end = flow(scene, Method(cq="gauss", degree=stages), 8)
+        velocity = scene.inertia.mass @ scene.initial_velocity
+        state, step = np.concatenate([scene.initial_position, velocity]), 2e-4
+        # sixth-order differences, which cost round-off over 2e-4
+        return np.stack(
+            [
+                sum(c * (end(state + k * e) - end(state - k * e)) for k, c in stencil) / (60 * step)
+                for e in step * np.eye(state.size)
+            ],
+            axis=1,
+        )
+
+    stencil = ((1, 45.0), (2, -9.0), (3, 1.0))
+    free = jacobian(nonlinear_scene(seed, kind, 0.0))
+    assert area_defect(free) < 1e-10 * max(1.0, float(np.abs(free).max() ** 2))
+    assert area_defect(jacobian(nonlinear_scene(seed, kind, 0.3))) > 1e-3
+
+
+# 5. without damping the way back is the way there
+
+
+def way_back(scene: Scene, method: Method, n_steps: int) -> float:
+    there = integrate(scene, method, n_steps)
+    assert there.momentum is not None
+    rate = np.linalg.solve(scene.inertia.mass, there.momentum[-1])
+    start = dataclasses.replace(scene, initial_position=there.position[-1], initial_velocity=-rate)
+    back = integrate(start, method, n_steps)
+    if back.status != "ok":
+        # a damped motion run backwards may fall into the centre
+        return math.inf
+    assert back.momentum is not None
+    return float(
+        max(
+            np.abs(back.position[::-1] - there.position).max() / np.abs(there.position).max(),
+            np.abs(back.momentum[::-1] + there.momentum).max() / np.abs(there.momentum).max(),
+        )
+    )
+
+
+def check_reversal(seed: int, d: int, index: int, n_steps: int, kind: str) -> None:
+    scene = random_scene(seed, d, (0.6,))
+    free = way_back(undamped(scene), METHODS[index], n_steps)
+    if METHODS[index].cq == "radau-iia":
+        # its points are not symmetric
+        assert free > 1e-9
+    else:
+        assert free < 1e-11
+    assert way_back(scene, METHODS[index], n_steps) > 1e-3
+    gauss = Method(cq="gauss", degree=1 + index % 3)
+    assert way_back(nonlinear_scene(seed, kind, 0.0), gauss, n_steps) < 1e-10
+    assert way_back(nonlinear_scene(seed, kind, 0.3), gauss, n_steps) > 1e-4
+
+
+# 6. units
+
+
+def in_units(scene: Scene, *, second: float = 1.0, metre: float = 1.0, gram: float = 1.0) -> Scene:
+    """The same scene by other measures: t second, x metre, m gram."""
+    potential = scene.potential
+    assert isinstance(potential, QuadraticPotential)
+    return dataclasses.replace(
+        scene,
+        inertia=Inertia(mass=gram * scene.inertia.mass),
+        potential=QuadraticPotential(stiffness=gram * second**-2 * potential.stiffness),
+        damping=tuple(
+            FractionalDamping(
+                order=term.order, coefficient=gram * second ** (term.order - 2) * term.coefficient
+            )
+            for term in scene.damping
+        ),
+        initial_position=metre * scene.initial_position,
+        initial_velocity=metre / second * scene.initial_velocity,
+        final_time=second * scene.final_time,
+    )
+
+
+def check_units(
+    seed: int, d: int, orders: list[float], index: int, n_steps: int, power: int, other: int
+) -> None:
+    scene, method = random_scene(seed, d, tuple(orders)), METHODS[index]
+    assume(predict_stability(scene, method, n_steps).verdict == "stable")
+    plain = integrate(scene, method, n_steps)
+    assert plain.momentum is not None
+    size = np.abs(plain.position).max()
+    # powers of two change no digit but those that a power h^-gamma or a logarithm rounds
+    metre, gram = 2.0**power, 4.0**other
+    same = integrate(in_units(scene, metre=metre, gram=gram), method, n_steps)
+    assert np.abs(same.position / metre - plain.position).max() <= 1e-12 * size
+    if method.start == "none":
+        assert np.array_equal(
+            integrate(in_units(scene, metre=metre), method, n_steps).position,
+            metre * plain.position,
+        )
+    second = 4.0**other
+    slow = in_units(scene, second=second)
+    found = integrate(slow, method, n_steps)
+    assert found.momentum is not None
+    assert np.abs(found.position - plain.position).max() <= 1e-11 * size
+    momentum = found.momentum * second - plain.momentum
+    assert np.abs(momentum).max() <= 1e-11 * np.abs(plain.momentum).max()
+    # any measure, up to round-off of its own
+    everything = in_units(scene, second=3.7, metre=1e-9, gram=1e5)
+    found = integrate(everything, method, n_steps)
+    assert np.abs(found.position / 1e-9 - plain.position).max() <= 1e-10 * size
+    first, *others = everything.damping
+    wrong = FractionalDamping(order=first.order, coefficient=1.001 * first.coefficient)
+    found = integrate(dataclasses.replace(everything, damping=(wrong, *others)), method, n_steps)
+    assert np.abs(found.position / 1e-9 - plain.position).max() > 1e-7 * size
+
+
+# 7. the order of the coordinates
+
+
+def check_permutation(seed: int, d: int, orders: list[float], index: int, n_steps: int) -> None:
+    scene, method = random_scene(seed, d, tuple(orders)), METHODS[index]
+    # a method that blows up amplifies round-off
+    assume(predict_stability(scene, method, n_steps).verdict == "stable")
+    new = np.random.default_rng(seed).permutation(d)
+    new = np.roll(np.arange(d), 1) if np.array_equal(new, np.arange(d)) else new
+
+    def permuted(matrix: Array) -> Array:
+        return matrix[np.ix_(new, new)]
+
+    assert isinstance(scene.potential, QuadraticPotential)
+    others = dataclasses.replace(
+        scene,
+        inertia=Inertia(mass=permuted(scene.inertia.mass)),
+        damping=tuple(
+            FractionalDamping(order=t.order, coefficient=permuted(t.coefficient))
+            for t in scene.damping
+        ),
+        initial_position=scene.initial_position[new],
+        initial_velocity=scene.initial_velocity[new],
+    )
+    whole = dataclasses.replace(
+        others, potential=QuadraticPotential(stiffness=permuted(scene.potential.stiffness))
+    )
+    plain = integrate(scene, method, n_steps).position
+    size = np.abs(plain).max()
+    assert np.abs(integrate(whole, method, n_steps).position - plain[:, new]).max() <= 1e-11 * size
+    assert np.abs(integrate(others, method, n_steps).position - plain[:, new]).max() > 1e-6 * size
+
+
+N_STEPS = st.integers(12, 48)
+DIMENSIONS = st.integers(1, 3)
+STAGES = st.integers(1, 4)
+SEVERAL = st.lists(ORDERS, min_size=1, max_size=2, unique=True)
+INDICES = st.integers(0, len(METHODS) - 1)
+KINDS = st.sampled_from(["pendulum", "duffing", "kepler"])
+
+PROPERTIES = {
+    "dissipation": Property(
+        {
+            "seed": SEEDS,
+            "d": DIMENSIONS,
+            "orders": SEVERAL,
+            "stages": STAGES,
+            "n_steps": N_STEPS,
+            "velocity": st.booleans(),
+        },
+        check_dissipation,
+    ),
+    "semigroup": Property(
+        {
+            "seed": SEEDS,
+            "a": st.floats(-0.9, 0.9).filter(lambda a: abs(a) > 0.02),
+            "share": st.floats(0.05, 1.0),
+            "stages": STAGES,
+            "n_steps": st.integers(2, 100),
+        },
+        check_semigroup,
+    ),
+    "integration by parts": Property(
+        {
+            "seed": SEEDS,
+            "exponent": st.floats(-0.95, 0.95).filter(lambda a: abs(a) > 0.02),
+            "stages": STAGES,
+            "n_steps": st.integers(4, 100),
+        },
+        check_by_parts,
+    ),
+    "symplecticity": Property(
+        {"seed": SEEDS, "d": DIMENSIONS, "index": INDICES, "n_steps": N_STEPS}, check_symplectic
+    ),
+    "symplecticity, nonlinear": Property(
+        {"seed": SEEDS, "kind": KINDS, "stages": st.integers(1, 3)}, check_symplectic_nonlinear
+    ),
+    "time reversal": Property(
+        {"seed": SEEDS, "d": DIMENSIONS, "index": INDICES, "n_steps": N_STEPS, "kind": KINDS},
+        check_reversal,
+    ),
+    "units": Property(
+        {
+            "seed": SEEDS,
+            "d": DIMENSIONS,
+            "orders": SEVERAL,
+            "index": INDICES,
+            "n_steps": N_STEPS,
+            "power": st.integers(-60, 60),
+            "other": st.integers(-20, 20),
+        },
+        check_units,
+    ),
+    "permutation of coordinates": Property(
+        {
+            "seed": SEEDS,
+            "d": st.integers(2, 4),
+            "orders": SEVERAL,
+            "index": INDICES,
+            "n_steps": N_STEPS,
+        },
+        check_permutation,
+    ),
+}
+
+
+def run(law: Property, examples: int) -> None:
+    limited = settings(
+        max_examples=examples,
+        derandomize=True,
+        database=None,
+        deadline=None,
+        phases=(Phase.explicit, Phase.generate),
+        report_multiple_bugs=False,
+        suppress_health_check=list(HealthCheck),
+    )
+    limited(given(**law.drawn)(law.check))()
+
+
+@pytest.mark.parametrize("name", PROPERTIES)
+def test_law(name: str) -> None:
+    run(PROPERTIES[name], 10)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PROPERTIES)
+def test_law_on_many_scenes(name: str) -> None:
+    run(PROPERTIES[name], 150)
