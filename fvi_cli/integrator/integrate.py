@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import rgamma
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
@@ -31,7 +30,6 @@ from fvi_cli.integrator.moments import (
     projected_moments,
 )
 from fvi_cli.integrator.motion import Motion
-from fvi_cli.integrator.starting_weights import correct_start
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.integrator.stepping import Stepped, StepProblem, run_steps
 from fvi_cli.integrator.trajectory import Trajectory, thinned
@@ -117,6 +115,8 @@ def _integrate(scene: Scene, method: AnyMethod, n_steps: int, asked: Asked) -> T
     began = time.perf_counter()
     prepared = prepare(scene, method, n_steps)
     if method.start == "weights" and scene.active_damping:
+        from fvi_cli.integrator.starting_weights import correct_start
+
         corrected, remarks = correct_start(prepared.problem, method, scene)
         prepared = replace(prepared, problem=corrected, remarks=remarks)
     bound = growth_bound(prepared.problem)
@@ -250,6 +250,7 @@ def jump_force(scene: Scene) -> StepFunction | None:
     terms = [term for term in scene.active_damping if term.order < 1]
     if scene.derivative == "caputo" or not terms or not np.any(scene.initial_position != 0):
         return None
+    from scipy.special import rgamma
 
     def force(start: Array, h: float, offsets: Array) -> Array:
         time_values = start[:, None] + h * offsets

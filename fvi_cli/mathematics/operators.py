@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import fft
 
 from fvi_cli.mathematics.bdf import convolution_weights
 
@@ -67,6 +66,9 @@ def left_operator(bdf_order: int, exponent: float, step_size: float, values: Arr
         for column in range(columns.shape[1]):
             convolved[:, column] = np.convolve(columns[:, column], weights[:support])[:n_samples]
     else:
+        # SciPy's transforms bring its special functions with them
+        from scipy import fft
+
         length = fft.next_fast_len(2 * n_samples - 1, real=True)
         transform = fft.rfft(weights, length)[:, None] * fft.rfft(columns, length, axis=0)
         convolved = fft.irfft(transform, length, axis=0)[:n_samples]
