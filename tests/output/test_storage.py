@@ -39,6 +39,7 @@ from fvi_cli.output.storage import (
     read_configuration,
     read_results,
     records,
+    seal,
 )
 from fvi_cli.output.storage import stream as stream_module
 from fvi_cli.output.storage.stream import SafeStream
@@ -765,10 +766,28 @@ def test_numbers_that_have_changed_since_are_noticed(path: Path, runs: list[Fini
     content = bytearray(path.read_bytes())
     content[place] ^= 1
     path.write_bytes(content)
+    with pytest.raises(StorageError, match="its bytes are not those that were written"):
+        recall(path, runs)
+    # without the seal, as a program leaves it that changes a file, each run is looked at
+    path.write_bytes(content[: -seal.LENGTH])
     with read_results(path) as results:
         assert_same(results.finished(runs[0].run), runs[0])
         with pytest.raises(StorageError, match="not those that were written"):
             results.finished(runs[1].run)
+
+
+def test_a_file_that_the_library_would_search_for_ever_is_told_to_be_damaged(
+    path: Path, runs: list[FinishedRun]
+) -> None:
+    """A heap of texts of variable length whose directory is empty: h5py does not come back."""
+    content = bytearray(path.read_bytes())
+    begin = content.index(b"GCOL")
+    content[begin + 16 : begin + 400] = bytes(384)
+    path.write_bytes(content)
+    with pytest.raises(StorageError, match="its bytes are not those that were written"):
+        recall(path, runs)
+    with pytest.raises(StorageError, match="its bytes are not those that were written"):
+        list_runs(path)
 
 
 def test_a_run_that_is_not_complete_is_not_finished(path: Path, runs: list[FinishedRun]) -> None:

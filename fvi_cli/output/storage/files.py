@@ -14,6 +14,7 @@ import h5py
 
 from fvi_cli.errors import StorageError
 from fvi_cli.output.provenance import FORMAT
+from fvi_cli.output.storage.seal import append_seal, is_broken
 from fvi_cli.output.storage.stream import SafeStream
 
 CREATOR = "fvi-cli"
@@ -52,6 +53,11 @@ def open_stored(path: Path) -> h5py.File:
     if path.is_dir():
         raise StorageError(f"{path}: is a folder, not a result file")
     try:
+        if is_broken(path):
+            raise StorageError(
+                f"{path}: is damaged: its bytes are not those that were written; it is left as it "
+                "is: move it away, and its runs are computed again"
+            )
         # no lock of HDF5: files are replaced as a whole, never changed
         file = h5py.File(path, "r", locking=False)
     except PermissionError as error:
@@ -130,6 +136,7 @@ def replacing(path: Path) -> Iterator[NewFile]:
             file.attrs["format"] = FORMAT
             yield NewFile(file=file, check=stream.check)
         stream.check()
+        append_seal(handle)
         os.fsync(handle)
         temporary.replace(path)
         _flush_folder(path.parent)
