@@ -201,15 +201,16 @@ def write_page(output: Path, measured_tables: Mapping[str, Sequence[CostTable]])
             )
         ),
         Heading(level=2, words="Figures to meet"),
-        goal_grid(goals),
+        *goal_blocks(goals),
     ]
-    for name, tables in measured_tables.items():
+    for index, (name, tables) in enumerate(measured_tables.items()):
         blocks.append(Heading(level=2, words=name))
-        blocks += cost_summary(tables, level=3)
+        # how to read the numbers is said once
+        blocks += cost_summary(tables, level=3)[min(index, 1) :]
     # a picture is no block of a report: it is put below the heading of its configuration
     text = to_markdown(blocks)
     for name in measured_tables:
-        picture = f"![Error against time and work]({'figures'}/{name}-cost.png)"
+        picture = f"![Error against time and work](figures/{name}-cost.png)"
         text = text.replace(f"\n## {name}\n", f"\n## {name}\n\n{picture}\n", 1)
     path = output / PAGE
     output.mkdir(parents=True, exist_ok=True)
@@ -217,22 +218,22 @@ def write_page(output: Path, measured_tables: Mapping[str, Sequence[CostTable]])
     return path
 
 
-def goal_grid(goals: Sequence[Goal]) -> Grid | Bullets:
-    """The figures to meet as a table."""
+def goal_blocks(goals: Sequence[Goal]) -> list[Block]:
+    """The figures to meet as a table, and what went into each."""
     if not goals:
-        return Bullets(items=("nothing of the figures to meet is among these configurations",))
-    return Grid(
-        header=("what", "from", "measured", "bound", "met"),
-        rows=tuple(
-            (
-                goal.name,
-                goal.how,
-                number(goal.measured, ".3g"),
-                f"at {'least' if goal.is_least else 'most'} {goal.bound:g}",
-                "yes" if goal.is_met else "no",
-            )
-            for goal in goals
+        return [Paragraph(words="None of them concerns these configurations.")]
+    return [
+        Grid(
+            header=("what", "measured", "bound", "met"),
+            rows=tuple(
+                (
+                    goal.name,
+                    number(goal.measured, ".3g"),
+                    f"at {'least' if goal.is_least else 'most'} {goal.bound:g}",
+                    "yes" if goal.is_met else "no",
+                )
+                for goal in goals
+            ),
         ),
-        text_columns=2,
-        key_columns=2,
-    )
+        Bullets(items=tuple(f"{goal.name}: {goal.how}" for goal in goals)),
+    ]
