@@ -314,3 +314,9 @@ def test_the_command_fails_when_gauss3_does_not_hold(
     assert result.exit_code == 3, result.output
     assert " NO" in result.stdout
     assert list(tmp_path.iterdir()) == []
+    write_report(tmp_path, of(strict, FLAGSHIP))
+    checked = CliRunner().invoke(
+        app, ["hard-cases", "--check", "--method", "Gauss3", "--output", str(tmp_path)]
+    )
+    assert checked.exit_code == 3
+    assert checked.stdout.count("must be at most 1e-20") == 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from fvi_cli.experiments.hard_cases.case import HardCase, HardCaseReport, NamedMethod
+from fvi_cli.experiments.hard_cases.case import HardCase, NamedMethod
 from fvi_cli.experiments.hard_cases.chaos import chaotic_double_pendulum
 from fvi_cli.experiments.hard_cases.forced_cases import (
     every_singular_power,
@@ -80,8 +80,3 @@ def examined_methods() -> tuple[NamedMethod, ...]:
         for p in range(1, 7)
     ]
     return (*gauss, *others, *points, *nodes)
-
-
-def flagship_holds(report: HardCaseReport) -> bool:
-    """Whether everything holds with the method for which everything must."""
-    return all(finding.holds for finding in report.findings if finding.method == FLAGSHIP)

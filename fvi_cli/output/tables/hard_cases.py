@@ -13,6 +13,7 @@ from typing import Any
 
 from fvi_cli.errors import StorageError
 from fvi_cli.experiments.hard_cases.case import CaseText, Finding, HardCaseReport
+from fvi_cli.experiments.hard_cases.suite import FLAGSHIP
 from fvi_cli.output.atomic import replace_file
 from fvi_cli.output.tables.document import Block, Grid, Heading, Paragraph
 from fvi_cli.output.tables.markdown import to_markdown
@@ -197,6 +198,16 @@ def write_report(directory: Path, report: HardCaseReport) -> list[Path]:
     except OSError as error:
         raise StorageError(f"{place}: cannot be written: {error.strerror}") from None
     return list(paths.values())
+
+
+def failures(report: HardCaseReport) -> list[str]:
+    """One line for every claim that does not hold with the method for which all must."""
+    return [
+        f"{f.case}: {f.quantity}: {f.measured:.3g} ({f.status}) with {f.method}; it must be "
+        f"{f.sense} {f.limit:g}"
+        for f in report.findings
+        if f.method == FLAGSHIP and not f.holds
+    ]
 
 
 def compare_with_report(directory: Path, fresh: HardCaseReport) -> list[str]:
