@@ -104,6 +104,8 @@ def _write_sweeps(
     for (experiment, case, n_steps), rows in swept.items():
         columns = reader.columns(rows)
         named = {"experiment": experiment, "case": case, "n_steps": n_steps}
+        # another sweep may name the same keys in another order
+        named[SWEPT] = columns[SWEPT][0]
         columns |= {name: [value] * len(rows) for name, value in named.items()}
         write_batch(new.file, columns, reader.blocks(rows))
         new.check()

@@ -59,6 +59,8 @@ RUN_KEYS = ("method", "n_steps", "store_every", "allow_unstable", "diagnostics")
 SWEPT = "swept"
 """Attribute of a member of a sweep: a JSON list of the keys in which members differ."""
 
+Form = tuple[str, ...]
+
 Place = tuple[str, str, int, str]
 """Experiment, case, number of steps, and the values of a member of a sweep as JSON text."""
 
@@ -75,6 +77,11 @@ def place_of(run: Run) -> Place:
     """Where a run belongs."""
     values = "" if run.member is None else canonical_json(dict(run.member.values))
     return run.experiment.name, run.method.case, run.n_steps, values
+
+
+def form_of(place: Place) -> Form:
+    """The keys in which the runs in the same group differ; none for a run that stands alone."""
+    return tuple(sorted(json.loads(place[3]))) if place[3] else ()
 
 
 def place_in(attributes: Mapping[str, Any]) -> Place:

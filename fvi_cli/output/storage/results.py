@@ -28,10 +28,12 @@ from fvi_cli.output.storage.files import UNFINISHED, damage_told, reading, repla
 from fvi_cli.output.storage.locations import Location, index, located
 from fvi_cli.output.storage.locking import folder_lock
 from fvi_cli.output.storage.records import (
+    Form,
     Place,
     basis_in,
     basis_of,
     finished_of,
+    form_of,
     group_path,
     place_of,
     record_of,
@@ -49,7 +51,7 @@ class StoredRuns:
     """The complete runs of a result file and of the parts beside it, by identity."""
 
     path: Path
-    _by_identity: dict[str, Location] = field(default_factory=dict)
+    _by_identity: dict[tuple[str, Form], Location] = field(default_factory=dict)
     _by_place: dict[Place, Location] = field(default_factory=dict)
     _reader: MemberReader = field(default_factory=MemberReader)
 
@@ -70,9 +72,11 @@ class StoredRuns:
 
     def _location(self, run: Run) -> Location | None:
         """Where the run is, also under the other answer to a question that it does not raise."""
-        location = self._by_identity.get(identity(run))
+        # the same numbers may be there as a member of another sweep, in a group of another form
+        form = form_of(place_of(run))
+        location = self._by_identity.get((identity(run), form))
         if location is None:
-            other = self._by_identity.get(identity_otherwise_allowed(run))
+            other = self._by_identity.get((identity_otherwise_allowed(run), form))
             if other is not None and other.predicted != "unstable":
                 return other
         return location
@@ -102,7 +106,7 @@ class StoredRuns:
 
     def _learn(self, locations: Iterable[Location]) -> None:
         for location in locations:
-            self._by_identity[location.identity] = location
+            self._by_identity[location.identity, form_of(location.place)] = location
             self._by_place[location.place] = location
 
 
@@ -215,7 +219,9 @@ class Results(StoredRuns):
         """What the file is to hold, in the order of asking, what was not asked for behind."""
         # members in the order of the sweep, whenever they were computed
         in_order = sorted(self._asked, key=lambda place: self._numbers.get(place, -1))
-        chosen = {place: self._by_identity[self._asked[place]] for place in in_order}
+        chosen = {
+            place: self._by_identity[self._asked[place], form_of(place)] for place in in_order
+        }
         bases = {place[0]: location.basis for place, location in chosen.items()}
         forgets_others = self.is_fresh and bool(chosen)
         superseded = 0
