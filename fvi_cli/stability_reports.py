@@ -15,9 +15,13 @@ from fvi_cli.experiments.stability_study import (
     regions,
     stability_rows,
 )
-from fvi_cli.output.tables.stability import stability_text, write_stability_tables
+from fvi_cli.output.tables.stability import (
+    compare_stability_tables,
+    stability_text,
+    write_stability_tables,
+)
 from fvi_cli.progress import progress_bar
-from fvi_cli.reports import write_figures
+from fvi_cli.reports import compare_figures, write_figures
 
 _logger = logging.getLogger(__name__)
 
@@ -95,3 +99,11 @@ def write(name: str, tables: Sequence[StabilityTable], output: Path) -> tuple[st
     paths = write_stability_tables(output / "tables", name, tables)
     paths += write_figures(stability_figures(name, tables), output)
     return stability_text(name, tables), paths
+
+
+def compare(name: str, tables: Sequence[StabilityTable], output: Path) -> list[str]:
+    """One line for everything in which the stored tables and figures say something else."""
+    from fvi_cli.output.figures.stability import stability_figures
+
+    differences = compare_stability_tables(output / "tables", name, tables)
+    return differences + compare_figures(stability_figures(name, tables), output)

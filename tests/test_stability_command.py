@@ -50,6 +50,16 @@ def test_over_the_steps(tmp_path):
         assert (tmp_path / f"out/figures/quick-stability.{form}").is_file()
     assert [row["predicted"] for row in rows(tmp_path)] == ["stable", "stable"] + ["unstable"] * 2
     assert {row["agrees"] for row in rows(tmp_path)} == {"yes"}
+    # what is stored is up to date, until it is changed
+    fresh = call(tmp_path, "--check")
+    assert (fresh.exit_code, fresh.output) == (0, "up to date\n")
+    table = tmp_path / "out/tables/quick-stability.csv"
+    table.write_text(table.read_text().replace(",stable,0.0,", ",unstable,0.0,", 1))
+    (tmp_path / "out/figures/quick-stability.png").unlink()
+    stale = call(tmp_path, "--check")
+    assert stale.exit_code == 3
+    assert "predicted: unstable is now stable" in stale.output
+    assert "quick-stability.png: missing" in stale.output
 
 
 def test_a_region_without_observation(tmp_path):

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from fvi_cli.commands.exits import CHECK_FAILED, DONE, guarded
+from fvi_cli.commands.exits import CHECK_FAILED, DONE, guarded, verdict
 from fvi_cli.commands.options import RESULTS, Configs, Output, Overrides, Quiet, Verbose
 
 
@@ -30,6 +30,12 @@ def stability(
             help="Run every method from random data and compare; default: as configured, yes.",
         ),
     ] = None,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check", help="Compare with the stored tables and figures, and write nothing."
+        ),
+    ] = False,
     overrides: Overrides = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -42,11 +48,15 @@ def stability(
 
     requests = campaign.gather(configs, (*(overrides or ()), *stability_reports.ranges(over or ())))
     failed = 0
+    differences: list[str] = []
     for request in requests:
         tables = stability_reports.study_stability(
             request, is_observed=observe, show_progress=not quiet
         )
-        text, paths = stability_reports.write(request.name, tables, output)
-        print(text, *paths, "", sep="\n")
+        if check:
+            differences += stability_reports.compare(request.name, tables, output)
+        else:
+            text, paths = stability_reports.write(request.name, tables, output)
+            print(text, *paths, "", sep="\n")
         failed += sum(len(table.disagreements) for table in tables)
-    return CHECK_FAILED if failed else DONE
+    return (verdict(differences) if check else DONE) or (CHECK_FAILED if failed else DONE)

@@ -268,3 +268,48 @@ def write_stability_tables(
     except OSError as error:
         raise StorageError(f"{place}: cannot be written: {error.strerror}") from None
     return written
+
+
+def compare_stability_tables(
+    directory: Path, name: str, tables: Sequence[StabilityTable]
+) -> list[str]:
+    """One line for every difference between the stored table and this one.
+
+    Verdicts must be the same, predicted growths and steps within a thousandth; what was measured
+    from random data may differ in its digits.
+    """
+    path = directory / f"{name}-stability.csv"
+    if not path.is_file():
+        return [f"{path}: missing"]
+    stored = list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8"))))
+    fresh = list(csv.DictReader(io.StringIO(stability_csv(tables))))
+    if len(stored) != len(fresh):
+        return [f"{path}: {len(stored)} rows, now {len(fresh)}"]
+    differences = []
+    for number, (old, new) in enumerate(zip(stored, fresh, strict=True), start=2):
+        for key in COLUMNS:
+            if key in _FREE:
+                continue
+            before, now = old.get(key), new[key]
+            if before is None or not _same(key, before, now):
+                differences.append(f"{path}:{number}: {key}: {before} is now {now}")
+    return differences
+
+
+_FREE = ("observed_growth_per_step", "observed_steps", "reason")
+_NUMBERS = (
+    "step_size",
+    "growth_per_step",
+    "exact_growth_per_step",
+    "largest_stable_step",
+    "lasting_step",
+)
+
+
+def _same(key: str, before: str, now: str) -> bool:
+    if before == now or key not in _NUMBERS:
+        return before == now
+    try:
+        return math.isclose(float(before), float(now), rel_tol=2e-3, abs_tol=1e-9)
+    except ValueError:
+        return False
