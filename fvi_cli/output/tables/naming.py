@@ -122,8 +122,9 @@ def _forcing(method: AnyMethod) -> str:
 
 
 def _history(method: AnyMethod) -> str:
-    is_told = isinstance(method, Method) and method.history != "auto"
-    return f"{method.history} history" if is_told else ""
+    if not isinstance(method, Method) or method.history == "auto":
+        return ""
+    return f"{method.history} history"
 
 
 _FEATURES: tuple[_Feature, ...] = (_degree, _rule, _start, _forcing, _history)
