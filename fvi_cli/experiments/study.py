@@ -79,9 +79,12 @@ def assessed(
     trajectory = dataclasses.replace(trajectory, remarks=remarks)
     exact = reference.values(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
-    scale = float(np.abs(compared).max(initial=0.0))
+    # what an error of one everywhere comes to: an error in l2 grows with the length of the run, and
+    # is not to be held against a position without that
+    unit = float(np.sqrt(run.problem.final_time)) if experiment.norm == "l2" else 1.0
+    scale = unit * float(np.abs(compared).max(initial=0.0))
     round_off = 100 * EPSILON * scale * float(np.sqrt(run.n_steps))
-    floor = max(round_off, 10 * reference.error) if reference.is_known else round_off
+    floor = max(round_off, 10 * unit * reference.error) if reference.is_known else round_off
     spacing = trajectory.every * run.step_size
     error = error_norm(trajectory.position, exact, spacing, experiment.norm)
     return FinishedRun(

@@ -49,3 +49,30 @@ def test_errors_are_those_of_the_kept_points(tmp_path: Path, norm: str) -> None:
     assert thin.run.method.case == "gauss-s1-none-exponentials"
     again = record_of(finished_of(records[1], thin.run))
     assert np.array_equal(again.datasets["time"], records[1].datasets["time"])
+
+
+@pytest.mark.parametrize("norm", ["max", "final", "l2"])
+@pytest.mark.parametrize("second", [1.0, 1e8, 1e-12])
+def test_status_and_floor_do_not_depend_on_the_unit_of_time(
+    tmp_path: Path, norm: str, second: float
+) -> None:
+    """One sound run, one at round-off, one that is ten times off, by other clocks."""
+    text = f"""\
+name: clocks
+problem:
+  kind: bagley-torvik
+  damping: [{{order: 1.0, coefficient: {0.2 / second!r}}}]
+  stiffness: {second**-2!r}
+  initial: {{position: 1.0, velocity: 0.0}}
+  final_time: {16.0 * second!r}
+method: [{{rk: gauss, degree: 2}}, {{rk: gauss, degree: 9}}, {{baseline: explicit-euler}}]
+ladder: {{steps: [16]}}
+allow_unstable: true
+report: {{norm: {norm}}}
+"""
+    path = tmp_path / "clocks.yaml"
+    path.write_text(text)
+    runs = [execute(run) for run in load_config(path).experiments[0].runs()]
+    assert [finished.status for finished in runs] == ["ok", "floor", "diverged"]
+    unit = np.sqrt(16.0 * second) if norm == "l2" else 1.0
+    assert runs[0].floor / unit == pytest.approx(100 * 2.0**-52 * 4, rel=1e-6)
