@@ -256,6 +256,11 @@ class _Blocks:
             self._strips = tuple(
                 shared_strip(c, self._far, self._reach, m) for c in system.channels
             )
+        # one component: one product without the overhead of a batch
+        self._single: Array | None = None
+        if q == e == len(self._strips) == 1:
+            self._single = self._strips[0].matrix * self._strips[0].batched.directions[0, 0, 0]
+        self._per_reach = sum(strip.operations(1) for strip in self._strips)
         self._history = GroupHistory(
             system.channels if system.memory > 1 else (), m, sizes.group, problem.n_steps
         )
@@ -345,8 +350,9 @@ class _Blocks:
         damped = self._system.memory > 1
         force: Array | None = None
         for index in range(count):
-            advanced((first + index) * block, self._problem.n_steps)
             place = (first + index) % blocks
+            if place == 0:
+                advanced((first + index) * block, self._problem.n_steps)
             group = (first + index) // blocks
             row = inputs[:, index]
             if damped:
@@ -356,7 +362,11 @@ class _Blocks:
                 if place and self._strips:
                     reach = min(self._reach, place * block)
                     past = samples[:, :, place * whole - reach * m : place * whole]
-                    known = known + self._from_group(past, reach)
+                    if self._single is not None:
+                        known = known + past[0, 0] @ self._single[-reach * m :]
+                    else:
+                        known = known + self._from_group(past)
+                    self._direct += self._per_reach * reach
                 row[:, : self._n_history] = known
             row[:, self._n_history : self._n_first] = self._state
             result = _apply(self._sequential, row[:, : self._n_first])
@@ -365,8 +375,11 @@ class _Blocks:
             self._move(result[:, self._n_history :], e)
             if damped:
                 end = (place + 1) * whole
-                found = result[:, : self._n_history].reshape(q, begin, e)
-                samples[:, :, end - begin : end] = found.transpose(0, 2, 1)
+                found = result[:, : self._n_history]
+                if e == 1:
+                    samples[:, 0, end - begin : end] = found
+                else:
+                    samples[:, :, end - begin : end] = found.reshape(q, begin, e).transpose(0, 2, 1)
                 if place == blocks - 1:
                     finished = samples.transpose(0, 2, 1).reshape(q, blocks * block, m, e)
                     self._history.finish(group, finished)
@@ -375,13 +388,14 @@ class _Blocks:
             self._direct += q * e * count * own_operations(self._system, block)
         return inputs
 
-    def _from_group(self, past: Array, reach: int) -> Array:
+    def _from_group(self, past: Array) -> Array:
         """Force of earlier blocks of the group, ``(q, far m e)``."""
         q, e, _ = past.shape
         total = self._strips[0].force(past)
         for strip in self._strips[1:]:
             total += strip.force(past)
-        self._direct += sum(strip.operations(reach) for strip in self._strips)
+        if e == 1:
+            return total[:, 0]
         return total.reshape(q, e, -1).transpose(0, 2, 1).reshape(q, -1)
 
     def _move(self, change: Array, e: int) -> None:

@@ -126,11 +126,12 @@ class SharedStrip:
     def force(self, past: Array) -> Array:
         """Force of the last samples, ``(q, e, n m)`` with n <= reach, as ``(q, e, rows m)``."""
         q, e, size = past.shape
-        sums = past.reshape(q * e, size) @ self.matrix[self.matrix.shape[0] - size :]
-        directions = self.batched.directions
-        sums = sums.reshape(q, e, -1)
+        matrix, directions = self.matrix[self.matrix.shape[0] - size :], self.batched.directions
         if e == 1:
-            return np.asarray(sums * directions)
+            sums = past[:, 0] @ matrix
+            sums *= directions[:, 0]
+            return np.asarray(sums[:, None])
+        sums = (past.reshape(q * e, size) @ matrix).reshape(q, e, -1)
         return np.asarray(np.matmul(directions.transpose(0, 2, 1), sums))
 
     def operations(self, n_past: int) -> int:

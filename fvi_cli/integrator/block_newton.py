@@ -53,7 +53,9 @@ def group_operations(place: int, count: int, memory: int) -> int:
     memory
         Number M of weights.
     """
-    return sum(min(step + 1, memory) for step in range(place, place + count))
+    # steps that all earlier ones of the group reach, then steps that `memory` of them do
+    growing = max(0, min(count, memory - place))
+    return growing * place + growing * (growing + 1) // 2 + (count - growing) * memory
 
 
 def newton_block(size: int, n_steps: int) -> int | None:
