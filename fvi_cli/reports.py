@@ -93,6 +93,9 @@ def _members_as_text(outcome: Outcome) -> str:
 def plans_as_text(plans: Sequence[Plan], *, in_full: bool = False) -> str:
     """One line for every run: what would be done with it, why, which effects it has, what it takes.
 
+    Members of a sweep with which the same would be done share a line, which has the effects of the
+    first of them and what each takes.
+
     Parameters
     ----------
     plans
@@ -102,16 +105,16 @@ def plans_as_text(plans: Sequence[Plan], *, in_full: bool = False) -> str:
     """
     header = ("experiment", "case", "n_steps", "step_size", "action", "predicted", "effects")
     rows = [(*header, "operations", "memory", "time", "reason")]
-    machinery = [planned(plan.run) for plan in plans]
-    for plan, own in zip(plans, machinery, strict=True):
-        run = plan.run
+    for alike in _alike(plans):
+        plan = alike[0]
+        run, own = plan.run, planned(plan.run)
         rows.append(
             (
                 run.experiment.name,
                 run.method.case,
                 str(run.n_steps),
                 f"{run.step_size:.6g}",
-                plan.action,
+                plan.action if run.member is None else f"{plan.action} {len(alike)} members",
                 plan.predicted,
                 ", ".join(effects_of(run.problem)),
                 *_costs(own),
@@ -120,6 +123,16 @@ def plans_as_text(plans: Sequence[Plan], *, in_full: bool = False) -> str:
         )
     text = aligned(rows)
     return f"{text}\n\n{machinery_as_text([p.run for p in plans])}" if in_full else text
+
+
+def _alike(plans: Sequence[Plan]) -> list[list[Plan]]:
+    """Every plan by itself, but those of members that differ in their members only."""
+    groups: dict[tuple[object, ...], list[Plan]] = {}
+    for plan in plans:
+        run = plan.run
+        shared = (run.experiment, run.method, run.n_steps, plan.action, plan.predicted, plan.reason)
+        groups.setdefault((run,) if run.member is None else shared, []).append(plan)
+    return list(groups.values())
 
 
 def machinery_as_text(runs: Sequence[Run]) -> str:

@@ -1,0 +1,191 @@
+"""Orders of the members of a sweep, from the configuration to tables and figures."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+
+import numpy as np
+import pytest
+
+from fvi_cli.config import parse_config
+from fvi_cli.experiments.batches import batches_of, execute_batch
+from fvi_cli.experiments.order import order_tables
+from fvi_cli.experiments.sweep_summary import sweep_lines
+from fvi_cli.output.figures import drawn_data, figures_for, left_out
+from fvi_cli.output.tables import (
+    compare_tables,
+    compare_with_tables,
+    from_json,
+    rendered,
+    summary_text,
+    write_tables,
+)
+from fvi_cli.output.tables.csv_table import COLUMNS
+
+TEXT = """\
+name: many
+problem:
+  kind: damped-oscillator
+  damping: [{order: 0.5, coefficient: 0.3}]
+  initial: {position: 1.0}
+  final_time: 4.0
+method: {rk: gauss, degree: [1, 2]}
+ladder: {steps: [32, 64, 128, 256]}
+"""
+ONE_KEY = "sweep: {problem.damping.0.order: [0.3, 0.5, 1.0, 1.5]}\n"
+TWO_KEYS = ONE_KEY.replace("}", ", problem.stiffness: [0.5, 1, 2]}")
+
+
+def study_of(text):
+    experiment = parse_config(text, "many.yaml").experiments[0]
+    finished = [one for batch in batches_of(experiment.runs()) for one in execute_batch(batch)]
+    return experiment, finished
+
+
+@pytest.fixture(scope="module")
+def one_key():
+    return study_of(TEXT + ONE_KEY)
+
+
+@pytest.fixture(scope="module")
+def two_keys():
+    return study_of(TEXT + TWO_KEYS)
+
+
+def misses(tables):
+    """Cases whose order on the finest steps is not twice the number of stages within 0.1."""
+    return [
+        (table.title, case.method.case)
+        for table in tables
+        for case in table.cases
+        if not abs(case.last_order - 2 * case.method.degree) <= 0.1
+    ]
+
+
+def test_every_member_has_the_order_of_its_method(two_keys):
+    experiment, finished = two_keys
+    tables = order_tables(experiment, finished)
+    assert len(tables) == 12
+    assert all(len(table.cases) == 2 and len(table.cases[0].rows) == 4 for table in tables)
+    assert misses(tables) == []
+    # a control: the errors of one member fall more slowly
+    spoilt = [
+        dataclasses.replace(one, error=one.error * one.run.n_steps**0.3)
+        if one.run.member.number == 7
+        else one
+        for one in finished
+    ]
+    assert misses(order_tables(experiment, spoilt)) == [
+        (tables[7].title, case.method.case) for case in tables[7].cases
+    ]
+
+
+def test_a_member_has_the_table_of_an_experiment_with_that_problem(two_keys):
+    experiment, finished = two_keys
+    member = order_tables(experiment, finished)[4]
+    text = TEXT.replace("order: 0.5", f"order: {member.swept['problem.damping.0.order']}")
+    text = text.replace("  final", f"  stiffness: {member.swept['problem.stiffness']}\n  final")
+    (alone,) = order_tables(*study_of(text))
+    assert alone.swept == {}
+    assert (member.gamma, member.equation, member.reference) == (
+        alone.gamma,
+        alone.equation,
+        alone.reference,
+    )
+    assert compare_tables([alone], [dataclasses.replace(member, swept={})]) == []
+
+
+def test_the_csv_file_has_the_swept_values_behind_the_columns_of_the_contract(two_keys):
+    tables = order_tables(*two_keys)
+    rows = list(csv.reader(io.StringIO(rendered("many", tables)["csv"])))
+    assert tuple(rows[0]) == (*COLUMNS, "problem.damping.0.order", "problem.stiffness")
+    assert len(rows) == 1 + 12 * 2 * 4
+    assert {tuple(row[-2:]) for row in rows[1:]} == {
+        (repr(gamma), repr(k)) for gamma in (0.3, 0.5, 1.0, 1.5) for k in (0.5, 1.0, 2.0)
+    }
+    assert {row[COLUMNS.index("gamma")] for row in rows[1:]} == {"0.3", "0.5", "1", "1.5"}
+
+
+def test_tables_of_members_are_read_back_and_checked(two_keys, tmp_path):
+    tables = order_tables(*two_keys)
+    again = from_json(rendered("many", tables)["json"])
+    assert compare_tables(tables, again) == []
+    assert [table.swept for table in again] == [dict(table.swept) for table in tables]
+    write_tables(tmp_path, "many", tables)
+    assert compare_with_tables(tmp_path, "many", tables) == []
+    missing = compare_tables(tables, tables[1:])
+    assert missing == [f"experiment {tables[0].title}: stored, but not there now"]
+    path = tmp_path / "many.json"
+    content = json.loads(path.read_text())
+    content["experiments"][3]["cases"][0]["rows"][0]["error"] *= 1.01
+    path.write_text(json.dumps(content))
+    differences = compare_with_tables(tmp_path, "many", tables)
+    assert any(tables[3].title in line and "error" in line for line in differences)
+
+
+def test_one_key_gives_a_row_for_every_value(one_key):
+    tables = order_tables(*one_key)
+    text = summary_text("many", tables)
+    rows = [line.split() for line in text.splitlines() if line[:3] in ("0.3", "0.5", "1  ", "1.5")]
+    assert [row[0] for row in rows] == ["0.3", "0.5", "1", "1.5"]
+    assert "problem.damping.0.order" in text
+    slopes = [float(row[1].rstrip(",")) for row in rows]
+    assert slopes == pytest.approx([table.cases[0].slope for table in tables], abs=0.005)
+
+
+def test_several_keys_are_summed_up(two_keys):
+    tables = order_tables(*two_keys)
+    forms = rendered("many", tables)
+    assert "12 members" in forms["md"]
+    assert len(forms["md"].splitlines()) < 60
+    slopes = [table.cases[1].slope for table in tables]
+    (line,) = [one for one in forms["md"].splitlines() if one.startswith("| Gauss2")][:1]
+    cells = [cell.strip() for cell in line.split("|")[2:5]]
+    assert cells == [f"{v:.2f}" for v in (min(slopes), np.median(slopes), max(slopes))]
+
+
+def test_a_line_tells_the_median_and_the_largest_error_and_where_it_is(two_keys):
+    finished = two_keys[1]
+    lines = sweep_lines(finished)
+    assert len(lines) == 8
+    for line in lines:
+        own = [
+            one
+            for one in finished
+            if (one.run.method, one.run.n_steps) == (line.method, line.n_steps)
+        ]
+        errors = [one.error for one in own]
+        assert (line.members, line.statuses) == (12, "ok")
+        assert line.median_error == pytest.approx(np.median(errors))
+        assert line.largest_error == max(errors)
+        assert line.worst == own[int(np.argmax(errors))].run.member.label
+    spoilt = [
+        dataclasses.replace(one, status="diverged", error=np.nan) if k % 96 == 0 else one
+        for k, one in enumerate(finished)
+    ]
+    assert sweep_lines(spoilt)[0].statuses == "ok: 11; diverged: 1"
+
+
+@pytest.mark.parametrize(("study", "labels"), [("one_key", 4), ("two_keys", 3)])
+def test_figures_have_lines_for_a_few_members_and_bands_for_many(study, labels, request):
+    experiment, finished = request.getfixturevalue(study)
+    experiment = dataclasses.replace(experiment, figures=("convergence", "trajectory", "energy"))
+    figures = figures_for([(experiment, finished)], name="many")
+    assert list(figures) == ["many-convergence", "many-trajectory"]
+    assert left_out([(experiment, finished)]) == [
+        "many: no energy figure, since of a sweep there are convergence and trajectory"
+    ]
+    drawn = drawn_data(figures["many-convergence"])
+    assert len(drawn["legend"]) == labels
+    assert len(drawn["panels"]) == 2
+    if study == "two_keys":
+        errors = [
+            one.error
+            for one in finished
+            if one.run.n_steps == 256 and one.run.method == experiment.methods[1]
+        ]
+        (median,) = [line for line in drawn["panels"][1]["lines"] if line["label"] == "median"]
+        assert median["y"][0] == pytest.approx(np.median(errors), rel=0.01)
