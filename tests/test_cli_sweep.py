@@ -1,0 +1,83 @@
+"""A sweep from the command line: few lines, all members stored, resumed, listed and exported."""
+
+from __future__ import annotations
+
+import csv
+
+import h5py
+import pytest
+from typer.testing import CliRunner
+
+from fvi_cli.cli import app
+
+CONFIG = """\
+name: many
+problem:
+  kind: damped-oscillator
+  damping: [{order: 0.5, coefficient: 0.3}]
+  initial: {position: 1.0}
+  final_time: 4.0
+method: {rk: gauss, degree: 2}
+ladder: {steps: [8, 16, 32]}
+sweep: {problem.stiffness: {from: 1, to: 4, number: 40}}
+"""
+
+
+@pytest.fixture
+def fvi(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "many.yaml").write_text(CONFIG)
+
+    def call(*arguments, expected=0):
+        result = CliRunner().invoke(app, list(arguments))
+        assert result.exit_code == expected, result.output
+        return result.stdout
+
+    return call
+
+
+def test_a_sweep_is_told_in_few_lines_unless_all_are_asked_for(fvi, tmp_path):
+    lines = fvi("run", "many.yaml").splitlines()
+    assert len(lines) == 1 + 3 + 1
+    assert all("40" in line and "stiffness = 4" in line for line in lines[1:4])
+    with h5py.File(tmp_path / "results" / "many.h5") as file:
+        assert file["/many/gauss-s2-series/n000016/position"].shape == (40, 17, 1)
+    planned = fvi("run", "many.yaml", "--dry-run").splitlines()
+    assert len(planned) == 1 + 3
+    assert all("reuse 40 members" in line for line in planned[1:])
+    assert sum("stiffness =" in line for line in fvi("run", "many.yaml", "-v").splitlines()) > 120
+
+
+def test_members_that_are_missing_are_planned_and_computed(fvi):
+    fvi("run", "many.yaml")
+    longer = ("--set", "sweep.problem.stiffness.number=79")
+    planned = fvi("run", "many.yaml", "--dry-run", *longer)
+    # every other one of 79 equal steps is one of the 40
+    assert planned.count("reuse 40 members") == 3
+    assert planned.count("compute 39 members") == 3
+    assert "  79  " in fvi("run", "many.yaml", *longer)
+    assert "compute" not in fvi("run", "many.yaml", "--dry-run", *longer)
+
+
+def test_a_stored_sweep_is_shown_tabled_drawn_and_exported(fvi, tmp_path):
+    fvi("run", "many.yaml")
+    shown = fvi("show", "results/many.h5")
+    assert "many: 40 members, problem.stiffness = 1 ... 4 (40 values)" in shown
+    fvi("convergence", "results/many.h5")
+    fvi("convergence", "--check", "results/many.h5")
+    with (tmp_path / "results" / "tables" / "many.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 120
+    assert len({row["problem.stiffness"] for row in rows}) == 40
+    fvi("plot", "results/many.h5")
+    fvi("plot", "--check", "results/many.h5")
+    assert (tmp_path / "results" / "figures" / "many-convergence.png").is_file()
+    for form in ("csv", "npz", "mat"):
+        fvi("export", "results/many.h5", "--to", form)
+
+
+def test_a_mistake_in_a_sweep_is_told_and_nothing_is_computed(fvi, tmp_path):
+    result = CliRunner().invoke(app, ["run", "many.yaml", "--set", "sweep.problem.stifness=[1]"])
+    assert result.exit_code == 2
+    assert "did you mean 'stiffness'" in result.stderr
+    assert not (tmp_path / "results").exists()
