@@ -229,7 +229,13 @@ class Stepper:
             jacobian = self._linear - h * curvature.reshape(s * d, s * d)
             residuals.append(float(np.abs(residual).max()))
             if not math.isfinite(residuals[-1]):
-                break
+                place = ", ".join(f"{value:.4g}" for value in base)
+                raise StepFailedError(
+                    "the force of the potential is not finite (no real number, or a division by "
+                    f"zero) near q = [{place}]; take a smaller step if the motion itself stays "
+                    "away from there",
+                    tuple(residuals),
+                )
             try:
                 update = np.linalg.solve(jacobian, residual.ravel()).reshape(s, d)
             except np.linalg.LinAlgError:

@@ -101,6 +101,8 @@ def lagrangian_scene(
                 "velocity"
             )
         _check_mass(mass, velocities, " at the start")
+    if isinstance(found.potential, ExpressionPotential):
+        _check_start(found.potential, position)
     if mass is None:  # pragma: no cover - one of the two is there
         raise ValueError("lagrangian: no mass matrix")
     return Scene(
@@ -315,6 +317,24 @@ def _check_mass(mass: Array, velocities: tuple[str, ...], where: str) -> None:
             f"lagrangian: the mass matrix d2L/dv2 is not positive definite{where}: its smallest "
             f"eigenvalue is {eigenvalues[0]:g}{reason}"
         )
+
+
+def _check_start(potential: ExpressionPotential, position: Array) -> None:
+    """The potential energy and its derivatives must be numbers where the motion begins."""
+    for what, values in (
+        ("the potential energy", potential.energy(position)),
+        ("the force", potential.gradient(position)),
+        ("the derivative of the force", potential.hessian(position)),
+    ):
+        if np.isfinite(values).all():
+            continue
+        # roots and logarithms of negative numbers are no real numbers here
+        reason = "not a real number" if np.isnan(values).any() else "infinite"
+        at = ", ".join(
+            f"{name} = {value:g}"
+            for name, value in zip(potential.coordinates, position, strict=True)
+        )
+        raise ValueError(f"lagrangian: {what} is {reason} at the initial position, {at}")
 
 
 def _with(forcing: Forcing | None, own: tuple[Expression, ...] | None) -> Forcing | None:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.potential import ExpressionPotential
+from fvi_cli.effects.potential import ExpressionPotential, Potential, QuadraticPotential
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.mathematics.expressions import Expression
 
@@ -32,16 +32,19 @@ def duffing(
     Parameters
     ----------
     stiffness, cubic_stiffness
-        k and :math:`k_3`; with k < 0 < :math:`k_3` the potential has two wells.
+        k and :math:`k_3`; with k < 0 < :math:`k_3` the potential has two wells, with
+        :math:`k_3 = 0` the scene is linear.
     """
     names = ("x", "k", "c")
-    potential = ExpressionPotential(
+    potential: Potential = ExpressionPotential(
         coordinates=("x",),
         parameters={"k": float(stiffness), "c": float(cubic_stiffness)},
         energy_expression=Expression.parse("x*x*(k/2 + c/4*x*x)", variables=names),
         gradient_expressions=(Expression.parse("x*(k + c*x*x)", variables=names),),
         hessian_expressions=((Expression.parse("k + 3*c*x*x", variables=names),),),
     )
+    if cubic_stiffness == 0:
+        potential = QuadraticPotential(stiffness=np.array([[float(stiffness)]]))
     return Scene(
         inertia=Inertia(mass=np.array([[float(mass)]])),
         potential=potential,

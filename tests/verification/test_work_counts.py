@@ -1,0 +1,343 @@
+"""Only the effects that a scene calls for are simulated: work is counted, never timed.
+
+Every row of the plan's table has a test here, and a control in which the work does appear.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fvi_cli
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator import frozen_response, memory
+from fvi_cli.integrator import integrate as integrate_module
+from fvi_cli.integrator.block_history import GroupHistory
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.plan import plan_run
+from fvi_cli.mathematics.windowed_series import WindowedSeries
+from fvi_cli.scenes.lagrangian import lagrangian_scene
+from fvi_cli.scenes.named import linear_oscillator, pendulum
+from fvi_cli.scenes.nonlinear import duffing
+
+NODES = Method(cq="bdf2", degree=1, sampling="nodes")
+POINTS = Method(cq="bdf4", degree=2, start="series", forcing_quadrature="exact")
+GAUSS = Method(cq="gauss", degree=2, start="series")
+PLAIN = Method(cq="gauss", degree=2)
+METHODS = [NODES, POINTS, GAUSS, PLAIN]
+
+
+class CalledError(Exception):
+    """What was not to be done is done."""
+
+
+def forbid(monkeypatch, owner, name):
+    def refuse(*arguments, **options):
+        raise CalledError(name)
+
+    monkeypatch.setattr(owner, name, refuse)
+
+
+def oscillator(
+    *orders: float, forcing: str | None = None, dimension: int = 1, coefficient: float = 0.3
+) -> Scene:
+    return linear_oscillator(
+        final_time=6.0,
+        mass=np.eye(dimension),
+        stiffness=np.diag(np.linspace(1.0, 2.0, dimension)),
+        damping=[
+            FractionalDamping(order=order, coefficient=coefficient * np.eye(dimension))
+            for order in orders
+        ],
+        forcing=None if forcing is None else Forcing.from_text(*[forcing] * dimension),
+        initial_position=np.ones(dimension),
+        initial_velocity=np.zeros(dimension),
+    )
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.case)
+class TestWithoutDamping:
+    @pytest.mark.parametrize("scene", [oscillator(), oscillator(0.5, coefficient=0.0)])
+    def test_no_weights_no_history_no_series(self, monkeypatch, method, scene):
+        forbid(monkeypatch, memory, "_weights")
+        forbid(monkeypatch, GroupHistory, "_spread_long")
+        forbid(monkeypatch, WindowedSeries, "matching")
+        trajectory = integrate(scene, method, 600)
+        assert trajectory.status == "ok"
+        assert trajectory.history_operations == 0
+        assert plan_run(scene, method, 600).n_sequences == 0
+
+    def test_with_damping_there_are_weights(self, monkeypatch, method):
+        forbid(monkeypatch, memory, "_weights")
+        with pytest.raises(CalledError):
+            integrate(oscillator(0.5), method, 600)
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.case)
+class TestFirstOrder:
+    def test_the_history_takes_a_stencil_and_no_transform(self, monkeypatch, method):
+        forbid(monkeypatch, np.fft, "rfft")
+        works = [integrate(oscillator(1.0), method, n).history_operations for n in (2048, 4096)]
+        assert works[1] <= 2 * works[0] + 4096
+        # blocks count what stands in their matrices: some ten stencils a step, whatever N
+        assert works[1] <= 4096 * (0 if method.is_runge_kutta else 1000)
+
+    def test_other_orders_take_more(self, monkeypatch, method):
+        works = [integrate(oscillator(0.5), method, n).history_operations for n in (2048, 4096)]
+        assert works[1] > 2 * works[0]
+        forbid(monkeypatch, np.fft, "rfft")
+        with pytest.raises(CalledError):
+            integrate(oscillator(0.5), method, 4096)
+
+
+def test_the_stencil_of_first_order_is_as_long_as_the_formula():
+    for order in (1, 2, 3):
+        method = Method(cq=f"bdf{order}", degree=1, sampling="nodes", history="direct")
+        work = integrate(oscillator(1.0), method, 1000).history_operations
+        # on differences, one weight less than on values; the first steps have fewer
+        assert work == sum(min(k, order - 1) for k in range(1001))
+
+
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.case)
+def test_scalar_terms_together_cost_as_much_as_one(method):
+    one, two = oscillator(0.5), oscillator(0.5, 1.5)
+    works = [integrate(scene, method, 1000).history_operations for scene in (one, two)]
+    assert works[0] == works[1]
+    assert plan_run(two, method, 1000).n_sequences == 1
+    # the control: matrices of different directions have a sequence each
+    apart = linear_oscillator(
+        final_time=6.0,
+        mass=np.eye(2),
+        stiffness=np.eye(2),
+        damping=[
+            FractionalDamping(order=0.5, coefficient=np.diag([1.0, 0.5])),
+            FractionalDamping(order=1.5, coefficient=np.diag([0.5, 1.0])),
+        ],
+        initial_position=np.ones(2),
+        initial_velocity=np.zeros(2),
+    )
+    assert plan_run(apart, method, 1000).n_sequences == 2
+    assert integrate(apart, method, 300).history_operations > (
+        integrate(oscillator(0.5, dimension=2), method, 300).history_operations
+    )
+
+
+def quadratic(lagrangian: str) -> Scene:
+    return lagrangian_scene(
+        final_time=6.0,
+        coordinates=("x", "y"),
+        lagrangian=lagrangian,
+        damping=[FractionalDamping(order=0.5, coefficient=0.3 * np.eye(2))],
+        initial_position=[1.0, 0.5],
+        initial_velocity=[0.0, 0.0],
+    )
+
+
+class TestQuadraticPotential:
+    FORMULA = "(vx**2 + vy**2)/2 - (x**2 + 2*(y - x)**2)/2"
+
+    @pytest.mark.parametrize("method", [NODES, PLAIN], ids=lambda method: method.case)
+    @pytest.mark.parametrize("n_steps", [10, 1000])
+    def test_it_is_never_evaluated(self, monkeypatch, method, n_steps):
+        for potential in (QuadraticPotential, ExpressionPotential):
+            forbid(monkeypatch, potential, "hessian")
+        forbid(monkeypatch, ExpressionPotential, "gradient")
+        scene = quadratic(self.FORMULA)
+        assert isinstance(scene.potential, QuadraticPotential)
+        calls = []
+        original = QuadraticPotential.gradient
+
+        def counted(self, position):
+            calls.append(position.shape)
+            return original(self, position)
+
+        monkeypatch.setattr(QuadraticPotential, "gradient", counted)
+        trajectory = integrate(scene, method, n_steps)
+        assert trajectory.status == "ok"
+        if n_steps > 100:
+            # the energies of the finished trajectory, all at once
+            assert len(calls) <= 2
+        assert trajectory.newton.iterations == 0
+
+    def test_it_is_the_scene_of_matrices(self):
+        by_matrices = linear_oscillator(
+            final_time=6.0,
+            mass=np.eye(2),
+            stiffness=np.array([[3.0, -2.0], [-2.0, 2.0]]),
+            damping=[FractionalDamping(order=0.5, coefficient=0.3 * np.eye(2))],
+            initial_position=np.array([1.0, 0.5]),
+            initial_velocity=np.zeros(2),
+        )
+        found = integrate(quadratic(self.FORMULA), GAUSS, 100).position
+        np.testing.assert_allclose(found, integrate(by_matrices, GAUSS, 100).position, rtol=1e-13)
+
+    def test_a_named_scene_without_its_nonlinear_part_is_one(self):
+        assert duffing(final_time=1.0, cubic_stiffness=0.0).is_linear
+        assert not duffing(final_time=1.0, cubic_stiffness=1e-3).is_linear
+
+    def test_another_potential_is_evaluated(self, monkeypatch):
+        scene = quadratic(f"{self.FORMULA} - x**4")
+        assert isinstance(scene.potential, ExpressionPotential)
+        forbid(monkeypatch, ExpressionPotential, "gradient")
+        with pytest.raises(CalledError):
+            integrate(scene, PLAIN, 1000)
+
+
+@pytest.mark.parametrize("method", [NODES, PLAIN], ids=lambda method: method.case)
+def test_without_forcing_no_zeros_are_integrated(monkeypatch, method):
+    for name in ("galerkin_moments", "exact_moments", "projected_moments"):
+        forbid(monkeypatch, integrate_module, name)
+    assert integrate(oscillator(0.5), method, 100).status == "ok"
+    with pytest.raises(CalledError):
+        integrate(oscillator(0.5, forcing="sin(t)"), method, 100)
+
+
+@pytest.mark.parametrize("method", [POINTS, GAUSS], ids=lambda method: method.case)
+def test_a_smooth_start_has_no_series(monkeypatch, method):
+    forbid(monkeypatch, WindowedSeries, "matching")
+    rest = linear_oscillator(
+        final_time=6.0,
+        damping=[FractionalDamping(order=1.0, coefficient=0.3)],
+        forcing=Forcing.from_text("t**8"),
+    )
+    assert integrate(rest, GAUSS, 100).status == "ok"
+    with pytest.raises(CalledError):
+        integrate(oscillator(0.5), method, 1000)
+
+
+def test_uncoupled_degrees_of_freedom_are_a_batch():
+    one, four = oscillator(0.5), oscillator(0.5, dimension=4)
+    plan = plan_run(four, PLAIN, 1000)
+    assert (plan.systems, plan.coupled) == (4, 1)
+    works = [integrate(scene, PLAIN, 1000).history_operations for scene in (one, four)]
+    assert works[1] == 4 * works[0]
+
+
+class TestNewton:
+    def test_the_jacobian_is_exact(self):
+        """Residuals fall quadratically, which they do with no other matrix."""
+        scene = pendulum(
+            final_time=6.0,
+            damping=[FractionalDamping(order=0.5, coefficient=0.3)],
+            initial_position=2.0,
+        )
+        direct = Method(cq="gauss", degree=2, history="direct")
+        residuals = integrate(scene, direct, 6).newton.worst_residuals
+        large = [r for r in residuals if r > 1e-12]
+        assert len(large) >= 3
+        for before, after in itertools.pairwise(large):
+            assert after <= 2.0 * before**2 or after <= 1e-13
+
+    def test_matrices_are_made_a_few_times_and_not_for_every_step(self, monkeypatch):
+        made = []
+        original = frozen_response.block_response
+
+        def counted(*arguments):
+            made.append(arguments)
+            return original(*arguments)
+
+        monkeypatch.setattr(frozen_response, "block_response", counted)
+        scene = pendulum(
+            final_time=6.0,
+            damping=[FractionalDamping(order=0.5, coefficient=0.3)],
+            initial_position=1.0,
+        )
+        trajectory = integrate(scene, PLAIN, 4096)
+        assert 1 <= len(made) <= 8
+        assert trajectory.newton.iterations < 4096
+
+
+CHILD = """
+import json, sys
+from pathlib import Path
+
+WATCHED = ("h5py", "matplotlib", "mpmath", "scipy.special", "sympy", "yaml", "typer")
+
+def note(name):
+    seen[name] = [module for module in WATCHED if module in sys.modules]
+
+seen = {}
+import numpy as np
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method
+from fvi_cli.scenes.named import linear_oscillator, pendulum
+
+def oscillate(*orders, **options):
+    damping = [FractionalDamping(order=order, coefficient=0.3) for order in orders]
+    return linear_oscillator(final_time=6.0, damping=damping, initial_position=1.0, **options)
+
+nodes = Method(cq="bdf2", degree=1, sampling="nodes")
+gauss = Method(cq="gauss", degree=2)
+series = Method(cq="gauss", degree=2, start="series")
+integrate(oscillate(), series, 500); note("undamped")
+integrate(oscillate(1.0), series, 500); note("first order")
+integrate(oscillate(0.5), nodes, 5000); note("nodes")
+integrate(oscillate(0.5), gauss, 5000); note("no series")
+swing = pendulum(final_time=6.0, damping=oscillate(0.5).damping, initial_position=1.0)
+integrate(swing, gauss, 500); note("pendulum")
+integrate(oscillate(0.5), series, 500); note("series")
+weights = Method(cq="bdf2", degree=1, start="weights")
+integrate(oscillate(0.5), weights, 50); note("starting weights")
+from fvi_cli.scenes.lagrangian import lagrangian_scene
+integrate(lagrangian_scene(final_time=1.0, coordinates=("x",), lagrangian="vx**2 - x**2"), gauss, 9)
+note("lagrangian")
+print(json.dumps(seen))
+"""
+
+COMMANDS = """
+import json, sys
+from typer.testing import CliRunner
+from fvi_cli.cli import app
+WATCHED = ("h5py", "matplotlib", "mpmath", "sympy", "distributed")
+seen = {}
+for command in (["run", "frame", "-q"], ["show", "results/frame.h5"], ["plot", "frame", "-q"]):
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 0, result.output
+    seen[" ".join(command)] = [module for module in WATCHED if module in sys.modules]
+print(json.dumps(seen))
+"""
+
+
+def seen_by(code, **options):
+    # the package that is tested here, from a checkout as well
+    package = str(Path(fvi_cli.__file__).parents[1])
+    path = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), package]))
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONPATH": path},
+        **options,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def test_modules_that_a_scene_does_not_call_for_are_not_imported():
+    seen = seen_by(CHILD)
+    for kind in ("undamped", "first order", "nodes", "no series", "pendulum"):
+        assert seen[kind] == [], kind
+    # the controls: what is called for is there
+    assert seen["starting weights"] == ["scipy.special"]
+    assert not {"mpmath", "sympy"} & set(seen["series"])
+    assert {"sympy", "mpmath"} <= set(seen["lagrangian"])
+    assert not {"h5py", "matplotlib"} & set(seen["lagrangian"])
+
+
+def test_modules_that_a_command_does_not_call_for_are_not_imported(tmp_path):
+    seen = seen_by(COMMANDS, cwd=tmp_path)
+    assert seen["run frame -q"] == seen["show results/frame.h5"] == ["h5py"]
+    assert seen["plot frame -q"] == ["h5py", "matplotlib"]
