@@ -85,6 +85,7 @@ def _made(
     if len(complaints) or not is_whole:
         return None
     text = json.dumps(template)
+    dimension = _dimension(_without_closed_form(template))
     members = tuple(
         Member(
             number=number,
@@ -93,6 +94,7 @@ def _made(
                 for (key, found), index in zip(values.items(), combination, strict=True)
             },
             template=text,
+            dimension=dimension,
         )
         for number, combination in enumerate(sweep.combinations)
     )

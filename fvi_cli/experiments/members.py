@@ -11,11 +11,11 @@ from typing import Any
 from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.scenes.registry import build_problem
 
-MOST_BUILT = 2048
-"""Problems of members that are kept in memory at a time."""
+SMALL, MEDIUM = 16, 128
+"""Degrees of freedom up to which problems, with their square matrices, take little memory."""
 
-MOST_TOGETHER = 1024
-"""Members that are computed together at most."""
+MOST_TOGETHER = {"small": 1024, "medium": 32, "large": 4}
+"""Members that are computed together at most; twice as many problems are kept in memory."""
 
 BATCH_BYTES = 2**29
 """Memory that members which are computed together may take."""
@@ -37,11 +37,14 @@ class Member:
     template
         The resolved ``problem`` mapping of any member, as JSON text; what is not swept is taken
         from it.
+    dimension
+        Number of degrees of freedom, the same for all members.
     """
 
     number: int
     values: Mapping[str, Any]
     template: str
+    dimension: int = 1
 
     @property
     def specification(self) -> dict[str, Any]:
@@ -51,32 +54,42 @@ class Member:
     @property
     def problem(self) -> AnyProblem:
         """Scene and exact solution; built when they are needed."""
-        return _built(self)
+        return _BUILT[_size(self.dimension)](self)
 
     @property
     def label(self) -> str:
         """The values in words, for messages."""
         return values_in_words(self.values)
 
-    def __reduce__(self) -> tuple[Callable[[int, str, str], Member], tuple[int, str, str]]:
+    def __reduce__(
+        self,
+    ) -> tuple[Callable[[int, str, str, int], Member], tuple[int, str, str, int]]:
         """Travel to another process, where the same member comes out as the same object."""
-        return _arrived, (self.number, json.dumps(dict(self.values)), self.template)
+        return _arrived, (self.number, json.dumps(dict(self.values)), self.template, self.dimension)
 
 
-@functools.lru_cache(maxsize=2 * MOST_BUILT)
-def _arrived(number: int, values: str, template: str) -> Member:
-    return Member(number=number, values=json.loads(values), template=template)
+@functools.lru_cache(maxsize=4096)
+def _arrived(number: int, values: str, template: str, dimension: int) -> Member:
+    return Member(number=number, values=json.loads(values), template=template, dimension=dimension)
 
 
-@functools.lru_cache(maxsize=MOST_BUILT)
-def _built(member: Member) -> AnyProblem:
+def _size(dimension: int) -> str:
+    return "small" if dimension <= SMALL else "medium" if dimension <= MEDIUM else "large"
+
+
+def _build(member: Member) -> AnyProblem:
     return build_problem(member.specification)
+
+
+_BUILT: Mapping[str, Callable[[Member], AnyProblem]] = {
+    size: functools.lru_cache(maxsize=2 * count)(_build) for size, count in MOST_TOGETHER.items()
+}
 
 
 def members_at_a_time(n_steps: int, dimension: int) -> int:
     """How many members of so many degrees of freedom are computed together in so many steps."""
     each = 8 * DOUBLES_PER_STEP * n_steps * dimension
-    return max(1, min(MOST_TOGETHER, BATCH_BYTES // each))
+    return max(1, min(MOST_TOGETHER[_size(dimension)], BATCH_BYTES // each))
 
 
 def values_in_words(values: Mapping[str, Any]) -> str:

@@ -191,7 +191,7 @@ def reference_of(run: Run) -> Reference:
     return _reference_of(run.experiment)
 
 
-@functools.lru_cache(maxsize=16)
+@functools.lru_cache(maxsize=8)
 def references_of(members: tuple[Member, ...], steps: tuple[int, ...]) -> tuple[Reference, ...]:
     """What the errors of members are measured against; made once for all of their runs."""
     return tuple(find_references([member.problem for member in members], steps))
