@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.block_history import SteppedHistory
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.diagnostics import NOTHING, Asked, diagnose
 from fvi_cli.integrator.general_stepping import (
@@ -26,6 +25,7 @@ from fvi_cli.integrator.moments import StepFunction, exact_moments, galerkin_mom
 from fvi_cli.integrator.motion import Motion
 from fvi_cli.integrator.start import StartDecision
 from fvi_cli.integrator.step_tables import StepTables, step_tables
+from fvi_cli.integrator.stepped_history import SteppedHistory
 from fvi_cli.integrator.stepping import History, Stepped
 from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.mathematics.windowed_series import WindowedSeries

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.block_batch import BlockSizes
-from fvi_cli.integrator.block_history import LARGEST_NEAR, STEPPED_GROUP, even_fast_length
+from fvi_cli.integrator.block_history import LARGEST_NEAR, even_fast_length
 from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP
 from fvi_cli.integrator.large_linear import BLOCK as LARGE_BLOCK
 from fvi_cli.integrator.large_linear import GROUP as LARGE_GROUP
 from fvi_cli.integrator.memory import memory_length, terms_by_direction
 from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.integrator.stepped_history import STEPPED_GROUP
 
 
 @dataclass(frozen=True, kw_only=True)

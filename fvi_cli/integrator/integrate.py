@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
-from fvi_cli.integrator.block_history import SteppedHistory
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.diagnostics import NOTHING, Asked, diagnose
 from fvi_cli.integrator.engine import run
@@ -31,6 +30,7 @@ from fvi_cli.integrator.moments import (
 )
 from fvi_cli.integrator.motion import Motion
 from fvi_cli.integrator.step_tables import StepTables, step_tables
+from fvi_cli.integrator.stepped_history import SteppedHistory
 from fvi_cli.integrator.stepping import Stepped, StepProblem, run_steps
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.block_batch import batch_sizes
-from fvi_cli.integrator.block_history import STEPPED_GROUP
 from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP, newton_block
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.engine import Route, choose_route, scene_decoupling, sums_directly
@@ -35,6 +34,7 @@ from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.plan_memory import Sizes, peak_bytes
 from fvi_cli.integrator.plan_seconds import machine_speed, predicted_seconds
 from fvi_cli.integrator.stage_basis import legendre_exponentials
+from fvi_cli.integrator.stepped_history import STEPPED_GROUP
 
 
 @dataclass(frozen=True, kw_only=True)

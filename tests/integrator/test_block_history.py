@@ -8,11 +8,11 @@ import pytest
 from fvi_cli.integrator.block_history import (
     BatchedChannel,
     GroupHistory,
-    SteppedHistory,
     lag_kernel,
     reversed_strip,
 )
 from fvi_cli.integrator.memory import Channel, DirectHistory, Memory
+from fvi_cli.integrator.stepped_history import SteppedHistory
 
 RNG = np.random.default_rng(20240318)
 
