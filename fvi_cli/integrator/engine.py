@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.block_batch import batch_sizes
 from fvi_cli.integrator.block_linear import run_linear_blocks
 from fvi_cli.integrator.block_newton import newton_block, run_newton_blocks
+from fvi_cli.integrator.block_sizes import batch_sizes
 from fvi_cli.integrator.decoupling import Decoupling, decouple_forms
 from fvi_cli.integrator.large_linear import run_large_steps
 from fvi_cli.integrator.method import History

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.potential import QuadraticPotential
-from fvi_cli.integrator.block_batch import LARGEST_BATCH, LARGEST_DENSE
 from fvi_cli.integrator.block_history import BatchedChannel
 from fvi_cli.integrator.block_response import LinearSystem, block_response
+from fvi_cli.integrator.block_sizes import LARGEST_BATCH, LARGEST_DENSE
 from fvi_cli.integrator.checkpoint import Checkpoint
 from fvi_cli.integrator.decoupling import Decoupling, decouple
 from fvi_cli.integrator.exponential_history import (

@@ -10,9 +10,9 @@ import math
 from dataclasses import dataclass
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.integrator.block_batch import BlockSizes
 from fvi_cli.integrator.block_history import LARGEST_NEAR, even_fast_length
 from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP
+from fvi_cli.integrator.block_sizes import BlockSizes
 from fvi_cli.integrator.large_linear import BLOCK as LARGE_BLOCK
 from fvi_cli.integrator.large_linear import GROUP as LARGE_GROUP
 from fvi_cli.integrator.memory import memory_length, terms_by_direction

@@ -10,8 +10,8 @@ import functools
 from dataclasses import dataclass, replace
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.block_batch import batch_sizes
 from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP, newton_block
+from fvi_cli.integrator.block_sizes import batch_sizes
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.engine import Route, choose_route, scene_decoupling, sums_directly
 from fvi_cli.integrator.exponential_march import block_length

@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.block_batch import BlockSizes, batch_sizes
 from fvi_cli.integrator.block_history import LARGEST_NEAR
 from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP, newton_block
+from fvi_cli.integrator.block_sizes import BlockSizes, batch_sizes
 from fvi_cli.integrator.exponential_march import CHUNK, block_length
 from fvi_cli.integrator.history_work import Shape
 from fvi_cli.integrator.method import Method

@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 
-from fvi_cli.integrator.block_batch import batch_sizes
+from fvi_cli.integrator.block_sizes import batch_sizes
 from fvi_cli.integrator.exponential_march import block_length
 from fvi_cli.integrator.history_work import direct_operations
 from fvi_cli.integrator.plan_memory import Sizes
