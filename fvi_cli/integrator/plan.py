@@ -271,7 +271,10 @@ def _exponentials(
     n_states = 0
     if shape.memory > 1:
         n_states = _number_of_states(method, n_steps)
-    steps = f"Newton's iteration with the exact Jacobian, {n_steps} single steps"
+    steps = (
+        f"Newton's iteration on blocks of up to {block} steps with a frozen linear response, "
+        "single steps with the exact Jacobian where that does not contract"
+    )
     # the states take up whole blocks only, of linear scenes the last one too
     pushes = n_steps // block
     if decoupling is not None:

@@ -103,7 +103,15 @@ def test_operations_of_linear_scenes_are_those_counted(name, scene, method):
 
 
 @pytest.mark.parametrize(
-    "method", [NODES, points(), gauss(), gauss(3, "series"), gauss(2, history="direct")]
+    "method",
+    [
+        NODES,
+        points(),
+        gauss(),
+        gauss(3, "series"),
+        gauss(2, history="direct"),
+        gauss(2, history="exponentials"),
+    ],
 )
 @pytest.mark.parametrize("order", [None, 0.5, 1.0, 1.5])
 def test_operations_of_nonlinear_scenes_do_not_depend_on_newton(order, method):
