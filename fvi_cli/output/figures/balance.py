@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 Curve = tuple[str, Array]
 
 _EPSILON = float(np.finfo(float).eps)
+_PANEL_DIGITS = 1e-6
 
 
 def balance_figure(
@@ -154,6 +155,8 @@ def _two_panels(
                 color=INK if last else COLOURS[index % len(COLOURS)],
                 linestyle=LINE_STYLES[3] if last else LINE_STYLES[index % 3],
                 linewidth=1.6 if last else 1.1,
+                # a sum that may be zero throughout has no digits of its own
+                gid=f"floor {_PANEL_DIGITS * scale:.1e}",
             )
         above.set_ylabel(names[0])
         above.legend(
