@@ -130,7 +130,7 @@ def _with(node: Any, path: list[str], value: Any) -> Any:
     if not path:
         return value
     if isinstance(node, list | tuple):
-        index = int(path[0])
+        index = _index(path[0])
         entries = list(node)
         entries[index] = _with(entries[index], path[1:], value)
         return entries
@@ -138,11 +138,18 @@ def _with(node: Any, path: list[str], value: Any) -> Any:
     return {**node, path[0]: _with(inner, path[1:], value)}
 
 
+def _index(part: str) -> int:
+    """The index that a part of a key path names; lists are not counted from their end."""
+    if not part.isdecimal():
+        raise KeyError(part)
+    return int(part)
+
+
 def value_at(specification: Mapping[str, Any], path: str) -> Any:
     """What stands at a key path that begins with ``problem.``."""
     node: Any = specification
     for part in path.split(".")[1:]:
-        node = node[int(part)] if isinstance(node, list | tuple) else node[part]
+        node = node[_index(part)] if isinstance(node, list | tuple) else node[part]
     return node
 
 

@@ -123,6 +123,10 @@ def test_overrides_reach_into_a_sweep():
             "sweep: {problem.damping.3.order: [1]}",
             "many.yaml:8:9: sweep.problem.damping.3.order: there is no problem.damping.3",
         ),
+        (
+            "sweep: {problem.damping.-1: [1]}",
+            "many.yaml:8:9: sweep.problem.damping.-1: there is no problem.damping.-1",
+        ),
         ("sweep: {method.degree: [1, 2]}", "many.yaml:8:9: sweep.method.degree: only keys of the"),
         ("sweep: {problem.kind: [pendulum]}", "many.yaml:8:9: sweep.problem.kind: members are of"),
         ("sweep: {problem.final_time: [1, 2]}", "sweep.problem.final_time: members share"),
