@@ -71,7 +71,10 @@ def kill_and_resume(folder, chance, *options):
         process.kill()
         lines += process.stderr.readlines()
     assert process.returncode in (0, -signal.SIGKILL)
-    assert "Traceback" not in "".join(lines)
+    # a process that is just being started misses its parent before it has read a line of ours
+    tracebacks = "".join(lines).split("Traceback")[1:]
+    assert all("spawn_main" in one and "EOFError" in one for one in tracebacks), tracebacks
+    assert not tracebacks or options
     found = complete_runs(stored)
     told = told_runs(lines)
     assert told <= found
