@@ -209,18 +209,32 @@ class Band:
 
 SAMPLES_PER_DECADE = 40
 
+TIE = 1.1
+"""Times that differ by less than this factor are taken for equal."""
+
 
 def cheapest_bands(curves: Sequence[Curve], coarse: float, fine: float) -> list[Band]:
-    """Who is cheapest between two accuracies, from the coarse to the fine end."""
+    """Who is cheapest between two accuracies, from the coarse to the fine end.
+
+    A method stays in its band until another one is quicker by a tenth: less is within what times
+    scatter.
+    """
     count = max(2, round(SAMPLES_PER_DECADE * math.log10(coarse / fine)))
     edges = np.geomspace(coarse, fine, count + 1)
     bands: list[Band] = []
     for left, right in itertools.pairwise(edges.tolist()):
-        found = cheapest_at(curves, math.sqrt(left * right))
+        accuracy = math.sqrt(left * right)
+        found = cheapest_at(curves, accuracy)
         if found.curve is None:
             continue
+        curve = found.curve
+        if bands and bands[-1].fine == left:
+            stays = bands[-1].curve.seconds_to(accuracy)
+            if stays <= TIE * found.seconds:
+                curve = bands[-1].curve
+                found = Cheapest(accuracy=accuracy, curve=curve, seconds=stays)
         coarse_end, least, most = left, found.seconds, found.seconds
-        if bands and bands[-1].curve is found.curve and bands[-1].fine == left:
+        if bands and bands[-1].curve is curve and bands[-1].fine == left:
             before = bands.pop()
             coarse_end = before.coarse
             least = min(least, before.least_seconds)
@@ -229,7 +243,7 @@ def cheapest_bands(curves: Sequence[Curve], coarse: float, fine: float) -> list[
             Band(
                 coarse=coarse_end,
                 fine=right,
-                curve=found.curve,
+                curve=curve,
                 least_seconds=least,
                 most_seconds=most,
             )

@@ -115,7 +115,8 @@ def test_the_bands_change_where_the_curves_cross():
     crossing = 1e-4 / (9e-4 * math.sqrt(10))
     bands = cheapest_bands([first, second], 1 / 10, 1 / 1000)
     assert [band.curve.key for band in bands] == ["first", "second"]
-    assert bands[0].fine == bands[1].coarse == pytest.approx(crossing, rel=0.06)
+    # a tenth later, for less is a tie
+    assert bands[0].fine == bands[1].coarse == pytest.approx(crossing / 1.1, rel=0.06)
     assert bands[0].least_seconds == pytest.approx(1e-3, rel=0.06)
     assert bands[1].most_seconds == pytest.approx(9e-4 * 1000**0.25, rel=0.06)
     assert cheapest_at([first, second], 2 * crossing).curve is first

@@ -76,10 +76,11 @@ def _styles_by_curve(
 ) -> dict[str, SeriesStyle]:
     """Styles by key of the curve: baselines grey, methods of the package in colours of their own.
 
-    Colours go round only where there are more methods than colours; markers differ all the same.
+    A method by another route of its steps looks like the method, hollow and dotted. Colours go
+    round only where there are more methods than colours; markers differ all the same.
     """
     found: dict[str, SeriesStyle] = {}
-    markers = "osD^vPX<>hp*"
+    markers = "osD^vPXh<>p*"
     fillings = {True: 0, False: 0}
     for table in tables:
         names = method_names([case.method for case in table.cases])
@@ -88,6 +89,13 @@ def _styles_by_curve(
                 continue
             style = styles[curve.methods[0].case]
             label = curve_name(curve, names)
+            twin = found.get(curve.key.removesuffix("-direct"))
+            if twin is not None:
+                # another route of the same method: its mark, hollow and dotted
+                found[curve.key] = dataclasses.replace(
+                    twin, label=label, line_style=(0, (1, 1.2)), is_filled=False
+                )
+                continue
             k = fillings[curve.is_baseline]
             fillings[curve.is_baseline] += 1
             found[curve.key] = dataclasses.replace(
