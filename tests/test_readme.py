@@ -172,7 +172,8 @@ def test_every_command_and_common_option_is_documented():
     # and the other way round
     named = set(re.findall(r"`fvi ([a-z][a-z-]*)", README))
     assert named <= set(commands)
-    known = {o for c in commands.values() for p in c.params for o in p.opts} | {
+    parameters = [parameter for command in commands.values() for parameter in command.params]
+    known = {o for p in parameters for o in (*p.opts, *p.secondary_opts)} | {
         "--version",
         "--help",
     }
