@@ -224,7 +224,8 @@ def cost_table(experiment: Experiment, rows: list[CostRow]) -> CostTable:
 def timed_run(action: Callable[[], Trajectory]) -> tuple[float, float]:
     """Wall time of `action` from a cold start, and the stepping time that its result states."""
     forget()
-    gc.collect()
+    # what the last run left is young; a whole collection takes longer than many a run
+    gc.collect(1)
     was_enabled = gc.isenabled()
     gc.disable()
     try:
