@@ -2,6 +2,27 @@
 
 ``import fvi_cli as fvi`` gives every name of this module; each is loaded when it is first used.
 
+=================== ===========================================================================
+command             call
+=================== ===========================================================================
+``fvi check``       :func:`load`
+``fvi run``         :func:`run`; ``--dry-run``: :func:`plan`
+``fvi show``        :func:`contents`, :func:`configuration`; every run: :func:`recall`
+``fvi convergence`` :func:`order_tables` of what :func:`run` or :func:`recall` gives
+``fvi plot``        :func:`figures` of the same
+``fvi stability``   :func:`stability`
+``fvi cost``        :func:`cost`
+``fvi hard-cases``  :func:`hard_cases`
+``fvi benchmark``   :func:`benchmark`
+``fvi export``      :func:`export`
+``fvi new``         :func:`starter_config`
+``fvi schema``      :func:`json_schema`
+=================== ===========================================================================
+
+:func:`as_text` is what a command prints of a result, :func:`write` puts it into files and
+:func:`compare` tells, as ``--check`` does, in what stored files differ. Without any configuration,
+:func:`integrate` computes a :class:`Scene` by a :class:`Method`.
+
 Examples
 --------
 >>> import fvi_cli as fvi
@@ -12,6 +33,11 @@ Examples
 >>> [table] = fvi.order_tables([outcome])
 >>> table.cases[0].method.case, round(table.cases[0].slope, 1)
 ('bdf1-nodes-s1-gauss1-none', 0.9)
+>>> sorted(fvi.figures([outcome]))[0]
+'damped-oscillator-convergence'
+>>> [table] = fvi.stability(config, observe=False)
+>>> {row.verdict for row in table.rows}
+{'stable'}
 """
 
 from __future__ import annotations
@@ -19,35 +45,46 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from fvi_cli import campaign
-from fvi_cli.campaign import Outcome
-from fvi_cli.config import LoadedConfig, find_config, load_config, parse_config
+from fvi_cli import campaign, reports
+from fvi_cli.answers import as_text, compare, figures, write
+from fvi_cli.campaign import Outcome, Plan
+from fvi_cli.config import (
+    LoadedConfig,
+    find_config,
+    json_schema,
+    load_config,
+    parse_config,
+    shipped_configs,
+    starter_config,
+)
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ConfigError, FviError, RequestError, StorageError
+from fvi_cli.experiments.cost import CostTable
 from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
+from fvi_cli.experiments.hard_cases.case import HardCaseReport
 from fvi_cli.experiments.order import OrderTable, order_table
-from fvi_cli.experiments.order import order_tables as tables_of_orders
+from fvi_cli.experiments.stability_study import StabilityTable
 from fvi_cli.experiments.study import study
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.stability import StabilityPrediction, predict_stability
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.output.storage import StoredConfiguration, StoredFile, list_runs, read_configuration
+from fvi_cli.requests import allowing_unstable
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 __all__ = [
     "Baseline",
     "ConfigError",
+    "CostTable",
     "Experiment",
     "ExpressionPotential",
     "FinishedRun",
@@ -55,32 +92,50 @@ __all__ = [
     "ForcingPiece",
     "FractionalDamping",
     "FviError",
+    "HardCaseReport",
     "Inertia",
     "LoadedConfig",
     "Method",
     "OrderTable",
     "Outcome",
+    "Plan",
     "Problem",
     "QuadraticPotential",
     "RequestError",
     "Run",
     "Scene",
     "StabilityPrediction",
+    "StabilityTable",
     "StorageError",
+    "StoredConfiguration",
+    "StoredFile",
     "Trajectory",
+    "as_text",
+    "benchmark",
     "build_problem",
+    "compare",
+    "configuration",
+    "contents",
+    "cost",
     "export",
     "figures",
+    "hard_cases",
     "integrate",
+    "json_schema",
     "linear_oscillator",
     "load",
     "order_table",
     "order_tables",
     "pendulum",
+    "plan",
     "predict_stability",
     "recall",
     "run",
+    "shipped_configs",
+    "stability",
+    "starter_config",
     "study",
+    "write",
 ]
 
 Source = str | Path | Mapping[str, Any] | LoadedConfig
@@ -120,8 +175,10 @@ def run(
     *,
     output: Path | str | None = None,
     workers: int = 1,
+    dask: str | None = None,
     fresh: bool = False,
     fail_fast: bool = False,
+    allow_unstable: bool = False,
 ) -> list[Outcome]:
     """Compute every run of a configuration, as ``fvi run`` does.
 
@@ -135,7 +192,9 @@ def run(
     workers
         Number of processes. More than one needs the usual ``if __name__ == "__main__"`` guard in
         a program.
-    fresh, fail_fast
+    dask
+        Address of a Dask scheduler, whose workers compute in their place.
+    fresh, fail_fast, allow_unstable
         As the options of the command line.
 
     Returns
@@ -144,16 +203,24 @@ def run(
         One for every experiment, with its finished runs; a run that failed is among them with its
         status, not an exception.
     """
-    loaded = load(source)
     settings = campaign.Settings(
         output=Path(output or "."),
         workers=workers,
+        dask=dask,
         fresh=fresh or output is None,
         fail_fast=fail_fast,
         show_progress=False,
         keep=output is not None,
     )
-    return campaign.answer(campaign.Request(name=loaded.name, loaded=loaded), settings)
+    return campaign.answer(_request(source, allow_unstable=allow_unstable), settings)
+
+
+def plan(
+    source: Source, *, output: Path | str = "results", allow_unstable: bool = False
+) -> list[Plan]:
+    """What :func:`run` would do with every run, why, and what is predicted; nothing is written."""
+    settings = campaign.Settings(output=Path(output))
+    return campaign.plan([_request(source, allow_unstable=allow_unstable)], settings)
 
 
 def recall(path: Path | str) -> list[Outcome]:
@@ -168,20 +235,95 @@ def recall(path: Path | str) -> list[Outcome]:
     return campaign.answer(request, campaign.Settings(output=Path(path).parent))
 
 
+def contents(path: Path | str) -> StoredFile:
+    """What a result file holds and where it comes from, without the numbers of the runs."""
+    return list_runs(Path(path))
+
+
+def configuration(path: Path | str) -> StoredConfiguration:
+    """The configuration that made a result file, word for word, with its overrides."""
+    return read_configuration(Path(path))
+
+
 def order_tables(outcomes: Sequence[Outcome]) -> list[OrderTable]:
     """Tables of orders, one for every experiment, as ``fvi convergence`` makes them."""
-    return [
-        table
-        for outcome in outcomes
-        for table in tables_of_orders(outcome.experiment, outcome.finished)
-    ]
+    return reports.order_tables(outcomes)
 
 
-def figures(outcomes: Sequence[Outcome], *, name: str = "figure") -> dict[str, Figure]:
-    """Figures of the experiments by name, as ``fvi plot`` draws them; none is written."""
-    from fvi_cli.output.figures import figures_for
+def stability(
+    source: Source, *, over: Sequence[str] = (), observe: bool | None = None
+) -> list[StabilityTable]:
+    """What is stable, predicted and observed, as ``fvi stability`` studies it.
 
-    return figures_for([(o.experiment, o.finished) for o in outcomes], name=name)
+    Parameters
+    ----------
+    source
+        As for :func:`load`.
+    over
+        Entries to vary, such as ``problem.stiffness=1:1e6:40:log``; at most two, and not for a
+        configuration that is loaded already.
+    observe
+        Compare with runs from random data; default as configured.
+
+    Raises
+    ------
+    RequestError
+        For an experiment in which nothing is integrated.
+    """
+    from fvi_cli import stability_reports
+
+    request = _request(load(source, overrides=stability_reports.ranges(over)))
+    return stability_reports.study_stability(request, is_observed=observe, show_progress=False)
+
+
+def cost(source: Source, *, peers: bool = False) -> list[CostTable]:
+    """Error, time, memory and work of every method, as ``fvi cost`` measures them.
+
+    Times mean little where others compute as well.
+
+    Parameters
+    ----------
+    source
+        As for :func:`load`.
+    peers
+        Measure pycaputo beside the methods, if it is installed.
+
+    Raises
+    ------
+    RequestError
+        For a sweep, and where nothing is integrated.
+    """
+    from fvi_cli import cost_reports
+
+    requests = [_request(source)]
+    cost_reports.refuse_what_has_no_price(requests)
+    if peers:
+        requests = cost_reports.with_peers(requests)
+    settings = campaign.Settings(output=Path(), fresh=True, show_progress=False, keep=False)
+    return cost_reports.measured(requests[0], settings)
+
+
+def hard_cases(*, cases: Sequence[str] = (), methods: Sequence[str] = ()) -> HardCaseReport:
+    """What holds in the hard cases with every method, as ``fvi hard-cases`` measures it.
+
+    Parameters
+    ----------
+    cases, methods
+        Names, as they stand in the report; none: all of them.
+
+    Raises
+    ------
+    RequestError
+        For names that do not exist.
+    """
+    from fvi_cli.hard_case_reports import examine_named
+
+    return examine_named(cases, methods, show_progress=False)
+
+
+def benchmark(output: Path | str, *, exponent: int = 20) -> Path:
+    """Measure the engine on 2^exponent steps and write ``benchmark.md``, as ``fvi benchmark``."""
+    return reports.write_benchmark(Path(output), exponent)[1]
 
 
 def export(path: Path | str, form: str, directory: Path | str) -> list[Path]:
@@ -189,3 +331,11 @@ def export(path: Path | str, form: str, directory: Path | str) -> list[Path]:
     from fvi_cli.output.export import export_file
 
     return export_file(Path(path), form, Path(directory))
+
+
+def _request(source: Source, *, allow_unstable: bool = False) -> campaign.Request:
+    """What a command would be asked for."""
+    loaded = load(source)
+    if allow_unstable:
+        loaded = allowing_unstable(loaded)
+    return campaign.Request(name=loaded.name, loaded=loaded)

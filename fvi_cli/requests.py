@@ -66,7 +66,7 @@ def _request(source: str, overrides: Sequence[str], *, allow_unstable: bool) -> 
     if not source.endswith(STORED_SUFFIX):
         loaded = load_config(find_config(source), overrides=overrides)
         if allow_unstable:
-            loaded = _allowing_unstable(loaded)
+            loaded = allowing_unstable(loaded)
         return Request(name=loaded.name, loaded=loaded)
     if overrides:
         raise RequestError(f"{source}: --set changes a configuration, not a result file")
@@ -75,7 +75,7 @@ def _request(source: str, overrides: Sequence[str], *, allow_unstable: bool) -> 
     return Request(name=loaded.name, loaded=loaded, stored=path)
 
 
-def _allowing_unstable(loaded: LoadedConfig) -> LoadedConfig:
+def allowing_unstable(loaded: LoadedConfig) -> LoadedConfig:
     """The configuration as if ``allow_unstable`` stood in every experiment; files say so."""
     is_single = len(loaded.experiments) == 1 and loaded.experiments[0].name == loaded.name
     prefixes = [""] if is_single else [f"experiments.{k}." for k in range(len(loaded.experiments))]

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import doctest
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from typer.testing import CliRunner
 
 import fvi_cli as fvi
 from fvi_cli import api
+from fvi_cli.cli import COMMANDS as COMMANDS_OF_THE_LINE
 from fvi_cli.cli import app
 from fvi_cli.output import tables
 
@@ -31,7 +34,7 @@ CONFIG = {
 
 def test_the_examples_are_true() -> None:
     failed, tried = doctest.testmod(api)
-    assert tried >= 6
+    assert tried >= 8
     assert failed == 0
 
 
@@ -58,8 +61,6 @@ def test_every_public_name_is_there_and_no_other() -> None:
 
 
 def test_a_mapping_a_file_and_a_command_give_the_same(tmp_path: Path) -> None:
-    import yaml
-
     file = tmp_path / "free.yaml"
     file.write_text(yaml.safe_dump(CONFIG), encoding="utf-8")
     (outcome,) = fvi.run(CONFIG)
@@ -87,6 +88,123 @@ def test_results_are_reused_recalled_and_exported(tmp_path: Path) -> None:
     assert [f.trajectory.stepping_seconds for f in fresh.finished] != seconds[0]
     written = fvi.export(tmp_path / "free.h5", "csv", tmp_path / "csv")
     assert len(written) == 4
+
+
+def test_what_would_be_done_is_told(tmp_path: Path) -> None:
+    assert {plan.reason for plan in fvi.plan(CONFIG, output=tmp_path)} == {"new"}
+    fvi.run(CONFIG, output=tmp_path)
+    plans = fvi.plan({**CONFIG, "ladder": {"steps": [4, 8, 64]}}, output=tmp_path)
+    assert [plan.action for plan in plans] == ["reuse", "reuse", "compute"]
+    assert fvi.as_text(plans).count("\n") == 3
+    unstable = {**CONFIG, "method": [{"bdf": 6, "sampling": "nodes"}]}
+    unstable["problem"] = {**CONFIG["problem"], "damping": [{"order": 1.5, "coefficient": 9.0}]}
+    assert {plan.action for plan in fvi.plan(unstable)} == {"refuse"}
+    assert {plan.action for plan in fvi.plan(unstable, allow_unstable=True)} == {"compute"}
+    (outcome,) = fvi.run(unstable)
+    assert {finished.status for finished in outcome.finished} == {"refused"}
+
+
+def test_a_result_file_tells_what_it_holds(tmp_path: Path) -> None:
+    fvi.run(CONFIG, output=tmp_path)
+    stored = fvi.contents(tmp_path / "free.h5")
+    assert [run.n_steps for run in stored.runs] == [4, 8, 16, 32]
+    assert "gauss-s2-series" in fvi.as_text(stored)
+    assert fvi.load(yaml.safe_load(fvi.configuration(tmp_path / "free.h5").text)).name == "free"
+    with pytest.raises(fvi.StorageError, match=r"none\.h5"):
+        fvi.contents(tmp_path / "none.h5")
+
+
+COMMANDS = {  # what each command prints under a heading, by the call that stands for it
+    "convergence": lambda: fvi.order_tables(fvi.run(CONFIG)),
+    "stability": lambda: fvi.stability(CONFIG),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_calls_write_what_commands_write(command: str, tmp_path: Path) -> None:
+    config = tmp_path / "free.yaml"
+    config.write_text(yaml.safe_dump(CONFIG), encoding="utf-8")
+    done = CliRunner().invoke(app, [command, str(config), "--output", str(tmp_path / "command")])
+    assert done.exit_code == 0, done.output
+    results = COMMANDS[command]()
+    assert fvi.as_text(results) in done.stdout
+    assert fvi.compare(results, tmp_path / "command") == []
+    for path in fvi.write(results, tmp_path / "call"):
+        other = tmp_path / "command" / path.relative_to(tmp_path / "call")
+        assert other.is_file()
+        if path.suffix in (".csv", ".md"):
+            assert path.read_bytes() == other.read_bytes()
+    # and a difference is seen
+    table = next((tmp_path / "command" / "tables").glob("*.csv"))
+    table.write_text(table.read_text().replace("16,0.125", "17,0.125", 1))
+    assert fvi.compare(results, tmp_path / "command") != []
+
+
+def test_outcomes_are_written_as_tables_and_figures(tmp_path: Path) -> None:
+    outcomes = fvi.run(CONFIG)
+    written = fvi.write(outcomes, tmp_path, name="other")
+    folders = [path.relative_to(tmp_path).parts[0] for path in written]
+    assert sorted(set(folders)) == ["figures", "tables"]
+    assert {path.stem for path in written} == {"other", "other-convergence"}
+    assert fvi.compare(outcomes, tmp_path, name="other") == []
+    tables = fvi.order_tables(outcomes)
+    for mixed in ([*outcomes, *tables], [*tables, *outcomes]):
+        with pytest.raises(fvi.RequestError, match="different kinds"):
+            fvi.write(mixed, tmp_path)
+    with pytest.raises(fvi.RequestError, match="plans"):
+        fvi.write(fvi.plan(CONFIG), tmp_path)
+    with pytest.raises(fvi.RequestError, match="name: needed"):
+        fvi.as_text([])
+
+
+def test_stability_is_studied_over_a_parameter() -> None:
+    tables = fvi.stability(
+        {**CONFIG, "method": [{"bdf": 3, "sampling": "nodes"}]},
+        over=["problem.damping.0.coefficient=1:1000:4:log"],
+        observe=False,
+    )
+    verdicts = {row.verdict for row in tables[0].rows}
+    assert verdicts == {"stable", "unstable"}
+    assert list(fvi.figures(tables))
+    with pytest.raises(fvi.RequestError, match="first loaded"):
+        fvi.stability(fvi.load(CONFIG), over=["problem.stiffness=1:2:2"])
+
+
+def test_costs_are_measured() -> None:
+    integer = {**CONFIG["problem"], "damping": [{"order": 1.0, "coefficient": 0.7}]}
+    tables = fvi.cost({**CONFIG, "problem": integer, "ladder": {"steps": [4, 8]}})
+    (case,) = tables[0].cases
+    assert [row.status for row in case.rows] == ["ok", "ok"]
+    assert "Gauss2" in fvi.as_text(tables)
+    assert list(fvi.figures(tables)) == ["free-cost"]
+    swept = {**CONFIG, "sweep": {"problem.stiffness": [1.0, 2.0]}}
+    with pytest.raises(fvi.RequestError, match="no one price"):
+        fvi.cost(swept)
+    with pytest.raises(fvi.RequestError, match="never the same twice"):
+        fvi.compare(tables, ".")
+
+
+def test_hard_cases_are_measured_by_name() -> None:
+    report = fvi.hard_cases(cases=["stiff-springs"], methods=["Gauss3", "BDF6 nodes"])
+    holds = {finding.method: finding.holds for finding in report.findings}
+    assert holds["Gauss3"]
+    assert not holds["BDF6 nodes"]
+    assert "stiff" in fvi.as_text(report)
+    with pytest.raises(fvi.RequestError, match="stiff-spring'"):
+        fvi.hard_cases(cases=["stiff-spring"])
+
+
+def test_every_command_has_a_call() -> None:
+    named = set(re.findall(r"``fvi ([a-z-]+)``", api.__doc__ or ""))
+    assert named == {command.__name__.replace("_", "-") for command in COMMANDS_OF_THE_LINE}
+    called = set(re.findall(r":(?:func|class):`(\w+)`", api.__doc__ or ""))
+    assert called <= set(api.__all__)
+
+
+def test_a_starter_and_the_schema_are_given() -> None:
+    assert fvi.load(yaml.safe_load(fvi.starter_config("pendulum"))).name == "my-pendulum"
+    assert "$defs" in fvi.json_schema()
+    assert "damped-oscillator" in fvi.shipped_configs()
 
 
 def test_nothing_is_written_without_a_folder(
