@@ -257,7 +257,8 @@ def shared_channels(
 ) -> ChannelSource:
     """Channels by the order of the terms, so that scenes of the same orders share all weights.
 
-    The direction of a channel is the sum of the coefficients of its order.
+    The direction of a channel is the sum of the coefficients of its order. Channels stand in
+    ascending order, however the terms of a scene do: a batch pairs them by their place.
     """
     weights = {order: _weights(method, h, order, n_weights) for order in orders}
 
@@ -270,7 +271,7 @@ def shared_channels(
         parity = has_parity(method)
         return tuple(
             Channel(direction=d, weights=weights[o], has_parity=parity)
-            for o, d in directions.items()
+            for o, d in sorted(directions.items())
         )
 
     return channels

@@ -110,6 +110,28 @@ def test_orders(orders: tuple[float, ...]) -> None:
     agree(oscillators(3, orders), GAUSS2, 200)
 
 
+def test_terms_in_any_sequence() -> None:
+    # the same orders, with the coefficients of one scene at those of the other
+    terms = [
+        FractionalDamping(order=0.5, coefficient=np.array([[0.2]])),
+        FractionalDamping(order=1.0, coefficient=np.array([[0.4]])),
+        FractionalDamping(order=1.5, coefficient=np.array([[0.9]])),
+    ]
+    scenes = [
+        linear_oscillator(
+            mass=1.0,
+            stiffness=2.0,
+            damping=sequence,
+            final_time=4.0,
+            initial_position=1.0,
+            initial_velocity=0.5,
+        )
+        for sequence in (terms, terms[::-1], [terms[1], terms[2], terms[0]])
+    ]
+    for method in (GAUSS2, Method(cq="bdf2", degree=1)):
+        agree(scenes, method, 100)
+
+
 def test_riemann_liouville() -> None:
     scenes = [replace(scene, derivative="riemann-liouville") for scene in oscillators(3)]
     agree(scenes, GAUSS2, 100)
