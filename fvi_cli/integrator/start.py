@@ -21,6 +21,7 @@ from fvi_cli.integrator.expansion import (
     jump_expansion,
     solution_expansion,
 )
+from fvi_cli.mathematics.graded_panels import tabulated
 from fvi_cli.mathematics.power_series import SAME_EXPONENT, SeriesError
 from fvi_cli.mathematics.windowed_series import WindowedSeries
 
@@ -187,15 +188,20 @@ def window_force(
         present = left + 0.5 * step_size > start
         # A break point lies on a step up to round-off, which must not give a negative time.
         local = np.maximum(left[present] - start, 0.0)[:, None] + step_size * offsets
-        # At t = 0 unbounded terms of both signs may meet; that is for the caller to know.
-        with np.errstate(invalid="ignore"):
-            total = window.acceleration(local) @ scene.inertia.mass
+
+        def total(time: Array) -> Array:
+            driving = window.acceleration(time) @ scene.inertia.mass
             for term in scene.active_damping:
-                derivative = window.fractional_derivative(local, term.order, scene.derivative)
-                total += derivative @ term.coefficient
-        if stiffness is not None:
-            total += window.position(local) @ stiffness
-        result[present] = total
+                derivative = window.fractional_derivative(time, term.order, scene.derivative)
+                driving += derivative @ term.coefficient
+            if stiffness is not None:
+                driving += window.position(time) @ stiffness
+            return driving
+
+        # At t = 0 unbounded terms of both signs may meet; that is for the caller to know.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            driving = tabulated(total, local.ravel())
+        result[present] = driving.reshape(*local.shape, scene.dimension)
         return result
 
     return force

@@ -12,6 +12,9 @@ Array = NDArray[np.float64]
 
 POINTS_PER_PANEL: Final = 28
 
+CHUNK: Final = 2048
+"""Arguments that are interpolated at a time: their table of polynomials stays in the cache."""
+
 
 def tabulated(function: Callable[[Array], Array], argument: Array) -> Array:
     r"""Values of a function that is analytic for positive arguments, by interpolation.
@@ -49,9 +52,26 @@ def tabulated(function: Callable[[Array], Array], argument: Array) -> Array:
     zero = argument == 0
     if zero.any():
         result[zero] = function(argument[zero])
+    in_order = bool(np.all(argument[1:] >= argument[:-1]))
     for panel, panel_coefficients in zip(panels, coefficients, strict=True):
-        inside = np.flatnonzero((powers == panel) & ~zero)
-        place = 4.0 * fractions[inside] - 3.0
-        series = np.polynomial.chebyshev.chebval(place, panel_coefficients)
-        result[inside] = series.T
+        if in_order:
+            first, last = np.searchsorted(argument, np.ldexp([0.5, 1.0], panel))
+            for begin in range(first, last, CHUNK):
+                inside = slice(begin, min(begin + CHUNK, last))
+                result[inside] = _summed(4.0 * fractions[inside] - 3.0, panel_coefficients)
+        else:
+            chosen = np.flatnonzero((powers == panel) & ~zero)
+            result[chosen] = _summed(4.0 * fractions[chosen] - 3.0, panel_coefficients)
     return result
+
+
+def _summed(place: Array, coefficients: Array) -> Array:
+    """Chebyshev sums of all components: one table of polynomials, one matrix product."""
+    table = np.empty((POINTS_PER_PANEL, place.size))
+    table[0] = 1.0
+    table[1] = place
+    twice = 2.0 * place
+    for k in range(2, POINTS_PER_PANEL):
+        np.multiply(twice, table[k - 1], out=table[k])
+        table[k] -= table[k - 2]
+    return np.asarray(table.T @ coefficients)

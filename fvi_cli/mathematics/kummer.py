@@ -62,15 +62,16 @@ def _border(first: Array, second: Array) -> float:
 
 def _number_of_terms(first: Array, second: Array, argument: float) -> int:
     """Terms of the asymptotic series that count at `argument`; 0 where it does not get there."""
-    term = np.ones(first.size)
-    for n in range(int(argument)):
-        ratio = np.abs((first + n) * (first - second + 1 + n)) / ((n + 1) * argument)
-        term = term * ratio
-        if np.all(term < _NEGLIGIBLE):
-            return n + 1
-        if np.any((ratio > 1) & (n > 2 * first.max() + 2)):
-            return 0
-    return 0
+    n = np.arange(int(argument), dtype=float)
+    ratios = np.abs((first[:, None] + n) * ((first - second + 1)[:, None] + n))
+    ratios /= (n + 1) * argument
+    with np.errstate(over="ignore", invalid="ignore"):
+        small = np.all(np.multiply.accumulate(ratios, axis=1) < _NEGLIGIBLE, axis=0)
+    growing = np.any((ratios > 1) & (n > 2 * first.max() + 2), axis=0)
+    if not small.any():
+        return 0
+    count = int(small.argmax())
+    return 0 if growing[:count].any() else count + 1
 
 
 def _summed(first: Array, second: Array, argument: Array) -> Array:
