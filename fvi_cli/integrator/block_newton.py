@@ -22,9 +22,9 @@ from fvi_cli.integrator.frozen_response import BlockInputs, FrozenResponse, froz
 from fvi_cli.integrator.stepping import (
     StepFailedError,
     Stepped,
-    Stepper,
     StepProblem,
-    stepper_without_kick,
+    noted,
+    step_solver,
 )
 from fvi_cli.integrator.trajectory import NewtonRecord
 
@@ -115,7 +115,7 @@ class _NewtonBlocks:
         if self._damped:
             kernel = lag_kernel(self._channels, 0, largest + self._group, self._m)
             self._strip = reversed_strip(kernel, largest, self._group)[0]
-        self._stepper = Stepper(problem)
+        self._stepper = step_solver(problem)
         self._state = np.concatenate(
             [problem.position, problem.momentum, memory.first_offset.ravel(), [1.0]]
         )
@@ -263,7 +263,7 @@ class _NewtonBlocks:
         self._move(np.concatenate([found.path[-1], found.momentum_path[-1]]))
         self._state[2 * d : -1] = found.carry
         self._remainder = found.remainder
-        self._note(done, found.changes)
+        self._newton = noted(self._newton, done, found.changes)
         self._count_operations(place, count)
         self._judge(count, len(found.changes))
         self._excess += len(found.changes) - 4
@@ -296,19 +296,17 @@ class _NewtonBlocks:
         for part in (memory.known_force, problem.extra_force):
             if part is not None:
                 known = known + part[done]
-        guess = self._guess()
+        guess = self._stepper.free_motion(done, position, momentum)
+        acting, newest = known, offset
+        if problem.skip_first_kick and done == 0:
+            acting = newest = np.zeros(shape)
         try:
-            if problem.skip_first_kick and done == 0:
-                found = stepper_without_kick(
-                    self._stepper, done, position, momentum, guess, np.zeros(shape)
-                )
-            else:
-                found = self._stepper.advance(done, position, momentum, known, offset, guess)
+            found = self._stepper.advance(done, position, momentum, acting, newest, guess)
         except StepFailedError as error:
-            self._note(done, error.residuals)
+            self._newton = noted(self._newton, done, error.residuals)
             return f"step {done}, t = {done * problem.step_size:.6g}: {error}"
         increments, force, change, residuals = found
-        self._note(done, residuals)
+        self._newton = noted(self._newton, done, residuals)
         if self._damped:
             sample = memory.sample_matrix.T @ increments + offset
             self._samples[done % self._group] = sample.ravel()
@@ -323,23 +321,6 @@ class _NewtonBlocks:
         if not np.isfinite(self._state[: 2 * d]).all():
             return f"not finite after step {done}, t = {(done + 1) * problem.step_size:.6g}"
         return ""
-
-    def _guess(self) -> Array:
-        """Increments of free motion from where the last step ended, ``(s, d)``."""
-        velocity = np.linalg.solve(
-            self._problem.scene.inertia.mass, self._state[self._d : 2 * self._d]
-        )
-        return self._problem.step_size * np.outer(self._problem.tables.control_points[1:], velocity)
-
-    def _note(self, step: int, residuals: tuple[float, ...]) -> None:
-        record = self._newton
-        worst = len(residuals) > record.largest
-        self._newton = NewtonRecord(
-            iterations=record.iterations + len(residuals),
-            largest=max(record.largest, len(residuals)),
-            worst_step=step if worst else record.worst_step,
-            worst_residuals=residuals if worst else record.worst_residuals,
-        )
 
     def _stepped(
         self, positions: Array, momenta: Array, forces: Array | None, done: int, failure: str

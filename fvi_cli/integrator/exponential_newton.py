@@ -34,7 +34,7 @@ from fvi_cli.integrator.exponential_march import (
 )
 from fvi_cli.integrator.frozen_response import BlockInputs, FrozenResponse, frozen_stiffness
 from fvi_cli.integrator.known_forces import KnownForces
-from fvi_cli.integrator.stepping import StepFailedError, Stepper, StepProblem
+from fvi_cli.integrator.stepping import StepFailedError, StepProblem, StepSolver, step_solver
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class _Chunk:
     """The chunk at work: what drives it, and what has come of it so far."""
 
     first: int
-    stepper: Stepper
+    stepper: StepSolver
     moments: Array
     shift: Array | None
     position: Array
@@ -134,7 +134,7 @@ class NewtonMarch:
             moments = np.zeros((last - first, problem.tables.degree + 1, d))
         chunk = _Chunk(
             first=first,
-            stepper=Stepper(local),
+            stepper=step_solver(local),
             moments=moments,
             shift=shift,
             position=np.zeros((last - first, d)),

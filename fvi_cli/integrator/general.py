@@ -12,21 +12,17 @@ from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.diagnostics import NOTHING, Asked, diagnose
-from fvi_cli.integrator.general_stepping import (
-    GeneralStepProblem,
-    KnownMotion,
-    run_general_steps,
-)
-from fvi_cli.integrator.integrate import force_moments, jump_force
+from fvi_cli.integrator.engine import run
+from fvi_cli.integrator.integrate import force_moments, jump_force, run_with_increments
+from fvi_cli.integrator.known_motion import KnownMotion
 from fvi_cli.integrator.known_part import NO_SERIES, KnownPart, plan_series, settled_method
-from fvi_cli.integrator.memory import DirectHistory, build_memory
+from fvi_cli.integrator.memory import build_memory
 from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.integrator.moments import StepFunction, exact_moments, galerkin_moments
 from fvi_cli.integrator.motion import Motion
 from fvi_cli.integrator.start import StartDecision
 from fvi_cli.integrator.step_tables import StepTables, step_tables
-from fvi_cli.integrator.stepped_history import SteppedHistory
-from fvi_cli.integrator.stepping import History, Stepped
+from fvi_cli.integrator.stepping import Stepped, StepProblem
 from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.mathematics.windowed_series import WindowedSeries
 
@@ -83,26 +79,25 @@ def integrate_general(
     memory = build_memory(scene, method, tables, n_steps, scene.active_damping, from_rest=from_rest)
     rest = np.zeros(scene.dimension)
     start_momentum = lagrangian.momentum(scene.initial_position, scene.initial_velocity, 0.0)
-    problem = GeneralStepProblem(
-        lagrangian=lagrangian,
+    problem = StepProblem(
+        scene=scene,
         tables=tables,
         memory=memory,
         step_size=h,
         n_steps=n_steps,
         position=rest if from_rest else scene.initial_position,
         momentum=rest if from_rest else start_momentum,
-        velocity=rest if from_rest else scene.initial_velocity,
         moments=moments,
-        known=None if window is None else _known_motion(lagrangian, window, tables, h, n_steps),
+        known_motion=None
+        if window is None
+        else _known_motion(lagrangian, window, tables, h, n_steps),
         skip_first_kick=method.sampling == "nodes",
     )
-    history: History
-    if method.history == "direct" or not memory.channels:
-        history = DirectHistory(memory, n_steps, scene.dimension)
-    else:
-        history = SteppedHistory(memory, n_steps, scene.dimension)
     ready = time.perf_counter()
-    stepped = run_general_steps(problem, history, keep_increments=not asked.is_empty)
+    if asked.is_empty:
+        stepped = run(problem, method.history)
+    else:
+        stepped = run_with_increments(problem, method)
     finished = time.perf_counter()
     trajectory = _trajectory(
         lagrangian,
@@ -182,7 +177,7 @@ def _residual(scene: Scene, lagrangian: Lagrangian, decision: StartDecision) -> 
 
 def _trajectory(
     lagrangian: Lagrangian,
-    problem: GeneralStepProblem,
+    problem: StepProblem,
     stepped: Stepped,
     window: WindowedSeries | None,
     *,

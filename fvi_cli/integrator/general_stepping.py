@@ -28,69 +28,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.lagrangian import Lagrangian
-from fvi_cli.integrator.advance import STRIDE, advanced
-from fvi_cli.integrator.compensated import CompensatedSum
-from fvi_cli.integrator.memory import Memory
-from fvi_cli.integrator.step_tables import StepTables
-from fvi_cli.integrator.stepping import History, StepFailedError, Stepped
-from fvi_cli.integrator.trajectory import NewtonRecord
+from fvi_cli.integrator.stepping import StepFailedError, StepProblem
 
 Array = NDArray[np.float64]
 
 NEWTON_TOLERANCE = 1e-13
 NEWTON_LIMIT = 50
 ROUND_OFF = 1e-13
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class KnownMotion:
-    """The known part S on the quadrature points of every step, arrays of shape ``(N, r, d)``.
-
-    Parameters
-    ----------
-    position, velocity
-        S and S'.
-    momentum, force
-        dL/dv and dL/dq at (S, S', t).
-    """
-
-    position: Array
-    velocity: Array
-    momentum: Array
-    force: Array
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GeneralStepProblem:
-    """Everything that the steps need, ready before the first one.
-
-    Parameters
-    ----------
-    lagrangian, tables, memory
-        Effect, numbers of the method, and the convolution.
-    step_size, n_steps
-        h and N.
-    position, momentum, velocity
-        Start values of the unknown, shape ``(d,)``; the velocity is a first guess only.
-    moments
-        Moments of the known force, shape ``(N, s + 1, d)``; None when there is none.
-    known
-        Known part of the motion; None: none.
-    skip_first_kick
-        Leave out the damping force of step 0 (the paper's algorithm, samples on the nodes).
-    """
-
-    lagrangian: Lagrangian
-    tables: StepTables
-    memory: Memory
-    step_size: float
-    n_steps: int
-    position: Array
-    momentum: Array
-    velocity: Array
-    moments: Array | None = None
-    known: KnownMotion | None = None
-    skip_first_kick: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,10 +49,10 @@ class _Forces:
 class GeneralStepper:
     """Tables of one step; `advance` solves its equations by Newton's iteration."""
 
-    def __init__(self, problem: GeneralStepProblem) -> None:
-        self._problem = problem
+    def __init__(self, problem: StepProblem, lagrangian: Lagrangian) -> None:
+        self._problem, self._lagrangian = problem, lagrangian
         tables, memory, h = problem.tables, problem.memory, problem.step_size
-        d = problem.lagrangian.dimension
+        d = lagrangian.dimension
         self._shape = (tables.degree, d)
         self._positions = tables.basis[1:].T
         self._velocities = tables.slopes[1:].T / h
@@ -129,8 +73,29 @@ class GeneralStepper:
     @property
     def first_guess(self) -> Array:
         """Increments of uniform motion from the start values, shape ``(s, d)``."""
+        velocity = self._problem.scene.initial_velocity
+        if self._problem.known_motion is not None:
+            velocity = np.zeros_like(velocity)
+        return self._uniform(velocity)
+
+    def free_motion(self, index: int, position: Array, momentum: Array) -> Array:
+        """Increments with the velocity that belongs to `momentum`, shape ``(s, d)``."""
+        time = index * self._problem.step_size
+        known = self._problem.known_motion
+        with np.errstate(all="ignore"):
+            if known is None:
+                velocity = self._lagrangian.velocity(position, momentum, time)
+            else:
+                # the first point of the step is close enough to begin with
+                velocity = self._lagrangian.velocity(
+                    position + known.position[index, 0], momentum + known.momentum[index, 0], time
+                )
+                velocity = velocity - known.velocity[index, 0]
+        return self._uniform(np.where(np.isfinite(velocity), velocity, 0.0))
+
+    def _uniform(self, velocity: Array) -> Array:
         h = self._problem.step_size
-        return np.outer(h * self._problem.tables.control_points[1:], self._problem.velocity)
+        return np.outer(h * self._problem.tables.control_points[1:], velocity)
 
     def damping_force(self, known: Array, offset: Array, increments: Array) -> Array:
         """F of a step: finished history, plus the newest weight times the newest sample."""
@@ -145,48 +110,28 @@ class GeneralStepper:
         index: int,
         position: Array,
         momentum: Array,
-        history: tuple[Array, Array] | None,
+        known: Array,
+        offset: Array,
         guess: Array,
     ) -> tuple[Array, Array, Array, tuple[float, ...]]:
-        """Solve step `index`: increments, damping force, momentum increment, residuals.
-
-        Parameters
-        ----------
-        index, position, momentum
-            The step and what it begins with.
-        history
-            Force of the finished samples, shape ``(m, d)``, and offset of the newest; None: no
-            damping acts on this step.
-        guess
-            Increments to begin with, shape ``(s, d)``.
-
-        Raises
-        ------
-        StepFailedError
-            If Newton's iteration does not converge.
-        """
+        """Solve step `index`, see :class:`~fvi_cli.integrator.stepping.StepSolver`."""
         problem = self._problem
         h, weights = problem.step_size, problem.memory.force_weights
-        right = np.zeros(self._shape)
+        force = self.damping_force(known, offset, np.zeros(self._shape))
+        right = h * weights[:-1] @ force
         right[0] -= momentum
         change = np.zeros(self._shape[1])
         if problem.moments is not None:
             right -= problem.moments[index, :-1]
             change = change + problem.moments[index].sum(axis=0)
-        damping: Array | None = None
-        if history is not None:
-            force = self.damping_force(*history, np.zeros(self._shape))
-            right += h * weights[:-1] @ force
-            damping = self._damping
-        increments, forces, residuals = self._newton(index, position, right, damping, guess)
-        force = np.zeros((weights.shape[1], self._shape[1]))
-        if history is not None:
-            force = self.damping_force(*history, increments)
-            change = change - h * problem.memory.momentum_weights @ force
+        with np.errstate(all="ignore"):
+            increments, forces, residuals = self._newton(index, position, right, guess)
+        force = self.damping_force(known, offset, increments)
+        change = change - h * problem.memory.momentum_weights @ force
         return increments, force, change + forces.change, residuals
 
     def _newton(
-        self, index: int, base: Array, right: Array, damping: Array | None, guess: Array
+        self, index: int, base: Array, right: Array, guess: Array
     ) -> tuple[Array, _Forces, tuple[float, ...]]:
         """Solve rows(delta) - damping delta = right with the exact Jacobian."""
         increments = guess.copy()
@@ -196,10 +141,8 @@ class GeneralStepper:
         for _ in range(NEWTON_LIMIT):
             forces = self._forces(index, base, increments)
             residual = forces.rows - right
-            jacobian = forces.jacobian
-            if damping is not None:
-                residual = residual - (damping @ increments.ravel()).reshape(self._shape)
-                jacobian = jacobian - damping
+            residual -= (self._damping @ increments.ravel()).reshape(self._shape)
+            jacobian = forces.jacobian - self._damping
             residuals.append(float(np.abs(residual).max()))
             if not (math.isfinite(residuals[-1]) and np.isfinite(jacobian).all()):
                 raise StepFailedError(
@@ -230,12 +173,12 @@ class GeneralStepper:
         problem = self._problem
         position = base + self._positions @ increments
         velocity = self._velocities @ increments
-        known = problem.known
+        known = problem.known_motion
         if known is not None:
             position = position + known.position[index]
             velocity = velocity + known.velocity[index]
         time = (index + problem.tables.points) * problem.step_size
-        at = problem.lagrangian.derivatives(position, velocity, time)
+        at = self._lagrangian.derivatives(position, velocity, time)
         momentum, force = at.momentum, at.force
         if known is not None:
             momentum = momentum - known.momentum[index]
@@ -252,100 +195,15 @@ class GeneralStepper:
         )
 
     def _end(self, index: int, base: Array, increments: Array) -> Array:
-        known = self._problem.known
+        known = self._problem.known_motion
         end = base + increments[-1]
         return np.asarray(end if known is None else end + known.position[index, -1])
 
     def _reach(self, index: int, base: Array) -> float:
         """Size of the numbers that positions are made of, for what round-off can do."""
-        known = self._problem.known
+        known = self._problem.known_motion
         size = float(np.abs(base).max())
         return size if known is None else size + float(np.abs(known.position[index]).max())
-
-
-def run_general_steps(
-    problem: GeneralStepProblem, history: History, *, keep_increments: bool = False
-) -> Stepped:
-    """All steps, one after the other, until the end or until one cannot be solved.
-
-    Parameters
-    ----------
-    problem
-        Everything that the steps need.
-    history
-        Sums up the memory.
-    keep_increments
-        Keep the increments of every step.
-    """
-    tables, memory, n_steps = problem.tables, problem.memory, problem.n_steps
-    d, m = problem.lagrangian.dimension, tables.sample_points.size
-    stepper = GeneralStepper(problem)
-    positions, momenta = np.empty((n_steps + 1, d)), np.empty((n_steps + 1, d))
-    samples, forces = np.empty((n_steps, m, d)), np.zeros((n_steps + 1, m, d))
-    position, momentum = CompensatedSum(problem.position), CompensatedSum(problem.momentum)
-    kept = np.empty((n_steps if keep_increments else 0, tables.degree, d))
-    positions[0], momenta[0] = position.value, momentum.value
-    guess, offset = stepper.first_guess, memory.first_offset
-    newton, failure, done = NewtonRecord(), "", 0
-    damped = bool(memory.channels)
-    inner = tables.sample_basis[1:].T
-    with np.errstate(all="ignore"):
-        for index in range(n_steps):
-            if index % STRIDE == 0:
-                advanced(index, n_steps)
-            acts = damped and not (problem.skip_first_kick and index == 0)
-            past = (_known(problem, history, index), offset) if acts else None
-            try:
-                increments, force, change, residuals = stepper.advance(
-                    index, position.value, momentum.value, past, guess
-                )
-            except StepFailedError as error:
-                newton = _noted(newton, index, error.residuals)
-                failure = f"step {index}, t = {index * problem.step_size:.6g}: {error}"
-                break
-            newton = _noted(newton, index, residuals)
-            if damped:
-                history.push(memory.sample_matrix.T @ increments + offset)
-                forces[index] = force
-            samples[index] = position.value - problem.position + inner @ increments
-            if keep_increments:
-                kept[index] = increments
-            position.add(increments[-1])
-            momentum.add(change)
-            positions[index + 1], momenta[index + 1] = position.value, momentum.value
-            done = index + 1
-            offset = memory.offset + memory.carry_matrix.T @ increments
-            guess = tables.extrapolation @ increments
-        if damped and done == n_steps:
-            rest = np.zeros((tables.degree, d))
-            forces[done] = stepper.damping_force(_known(problem, history, done), offset, rest)
-    return Stepped(
-        position=positions[: done + 1],
-        momentum=momenta[: done + 1],
-        samples=samples[:done],
-        end_force=forces[: done + 1],
-        operations=history.operations,
-        newton=newton,
-        failure=failure,
-        increments=kept[:done] if keep_increments else None,
-    )
-
-
-def _known(problem: GeneralStepProblem, history: History, index: int) -> Array:
-    known = history.known()
-    if problem.memory.known_force is not None:
-        known = known + problem.memory.known_force[index]
-    return known
-
-
-def _noted(record: NewtonRecord, step: int, residuals: tuple[float, ...]) -> NewtonRecord:
-    worst = len(residuals) > record.largest
-    return NewtonRecord(
-        iterations=record.iterations + len(residuals),
-        largest=max(record.largest, len(residuals)),
-        worst_step=step if worst else record.worst_step,
-        worst_residuals=residuals if worst else record.worst_residuals,
-    )
 
 
 def _shown(position: Array) -> str:

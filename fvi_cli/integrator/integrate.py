@@ -126,7 +126,7 @@ def _integrate(scene: Scene, method: AnyMethod, n_steps: int, asked: Asked) -> T
     if asked.is_empty:
         stepped = run(prepared.problem, method.history)
     else:
-        stepped = _run_with_increments(prepared.problem, method)
+        stepped = run_with_increments(prepared.problem, method)
     stepped = cut_at_bound(prepared.problem, stepped, bound)
     finished = time.perf_counter()
     trajectory = finished_trajectory(
@@ -154,7 +154,7 @@ def _integrate(scene: Scene, method: AnyMethod, n_steps: int, asked: Asked) -> T
         return replace(trajectory, diagnostics=diagnose(motion, asked))
 
 
-def _run_with_increments(problem: StepProblem, method: Method) -> Stepped:
+def run_with_increments(problem: StepProblem, method: Method) -> Stepped:
     """All steps one after the other, by whose increments a motion is diagnosed."""
     history = None
     if problem.memory.channels and method.history != "direct":

@@ -25,6 +25,7 @@ from fvi_cli.effects.potential import Potential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.compensated import CompensatedSum
+from fvi_cli.integrator.known_motion import KnownMotion
 from fvi_cli.integrator.memory import DirectHistory, Memory
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.trajectory import NewtonRecord
@@ -57,6 +58,8 @@ class StepProblem:
         Moments of the known force, shape ``(N, s + 1, d)``; None when there is none.
     position_shift
         Known part of the position at the quadrature points, shape ``(N, r, d)``; None: zero.
+    known_motion
+        The same for a general Lagrangian, with velocities and what belongs to them.
     extra_force
         Known addition to the damping force, shape ``(N + 1, m, d)``; None: zero.
     position, momentum
@@ -76,6 +79,7 @@ class StepProblem:
     momentum: Array
     moments: Array | None = None
     position_shift: Array | None = None
+    known_motion: KnownMotion | None = None
     extra_force: Array | None = None
     skip_first_kick: bool = False
     stop_beyond: float = math.inf
@@ -125,8 +129,48 @@ class History(Protocol):
         """Append the samples of a finished step, shape ``(m, d)``."""
 
 
+class StepSolver(Protocol):
+    """The equations of a step."""
+
+    @property
+    def first_guess(self) -> Array:
+        """Increments to begin with in the first step, shape ``(s, d)``."""
+
+    def free_motion(self, index: int, position: Array, momentum: Array) -> Array:
+        """Increments of step `index` if nothing acted on it, shape ``(s, d)``."""
+
+    def damping_force(self, known: Array, offset: Array, increments: Array) -> Array:
+        """F of a step: finished history, plus the newest weight times the newest sample."""
+
+    def advance(
+        self,
+        index: int,
+        position: Array,
+        momentum: Array,
+        known: Array,
+        offset: Array,
+        guess: Array,
+    ) -> tuple[Array, Array, Array, tuple[float, ...]]:
+        """Solve step `index`: increments, damping force, momentum increment, residuals.
+
+        Raises
+        ------
+        StepFailedError
+            If Newton's iteration does not converge.
+        """
+
+
+def step_solver(problem: StepProblem) -> StepSolver:
+    """What solves the steps of `problem`."""
+    if problem.scene.lagrangian is None:
+        return Stepper(problem)
+    from fvi_cli.integrator.general_stepping import GeneralStepper
+
+    return GeneralStepper(problem, problem.scene.lagrangian)
+
+
 class Stepper:
-    """Matrices of one step; `advance` solves its equations."""
+    """Matrices of one step of a scene with a constant mass matrix."""
 
     def __init__(self, problem: StepProblem) -> None:
         self._problem = problem
@@ -147,18 +191,16 @@ class Stepper:
             self._stiffness = self._potential.stiffness
             linear = linear - h * np.kron(self._weighted_basis.sum(axis=0), self._stiffness)
         self._inverse = np.linalg.inv(linear) if problem.scene.is_linear else None
-        self._free_motion = (
-            np.outer(
-                tables.control_points[1:],
-                np.linalg.solve(problem.scene.inertia.mass, problem.momentum),
-            )
-            * h
-        )
 
     @property
     def first_guess(self) -> Array:
         """Increments of free motion from the start values, shape ``(s, d)``."""
-        return np.asarray(self._free_motion)
+        return self.free_motion(0, self._problem.position, self._problem.momentum)
+
+    def free_motion(self, index: int, position: Array, momentum: Array) -> Array:
+        """Increments with the velocity that belongs to `momentum`, shape ``(s, d)``."""
+        velocity = np.linalg.solve(self._problem.scene.inertia.mass, momentum)
+        return self._problem.step_size * np.outer(self._problem.tables.control_points[1:], velocity)
 
     def damping_force(self, known: Array, offset: Array, increments: Array) -> Array:
         """F of a step: finished history, plus the newest weight times the newest sample."""
@@ -177,13 +219,7 @@ class Stepper:
         offset: Array,
         guess: Array,
     ) -> tuple[Array, Array, Array, tuple[float, ...]]:
-        """Solve step `index`: increments, damping force, momentum increment, residuals.
-
-        Raises
-        ------
-        StepFailedError
-            If Newton's iteration does not converge.
-        """
+        """Solve step `index`, see :class:`StepSolver`."""
         problem = self._problem
         tables, h = problem.tables, problem.step_size
         moments = None if problem.moments is None else problem.moments[index]
@@ -270,7 +306,7 @@ def run_steps(
     """
     tables, memory, n_steps = problem.tables, problem.memory, problem.n_steps
     d, m = problem.scene.dimension, tables.sample_points.size
-    stepper = Stepper(problem)
+    stepper = step_solver(problem)
     if history is None:
         history = DirectHistory(memory, n_steps, d)
     positions = np.empty((n_steps + 1, d))
@@ -293,21 +329,19 @@ def run_steps(
             if index % STRIDE == 0:
                 advanced(index, n_steps)
             known = _known(problem, history, index) if damped else forces[0]
-            skip = problem.skip_first_kick and index == 0
+            newest = offset
+            if problem.skip_first_kick and index == 0:
+                # explicit sampling only: no force of the newest sample either
+                known = newest = forces[0]
             try:
-                if skip:
-                    increments, force, change, residuals = stepper_without_kick(
-                        stepper, index, position.value, momentum.value, guess, forces[0]
-                    )
-                else:
-                    increments, force, change, residuals = stepper.advance(
-                        index, position.value, momentum.value, known, offset, guess
-                    )
+                increments, force, change, residuals = stepper.advance(
+                    index, position.value, momentum.value, known, newest, guess
+                )
             except StepFailedError as error:
-                newton = _note(newton, index, error.residuals)
+                newton = noted(newton, index, error.residuals)
                 failure = f"step {index}, t = {index * problem.step_size:.6g}: {error}"
                 break
-            newton = _note(newton, index, residuals)
+            newton = noted(newton, index, residuals)
             if damped:
                 history.push(memory.sample_matrix.T @ increments + offset)
                 forces[index] = force
@@ -342,13 +376,6 @@ def run_steps(
     )
 
 
-def stepper_without_kick(
-    stepper: Stepper, index: int, position: Array, momentum: Array, guess: Array, zero: Array
-) -> tuple[Array, Array, Array, tuple[float, ...]]:
-    """Step `index` without its damping force (explicit sampling only: no newest sample)."""
-    return stepper.advance(index, position, momentum, zero, zero, guess)
-
-
 def _known(problem: StepProblem, history: History, index: int) -> Array:
     known = history.known()
     if problem.memory.known_force is not None:
@@ -358,7 +385,8 @@ def _known(problem: StepProblem, history: History, index: int) -> Array:
     return known
 
 
-def _note(record: NewtonRecord, step: int, residuals: tuple[float, ...]) -> NewtonRecord:
+def noted(record: NewtonRecord, step: int, residuals: tuple[float, ...]) -> NewtonRecord:
+    """The record after a step, or a block of them, with these residuals."""
     if not residuals:
         return record
     worst = len(residuals) > record.largest
