@@ -157,6 +157,14 @@ def planned_bytes(scene: Scene, method: AnyMethod, n_steps: int, *, every: int =
     return peak_bytes(_sizes(scene, method, n_steps, every, has_series=method.start == "series"))
 
 
+def planned_seconds(scene: Scene, method: AnyMethod, n_steps: int) -> float:
+    """The plan's time alone, without an expansion of the solution, as :func:`planned_bytes`."""
+    if isinstance(method, Baseline):
+        return _baseline_plan(scene, method, n_steps).seconds
+    sizes = _sizes(scene, method, n_steps, 1, has_series=method.start == "series")
+    return predicted_seconds(sizes, _machinery(scene, method, n_steps).operations)
+
+
 def _sizes(scene: Scene, method: Method, n_steps: int, every: int, *, has_series: bool) -> Sizes:
     machinery = _machinery(scene, method, n_steps)
     return Sizes(

@@ -1,0 +1,333 @@
+"""A method and a number of steps for a tolerance, with an error estimate that is checked."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.experiments.candidates import Candidate, least_steps, usual_candidates
+from fvi_cli.experiments.experiment import Norm
+from fvi_cli.experiments.norms import error_norm
+from fvi_cli.integrator.break_points import nearest_fitting
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.plan import planned_bytes, planned_seconds
+from fvi_cli.integrator.resolution import Resolution, find_resolution
+from fvi_cli.integrator.stability import predict_stability
+from fvi_cli.integrator.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+Verdict = Literal["ok", "refused"]
+
+EPSILON: Final = float(np.finfo(float).eps)
+
+MOST_RUNS: Final = 24
+MOST_STEPS: Final = 2**22
+
+MARGIN: Final = 0.7
+"""A prediction must stay below this share of the tolerance for a number of steps to be tried."""
+
+BETTER: Final = 0.6
+"""Another method is turned to when it is predicted to take less than this share of the time."""
+
+LAST_PART: Final = 0.1
+"""For the norm at the final time runs are compared on this last part of the grid: at a single
+point two runs may agree by accident."""
+
+STILL: Final = 0.6
+"""A difference of more than this share of the one before has not fallen."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reached:
+    """What a search for a tolerance came to.
+
+    Parameters
+    ----------
+    method, n_steps
+        What was chosen; of a refusal what was tried last.
+    trajectory
+        Its run; None where nothing was run.
+    estimate
+        Estimated error, of a refusal the least one; nan where there is none.
+    verdict
+        ``ok``, or ``refused`` where the tolerance cannot be reached.
+    message
+        The choice, or the reason for the refusal, in one line.
+    attempts
+        One line for every run.
+    """
+
+    method: AnyMethod
+    n_steps: int
+    trajectory: Trajectory | None
+    estimate: float
+    verdict: Verdict
+    message: str
+    attempts: tuple[str, ...]
+
+
+def reach_tolerance(
+    scene: Scene,
+    methods: Sequence[AnyMethod],
+    tolerance: float,
+    norm: Norm = "max",
+    *,
+    available_bytes: int | None = None,
+    allow_unstable: bool = False,
+    tell: Callable[[str], object] = lambda line: None,
+) -> Reached:
+    """Find a method and a number of steps whose estimated error is below `tolerance`.
+
+    The method that is predicted to be the quickest is run on N/2 and N steps; what they differ by
+    corrects the predictions, and the next method and N are chosen by them, until an estimate lies
+    below the tolerance. N is a power of two times the least number of steps on whose grid all
+    break points of the forcing lie. No N is accepted on which a method does not see what moves in
+    the scene (:func:`fvi_cli.integrator.resolution.find_resolution`).
+
+    Parameters
+    ----------
+    scene
+        What is integrated.
+    methods
+        The candidates; the first of equals is preferred.
+    tolerance
+        Largest error of the position in `norm`.
+    norm
+        ``max``, ``final`` or ``l2``.
+    available_bytes
+        Memory that a run may take; None: as much as it likes.
+    allow_unstable
+        Run methods on numbers of steps on which they are predicted to blow up.
+    tell
+        Is told of every run in a line.
+
+    Returns
+    -------
+    Reached
+        A tolerance below the floor of round-off, or one that cannot be reached with the steps and
+        memory there are, is refused.
+    """
+    return _Search(
+        scene=scene,
+        tolerance=tolerance,
+        norm=norm,
+        available_bytes=available_bytes,
+        allow_unstable=allow_unstable,
+        tell=tell,
+        base=nearest_fitting(scene, 1)[1],
+        resolution=find_resolution(scene, tolerance),
+    ).result(methods)
+
+
+def round_off_floor(scale: float, n_steps: int, final_time: float, norm: Norm) -> float:
+    """Errors below this are round-off: 100 eps max|x| sqrt(N), in l2 times sqrt(T)."""
+    unit = math.sqrt(final_time) if norm == "l2" else 1.0
+    return 100 * EPSILON * scale * unit * math.sqrt(n_steps)
+
+
+def difference_norm(fine: Trajectory, coarse: Trajectory, norm: Norm) -> float:
+    """Norm of the difference of a run and one on half as many steps; inf where one did not end."""
+    if fine.status != "ok" or coarse.status != "ok":
+        return math.inf
+    values, others = fine.position[::2], coarse.position
+    if norm == "final":
+        first = int((1.0 - LAST_PART) * (others.shape[0] - 1))
+        return error_norm(values[first:], others[first:], coarse.step_size, "max")
+    return error_norm(values, others, coarse.step_size, norm)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Next:
+    """A candidate with the steps that it is thought to need, and the seconds until then."""
+
+    candidate: Candidate
+    n_steps: int
+    seconds: float
+
+
+@dataclass(kw_only=True, eq=False)
+class _Search:
+    """The runs so far; only the finest of every method is kept."""
+
+    scene: Scene
+    tolerance: float
+    norm: Norm
+    available_bytes: int | None
+    allow_unstable: bool
+    tell: Callable[[str], object]
+    base: int
+    resolution: Resolution
+    attempts: list[str] = field(default_factory=list)
+    scale: float = 0.0
+    _latest: dict[AnyMethod, tuple[int, Trajectory]] = field(default_factory=dict)
+
+    def result(self, methods: Sequence[AnyMethod]) -> Reached:
+        candidates = usual_candidates(self.scene, methods, self.norm, self.resolution)
+        if not self.base:
+            return self._refused(
+                candidates[0], 0, "no number of steps puts every break point on the grid"
+            )
+        start = float(np.abs(self.scene.initial_position).max())
+        floor = round_off_floor(start, 1, self.scene.final_time, self.norm)
+        if floor > self.tolerance:
+            return self._refused(candidates[0], 0, self._below_floor(floor, 1))
+        current: Candidate | None = None
+        while len(self.attempts) < MOST_RUNS:
+            chosen = self._choose(candidates, current)
+            if chosen is None:
+                return self._refused(current or candidates[0], 0, self._too_much())
+            current, n = chosen.candidate, chosen.n_steps
+            latest = self._latest.get(current.method)
+            # after a run that was compared, one doubling after the other: any may do
+            n = n if latest is None or not current.differences else min(n, 2 * latest[0])
+            if latest is None or latest[0] != n // 2:
+                self._run(current, n // 2)
+            trajectory = self._run(current, n)
+            estimate = current.estimate(n)
+            floor = round_off_floor(self.scale, n, self.scene.final_time, self.norm)
+            if floor > self.tolerance:
+                return self._refused(current, n, self._below_floor(floor, n))
+            if estimate <= self.tolerance:
+                return self._accepted(current, n, trajectory, max(estimate, floor))
+            if self._stands_still(current, n):
+                return self._refused(current, n, self._no_further(current, n))
+            self._spread(candidates, current)
+        return self._refused(current or candidates[0], 0, f"{MOST_RUNS} runs were not enough")
+
+    def _least(self, candidate: Candidate) -> int:
+        """The least N on the way from the base by doubling that sees all, and can be halved."""
+        wanted = max(least_steps(candidate.method, self.resolution), 2 * self.base)
+        return self.base << math.ceil(math.log2(wanted / self.base))
+
+    def _choose(self, candidates: Sequence[Candidate], current: Candidate | None) -> _Next | None:
+        options = [option for c in candidates if (option := self._option(c)) is not None]
+        if not options:
+            return None
+        best = min(options, key=lambda option: option.seconds)
+        own = [option for option in options if option.candidate is current]
+        return own[0] if own and best.seconds > BETTER * own[0].seconds else best
+
+    def _option(self, candidate: Candidate) -> _Next | None:
+        """How far this candidate would have to go, and what that would take; None: too much."""
+        n = self._least(candidate)
+        latest = self._latest.get(candidate.method)
+        if latest is not None:
+            n = max(n, 2 * latest[0])
+        final_time = self.scene.final_time
+        while candidate.predicted(n, final_time) > MARGIN * self.tolerance or (
+            n <= MOST_STEPS and self._is_unstable(candidate.method, n // 2)
+        ):
+            n *= 2
+            if n > MOST_STEPS:
+                return None
+        if n > MOST_STEPS or not self._has_room(candidate.method, n):
+            return None
+        first = latest[0] * 2 if latest is not None and candidate.differences else n // 2
+        seconds = 0.0
+        while first <= n:
+            seconds += planned_seconds(self.scene, candidate.method, first)
+            first *= 2
+        return _Next(candidate=candidate, n_steps=n, seconds=seconds)
+
+    def _is_unstable(self, method: AnyMethod, n_steps: int) -> bool:
+        """Whether a run is predicted to blow up; Gauss methods feed no mode of any scene."""
+        if self.allow_unstable or getattr(method, "cq", "") == "gauss":
+            return False
+        return predict_stability(self.scene, method, n_steps).verdict == "unstable"
+
+    def _has_room(self, method: AnyMethod, n_steps: int) -> bool:
+        if self.available_bytes is None:
+            return True
+        return planned_bytes(self.scene, method, n_steps) <= self.available_bytes
+
+    def _run(self, candidate: Candidate, n_steps: int) -> Trajectory:
+        """Run, and compare with the run on half as many steps if that was the last one."""
+        method = candidate.method
+        began = time.perf_counter()
+        trajectory = integrate(self.scene, method, n_steps)
+        seconds = time.perf_counter() - began
+        before = self._latest.get(method)
+        line = f"{method.case} N = {n_steps}: {seconds:.2g} s"
+        if before is not None and 2 * before[0] == n_steps:
+            difference = difference_norm(trajectory, before[1], self.norm)
+            candidate.differences[n_steps] = difference
+            line += f", {difference:.2g} from N = {before[0]}"
+        if trajectory.status == "ok":
+            self.scale = max(self.scale, float(np.abs(trajectory.position).max()))
+        else:
+            line += f", {trajectory.status}"
+        self._latest[method] = (n_steps, trajectory)
+        self.attempts.append(line)
+        self.tell(line)
+        return trajectory
+
+    def _spread(self, candidates: Sequence[Candidate], measured: Candidate) -> None:
+        """Correct the guesses of the others by what was measured of one."""
+        n_steps, _ = self._latest[measured.method]
+        for candidate in candidates:
+            if not candidate.differences:
+                candidate.learn(measured, n_steps, self.scene.final_time)
+
+    def _stands_still(self, candidate: Candidate, n_steps: int) -> bool:
+        """Whether doubling has not helped: twice where little is left, four times otherwise."""
+        differences = [candidate.differences.get(n_steps >> k, math.inf) for k in range(5)]
+        if not math.isfinite(differences[0]):
+            return False
+        fallen = [a < STILL * b for a, b in itertools.pairwise(differences)]
+        few = differences[0] < 1e-6 * self.scale
+        return not any(fallen[:2] if few else fallen) and all(
+            map(math.isfinite, differences[: 3 if few else 5])
+        )
+
+    def _accepted(
+        self, candidate: Candidate, n: int, trajectory: Trajectory, estimate: float
+    ) -> Reached:
+        runs = len(self.attempts)
+        message = (
+            f"{candidate.method.case} on N = {n} steps: estimated error {estimate:.2g} (N against "
+            f"N/2) for a tolerance of {self.tolerance:g}, after {runs} runs"
+        )
+        return Reached(
+            method=candidate.method,
+            n_steps=n,
+            trajectory=trajectory,
+            estimate=estimate,
+            verdict="ok",
+            message=message,
+            attempts=tuple(self.attempts),
+        )
+
+    def _refused(self, candidate: Candidate, n_steps: int, message: str) -> Reached:
+        latest = self._latest.get(candidate.method)
+        finite = [e for n in candidate.differences if math.isfinite(e := candidate.estimate(n))]
+        return Reached(
+            method=candidate.method,
+            n_steps=n_steps or (latest[0] if latest else max(1, self.base)),
+            trajectory=None if latest is None else latest[1],
+            estimate=min(finite, default=math.nan),
+            verdict="refused",
+            message=f"tolerance {self.tolerance:g}: {message}",
+            attempts=tuple(self.attempts),
+        )
+
+    def _below_floor(self, floor: float, n_steps: int) -> str:
+        return f"below the floor {floor:.2g} of round-off on N = {n_steps} steps"
+
+    def _no_further(self, candidate: Candidate, n_steps: int) -> str:
+        return (
+            f"below the floor {candidate.differences[n_steps]:.2g}: more steps than N = {n_steps} "
+            f"of {candidate.method.case} change the position no less"
+        )
+
+    def _too_much(self) -> str:
+        words = f"no method is predicted to reach it in {MOST_STEPS} steps and the memory there is"
+        return f"{words}; {self.resolution.reason}" if self.resolution.reason else words
