@@ -32,8 +32,9 @@ def export_file(path: Path, form: str, directory: Path) -> list[Path]:
         Result file.
     form
         ``csv``: one file for every run, ``<experiment>-<case>-n000016.csv``, with its attributes
-        as comments; a batch of a sweep is one file with a column ``member``, and the numbers are
-        those that were stored, to the last digit. ``npz``: one file with arrays named
+        as comments; a batch of a sweep is one file with a column ``member`` and the swept values,
+        and beside it ``...-members.csv`` with what is known of each member. The numbers are those
+        that were stored, to the last digit. ``npz``: one file with arrays named
         ``<experiment>/<case>/n000016/position`` and the attributes as JSON beside them. ``mat``:
         one file (MATLAB 5) of nested structures.
     directory
@@ -67,40 +68,42 @@ def export_file(path: Path, form: str, directory: Path) -> list[Path]:
 
 def _csv_files(stem: str, runs: Iterator[StoredArrays]) -> Iterator[tuple[str, bytes]]:
     for run in runs:
-        yield f"{run.experiment}-{run.case}-{run.name}.csv", _csv(run).encode()
+        name = f"{run.experiment}-{run.case}-{run.name}"
+        yield f"{name}.csv", _csv(run, _LONG_FORM).encode()
+        if "member" in run.arrays:
+            yield f"{name}-members.csv", _csv(run, ("member",)).encode()
 
 
-def _csv(run: StoredArrays) -> str:
-    """Attributes as comments, then one row for every time (of every member)."""
+def _csv(run: StoredArrays, along: Sequence[str]) -> str:
+    """Attributes as comments, then one row for every time of every member, or every member."""
     text = io.StringIO()
     for name, value in _plain(run.attributes).items():
         text.write(f"# {name}: {json.dumps(value, ensure_ascii=False)}\n")
-    columns = dict(_columns(run))
+    columns = dict(_columns(run, [axis for axis in along if axis in run.arrays]))
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows(zip(*(_words(values) for values in columns.values()), strict=True))
     return text.getvalue()
 
 
-def _columns(run: StoredArrays) -> Iterator[tuple[str, NDArray[Any]]]:
+def _columns(run: StoredArrays, along: Sequence[str]) -> Iterator[tuple[str, NDArray[Any]]]:
     """Columns of equal length: axes first, then what depends on them."""
-    present = [axis for axis in _LONG_FORM if axis in run.arrays]
-    lengths = {axis: run.arrays[axis].size for axis in present}
-    shape = tuple(lengths.values())
-    others = [name for name in run.arrays if name not in present]
-    for name in (*present, *others):
+    shape = tuple(run.arrays[axis].size for axis in along)
+    swept = json.loads(str(run.attributes.get("swept", "[]")))
+    others = [name for name in run.arrays if name not in along and name not in swept]
+    for name in (*along, *swept, *others):
         axes = run.dimensions[name]
-        if not set(axes) & set(present):
-            continue  # labels of other axes, such as dof
+        if name in others and (axes[: len(along)] != tuple(along)):
+            continue  # labels of other axes, and what is known of a member as a whole
+        if "time" in axes and "time" not in along:
+            continue
         values = run.arrays[name]
-        further = [k for k, axis in enumerate(axes) if axis not in present]
-        kept = [axis for axis in axes if axis in present]
-        values = np.moveaxis(values, further, range(len(further)))
-        labels = np.ndindex(*values.shape[: len(further)])
-        for label in labels:
-            whole = values[label].reshape([lengths[a] if a in kept else 1 for a in present])
-            suffix = "".join(f"_{k}" for k in label)
-            yield f"{name}{suffix}", np.broadcast_to(whole, shape).ravel()
+        # what lies along further axes, such as dof, is a column each
+        further = range(len(along), len(axes)) if name in others else range(0)
+        for label in np.ndindex(*(values.shape[axis] for axis in further)):
+            part = values[(..., *label)] if label else values
+            whole = part.reshape([run.arrays[a].size if a in axes else 1 for a in along])
+            yield name + "".join(f"_{k}" for k in label), np.broadcast_to(whole, shape).ravel()
 
 
 def _words(values: NDArray[Any]) -> Sequence[str]:

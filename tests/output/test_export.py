@@ -88,7 +88,7 @@ def test_members_become_rows() -> None:
         experiment="sweep",
         case="gauss-s3-series",
         name="n000002",
-        attributes={"n_steps": np.int64(2)},
+        attributes={"n_steps": np.int64(2), "swept": '["stiffness"]'},
         arrays={
             "time": np.array([0.0, 0.5, 1.0]),
             "member": np.arange(2),
@@ -106,17 +106,24 @@ def test_members_become_rows() -> None:
             "status": ("member",),
         },
     )
-    ((name, content),) = FORMATS["csv"]("sweep", iter([batch]))
+    (name, content), (members_name, members) = FORMATS["csv"]("sweep", iter([batch]))
     assert name == "sweep-gauss-s3-series-n000002.csv"
     assert content.decode().splitlines() == [
         "# n_steps: 2",
-        "member,time,stiffness,position_0,position_1,status",
-        "0,0.0,1.5,0.0,1.0,ok",
-        "0,0.5,1.5,2.0,3.0,ok",
-        "0,1.0,1.5,4.0,5.0,ok",
-        "1,0.0,2.5,6.0,7.0,floor",
-        "1,0.5,2.5,8.0,9.0,floor",
-        "1,1.0,2.5,10.0,11.0,floor",
+        '# swept: "[\\"stiffness\\"]"',
+        "member,time,stiffness,position_0,position_1",
+        "0,0.0,1.5,0.0,1.0",
+        "0,0.5,1.5,2.0,3.0",
+        "0,1.0,1.5,4.0,5.0",
+        "1,0.0,2.5,6.0,7.0",
+        "1,0.5,2.5,8.0,9.0",
+        "1,1.0,2.5,10.0,11.0",
+    ]
+    assert members_name == "sweep-gauss-s3-series-n000002-members.csv"
+    assert members.decode().splitlines()[2:] == [
+        "member,stiffness,status",
+        "0,1.5,ok",
+        "1,2.5,floor",
     ]
 
 
