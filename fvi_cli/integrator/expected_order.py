@@ -49,6 +49,9 @@ def expected_order(scene: Scene, method: AnyMethod, norm: Norm, n_steps: int) ->
       methods reach :math:`h^{2 \sigma^*}` at the final time. Measured for gamma = 0.3 to 1.9 on
       Runge-Kutta methods and on BDF at the quadrature points, not proved.
 
+    Riemann-Liouville derivatives of an initial position (order below 1) or velocity (above 1) are
+    forces that start like :math:`t^{-\gamma}` and :math:`t^{1 - \gamma}`; on the nodes the first
+    costs :math:`h^{1 - \gamma}`, the kick at 0 being left out, the second :math:`h^{3 - \gamma}`.
     A jump of the force that is left without a series counts with the power t**2 of its response.
     Samples of the force set a limit of their own (`interpolation_limit`).
     """
@@ -68,12 +71,22 @@ def expected_order(scene: Scene, method: AnyMethod, norm: Norm, n_steps: int) ->
 
 
 def _baseline_order(scene: Scene, method: Baseline) -> float:
-    r"""A forcing that starts like :math:`t^e` costs product integration :math:`h^{e + 1}`."""
+    r"""A forcing that starts like :math:`t^e` costs product integration :math:`h^{e + 1}`.
+
+    With an initial velocity and a Riemann-Liouville derivative of order gamma above 1 the solution
+    has the power :math:`t^{3 - \gamma}`, whose interpolant costs :math:`h^{5 - 2 \gamma}`, and
+    implicit Euler sees a force like :math:`t^{1 - \gamma}`: :math:`h^{2 - \gamma}`.
+    """
     if method.name == "gruenwald-letnikov" and not scene.active_damping:
         return 2.0
     order = _BASELINE_ORDERS.get(method.name, math.nan)
+    abrupt = max(_abrupt_orders(scene), default=0.0)
+    if method.name == "implicit-euler" and abrupt > 1:
+        return 2.0 - abrupt
     if method.name != "product-integration":
         return order
+    if abrupt > 1:
+        order = min(order, 5.0 - 2.0 * abrupt)
     try:
         forcing = forcing_powers(scene)
     except SeriesError:
@@ -114,11 +127,12 @@ def _singular_order(scene: Scene, method: Method, norm: Norm) -> float:
     except SeriesError:
         return math.nan
     limit = math.inf
+    abrupt = _abrupt_orders(scene)
     singular = forcing[~_is_integer(forcing)]
     if method.forcing_quadrature == "galerkin" and singular.size:
         limit = float(singular.min()) + 1.0
     if method.sampling == "nodes":
-        return limit
+        return min([limit, *((3.0 if order > 1 else 1.0) - order for order in abrupt)])
     if scene.break_points:
         solution = np.append(solution, 2.0)
     moving, derivative = _damping_powers(scene, solution)
@@ -151,9 +165,11 @@ def _weighted_order(scene: Scene, method: Method, smooth: float) -> float:
 def _damping_powers(scene: Scene, solution: Array) -> tuple[Array, Array]:
     """Powers of the solution that the derivatives act on, and those of the forces they make."""
     moving, derivative = [np.empty(0)], [np.empty(0)]
+    caputo = scene.derivative == "caputo"
     for term in scene.active_damping:
-        # the Caputo derivative subtracts the others
-        own = solution[solution > (1.5 if term.order > 1 else 0.5)]
+        # the Caputo derivative subtracts the others; what Riemann-Liouville makes of the initial
+        # position is known to round-off
+        own = solution[solution > (1.5 if caputo and term.order > 1 else 0.5)]
         moving.append(own)
         derivative.append(own - term.order)
     return np.concatenate(moving), np.concatenate(derivative)
@@ -162,6 +178,14 @@ def _damping_powers(scene: Scene, solution: Array) -> tuple[Array, Array]:
 def _potential_powers(scene: Scene, solution: Array) -> Array:
     conservative = scene.potential is not None or scene.lagrangian is not None
     return solution[~_is_integer(solution)] if conservative else np.empty(0)
+
+
+def _abrupt_orders(scene: Scene) -> tuple[float, ...]:
+    """Orders whose Riemann-Liouville derivative is not bounded at 0 because of the initial data."""
+    if scene.derivative == "caputo":
+        return ()
+    starts = {False: scene.initial_position.any(), True: scene.initial_velocity.any()}
+    return tuple(t.order for t in scene.active_damping if t.order != 1 and starts[t.order > 1])
 
 
 def _powers(expansion: Expansion) -> Array:

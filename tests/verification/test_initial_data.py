@@ -7,8 +7,10 @@ import pytest
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
+from fvi_cli.integrator.expected_order import expected_order
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.named import linear_oscillator
 
 METHODS = [
@@ -91,6 +93,55 @@ def test_riemann_liouville_above_1_with_a_position_at_0_is_refused() -> None:
             initial_position=1.0,
             derivative="riemann-liouville",
         )
+
+
+@pytest.mark.parametrize(
+    ("order", "method", "lost"),
+    [
+        # an initial position: the kick that the nodes leave out is infinite
+        (0.3, Method(cq="bdf2", degree=1, sampling="nodes"), 0.7),
+        (0.5, Method(cq="bdf3", degree=2, sampling="nodes", start="series"), 0.5),
+        # an initial velocity: a force like t^(1 - gamma)
+        (1.5, Method(cq="bdf2", degree=1, sampling="nodes"), 1.5),
+        (1.2, Method(cq="bdf2", degree=1), 1.8),
+        (1.5, Method(cq="bdf3", degree=2), 1.5),
+        (1.5, Method(cq="gauss", degree=1), 1.5),
+        (1.5, Method(cq="gauss", degree=2), 1.5),
+        (1.5, Method(cq="lobatto-iiic", degree=2), 1.5),
+        (1.5, Baseline(name="implicit-euler"), 0.5),
+        (1.9, Baseline(name="product-integration"), 1.2),
+        (1.5, Baseline(name="product-integration"), 2.0),
+        (1.5, Baseline(name="gruenwald-letnikov"), 1.0),
+    ],
+    ids=str,
+)
+def test_what_initial_data_cost_under_riemann_liouville(
+    order: float, method: AnyMethod, lost: float
+) -> None:
+    """Slopes against the closed form; the same data cost less under Caputo."""
+    measured = {}
+    for derivative in ("riemann-liouville", "caputo"):
+        scene = linear_oscillator(
+            final_time=2.0,
+            damping=[FractionalDamping(order=order, coefficient=0.7)],
+            initial_position=1.0 if order < 1 else 0.0,
+            initial_velocity=1.0 if order > 1 else 0.0,
+            derivative=derivative,
+        )
+        solution = match_scene(scene)
+        assert solution is not None
+        errors = []
+        for n_steps in (512, 2048):
+            trajectory = integrate(scene, method, n_steps)
+            exact = solution.position(trajectory.time)
+            errors.append(np.abs(trajectory.position - exact).max())
+        measured[derivative] = np.log2(errors[0] / errors[1]) / 2
+        stated = expected_order(scene, method, "max", 2048)
+        if derivative == "riemann-liouville":
+            assert stated == pytest.approx(lost)
+        assert measured[derivative] == pytest.approx(stated, abs=0.1)
+    if lost < 1.9 and not (isinstance(method, Baseline) and lost == 1.0):
+        assert measured["caputo"] > measured["riemann-liouville"] + 0.15
 
 
 @pytest.mark.parametrize("method", METHODS)
