@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fvi_cli.config import starter_config
+from fvi_cli.config import SCHEMA_FILE, SCHEMA_TITLE, schema_text, starter_config
 from fvi_cli.config.experiment_keys import is_name
 from fvi_cli.errors import RequestError
 from fvi_cli.experiments.order import OrderTable
 from fvi_cli.experiments.order import order_tables as tables_of_orders
 from fvi_cli.experiments.sweep_summary import sweep_lines
+from fvi_cli.output.atomic import replace_file
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 
 if TYPE_CHECKING:
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
     from fvi_cli.experiments.order import OrderTable
     from fvi_cli.integrator.plan import Plan as Machinery
     from fvi_cli.output.storage import StoredFile
+
+_logger = logging.getLogger(__name__)
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:
@@ -222,7 +226,6 @@ def write_benchmark(output: Path, exponent: int) -> tuple[str, Path]:
     from fvi_cli.experiments.benchmark import run_benchmark
     from fvi_cli.experiments.many_benchmark import run_many_benchmark
     from fvi_cli.experiments.memory_benchmark import run_memory_benchmark
-    from fvi_cli.output.atomic import replace_file
     from fvi_cli.output.provenance import package_versions, platform_name
 
     before = _load()
@@ -301,6 +304,9 @@ def compare_figures(figures: Mapping[str, Figure], output: Path) -> list[str]:
 def write_starter(name: str, kind: str) -> Path:
     """Write a commented configuration into the current folder; it must not be there yet.
 
+    The JSON schema for editors is put beside it, or brought up to date; a file of that name that
+    is no schema of ours is left alone.
+
     Raises
     ------
     RequestError
@@ -317,4 +323,19 @@ def write_starter(name: str, kind: str) -> Path:
         raise RequestError(f"{path}: exists already; it is left as it is") from None
     except OSError as error:
         raise RequestError(f"{path}: cannot be written: {error.strerror}") from None
+    _write_schema(Path(SCHEMA_FILE))
     return path
+
+
+def _write_schema(path: Path) -> None:
+    """Write the schema unless it is there already, or another file is."""
+    fresh = schema_text()
+    try:
+        stored = path.read_text(encoding="utf-8") if path.exists() else ""
+        if stored == fresh or (stored and f'"{SCHEMA_TITLE}"' not in stored):
+            return
+        replace_file(path, fresh.encode())
+    except (OSError, UnicodeDecodeError) as error:
+        _logger.warning("%s: not written: %s", path, error)
+    else:
+        _logger.info("%s: for editors", path)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from fvi_cli.commands.completion import shipped_names
 from fvi_cli.commands.exits import DONE, RUN_FAILED, guarded
 from fvi_cli.commands.options import (
     RESULTS,
@@ -29,7 +30,11 @@ _logger = logging.getLogger("fvi_cli")
 def cost(
     configs: Annotated[
         list[str] | None,
-        typer.Argument(metavar="CONFIG", help="Files, or names of shipped configurations."),
+        typer.Argument(
+            metavar="CONFIG",
+            help="Files, or names of shipped configurations.",
+            autocompletion=shipped_names,
+        ),
     ] = None,
     output: Output = RESULTS,
     peers: Annotated[

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from fvi_cli.commands.completion import export_formats
 from fvi_cli.commands.exits import DONE, guarded
 from fvi_cli.commands.options import RESULTS, Output, Quiet, Verbose
 
@@ -14,7 +15,15 @@ from fvi_cli.commands.options import RESULTS, Output, Quiet, Verbose
 @guarded
 def export(
     file: Annotated[Path, typer.Argument(metavar="FILE.h5", help="Results of `fvi run`.")],
-    to: Annotated[str, typer.Option("--to", metavar="csv|npz|mat", help="Format to write.")],
+    to: Annotated[
+        str,
+        typer.Option(
+            "--to",
+            metavar="csv|npz|mat",
+            help="Format to write.",
+            autocompletion=export_formats,
+        ),
+    ],
     output: Output = RESULTS,
     quiet: Quiet = False,
     verbose: Verbose = False,

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from fvi_cli.commands.completion import kinds_of_problems
 from fvi_cli.commands.exits import DONE, guarded
 from fvi_cli.commands.options import Verbose
 
@@ -14,11 +15,17 @@ from fvi_cli.commands.options import Verbose
 def new(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the experiment.")],
     kind: Annotated[
-        str, typer.Option("--kind", metavar="KIND", help="Kind of the problem.")
+        str,
+        typer.Option(
+            "--kind",
+            metavar="KIND",
+            help="Kind of the problem.",
+            autocompletion=kinds_of_problems,
+        ),
     ] = "damped-oscillator",
     verbose: Verbose = False,
 ) -> int:
-    """Write a commented configuration NAME.yaml to start from."""
+    """Write a commented configuration NAME.yaml to start from, and the schema for editors."""
     from fvi_cli import reports
 
     print(reports.write_starter(name, kind))

@@ -7,15 +7,22 @@ from typing import Annotated
 
 import typer
 
+from fvi_cli.commands.completion import shipped_names
+
 Configs = Annotated[
     list[str],
-    typer.Argument(metavar="CONFIG", help="Files, or names of shipped configurations."),
+    typer.Argument(
+        metavar="CONFIG",
+        help="Files, or names of shipped configurations.",
+        autocompletion=shipped_names,
+    ),
 ]
 Sources = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="CONFIG|FILE.h5",
         help="Files, names of shipped configurations, or results of `fvi run`.",
+        autocompletion=shipped_names,
     ),
 ]
 Output = Annotated[

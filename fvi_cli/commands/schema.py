@@ -1,17 +1,24 @@
-"""``fvi schema``: the JSON schema of configurations."""
+"""``fvi schema``: the keys of configurations, for editors and for people."""
 
 from __future__ import annotations
+
+from typing import Annotated
+
+import typer
 
 from fvi_cli.commands.exits import DONE, guarded
 from fvi_cli.commands.options import Verbose
 
 
 @guarded
-def schema(verbose: Verbose = False) -> int:
-    """Print the JSON schema of configurations, for editors."""
-    import json
+def schema(
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print the reference of all keys as Markdown.")
+    ] = False,
+    verbose: Verbose = False,
+) -> int:
+    """Print the JSON schema of configurations, for editors, or the reference of all keys."""
+    from fvi_cli.config import configuration_reference, schema_text
 
-    from fvi_cli.config import json_schema
-
-    print(json.dumps(json_schema(), indent=2))
+    print(configuration_reference() if markdown else schema_text(), end="")
     return DONE

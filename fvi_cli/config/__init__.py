@@ -1,15 +1,26 @@
 """Floor 6: YAML configurations, validated with file, line and column."""
 
 from fvi_cli.config.load import LoadedConfig, load_config, parse_config
-from fvi_cli.config.schema import json_schema, starter_config
+from fvi_cli.config.reference import configuration_reference
+from fvi_cli.config.schema import (
+    SCHEMA_FILE,
+    SCHEMA_TITLE,
+    json_schema,
+    schema_text,
+    starter_config,
+)
 from fvi_cli.config.shipped import find_config, shipped_configs
 
 __all__ = [
+    "SCHEMA_FILE",
+    "SCHEMA_TITLE",
     "LoadedConfig",
+    "configuration_reference",
     "find_config",
     "json_schema",
     "load_config",
     "parse_config",
+    "schema_text",
     "shipped_configs",
     "starter_config",
 ]

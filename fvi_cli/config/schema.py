@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import textwrap
 from typing import Any, Final
 
@@ -13,6 +14,7 @@ from fvi_cli.errors import RequestError
 from fvi_cli.scenes.registry import EQUATIONS
 
 WIDTH: Final = 98
+SCHEMA_TITLE: Final = "Configuration of fvi"
 
 
 def json_schema() -> Schema:
@@ -35,12 +37,24 @@ def json_schema() -> Schema:
     several["properties"]["experiments"]["items"] = {"$ref": "#/$defs/experiment"}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "Configuration of fvi",
+        "title": SCHEMA_TITLE,
         "if": {"required": ["experiments"]},
         "then": several,
         "else": single,
         "$defs": {"experiment": experiment, **shared},
     }
+
+
+SCHEMA_FILE: Final = "fvi.schema.json"
+"""Where a starter file expects the schema: beside it."""
+
+MODELINE: Final = f"# yaml-language-server: $schema={SCHEMA_FILE}"
+"""The line at the top of a configuration by which editors find the schema."""
+
+
+def schema_text() -> str:
+    """The JSON schema as the text of a file."""
+    return json.dumps(json_schema(), indent=2) + "\n"
 
 
 # What a starter file says where there is no default, or where the default shows little.
@@ -130,6 +144,8 @@ _SWEPT: Final[dict[str, str]] = {
 def starter_config(kind: str, *, name: str | None = None) -> str:
     """A commented configuration to begin with; it is valid as it stands.
 
+    Its first line tells editors that the schema is beside it, in :data:`SCHEMA_FILE`.
+
     Parameters
     ----------
     kind
@@ -149,6 +165,7 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
         )
     derivative = kind == "fractional-derivative"
     lines = [
+        MODELINE,
         *_comment(EQUATIONS[kind], ""),
         f"name: {name or f'my-{kind}'}",
         "",
@@ -158,7 +175,7 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
     for key in kinds[kind].keys:
         example = _EXAMPLES[kind].get(key.name)
         if example is None and not isinstance(key.default, Missing):
-            example = _plain(key.default)
+            example = plain(key.default)
         lines += _comment(key.meaning, "  ")
         lines.append(f"  {key.name}: {example}")
     method = "{bdf: [1, 2, 3], sampling: nodes}" if derivative else "{rk: gauss, degree: [2, 3]}"
@@ -176,7 +193,7 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
             continue
         shown = examples.get(key.name)
         if shown is None:
-            shown = _plain(key.default)
+            shown = plain(key.default)
         lines += ["", *_comment(key.meaning, ""), f"{key.name}: {shown}"]
     return "\n".join(lines) + "\n"
 
@@ -186,10 +203,10 @@ def _comment(text: str, indent: str) -> list[str]:
     return textwrap.wrap(text, WIDTH, initial_indent=prefix, subsequent_indent=prefix)
 
 
-def _plain(value: Any) -> str:
+def plain(value: Any) -> str:
     """A default as it is written in one line of YAML."""
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {_plain(entry)}" for key, entry in value.items()) + "}"
+        return "{" + ", ".join(f"{key}: {plain(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, list):
-        return "[" + ", ".join(_plain(entry) for entry in value) + "]"
+        return "[" + ", ".join(plain(entry) for entry in value) + "]"
     return str(value).lower() if isinstance(value, bool) else str(value)

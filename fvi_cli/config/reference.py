@@ -1,0 +1,217 @@
+"""The reference of all keys as a page to read, made from the JSON schema."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from fvi_cli.config.schema import json_schema, plain
+from fvi_cli.config.shapes import Schema
+from fvi_cli.scenes.registry import EQUATIONS
+
+_HEADER: Final = ("key", "may be", "default", "meaning")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One key: its path, what may stand there, its default and its meaning, as Markdown."""
+
+    key: str
+    allowed: str
+    default: str
+    meaning: str
+
+
+def configuration_reference() -> str:
+    """Every key of a configuration as a Markdown page.
+
+    The same as :func:`fvi_cli.config.json_schema` says, for people. Keys that several kinds of
+    problem share with the same meaning and default stand in one table, the others below their
+    kind.
+    """
+    schema = json_schema()
+    definitions = schema["$defs"]
+    top = definitions["experiment"]["properties"]
+    lines = [
+        "# Configuration, key by key",
+        "",
+        "Made by `fvi schema --markdown` from what checks configurations; for editors there is",
+        "the same as [JSON schema](editors.md). `a.b` is the key `b` of the mapping under `a`,",
+        "`a[].b` that of every entry of the list under `a`. A key that is required is so wherever",
+        "the mapping that it belongs to is given in that form.",
+        "",
+        "## An experiment",
+        "",
+        "A file is one experiment, or has a `name` and a list `experiments` of them.",
+        "",
+    ]
+    rows: list[Row] = []
+    required = definitions["experiment"]["required"]
+    for name, reference in top.items():
+        rows += _rows(
+            name,
+            definitions.get(name, reference),
+            is_required=name in required,
+            nested=name not in _APART,
+        )
+    lines += _table(rows)
+    lines += [
+        "",
+        "## method",
+        "",
+        "One mapping or a list of them; lists in a mapping are combined.",
+    ]
+    lines += ["", *_table(_members(definitions["method"], ""))]
+    lines += ["", "## problem", ""]
+    lines += _problems(definitions["problem"]["oneOf"])
+    return "\n".join(lines) + "\n"
+
+
+_APART: Final = ("problem", "method")
+"""Keys with a section of their own."""
+
+
+def _problems(variants: Sequence[Schema]) -> Iterator[str]:
+    """The kinds of problems: what they share, then each of them."""
+    kinds = {variant["properties"]["kind"]["const"]: variant for variant in variants}
+    users: dict[tuple[Row, ...], list[str]] = {}
+    for kind, variant in kinds.items():
+        needed = variant["required"]
+        for name, described in variant["properties"].items():
+            if name != "kind":
+                rows = tuple(_rows(name, described, is_required=name in needed))
+                users.setdefault(rows, []).append(kind)
+    shared = {rows: names for rows, names in users.items() if len(names) > 1}
+    yield "`kind` names the equation; the kinds are below. Keys that several kinds share:"
+    yield ""
+    shown: list[Row] = []
+    for rows, names in shared.items():
+        first = rows[0]
+        has_others = sum(other[0].key == first.key for other in users) > 1
+        of = f" Here for {', '.join(names)}." if has_others else ""
+        shown += [
+            Row(
+                key=first.key,
+                allowed=first.allowed,
+                default=first.default,
+                meaning=first.meaning + of,
+            ),
+            *rows[1:],
+        ]
+    yield from _table(shown)
+    for kind in kinds:
+        yield ""
+        yield f"### {kind}"
+        yield ""
+        yield f"    {EQUATIONS[kind]}"
+        yield ""
+        own = [row for rows, names in users.items() if names == [kind] for row in rows]
+        common = [rows[0].key for rows, names in shared.items() if kind in names]
+        if own:
+            yield from _table(own)
+            yield ""
+        yield f"Shared keys: {', '.join(common)}."
+
+
+def _rows(
+    name: str, schema: Schema, *, is_required: bool = False, nested: bool = True
+) -> Iterator[Row]:
+    """The key itself, then the keys below it."""
+    default = "required" if is_required else ""
+    if "default" in schema:
+        text = plain(schema["default"])
+        default = f"`{text}`" if text else ""
+    yield Row(
+        key=f"`{name}`",
+        allowed=_allowed(schema),
+        default=default or "-",
+        meaning=_cell(schema.get("description", "")),
+    )
+    if nested:
+        yield from _members(schema, name)
+
+
+def _members(schema: Schema, path: str) -> Iterator[Row]:
+    """Keys of the mappings that `schema` allows, each path once, however often it is listed."""
+    seen: set[str] = set()
+    for row in _inner(schema, path):
+        if (place := row.key.replace("[]", "")) not in seen:
+            seen.add(place)
+            yield row
+
+
+def _inner(schema: Schema, path: str) -> Iterator[Row]:
+    variants: Sequence[Schema] = schema.get("anyOf") or schema.get("oneOf") or ()
+    # a mapping before a list of such mappings
+    for variant in sorted(variants, key=lambda variant: "items" in variant):
+        yield from _inner(variant, path)
+    if "items" in schema:
+        yield from _inner(schema["items"], f"{path}[]" if path else "")
+    for name, described in schema.get("properties", {}).items():
+        needed = name in schema.get("required", ())
+        yield from _rows(f"{path}.{name}" if path else name, described, is_required=needed)
+
+
+def _allowed(schema: Schema) -> str:
+    """What may stand there, in words."""
+    variants = schema.get("anyOf", schema.get("oneOf"))
+    if variants is not None:
+        words = list(dict.fromkeys(_allowed(variant) for variant in variants))
+        if len(words) == 2 and words[1] == _list_of(words[0]):
+            return f"{words[0]}; or a list"
+        return " or ".join(words)
+    if "enum" in schema:
+        return ", ".join(f"`{word}`" for word in schema["enum"])
+    if "const" in schema:
+        return f"`{schema['const']}`"
+    kind = schema.get("type")
+    if kind == "array":
+        return _list_of(_allowed(schema["items"])) if "items" in schema else "list"
+    if kind == "object":
+        under = schema.get("additionalProperties")
+        return f"mapping to {_allowed(under)}" if isinstance(under, dict) else "mapping"
+    if kind in ("number", "integer"):
+        return f"{kind}{_range(schema)}"
+    if kind == "boolean":
+        return "`true`, `false`"
+    return "text" if kind == "string" else "number or text"
+
+
+def _list_of(words: str) -> str:
+    """A list of what `words` say."""
+    if words == "list of number":
+        return "list of rows of numbers"
+    return f"list of ({words})" if " or " in words or ", " in words else f"list of {words}"
+
+
+def _range(schema: Schema) -> str:
+    """Limits of a number; ends of round numbers as powers."""
+    if "minimum" in schema and "maximum" in schema:
+        return f", {_number(schema['minimum'])} to {_number(schema['maximum'])}"
+    words = {
+        "exclusiveMinimum": "above",
+        "minimum": "at least",
+        "exclusiveMaximum": "below",
+        "maximum": "at most",
+    }
+    found = [f"{word} {_number(schema[key])}" for key, word in words.items() if key in schema]
+    return f" {' and '.join(found)}" if found else ""
+
+
+def _number(value: float) -> str:
+    exponent = int(value).bit_length() - 1
+    if value == 2**exponent and exponent > 16:
+        return f"2^{exponent}"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _cell(text: Any) -> str:
+    return str(text).replace("|", "\\|").replace("*", "\\*").replace("<", "&lt;")
+
+
+def _table(rows: Iterator[Row] | Sequence[Row]) -> Iterator[str]:
+    yield f"| {' | '.join(_HEADER)} |"
+    yield f"|{'---|' * len(_HEADER)}"
+    for row in rows:
+        yield f"| {row.key} | {row.allowed} | {row.default} | {row.meaning} |"
