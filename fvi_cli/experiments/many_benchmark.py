@@ -145,7 +145,7 @@ def many_cases() -> tuple[ManyCase, ...]:
             name="oscillators, one batch, start series",
             kind="members",
             start="series",
-            largest_each=math.inf,
+            largest_each=0.25,
         ),
         ManyCase(name="oscillators, one scene", kind="uncoupled", start="none", largest_each=0.25),
         ManyCase(

@@ -17,6 +17,8 @@ from fvi_cli.integrator.growth_bound import cut_at_bound, growth_bound
 from fvi_cli.integrator.known_part import (
     NO_SERIES,
     KnownPart,
+    KnownTable,
+    SeriesPlan,
     plan_series,
     settled_method,
 )
@@ -167,7 +169,8 @@ class Prepared:
     """What is ready before the first step: the step problem, the known part, and remarks.
 
     Beside a known part there are no `forcing_moments`; `jump` is the force of :func:`jump_force`
-    where the known part does not hold it.
+    where the known part does not hold it; `table` holds values of the known part that were made
+    beforehand.
     """
 
     problem: StepProblem
@@ -175,16 +178,27 @@ class Prepared:
     remarks: tuple[str, ...]
     forcing_moments: Array | None = None
     jump: StepFunction | None = None
+    table: KnownTable | None = None
 
 
 def prepare(
-    scene: Scene, method: Method, n_steps: int, source: ChannelSource | None = None
+    scene: Scene,
+    method: Method,
+    n_steps: int,
+    source: ChannelSource | None = None,
+    series: SeriesPlan | None = None,
+    table: KnownTable | None = None,
 ) -> Prepared:
-    """Everything that is known before the first step; `source` as for `build_memory`."""
+    """Everything that is known before the first step.
+
+    `source` as for `build_memory`; `series` and the `table` of its values are made here where they
+    are not given.
+    """
     tables = step_tables(method)
     h = scene.final_time / n_steps
     breaks = steps_at_break_points(scene, n_steps)
-    series = plan_series(scene, method, n_steps) if method.start == "series" else NO_SERIES
+    if series is None:
+        series = plan_series(scene, method, n_steps) if method.start == "series" else NO_SERIES
     known = series.known
     method = settled_method(scene, method, series)
     from_rest = known is not None and known.carries_start
@@ -192,7 +206,9 @@ def prepare(
         scene, method, tables, n_steps, scene.active_damping, from_rest=from_rest, source=source
     )
     moments = None
-    if known is not None:
+    if table is not None:
+        moments = table.moments
+    elif known is not None:
         # smooth by construction: the action's own rule is exact enough
         moments = galerkin_moments(known.residual(), tables, h, n_steps)
     elif scene.forcing is not None:
@@ -204,7 +220,9 @@ def prepare(
         added = exact_moments(jump, method, h, n_steps)
         moments = added if moments is None else moments + added
     shift = None
-    if known is not None and scene.potential is not None:
+    if table is not None and scene.potential is not None:
+        shift = table.position
+    elif known is not None and scene.potential is not None:
         shift = known.position(h * np.arange(n_steps, dtype=float), h, tables.points)
     rest = np.zeros(scene.dimension)
     problem = StepProblem(
@@ -225,6 +243,7 @@ def prepare(
         remarks=series.remarks,
         forcing_moments=of_forcing,
         jump=jump,
+        table=table,
     )
 
 
@@ -277,7 +296,11 @@ def finished_trajectory(
     position = stepped.position
     grid = problem.step_size * np.arange(position.shape[0], dtype=float)
     if known is not None:
-        known_position, known_velocity = known.on_grid(grid)
+        known_position, known_velocity = (
+            known.on_grid(grid)
+            if prepared.table is None
+            else (values[: grid.size] for values in prepared.table.on_grid)
+        )
         position = position + known_position
         momentum = momentum + known_velocity @ scene.inertia.mass
     with np.errstate(over="ignore", invalid="ignore"):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.expansion import Expansion
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.moments import StepFunction
 from fvi_cli.integrator.start import (
@@ -141,6 +142,25 @@ class SeriesPlan:
     remarks: tuple[str, ...]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KnownTable:
+    """Values of a known part, where they were made for many scenes at a time.
+
+    Parameters
+    ----------
+    moments
+        Of the forcing that remains, shape ``(N, s + 1, d)``.
+    position
+        S at the quadrature points, shape ``(N, r, d)``.
+    on_grid
+        S and S' at the grid, each of shape ``(N + 1, d)``.
+    """
+
+    moments: Array
+    position: Array
+    on_grid: tuple[Array, Array]
+
+
 FORCING_CUTOFF = 8.0
 NO_SERIES = SeriesPlan(known=None, fell_back=False, remarks=())
 
@@ -216,14 +236,19 @@ def method_order(method: Method) -> int:
     return method.rule.build().order if method.is_runge_kutta else method.bdf_order
 
 
-def plan_series(scene: Scene, method: Method, n_steps: int) -> SeriesPlan:
-    """Decide about the series at 0 and at every break point, and say what was decided."""
+def plan_series(
+    scene: Scene, method: Method, n_steps: int, expansion: Expansion | None = None
+) -> SeriesPlan:
+    """Decide about the series at 0 and at every break point, and say what was decided.
+
+    The `expansion` of the solution at 0 is made here where it is not given.
+    """
     h = scene.final_time / n_steps
     rule = window_rule(method)
     if rule is None:
         return NO_SERIES
     cutoff = method_order(method) + rule.powers
-    start = plan_start(scene, cutoff, h, rule)
+    start = plan_start(scene, cutoff, h, rule, expansion)
     remarks = (start.reason,) if start.wanted else ()
     fell_back = start.wanted and not start.use
     jumps = []

@@ -30,6 +30,8 @@ from fvi_cli.integrator.integrate import (
     integrate,
     prepare,
 )
+from fvi_cli.integrator.joined_start import plan_members
+from fvi_cli.integrator.known_part import NO_SERIES, KnownTable, SeriesPlan
 from fvi_cli.integrator.memory import shared_channels
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.trajectory import Trajectory, thinned
@@ -119,8 +121,11 @@ def _integrate_batch(
     h = scenes[0].final_time / n_steps
     source = shared_channels(method, h, n_steps + 1, _orders(scenes[0]))
     members = []
-    for scene in scenes:
-        prepared = prepare(scene, method, n_steps, source)
+    planned: Sequence[tuple[SeriesPlan, KnownTable | None]] = [(NO_SERIES, None)] * len(scenes)
+    if method.start == "series":
+        planned = plan_members(scenes, method, n_steps)
+    for scene, (series, table) in zip(scenes, planned, strict=True):
+        prepared = prepare(scene, method, n_steps, source, series, table)
         bound = growth_bound(prepared.problem)
         farthest = float(bound.at(np.asarray(scene.final_time)))
         prepared = replace(prepared, problem=replace(prepared.problem, stop_beyond=farthest))

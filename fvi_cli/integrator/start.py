@@ -21,6 +21,7 @@ from fvi_cli.integrator.expansion import (
     jump_expansion,
     solution_expansion,
 )
+from fvi_cli.integrator.series_reach import sizes_by_mass, time_of_validity
 from fvi_cli.mathematics.graded_panels import tabulated
 from fvi_cli.mathematics.power_series import SAME_EXPONENT, SeriesError
 from fvi_cli.mathematics.windowed_series import WindowedSeries
@@ -96,7 +97,11 @@ class WindowRule:
 
 
 def plan_start(
-    scene: Scene, cutoff: float, step_size: float, rule: WindowRule = WindowRule()
+    scene: Scene,
+    cutoff: float,
+    step_size: float,
+    rule: WindowRule = WindowRule(),
+    expansion: Expansion | None = None,
 ) -> StartDecision:
     r"""Decide whether a start series is used, and build its window.
 
@@ -113,6 +118,8 @@ def plan_start(
         Q: S agrees with the solution below t**Q.
     step_size
         h.
+    expansion
+        Of the solution, below the cutoff, where it is known already.
     """
     on_every_power = rule.integer_powers and bool(scene.active_damping)
     memoryless = all(term.is_integer_order for term in scene.active_damping)
@@ -120,7 +127,8 @@ def plan_start(
         reason = "no start series: the solution starts smoothly"
         return StartDecision(use=False, wanted=False, reason=reason)
     try:
-        expansion = solution_expansion(scene, cutoff)
+        if expansion is None:
+            expansion = solution_expansion(scene, cutoff)
         smooth = expansion.is_smooth and forcing_is_smooth(scene, cutoff)
     except SeriesError as error:
         return StartDecision(use=False, reason=f"no start series: {error}")
@@ -218,26 +226,44 @@ def residual_force(scene: Scene, decision: StartDecision) -> StepFunction:
     ValueError
         If the decision holds no window.
     """
-    window, expansion = decision.window, decision.expansion
-    if window is None or expansion is None:
+    if decision.window is None:
         raise ValueError(f"residual_force: {decision.reason}")
-    driving = window_force(scene, window)
-    near = decision.tau * 1e-17 ** (1.0 / max(expansion.cutoff - 2.0, 1.0))
+    driving = window_force(scene, decision.window)
 
     def force(left: Array, step_size: float, offsets: Array) -> Array:
         total = -driving(left, step_size, offsets)
         if scene.forcing is not None:
             total += scene.forcing.on_steps(left, step_size, offsets)
-        time = left[:, None] + step_size * offsets
-        close = time < near
-        if close.any():
-            if scene.potential is None:
-                total[close] = 0.0
-            else:
-                total[close] = scene.potential.gradient(window.position(time[close]))
+        near_start(scene, decision, left, step_size, offsets, total)
         return total
 
     return force
+
+
+def near_start(
+    scene: Scene,
+    decision: StartDecision,
+    left: Array,
+    step_size: float,
+    offsets: Array,
+    force: Array,
+) -> None:
+    r"""Write :math:`\nabla V(S)` into `force` close to 0, as :func:`residual_force` says."""
+    window, expansion = decision.window, decision.expansion
+    if window is None or expansion is None:
+        raise ValueError(f"residual_force: {decision.reason}")
+    near = decision.tau * 1e-17 ** (1.0 / max(expansion.cutoff - 2.0, 1.0))
+    first = np.flatnonzero(left < near)
+    time = left[first, None] + step_size * offsets
+    close = time < near
+    if not close.any():
+        return
+    values = force[first]
+    if scene.potential is None:
+        values[close] = 0.0
+    else:
+        values[close] = scene.potential.gradient(window.position(time[close]))
+    force[first] = values
 
 
 def _moves(expansion: Expansion, scene: Scene) -> bool:
@@ -267,7 +293,7 @@ def _decide(
         )
     # an expansion that ends before Q has few powers: only those in its last unit are the last
     complete = expansion.cutoff >= order + rule.powers - SAME_EXPONENT
-    tau = _time_of_validity(expansion, scene, last_powers=2.0 if complete else 1.0)
+    tau = time_of_validity(expansion, scene, last_powers=2.0 if complete else 1.0)
     if not tau >= rule.steps * step_size:
         return StartDecision(
             use=False,
@@ -318,7 +344,7 @@ def _cost(
 ) -> float:
     """The quotient that :class:`WindowRule` limits; infinite when no power limits the order."""
     exponents = expansion.exponents
-    relative = _sizes(expansion, scene) * tau**exponents
+    relative = sizes_by_mass(expansion, scene) * tau**exponents
     if expansion.is_smooth:
         # singular are the forces only: D^gamma of t^sigma, integrated twice
         highest = max((term.order for term in scene.active_damping), default=0.0)
@@ -330,50 +356,3 @@ def _cost(
     limiting &= orders < order - SAME_EXPONENT
     saved = float(np.max(relative[limiting] * steps ** orders[limiting], initial=0.0))
     return float(relative.sum()) * steps**order / saved if saved > 0 else math.inf
-
-
-def _sizes(expansion: Expansion, scene: Scene) -> Array:
-    """Norms of the coefficients by the mass matrix, the same in all coordinates."""
-    a = expansion.coefficients
-    # divided before they are squared: coefficients of 1e200 and 1e-200 are in range, squares not
-    largest = np.abs(a).max(axis=1)
-    a = a / np.where(largest > 0, largest, 1.0)[:, None]
-    return np.asarray(largest * np.sqrt(np.einsum("ni,ij,nj->n", a, scene.inertia.mass, a)))
-
-
-def _time_of_validity(expansion: Expansion, scene: Scene, last_powers: float) -> float:
-    r"""Largest t at which the last terms do not outweigh the others.
-
-    .. math:: \sum_{\sigma \ge Q-2} |a_\sigma| t^\sigma \le \sum_{0<\sigma<Q-2} |a_\sigma| t^\sigma
-
-    (with `last_powers` in place of 2). The size of a coefficient is its norm by the mass matrix,
-    which does not depend on the choice of coordinates. The quotient of the two sums increases with
-    t, so that bisection in log t finds the time. A sum that ends before Q - 2 is good for ever; it
-    gets the length of the run.
-    """
-    sizes = _sizes(expansion, scene)
-    used = (expansion.exponents > 0) & (sizes > 0)
-    exponents, logs = expansion.exponents[used], np.log(sizes[used])
-    last = exponents >= expansion.cutoff - last_powers - SAME_EXPONENT
-    if not last.any():
-        return scene.final_time
-    if last.all():
-        return 0.0
-
-    def excess(log_time: float) -> float:
-        terms = logs + exponents * log_time
-        return float(np.logaddexp.reduce(terms[last]) - np.logaddexp.reduce(terms[~last]))
-
-    low = high = math.log(scene.final_time)
-    width = 1.0
-    while excess(low) > 0 and width < 1e4:
-        low -= width
-        width *= 2.0
-    width = 1.0
-    while excess(high) <= 0 and width < 1e4:
-        high += width
-        width *= 2.0
-    for _ in range(80):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if excess(middle) > 0 else (middle, high)
-    return math.exp(min(max(low, -700.0), 700.0))

@@ -13,6 +13,9 @@ Array = NDArray[np.float64]
 MOST_SUMMED: Final = 250.0
 """Arguments up to here may be summed term by term; the first of them is still a normal number."""
 
+CHUNK: Final = 1024
+"""Arguments that are summed at a time: their probabilities stay in the cache."""
+
 _NEGLIGIBLE: Final = 1e-18
 
 
@@ -45,8 +48,10 @@ def kummer_functions(first: Array, second: Array, argument: Array) -> Array:
         return result
     border = _border(first, second)
     near = argument <= border
-    if near.any():
-        result[:, near] = _summed(first, second, argument[near])
+    places = np.flatnonzero(near)
+    for begin in range(0, places.size, CHUNK):
+        some = places[begin : begin + CHUNK]
+        result[:, some] = _summed(first, second, argument[some])
     if not near.all():
         result[:, ~near] = _asymptotic(first, second, argument[~near], border)
     return result

@@ -7,7 +7,7 @@ away; their fractional derivatives are confluent hypergeometric functions.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 class WindowedSeries:
     r"""The function :math:`S(t) = e^{-\lambda t} \sum_i c_i t^{\sigma_i}` with values in R^d.
 
+    Its components may decay at rates of their own: then it is several such functions side by side.
+
     All evaluations take times >= 0 of any shape and return shape ``(..., d)``. At t = 0 a term of
     negative power is infinite, and a sum of such terms may be not a number.
 
@@ -35,7 +37,7 @@ class WindowedSeries:
     coefficients
         The :math:`c_i`, shape ``(n, d)``.
     decay
-        The rate :math:`\lambda \ge 0`.
+        The rate :math:`\lambda \ge 0`, or one for every component, shape ``(d,)``.
 
     Raises
     ------
@@ -45,7 +47,7 @@ class WindowedSeries:
 
     exponents: Array
     coefficients: Array
-    decay: float
+    decay: float | Array
 
     def __post_init__(self) -> None:
         exponents = np.array(self.exponents, dtype=float)
@@ -56,7 +58,12 @@ class WindowedSeries:
             )
         if np.any(exponents <= -1):
             raise ValueError(f"exponents: {exponents.min():g} is not allowed; all must exceed -1")
-        if not 0 <= self.decay < math.inf:
+        rates = self._rates
+        if rates.shape not in ((1,), (coefficients.shape[1],)):
+            raise ValueError(
+                f"decay: {rates.size} rates do not fit {coefficients.shape[1]} components"
+            )
+        if not np.all((rates >= 0) & np.isfinite(rates)):
             raise ValueError(f"decay: {self.decay!r} is not allowed; it must be >= 0 and finite")
         exponents.setflags(write=False)
         coefficients.setflags(write=False)
@@ -65,7 +72,7 @@ class WindowedSeries:
 
     @classmethod
     def matching(
-        cls, exponents: Array, coefficients: Array, *, cutoff: float, decay: float
+        cls, exponents: Array, coefficients: Array, *, cutoff: float, decay: float | Array
     ) -> WindowedSeries:
         r"""The window that agrees with :math:`\sum a_i t^{\sigma_i}` below :math:`t^Q`.
 
@@ -73,17 +80,38 @@ class WindowedSeries:
         """
         count = max(1, math.ceil(cutoff - exponents.min())) if exponents.size else 1
         powers = np.arange(count)
-        growth = np.array([decay**k / math.factorial(k) for k in range(count)])
+        rates = np.atleast_1d(np.asarray(decay, dtype=float))
+        growth = np.array([rates**k / math.factorial(k) for k in range(count)])
         # in extreme units products may leave the range of numbers from the cutoff on, where they
         # are dropped
         with np.errstate(over="ignore"):
-            products = coefficients[:, None, :] * growth[:, None]
+            products = coefficients[:, None, :] * growth
         merged = merged_terms(
             np.add.outer(exponents, powers).ravel(),
             products.reshape(-1, coefficients.shape[1]),
             cutoff,
         )
         return cls(exponents=merged[0], coefficients=merged[1], decay=decay)
+
+    @classmethod
+    def side_by_side(cls, windows: Sequence[WindowedSeries]) -> WindowedSeries:
+        """The components of all windows, each with its own rate."""
+        ends = np.cumsum([window.dimension for window in windows])
+        coefficients = np.zeros((sum(window.exponents.size for window in windows), ends[-1]))
+        row = 0
+        for window, end in zip(windows, ends.tolist(), strict=True):
+            rows = slice(row, row + window.exponents.size)
+            coefficients[rows, end - window.dimension : end] = window.coefficients
+            row = rows.stop
+        exponents, coefficients = merged_terms(
+            np.concatenate([window.exponents for window in windows]), coefficients, math.inf
+        )
+        rates = [np.broadcast_to(w._rates, (w.dimension,)) for w in windows]
+        return cls(exponents=exponents, coefficients=coefficients, decay=np.concatenate(rates))
+
+    @property
+    def _rates(self) -> Array:
+        return np.atleast_1d(np.asarray(self.decay, dtype=float))
 
     @property
     def dimension(self) -> int:
@@ -132,21 +160,26 @@ class WindowedSeries:
         )
         factors = power_rule(self.exponents, order)
 
+        rates = self._rates
         parts = [
             part
             for sigma, c, factor, initial in zip(
                 self.exponents.tolist(), self.coefficients, factors, subtracted, strict=True
             )
-            for part in _parts(sigma, c, float(factor), order, self.decay, initial=bool(initial))
+            for part in _parts(sigma, c, float(factor), order, rates, initial=bool(initial))
         ]
         first = np.array([part.first for part in parts])
         second = np.array([part.second for part in parts])
+        # components of one member share their rate
+        distinct, place = np.unique(rates, return_inverse=True)
 
         def values(at: Array) -> Array:
             total = np.zeros((at.size, self.dimension))
-            functions = kummer_functions(first, second, self.decay * at)
+            functions = kummer_functions(first, second, np.outer(at, distinct).ravel())
+            functions = functions.reshape(first.size, at.size, distinct.size)[..., place]
             for part, function in zip(parts, functions, strict=True):
-                total += (part.scale * at**part.power * function)[:, None] * part.coefficients
+                power = at**part.power
+                total += (part.scale * power[:, None] * function) * part.coefficients
             return total
 
         return self._on_times(values, time)
@@ -155,16 +188,16 @@ class WindowedSeries:
         """Coefficients of S' under the same exponential: c' - lambda c."""
         return merged_terms(
             np.concatenate((exponents - 1.0, exponents)),
-            np.concatenate((exponents[:, None] * coefficients, -self.decay * coefficients)),
+            np.concatenate((exponents[:, None] * coefficients, -self._rates * coefficients)),
             math.inf,
         )
 
     def _windowed(self, exponents: Array, coefficients: Array, time: ArrayLike) -> Array:
         def values(at: Array) -> Array:
-            window = np.exp(-self.decay * at)
+            window = np.exp(-np.outer(at, self._rates))
             total = np.zeros((at.size, self.dimension))
             for sigma, c in zip(exponents, coefficients, strict=True):
-                total += (at**sigma * window)[:, None] * c
+                total += (at[:, None] ** sigma * window) * c
             return total
 
         return self._on_times(values, time)
@@ -177,13 +210,13 @@ class WindowedSeries:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Part:
-    r"""The function :math:`s t^p {}_1F_1(a; b; -\lambda t) c` with c in R^d.
+    r"""The function :math:`s t^p {}_1F_1(a; b; -\lambda t) c` with c in R^d, s for every rate.
 
     In extreme units s and c are multiplied last, lest their product leave the range of numbers.
     """
 
     coefficients: Array
-    scale: float
+    scale: Array
     power: float
     first: float
     second: float
@@ -194,7 +227,7 @@ def _parts(
     coefficients: Array,
     factor: float,
     order: float,
-    decay: float,
+    decay: Array,
     *,
     initial: bool,
 ) -> list[_Part]:
@@ -226,5 +259,6 @@ def _parts(
         scale = math.gamma(a + n) * (-decay) ** n / math.factorial(n)
         power, a, b = exponent - order + n, a + n, n + 1.0
     else:
-        scale, power, a, b = factor, exponent - order, exponent + 1.0, exponent + 1.0 - order
+        scale = np.full(decay.shape, factor)
+        power, a, b = exponent - order, exponent + 1.0, exponent + 1.0 - order
     return [_Part(coefficients=coefficients, scale=scale, power=power, first=a, second=b)]

@@ -193,3 +193,37 @@ def test_matching_in_units_at_the_edge_of_the_numbers() -> None:
     )
     wider = WindowedSeries.matching(exponents, np.ones((3, 1)), cutoff=11.0, decay=3.0)
     assert np.abs(wider.position(time) - plain.position(time)).max() > 1e-3
+
+
+def test_windows_side_by_side_keep_their_values() -> None:
+    alone = [
+        WindowedSeries(exponents=[0.0, 1.0, 2.5], coefficients=np.ones((3, 1)), decay=0.7),
+        WindowedSeries(exponents=[1.0, 2.2], coefficients=[[1.0, -2.0], [0.5, 0.0]], decay=30.0),
+        WindowedSeries(exponents=[0.0, 1.5], coefficients=[[1e-3], [4.0]], decay=0.0),
+    ]
+    together = WindowedSeries.side_by_side(alone)
+    assert together.dimension == 4
+    time = np.linspace(0.01, 20.0, 3000)
+    for name in ("position", "velocity", "acceleration"):
+        expected = np.concatenate([getattr(one, name)(time) for one in alone], axis=1)
+        np.testing.assert_allclose(getattr(together, name)(time), expected, rtol=0, atol=1e-11)
+    for kind in ("caputo", "riemann-liouville"):
+        for order in (0.5, 1.0, 1.5):
+            expected = np.concatenate(
+                [one.fractional_derivative(time, order, kind) for one in alone], axis=1
+            )
+            found = together.fractional_derivative(time, order, kind)
+            scale = np.abs(expected).max(axis=0)
+            assert (np.abs(found - expected).max(axis=0) <= 1e-13 * scale).all()
+    # the rates are told apart
+    wrong = WindowedSeries(
+        exponents=together.exponents, coefficients=together.coefficients, decay=0.7
+    )
+    assert np.abs(wrong.position(time) - together.position(time)).max() > 0.1
+
+
+def test_rates_that_fit_no_component() -> None:
+    with pytest.raises(ValueError, match="2 rates do not fit 3 components"):
+        WindowedSeries(
+            exponents=np.ones(1), coefficients=np.ones((1, 3)), decay=np.array([1.0, 2.0])
+        )
