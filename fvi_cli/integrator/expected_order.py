@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import Literal
 
@@ -24,7 +25,8 @@ Array = NDArray[np.float64]
 
 Norm = Literal["max", "final", "l2"]
 
-LARGEST_CUTOFF = 8.0
+CUTOFFS = (8.0, 5.0, 4.0)
+"""Powers of the solution are looked at up to the first of these that has not too many below it."""
 
 _BASELINE_ORDERS = {
     "explicit-euler": 1.0,
@@ -67,7 +69,8 @@ def expected_order(scene: Scene, method: AnyMethod, norm: Norm, n_steps: int) ->
         # an exact fractional derivative is a singular force, whose moments the points see wrong;
         # on the nodes the kick at 0 that the scheme leaves out comes to light
         return _weighted_order(scene, method, smooth)
-    return min(smooth, _singular_order(scene, method, norm))
+    # not `min`, for which nothing stated would be no limit
+    return float(np.minimum(smooth, _singular_order(scene, method, norm)))
 
 
 def _baseline_order(scene: Scene, method: Baseline) -> float:
@@ -122,7 +125,7 @@ def _after_breaks(scene: Scene, known: KnownPart | None, order: float) -> float:
 def _singular_order(scene: Scene, method: Method, norm: Norm) -> float:
     """Limit that powers at the start and at break points set; infinite where there are none."""
     try:
-        solution = _powers(solution_expansion(scene, LARGEST_CUTOFF))
+        solution = _solution_powers(scene)
         forcing = forcing_powers(scene)
     except SeriesError:
         return math.nan
@@ -152,7 +155,7 @@ def _weighted_order(scene: Scene, method: Method, smooth: float) -> float:
     if method.sampling == "nodes":
         return math.nan
     try:
-        solution = _powers(solution_expansion(scene, LARGEST_CUTOFF))
+        solution = _solution_powers(scene)
     except SeriesError:
         return math.nan
     forces = np.concatenate(
@@ -186,6 +189,20 @@ def _abrupt_orders(scene: Scene) -> tuple[float, ...]:
         return ()
     starts = {False: scene.initial_position.any(), True: scene.initial_velocity.any()}
     return tuple(t.order for t in scene.active_damping if t.order != 1 and starts[t.order > 1])
+
+
+def _solution_powers(scene: Scene) -> Array:
+    """Powers of the solution at the start, the lowest ones at least.
+
+    Raises
+    ------
+    SeriesError
+        If it has no expansion, or far too many powers.
+    """
+    for cutoff in CUTOFFS[:-1]:
+        with contextlib.suppress(SeriesError):
+            return _powers(solution_expansion(scene, cutoff))
+    return _powers(solution_expansion(scene, CUTOFFS[-1]))
 
 
 def _powers(expansion: Expansion) -> Array:

@@ -7,6 +7,7 @@ import pytest
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.expected_order import expected_order
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
@@ -142,6 +143,32 @@ def test_what_initial_data_cost_under_riemann_liouville(
         assert measured[derivative] == pytest.approx(stated, abs=0.1)
     if lost < 1.9 and not (isinstance(method, Baseline) and lost == 1.0):
         assert measured["caputo"] > measured["riemann-liouville"] + 0.15
+
+
+def test_no_order_is_stated_where_the_powers_are_not_known() -> None:
+    """Too many powers to carry in a series are no reason to state the order on smooth data."""
+    terms = [
+        FractionalDamping(order=order, coefficient=coefficient)
+        for order, coefficient in ((0.3, 0.28), (1.95, 0.87), (0.5, 0.56))
+    ]
+    method = Method(cq="gauss", degree=3, start="series")
+
+    def scene(**more: object) -> Scene:
+        return linear_oscillator(final_time=1.0, damping=terms, initial_velocity=0.32, **more)
+
+    crowded = scene(derivative="riemann-liouville")
+    assert expected_order(crowded, method, "max", 128) == pytest.approx(1.05)
+    errors = []
+    solution = match_scene(crowded)
+    assert solution is not None
+    for n_steps in (64, 128):
+        trajectory = integrate(crowded, method, n_steps)
+        assert "more than 128 exponents" in trajectory.remarks[0]
+        errors.append(np.abs(trajectory.position - solution.position(trajectory.time)).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(1.05, abs=0.1)
+    # a force that is not bounded at 0 has no expansion at all
+    unknown = scene(forcing=Forcing.from_text("1 / (t + t**0.001 - t**0.001)"))
+    assert np.isnan(expected_order(unknown, Method(cq="gauss", degree=3), "max", 128))
 
 
 @pytest.mark.parametrize("method", METHODS)
