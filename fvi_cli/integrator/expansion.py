@@ -8,7 +8,8 @@ truncated series.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from bisect import bisect_left
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -19,20 +20,19 @@ from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.power_series import (
+    CANCELLED,
     SAME_EXPONENT,
     SERIES_FUNCTIONS,
     PowerSeries,
     SeriesError,
     expand,
-    initial_terms,
+    gamma_ratio,
     merged_terms,
-    power_rule,
 )
 
 Array = NDArray[np.float64]
 
 MOST_EXPONENTS: Final = 128
-MOST_SWEEPS: Final = 1000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,7 +85,8 @@ def solution_expansion(scene: Scene, cutoff: float) -> Expansion:
     .. math:: x \leftarrow x_0 + v_0 t + J^2 M^{-1}\Bigl[f - \sum_j \mu_j D^{\gamma_j} x
               - \nabla V(x)\Bigr]
 
-    Every sweep determines more powers; the series keep account of how many.
+    Every sweep determines more powers; the series keep account of how many. A linear scene needs
+    one: each power of its solution follows from those below.
 
     Raises
     ------
@@ -103,6 +104,7 @@ def solution_expansion(scene: Scene, cutoff: float) -> Expansion:
         scene,
         start=np.stack((scene.initial_position, scene.initial_velocity)),
         forcing=forcing,
+        stiffness=_stiffness_of(scene),
         gradient=_gradient_of(scene),
         cutoff=cutoff,
     )
@@ -149,14 +151,14 @@ def jump_expansion(
             _scaled(_forcing_expansion(before, _needed(cutoff), break_point), -1.0),
         ]
     )
-    gradient = _gradient_of(scene)
     if isinstance(scene.potential, ExpressionPotential):
         known = 4.0 if stiffness is None else 5.0
         if jump.exponents.size:
             cutoff = min(cutoff, float(jump.exponents[0]) + known)
-        gradient = None if stiffness is None else _linear_gradient(stiffness)
-    d = scene.dimension
-    return _picard(scene, start=np.zeros((2, d)), forcing=jump, gradient=gradient, cutoff=cutoff)
+    else:
+        stiffness = _stiffness_of(scene)
+    start = np.zeros((2, scene.dimension))
+    return _linear_motion(scene, start, jump, stiffness, cutoff)
 
 
 def forcing_is_smooth(scene: Scene, cutoff: float) -> bool:
@@ -176,85 +178,141 @@ def _picard(
     *,
     start: Array,
     forcing: Expansion | None,
+    stiffness: Array | None,
     gradient: Callable[[Expansion], Expansion] | None,
     cutoff: float,
 ) -> Expansion:
+    """Sweeps over what is not linear; what is linear is solved in each of them."""
+    if gradient is None:
+        return _linear_motion(scene, start, forcing, stiffness, cutoff)
     # Besides x0 and v0 t every power exceeds 1: forces are integrable at 0.
     current = _truncated(np.arange(2.0), start, 1.0 + 1e-6)
-    for _ in range(MOST_SWEEPS):
-        # coefficients of strong damping may exceed all numbers: a SeriesError, not a warning
-        with np.errstate(over="ignore", invalid="ignore"):
-            following = _picard_sweep(current, scene, start, forcing, gradient, cutoff)
-        if following.exponents.size > MOST_EXPONENTS:
-            raise SeriesError(f"more than {MOST_EXPONENTS} exponents below t^{cutoff:g}")
-        if following.cutoff >= cutoff - SAME_EXPONENT:
-            return following
+    while current.cutoff < cutoff - SAME_EXPONENT:
+        pull = _scaled(gradient(current), -1.0)
+        force = pull if forcing is None else _sum([forcing, pull])
+        following = _linear_motion(scene, start, force, stiffness, cutoff)
         if following.cutoff < current.cutoff + 1e-6:
             raise SeriesError(f"the expansion cannot be continued beyond t^{current.cutoff:.3g}")
         current = following
-    raise SeriesError(f"more than {MOST_SWEEPS} sweeps are needed to reach t^{cutoff:g}")
+    return current
 
 
-def _picard_sweep(
-    current: Expansion,
-    scene: Scene,
-    start: Array,
-    forcing: Expansion | None,
-    gradient: Callable[[Expansion], Expansion] | None,
-    cutoff: float,
+def _linear_motion(
+    scene: Scene, start: Array, force: Expansion | None, stiffness: Array | None, cutoff: float
 ) -> Expansion:
-    """What the forces of `current` make of the motion, as far as they are known."""
-    forces = [] if forcing is None else [forcing]
-    forces += [
-        _damping_force(current, term.order, term.coefficient, scene)
-        for term in scene.active_damping
-    ]
-    if gradient is not None:
-        forces.append(_scaled(gradient(current), -1.0))
-    force = _sum(forces) if forces else _truncated(np.empty(0), start[:0], cutoff)
-    if force.exponents.size and force.exponents[0] <= -1 + SAME_EXPONENT:
-        raise SeriesError(f"a force t**{force.exponents[0]:g} is not integrable at 0")
-    moved = force.exponents + 2.0
-    response = np.linalg.solve(scene.inertia.mass, force.coefficients.T).T
-    response = response / (moved * (moved - 1.0))[:, None]
-    return _truncated(
-        np.concatenate((np.arange(2.0), moved)),
-        np.concatenate((start, response)),
-        min(cutoff, force.cutoff + 2.0),
-    )
+    r"""The motion that a known force and the linear forces make, below the cutoff.
+
+    .. math:: M x'' + \sum_j \mu_j D^{\gamma_j} x + K x = f
+
+    Every term of the motion drives terms of higher powers only: from the lowest one upwards each
+    is complete when its turn comes.
+    """
+    if force is not None:
+        cutoff = min(cutoff, force.cutoff + 2.0)
+    caputo = scene.derivative == "caputo"
+    accelerate = _acceleration(scene.inertia.mass)
+    drags = [(term.order, term.coefficient) for term in scene.active_damping]
+    if stiffness is not None:
+        drags.append((0.0, stiffness))
+    sums = _Sums(cutoff)
+    # coefficients of strong damping may exceed all numbers: a SeriesError, not a warning
+    with np.errstate(over="ignore", invalid="ignore"):
+        for power, coefficient in enumerate(start):
+            sums.add(float(power), coefficient)
+        if force is not None:
+            for sigma, row in zip(force.exponents.tolist(), force.coefficients, strict=True):
+                sums.add(*_integrated_twice(sigma, accelerate(row)))
+        for exponent, coefficient in sums.ascending():
+            for order, matrix in drags:
+                if not exponent - order + 2.0 > exponent + SAME_EXPONENT:
+                    raise SeriesError(f"the expansion cannot be continued beyond t^{exponent:.3g}")
+                if caputo and exponent < order and exponent in (0.0, 1.0):
+                    continue
+                factor = gamma_ratio(exponent + 1.0, order)
+                if factor != 0:
+                    pull = accelerate(-factor * (coefficient @ matrix))
+                    sums.add(*_integrated_twice(exponent - order, pull))
+    totals = np.array(sums.totals).reshape(-1, scene.dimension)
+    return _truncated(np.array(sums.exponents), totals, cutoff)
 
 
-def _damping_force(series: Expansion, order: float, coefficient: Array, scene: Scene) -> Expansion:
-    """- mu D**order of the series, Caputo or Riemann-Liouville as the scene says."""
-    kept = np.ones(series.exponents.shape, dtype=bool)
-    if scene.derivative == "caputo":
-        kept = ~initial_terms(series.exponents, order)
-    exponents = series.exponents[kept]
-    factors = -power_rule(exponents, order)
-    return _truncated(
-        exponents - order,
-        factors[:, None] * (series.coefficients[kept] @ coefficient),
-        series.cutoff - order,
-    )
+def _integrated_twice(exponent: float, coefficient: Array) -> tuple[float, Array]:
+    if exponent <= -1 + SAME_EXPONENT and coefficient.any():
+        raise SeriesError(f"a force t**{exponent:g} is not integrable at 0")
+    moved = exponent + 2.0
+    return moved, coefficient / (moved * (moved - 1.0))
+
+
+def _acceleration(mass: Array) -> Callable[[Array], Array]:
+    """From a force to the acceleration that it makes."""
+    diagonal = np.diagonal(mass)
+    if np.count_nonzero(mass) == np.count_nonzero(diagonal):
+        return lambda force: np.asarray(force / diagonal)
+    inverse = np.linalg.inv(mass)
+    return lambda force: np.asarray(inverse @ force)
+
+
+class _Sums:
+    """Terms of a series in ascending order, while they are added up."""
+
+    def __init__(self, cutoff: float) -> None:
+        self._cutoff = cutoff
+        self.exponents: list[float] = []
+        self.totals: list[Array] = []
+        self._sizes: list[Array] = []
+
+    def add(self, exponent: float, coefficient: Array) -> None:
+        """Add a term, unless it lies beyond the cutoff or is zero."""
+        if exponent >= self._cutoff - SAME_EXPONENT or not coefficient.any():
+            return
+        place = bisect_left(self.exponents, exponent - SAME_EXPONENT)
+        if place < len(self.exponents) and self.exponents[place] <= exponent + SAME_EXPONENT:
+            self.totals[place] = self.totals[place] + coefficient
+            self._sizes[place] = self._sizes[place] + np.abs(coefficient)
+            return
+        whole = round(exponent)
+        near = abs(exponent - whole) <= SAME_EXPONENT
+        self.exponents.insert(place, float(whole) if near else exponent)
+        self.totals.insert(place, coefficient)
+        self._sizes.insert(place, np.abs(coefficient))
+
+    def ascending(self) -> Iterator[tuple[float, Array]]:
+        """The terms from the lowest up; those that come up on the way must be higher ones.
+
+        Raises
+        ------
+        SeriesError
+            If there are more than 128, or their coefficients exceed all numbers by then.
+        """
+        place = 0
+        while place < len(self.exponents):
+            total = self.totals[place]
+            # what is infinite has not cancelled
+            cancelled = np.abs(total) < CANCELLED * self._sizes[place]
+            if cancelled.any():
+                self.totals[place] = total = np.where(cancelled, 0.0, total)
+            if place >= MOST_EXPONENTS:
+                if not np.isfinite(self.totals).all():
+                    raise SeriesError("coefficients exceed all numbers: one is not finite")
+                raise SeriesError(f"more than {MOST_EXPONENTS} exponents below t^{self._cutoff:g}")
+            yield self.exponents[place], total
+            place += 1
+
+
+def _stiffness_of(scene: Scene) -> Array | None:
+    potential = scene.potential
+    return potential.stiffness if isinstance(potential, QuadraticPotential) else None
 
 
 def _gradient_of(scene: Scene) -> Callable[[Expansion], Expansion] | None:
+    """The force of a potential that is not quadratic; None where there is none."""
     potential = scene.potential
-    if potential is None:
+    if potential is None or isinstance(potential, QuadraticPotential):
         return None
-    if isinstance(potential, QuadraticPotential):
-        return _linear_gradient(potential.stiffness)
 
     def gradient(series: Expansion) -> Expansion:
         values = potential.gradient_components(series.components, SERIES_FUNCTIONS)
         return _stacked(values, series.cutoff)
-
-    return gradient
-
-
-def _linear_gradient(stiffness: Array) -> Callable[[Expansion], Expansion]:
-    def gradient(series: Expansion) -> Expansion:
-        return _truncated(series.exponents, series.coefficients @ stiffness, series.cutoff)
 
     return gradient
 

@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 
 SAME_EXPONENT: Final = 1e-9
 MOST_TERMS: Final = 512
-_CANCELLED: Final = 16.0 * float(np.finfo(float).eps)
+CANCELLED: Final = 16.0 * float(np.finfo(float).eps)
+"""Sums below, relative to their own terms, count as 0."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -273,7 +274,7 @@ def merged_terms(exponents: Array, coefficients: Array, cutoff: float) -> tuple[
         exponents = exponents[starts]
         sums = np.add.reduceat(coefficients, starts, axis=0)
         sizes = np.add.reduceat(np.abs(coefficients), starts, axis=0)
-        sums[np.abs(sums) <= _CANCELLED * sizes] = 0.0
+        sums[np.abs(sums) <= CANCELLED * sizes] = 0.0
     whole = np.round(exponents)
     exponents = np.where(np.abs(exponents - whole) <= SAME_EXPONENT, whole, exponents)
     present = np.any(sums.reshape(len(sums), -1) != 0, axis=1)
@@ -284,10 +285,11 @@ def merged_terms(exponents: Array, coefficients: Array, cutoff: float) -> tuple[
 
 def power_rule(exponents: Array, order: float) -> Array:
     r"""The factors :math:`\Gamma(\sigma+1)/\Gamma(\sigma+1-\gamma)`, for :math:`\sigma > -1`."""
-    return np.array([_gamma_ratio(float(sigma) + 1.0, order) for sigma in exponents])
+    return np.array([gamma_ratio(float(sigma) + 1.0, order) for sigma in exponents])
 
 
-def _gamma_ratio(argument: float, order: float) -> float:
+def gamma_ratio(argument: float, order: float) -> float:
+    r"""The quotient :math:`\Gamma(x) / \Gamma(x - \gamma)` for x > 0; 0 at its zeros."""
     below = argument - order
     if below <= 0 and abs(below - round(below)) <= SAME_EXPONENT:
         return 0.0
