@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.potential import Potential
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.block_history import (
     BatchedChannel,
@@ -18,7 +18,8 @@ from fvi_cli.integrator.block_history import (
     reversed_strip,
 )
 from fvi_cli.integrator.block_linear import known_moments
-from fvi_cli.integrator.frozen_response import BlockInputs, FrozenResponse, frozen_stiffness
+from fvi_cli.integrator.frozen_laws import BlockInputs, frozen_law, frozen_matrices
+from fvi_cli.integrator.frozen_response import FrozenResponse
 from fvi_cli.integrator.stepping import (
     StepFailedError,
     Stepped,
@@ -34,6 +35,8 @@ LARGEST_BLOCK = 64
 LEAST_BLOCK = 4
 LARGEST_DENSE = 512
 """Block times samples times components, at most."""
+LEAST_BLOCKS = 16
+"""Largest blocks in a run, at least."""
 BLOCKS_PER_GROUP = 8
 GROWING_ITERATIONS = 12
 """After a block with at most as many the next one is twice as long."""
@@ -58,20 +61,24 @@ def group_operations(place: int, count: int, memory: int) -> int:
     return growing * place + growing * (growing + 1) // 2 + (count - growing) * memory
 
 
-def newton_block(size: int, n_steps: int) -> int | None:
+def newton_block(scene: Scene, samples: int, n_steps: int) -> int | None:
     """Steps of the largest block; None where even the smallest would be too large.
 
     Parameters
     ----------
-    size
-        Samples of a step times degrees of freedom.
-    n_steps
-        N.
+    scene, n_steps
+        What is integrated, and N.
+    samples
+        Number m of samples of a step.
     """
+    size, least = samples * scene.dimension, LEAST_BLOCKS
+    if scene.lagrangian is not None:
+        # velocities are unknowns as well, and the iteration takes longer
+        size, least = 2 * size, 4 * least
     if LEAST_BLOCK * size > LARGEST_DENSE:
         return None
     largest = LARGEST_BLOCK
-    while largest > LEAST_BLOCK and (largest * size > LARGEST_DENSE or 16 * largest > n_steps):
+    while largest > LEAST_BLOCK and (largest * size > LARGEST_DENSE or least * largest > n_steps):
         largest //= 2
     return largest
 
@@ -85,22 +92,22 @@ def run_newton_blocks(problem: StepProblem) -> Stepped | None:
         As `run_steps` gives it, without the samples; with the damping force at the nodes only
         where the samples lie on them.
     """
-    potential = problem.scene.potential
-    size = problem.tables.sample_points.size * problem.scene.dimension
-    largest = newton_block(size, problem.n_steps)
-    if potential is None or largest is None:
+    samples = problem.tables.sample_points.size
+    largest = newton_block(problem.scene, samples, problem.n_steps)
+    if problem.scene.is_linear or largest is None:
         return None
-    return _NewtonBlocks(problem, potential, size, largest).run()
+    return _NewtonBlocks(problem, largest).run()
 
 
 class _NewtonBlocks:
     """State and matrices of one run."""
 
-    def __init__(self, problem: StepProblem, potential: Potential, size: int, largest: int) -> None:
-        self._problem, self._potential = problem, potential
+    def __init__(self, problem: StepProblem, largest: int) -> None:
+        self._problem = problem
         memory, d = problem.memory, problem.scene.dimension
         self._largest, self._group = largest, largest * BLOCKS_PER_GROUP
-        self._d, self._m, self._size = d, problem.tables.sample_points.size, size
+        self._d, self._m = d, problem.tables.sample_points.size
+        self._size = self._m * d
         self._channels = tuple(
             BatchedChannel(channel=c, directions=c.direction[None]) for c in memory.channels
         )
@@ -123,10 +130,10 @@ class _NewtonBlocks:
         self._count = self._ceiling = largest
         self._waiting, self._quiet, self._patience = 0, 0, LEAST_BLOCK
         self._newton = NewtonRecord()
-        self._remainder = np.zeros((1, d))
+        self._remainder = np.zeros((1, d if problem.scene.lagrangian is None else 2 * d))
         self.operations = 0
-        self._samples = np.zeros((self._group, size))
-        self._group_force = np.zeros((self._group, size))
+        self._samples = np.zeros((self._group, self._size))
+        self._group_force = np.zeros((self._group, self._size))
         self._group_moments = np.zeros(0)
         self._freeze(0)
 
@@ -137,7 +144,7 @@ class _NewtonBlocks:
         forces = np.zeros((n_steps + 1, self._m, d)) if self._on_nodes else None
         positions[0], momenta[0] = problem.position, problem.momentum
         done, failure = 0, ""
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        with np.errstate(all="ignore"):
             while done < n_steps and not failure:
                 advanced(done, n_steps)
                 if done % self._group == 0:
@@ -222,17 +229,21 @@ class _NewtonBlocks:
             self.operations += group_operations(place, count, self._reaches) * self._size**2
 
     def _freeze(self, done: int) -> None:
-        """Linear response with the Hessian at the position that is reached."""
-        position, shift = self._state[: self._d], self._problem.position_shift
-        if shift is not None:
-            position = position + shift[min(done, self._problem.n_steps - 1), 0]
-        stiffness = frozen_stiffness(self._potential, position)
+        """Linear response with the second derivatives at the state that is reached."""
+        problem, d = self._problem, self._d
+        position, momentum = self._state[:d], self._state[d : 2 * d]
+        step = min(done, problem.n_steps - 1)
+        if problem.position_shift is not None:
+            position = position + problem.position_shift[step, 0]
+        if problem.known_motion is not None:
+            position = position + problem.known_motion.position[step, 0]
+            momentum = momentum + problem.known_motion.momentum[step, 0]
+        matrices = frozen_matrices(problem, position, momentum, done * problem.step_size)
         self._frozen = FrozenResponse(
-            self._problem,
-            self._potential,
+            problem,
+            frozen_law(problem, matrices),
             self._channels,
             self._largest,
-            stiffness,
             with_force=self._on_nodes,
         )
         self._excess = 0
@@ -242,14 +253,16 @@ class _NewtonBlocks:
     ) -> bool:
         """Attempt `count` steps; whether they are done."""
         d, place = self._d, done % self._group
-        shift = self._problem.position_shift
+        shift, motion = self._problem.position_shift, self._problem.known_motion
         found = self._frozen.attempt(
             BlockInputs(
                 known=self._known(done, count),
                 state=self._state,
                 moments=self._group_moments[place : place + count],
-                shift=None if shift is None else shift[done : done + count],
                 remainder=self._remainder,
+                first=done,
+                shift=None if shift is None else shift[done : done + count],
+                motion=None if motion is None else motion.steps(done, done + count),
             )
         )
         if found is None:

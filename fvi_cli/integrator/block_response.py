@@ -96,6 +96,7 @@ class Impulses:
     carry: Array
     force: Array
     points: Array
+    rates: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -144,6 +145,11 @@ class BlockResponse:
         return self._dense(self.impulses.points)
 
     @cached_property
+    def rates(self) -> Array:
+        """To h times the velocities at the quadrature points, ``(B, r, e)``, if asked for."""
+        return self._dense(self.impulses.rates)
+
+    @cached_property
     def carry(self) -> Array:
         """To the carry after every step, ``(B, m, e)``."""
         carry = self._dense(self.impulses.carry)
@@ -177,12 +183,13 @@ class BlockResponse:
         return np.concatenate(parts, axis=-1)
 
 
-def block_response(system: LinearSystem, block: int) -> BlockResponse:
+def block_response(system: LinearSystem, block: int, *, with_rates: bool = False) -> BlockResponse:
     """Matrices of `block` steps, from the responses to unit inputs in the first step."""
-    return BlockResponse(system=system, block=block, impulses=_first_step_responses(system, block))
+    impulses = _first_step_responses(system, block, with_rates=with_rates)
+    return BlockResponse(system=system, block=block, impulses=impulses)
 
 
-def _first_step_responses(system: LinearSystem, block: int) -> Impulses:
+def _first_step_responses(system: LinearSystem, block: int, *, with_rates: bool) -> Impulses:
     """Step a matrix of right-hand sides through the block."""
     tables, h = system.tables, system.step_size
     q, e, m, s = system.batch, system.coupled, system.samples, tables.degree
@@ -211,6 +218,7 @@ def _first_step_responses(system: LinearSystem, block: int) -> Impulses:
     to_rows = h * np.kron(system.force_weights[:-1], np.eye(e))
     to_change = -h * np.kron(system.force_weights.sum(axis=0)[None], np.eye(e))
     to_points = np.kron(tables.basis[1:].T, np.eye(e))
+    to_rates = np.kron(tables.slopes[1:].T, np.eye(e)) if with_rates else np.zeros((0, s * e))
     matrix = linear.reshape(q, s * e, s * e) - to_rows @ newest @ to_sample
     if system.stiffness is not None:
         pull = np.einsum("nm,qab->qnamb", weighted, system.stiffness)
@@ -223,6 +231,7 @@ def _first_step_responses(system: LinearSystem, block: int) -> Impulses:
     carries = np.zeros((q, block, me, columns))
     forces = np.zeros((q, block, me, columns))
     points = np.zeros((q, block, r * e, columns))
+    rates = np.zeros((q, block, to_rates.shape[0], columns))
     travelled = np.zeros((q, e, columns))
     for index in range(block):
         force = newest @ carry
@@ -255,6 +264,7 @@ def _first_step_responses(system: LinearSystem, block: int) -> Impulses:
         points[:, index] = (travelled[:, None] + inner.reshape(q, r, e, columns)).reshape(
             q, r * e, columns
         )
+        rates[:, index] = to_rates @ increments
         carries[:, index] = carry_end = to_carry @ increments
         # the next step's offset is constant
         carry = carry_end + system.offset.reshape(q, me, 1) * constant
@@ -268,6 +278,7 @@ def _first_step_responses(system: LinearSystem, block: int) -> Impulses:
         carry=carries,
         force=forces,
         points=points,
+        rates=rates,
     )
 
 

@@ -50,13 +50,12 @@ def choose_route(
     """
     if sums_directly(history, n_steps):
         return "direct steps"
-    if scene.lagrangian is None:
-        if decoupling is not None:
-            coupled = scene.dimension // decoupling.batch
-            sizes = batch_sizes(samples, coupled, decoupling.batch, n_steps)
-            return "large steps" if sizes is None else "linear blocks"
-        if newton_block(samples * scene.dimension, n_steps) is not None:
-            return "newton blocks"
+    if decoupling is not None:
+        coupled = scene.dimension // decoupling.batch
+        sizes = batch_sizes(samples, coupled, decoupling.batch, n_steps)
+        return "large steps" if sizes is None else "linear blocks"
+    if newton_block(scene, samples, n_steps) is not None:
+        return "newton blocks"
     return "stepped" if damped else "direct steps"
 
 

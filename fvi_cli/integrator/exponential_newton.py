@@ -32,7 +32,8 @@ from fvi_cli.integrator.exponential_march import (
     Marched,
     checkpoint_after,
 )
-from fvi_cli.integrator.frozen_response import BlockInputs, FrozenResponse, frozen_stiffness
+from fvi_cli.integrator.frozen_laws import BlockInputs, frozen_law, frozen_matrices
+from fvi_cli.integrator.frozen_response import FrozenResponse
 from fvi_cli.integrator.known_forces import KnownForces
 from fvi_cli.integrator.stepping import StepFailedError, StepProblem, StepSolver, step_solver
 
@@ -99,7 +100,7 @@ class NewtonMarch:
             kernel_of_lags = lag_kernel(self._channels, 0, 2 * block, self._m)
             self._strip = reversed_strip(kernel_of_lags, block, block)[0]
         # 0: blocks would be too large, every step is taken alone
-        most = newton_block(self._size, problem.n_steps) or 0
+        most = newton_block(problem.scene, self._m, problem.n_steps) or 0
         self._largest = min(most, block) if min(most, block) >= LEAST_BLOCK else 0
         self._value = np.concatenate([problem.position, problem.momentum])
         self._lost = np.zeros(2 * d)
@@ -109,7 +110,7 @@ class NewtonMarch:
         position = problem.position
         if known.shift is not None:
             position = position + known.shift(0, 1)[0, 0]
-        stiffness = frozen_stiffness(potential, position)
+        stiffness = frozen_matrices(problem, position, problem.momentum)
         if start is not None:
             self._value = start.position_and_momentum[0].copy()
             self._lost = start.lost[0].copy()
@@ -201,10 +202,9 @@ class NewtonMarch:
         if self._response is None:
             self._response = FrozenResponse(
                 self._problem,
-                self._potential,
+                frozen_law(self._problem, self._stiffness),
                 self._channels,
                 self._largest,
-                self._stiffness,
                 with_force=False,
             )
         d, shift = self._d, chunk.shift
@@ -214,8 +214,9 @@ class NewtonMarch:
                 known=self._known_force(force, samples, place, count),
                 state=np.concatenate([self._value, carry, [1.0]]),
                 moments=chunk.moments[done : done + count],
-                shift=None if shift is None else shift[done : done + count],
                 remainder=self._guess,
+                first=chunk.first + done,
+                shift=None if shift is None else shift[done : done + count],
             )
         )
         if found is None:
@@ -234,7 +235,7 @@ class NewtonMarch:
             reached = self._value[:d]
             if shift is not None:
                 reached = reached + shift[done + count - 1, -1]
-            self._stiffness = frozen_stiffness(self._potential, reached)
+            self._stiffness = frozen_matrices(self._problem, reached, self._value[d:])
             self._response, self._excess = None, 0
         return True
 

@@ -7,7 +7,9 @@ points, :math:`N_i = \nabla V(X_i) - K X_i`:
 .. math:: X = X_\text{known} + P N(X),
 
 P being the response of the linear scene with K. This is Newton's iteration for the whole block
-with the Jacobian of the linear scene; it contracts like :math:`|V'' - K| (B h)^2 / 2`.
+with the Jacobian of the linear scene; it contracts like :math:`|V'' - K| (B h)^2 / 2`. For a
+Lagrangian whose mass matrix is not constant X has the velocities as well, and what is left are
+parts of the momenta and of the forces (:class:`fvi_cli.integrator.frozen_laws.LagrangianLaw`).
 """
 
 from __future__ import annotations
@@ -18,40 +20,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.potential import Potential
 from fvi_cli.integrator.block_history import BatchedChannel
 from fvi_cli.integrator.block_response import BlockResponse, LinearSystem, block_response
+from fvi_cli.integrator.frozen_laws import BlockInputs, FrozenLaw
 from fvi_cli.integrator.stepping import StepProblem
 
 Array = NDArray[np.float64]
 
 ITERATION_LIMIT = 40
 TOLERANCE = 1e-15
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BlockInputs:
-    """What goes into a block of n steps.
-
-    Parameters
-    ----------
-    known
-        Force of older samples on each step, shape ``(n, m d)``.
-    state
-        Position, momentum, carry and the number 1.
-    moments
-        Moments of known forces, shape ``(n, s + 1, d)``.
-    shift
-        Known part of the position at the quadrature points, ``(n, r, d)``; None: zero.
-    remainder
-        Guess of what is left of the force, the same at all points, shape ``(1, d)``.
-    """
-
-    known: Array
-    state: Array
-    moments: Array
-    shift: Array | None
-    remainder: Array
+ROUND_OFF = 1e-14
+"""Changes that round-off alone may make."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,9 +48,9 @@ class BlockSteps:
     carry
         Carry after the last step, shape ``(m d,)``.
     remainder
-        What was left of the force at the last point of all, shape ``(1, d)``.
+        What was left of the forces at the last point of all, shape ``(1, w)``.
     changes
-        How the positions changed, one number per iteration.
+        How the points changed, one number per iteration.
     """
 
     path: Array
@@ -90,13 +69,14 @@ class _Sized:
     Parameters
     ----------
     known_points
-        From all that goes into a block to the positions at its quadrature points.
+        From all that goes into a block to its quadrature points, w numbers at each: positions,
+        and h times the velocities where they are wanted.
     remainder_points
-        From what is left of the force there to those positions.
+        From what is left of the forces there to those numbers.
     outputs
         From all that goes into a block to its samples, increments, force and carry.
     remainder_moments
-        From what is left of the force in a step to moments.
+        From what is left of the forces in a step to moments.
     """
 
     known_points: Array
@@ -106,18 +86,16 @@ class _Sized:
 
 
 class FrozenResponse:
-    """Response of the linear scene with a constant matrix in place of the Hessian.
+    """Response of the linear scene that stands for a nonlinear one.
 
     Parameters
     ----------
-    problem, potential
-        The steps and what makes them nonlinear.
+    problem, law
+        The steps, and the linear scene with what the other is beyond it.
     channels
         Weights for the lags inside of a block.
     largest
         Number of steps of the largest block.
-    stiffness
-        The constant matrix K, shape ``(d, d)``.
     with_force
         Whether the damping force is wanted.
     """
@@ -125,20 +103,18 @@ class FrozenResponse:
     def __init__(
         self,
         problem: StepProblem,
-        potential: Potential,
+        law: FrozenLaw,
         channels: tuple[BatchedChannel, ...],
         largest: int,
-        stiffness: Array,
         *,
         with_force: bool,
     ) -> None:
-        self._problem, self._potential = problem, potential
+        self._problem, self._law = problem, law
         self._largest, self._with_force = largest, with_force
         memory = problem.memory
-        self.stiffness = stiffness
         system = LinearSystem(
-            mass=problem.scene.inertia.mass[None],
-            stiffness=stiffness[None],
+            mass=law.mass[None],
+            stiffness=law.stiffness[None],
             channels=channels,
             tables=problem.tables,
             sample_matrix=memory.sample_matrix,
@@ -148,7 +124,7 @@ class FrozenResponse:
             step_size=problem.step_size,
         )
         self._size, self._n_state = system.sample_size, system.state_size
-        self._response: BlockResponse = block_response(system, largest)
+        self._response: BlockResponse = block_response(system, largest, with_rates=law.has_rates)
         self._made: dict[int, _Sized] = {}
 
     def _sized(self, count: int) -> _Sized:
@@ -171,17 +147,21 @@ class FrozenResponse:
             return np.asarray(matrix[0][: count * rows][:, columns])
 
         points = part(response.points, r * d)
+        if self._law.has_rates:
+            rates = part(response.rates, r * d)
+            pairs = np.stack([points, rates]).reshape(2, count * r, d, -1)
+            points = pairs.transpose(1, 0, 2, 3).reshape(2 * count * r * d, -1)
         position, momentum = part(response.position, d), part(response.momentum, d)
         outputs = [part(response.samples, size), position, momentum]
         if self._with_force:
             outputs.append(part(response.force, size))
         outputs.append(part(response.carry, size)[-size:])
-        to_moments = np.asarray(-self._problem.step_size * np.kron(tables.test_weights, np.eye(d)))
+        to_moments = self._law.to_moments
         driven = points[:, count * size + n_state :].reshape(-1, count, width)
         self._made[count] = _Sized(
             known_points=points,
             remainder_points=np.ascontiguousarray(
-                (driven @ to_moments).reshape(count * r * d, count * r * d)
+                (driven @ to_moments).reshape(points.shape[0], points.shape[0])
             ),
             outputs=np.concatenate(outputs),
             remainder_moments=to_moments,
@@ -193,16 +173,15 @@ class FrozenResponse:
         count, size, d = inputs.known.shape[0], self._size, self._problem.scene.dimension
         sized, r = self._sized(count), self._problem.tables.points.size
         at = count * size
-        origin = inputs.state[:d]
         joined = np.concatenate([inputs.known.ravel(), inputs.state, inputs.moments.ravel()])
-        fixed = (sized.known_points @ joined).reshape(count, r, d)
-        guess = np.broadcast_to(inputs.remainder, (count, r, d))
-        found = self._iterate(sized, origin, fixed, inputs.shift, guess)
+        fixed = (sized.known_points @ joined).reshape(count, r, -1)
+        guess = np.broadcast_to(inputs.remainder, fixed.shape)
+        found = self._iterate(sized, inputs, fixed, guess)
         if found is None:
             return None
         remainder, changes = found
         joined[at + self._n_state :] += (
-            remainder.reshape(count, r * d) @ sized.remainder_moments.T
+            remainder.reshape(count, -1) @ sized.remainder_moments.T
         ).ravel()
         result = sized.outputs @ joined
         path = np.cumsum(result[at : at + count * d].reshape(count, d), axis=0)
@@ -224,19 +203,22 @@ class FrozenResponse:
         )
 
     def _iterate(
-        self, sized: _Sized, origin: Array, fixed: Array, known: Array | None, remainder: Array
+        self, sized: _Sized, inputs: BlockInputs, fixed: Array, remainder: Array
     ) -> tuple[Array, list[float]] | None:
-        """The fixed point: remainder of the force and how the positions changed; None: none."""
-        stiffness, matrix = self.stiffness, sized.remainder_points
+        """The fixed point: what is left of the forces and how the points changed; None: none."""
+        matrix, d = sized.remainder_points, self._problem.scene.dimension
         points = fixed + (matrix @ remainder.ravel()).reshape(fixed.shape)
+        origin = inputs.state[:d]
         least = TOLERANCE * float(np.abs(points).max()) + 1e-16 * float(np.abs(origin).max())
         changes: list[float] = []
         for _ in range(ITERATION_LIMIT):
-            position = origin + points
-            true = self._potential.gradient(position if known is None else position + known)
-            remainder = true - position @ stiffness
+            remainder = self._law.remainder(inputs, points, remainder)
             moved = fixed + (matrix @ remainder.ravel()).reshape(fixed.shape)
-            change = float(np.abs(moved - points).max())
+            moves = np.abs(moved - points)
+            change = float(moves[..., :d].max())
+            if self._law.has_rates:
+                # over the whole block a velocity counts as the way that it makes
+                change = max(change, fixed.shape[0] * float(moves[..., d:].max()))
             points = moved
             changes.append(change)
             if change <= least:
@@ -245,17 +227,10 @@ class FrozenResponse:
                 # a Volterra equation contracts the better the longer it is iterated
                 rate = change / changes[-2]
                 if not rate <= 1.0:
-                    return None
+                    close = change <= ROUND_OFF / TOLERANCE * least
+                    return (remainder, changes) if close else None
                 if change * rate <= least:
                     return remainder, changes
             elif not math.isfinite(change):
                 return None
         return None
-
-
-def frozen_stiffness(potential: Potential, position: Array) -> Array:
-    """The Hessian there, symmetric; zero where it is not finite."""
-    stiffness = potential.hessian(position)
-    if not np.isfinite(stiffness).all():
-        stiffness = np.zeros_like(stiffness)
-    return np.asarray(0.5 * (stiffness + stiffness.T))

@@ -198,6 +198,15 @@ def _trajectory(
         velocity = lagrangian.velocity(position, momentum, grid)
         energy = lagrangian.energy(position, velocity, grid)
         kept, failure = _definite_until(lagrangian, position, velocity, grid)
+        wrong = np.flatnonzero(~np.isfinite(energy[:kept]))
+        if wrong.size:
+            # derivatives may well be numbers where L is none, beyond the end of a logarithm
+            kept = int(wrong[0])
+            near = ", ".join(f"{value:.4g}" for value in position[kept])
+            failure = (
+                f"step {kept - 1}, t = {grid[kept]:.6g}: the Lagrangian is not finite near "
+                f"q = [{near}]"
+            )
     if kept == grid.size:
         failure = stepped.failure
     finite = bool(np.isfinite(position[:kept]).all() and np.isfinite(momentum[:kept]).all())

@@ -209,7 +209,7 @@ def _machinery(scene: Scene, method: Method, n_steps: int) -> _Machinery:
     if route == "linear blocks" and decoupling is not None:
         return _linear_blocks(scene, n_steps, shape, decoupling, ends)
     if route == "newton blocks":
-        largest = newton_block(shape.samples * scene.dimension, n_steps) or 1
+        largest = newton_block(scene, shape.samples, n_steps) or 1
         group = largest * BLOCKS_PER_GROUP
         return _Machinery(
             route=route,

@@ -123,6 +123,9 @@ def _blocks(sizes: Sizes) -> float:
     if n <= 2 * group or max((c.memory for c in shape.channels), default=0) <= group + 1:
         transform = 0.0
     after = (3.4 + 0.7 * d) * n + (0 if not sizes.has_series else 7 * d * n)
+    if sizes.scene.lagrangian is not None:
+        held += 4 * sizes.method.stages * d * n if sizes.has_series else 0
+        after += (6 * d + 8 * d * d) * n
     if sizes.route == "newton blocks":
         # the matrices are made while the steps are under way
         return held + path + buffer + max(making, kept + transform, after - buffer)
@@ -176,10 +179,11 @@ def _linear_matrices(sizes: Sizes, width: int, blocks: BlockSizes) -> tuple[floa
 
 def _newton_matrices(sizes: Sizes) -> tuple[float, float]:
     shape, d, r = sizes.shape, sizes.scene.dimension, sizes.method.stages
-    b = newton_block(shape.samples * d, sizes.n_steps) or 1
+    b = newton_block(sizes.scene, shape.samples, sizes.n_steps) or 1
+    general = sizes.scene.lagrangian is not None
     size, nodes = b * shape.samples * d, sizes.on_nodes
     columns = size + 2 * d + shape.samples * d + 1 + b * (sizes.method.degree + 1) * d
-    points, outputs = b * r * d, (1 + nodes) * size + 2 * b * d
+    points, outputs = b * r * d * (1 + general), (1 + nodes) * size + 2 * b * d
     dense = (2 * size + nodes * size + points + 2 * b * d) * columns
     frozen = points * columns + points**2 + outputs * columns
     strip = 0.0

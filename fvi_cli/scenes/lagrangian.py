@@ -94,7 +94,10 @@ def lagrangian_scene(
     if found.general is not None:
         at_start = found.general.derivatives(position, velocity, 0.0)
         mass = at_start.mass
-        first = np.concatenate([at_start.momentum, at_start.force, at_start.stiffness.ravel()])
+        value = found.general.lagrangian(position, velocity, 0.0)
+        first = np.concatenate(
+            [np.atleast_1d(value), at_start.momentum, at_start.force, at_start.stiffness.ravel()]
+        )
         if not (np.isfinite(mass).all() and np.isfinite(first).all()):
             raise ValueError(
                 "lagrangian: it or a derivative of it is not finite at the initial position and "

@@ -243,9 +243,9 @@ class TestNewton:
         made = []
         original = frozen_response.block_response
 
-        def counted(*arguments):
+        def counted(*arguments, **keywords):
             made.append(arguments)
-            return original(*arguments)
+            return original(*arguments, **keywords)
 
         monkeypatch.setattr(frozen_response, "block_response", counted)
         scene = pendulum(
