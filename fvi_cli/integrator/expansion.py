@@ -8,8 +8,9 @@ truncated series.
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -100,14 +101,11 @@ def solution_expansion(scene: Scene, cutoff: float) -> Expansion:
     forcing = None
     if scene.forcing is not None:
         forcing = _forcing_expansion(scene.forcing.pieces[0], _needed(cutoff), 0.0)
-    return _picard(
-        scene,
-        start=np.stack((scene.initial_position, scene.initial_velocity)),
-        forcing=forcing,
-        stiffness=_stiffness_of(scene),
-        gradient=_gradient_of(scene),
-        cutoff=cutoff,
-    )
+    start = np.stack((scene.initial_position, scene.initial_velocity))
+    gradient = _gradient_of(scene)
+    if gradient is None:
+        return _linear_motion(scene, start, forcing, _stiffness_of(scene), cutoff)
+    return _nonlinear_motion(scene, start, forcing, gradient, cutoff)
 
 
 def jump_expansion(
@@ -173,74 +171,157 @@ def _needed(cutoff: float) -> float:
     return max(cutoff - 2.0, 0.5)
 
 
-def _picard(
-    scene: Scene,
-    *,
-    start: Array,
-    forcing: Expansion | None,
-    stiffness: Array | None,
-    gradient: Callable[[Expansion], Expansion] | None,
-    cutoff: float,
-) -> Expansion:
-    """Sweeps over what is not linear; what is linear is solved in each of them."""
-    if gradient is None:
-        return _linear_motion(scene, start, forcing, stiffness, cutoff)
-    # Besides x0 and v0 t every power exceeds 1: forces are integrable at 0.
-    current = _truncated(np.arange(2.0), start, 1.0 + 1e-6)
-    while current.cutoff < cutoff - SAME_EXPONENT:
-        pull = _scaled(gradient(current), -1.0)
-        force = pull if forcing is None else _sum([forcing, pull])
-        following = _linear_motion(scene, start, force, stiffness, cutoff)
-        if following.cutoff < current.cutoff + 1e-6:
-            raise SeriesError(f"the expansion cannot be continued beyond t^{current.cutoff:.3g}")
-        current = following
-    return current
-
-
 def _linear_motion(
     scene: Scene, start: Array, force: Expansion | None, stiffness: Array | None, cutoff: float
 ) -> Expansion:
-    r"""The motion that a known force and the linear forces make, below the cutoff.
+    """The motion that known and linear forces make, in one sweep."""
+    motion = _Motion(scene, start, stiffness, cutoff)
+    if force is not None:
+        cutoff = min(cutoff, force.cutoff + 2.0)
+        motion.drive(force)
+    motion.complete(cutoff)
+    return motion.below(cutoff)
+
+
+def _nonlinear_motion(
+    scene: Scene,
+    start: Array,
+    force: Expansion | None,
+    gradient: Callable[[Expansion], Expansion],
+    cutoff: float,
+) -> Expansion:
+    """The same where a potential is not quadratic, in a sweep for every two powers."""
+    motion = _Motion(scene, start, None, cutoff)
+    if force is not None:
+        cutoff = min(cutoff, force.cutoff + 2.0)
+        motion.drive(force)
+    # besides x0 and v0 t every power exceeds 1: forces are integrable at 0
+    known, driven = 1.0 + 1e-6, -math.inf
+    while known < cutoff - SAME_EXPONENT:
+        motion.complete(known)
+        pull = gradient(motion.below(known))
+        motion.drive(pull, factor=-1.0, since=driven)
+        following = min(cutoff, pull.cutoff + 2.0)
+        if following < known + 1e-6:
+            raise SeriesError(f"the expansion cannot be continued beyond t^{known:.3g}")
+        known, driven = following, pull.cutoff
+    motion.complete(cutoff)
+    return motion.below(cutoff)
+
+
+class _Motion:
+    r"""The motion under known and linear forces, from the lowest power up.
 
     .. math:: M x'' + \sum_j \mu_j D^{\gamma_j} x + K x = f
 
-    Every term of the motion drives terms of higher powers only: from the lowest one upwards each
-    is complete when its turn comes.
+    Every term of the motion drives terms of higher powers only, so that each is complete when
+    its turn comes.
+
+    Parameters
+    ----------
+    scene
+        Inertia, damping, and kind of derivative.
+    start
+        Initial position and velocity, shape ``(2, d)``.
+    stiffness
+        K, shape ``(d, d)``; None: zero.
+    cutoff
+        Terms from here on are not wanted.
     """
-    if force is not None:
-        cutoff = min(cutoff, force.cutoff + 2.0)
-    caputo = scene.derivative == "caputo"
-    accelerate = _acceleration(scene.inertia.mass)
-    drags = [(term.order, term.coefficient) for term in scene.active_damping]
-    if stiffness is not None:
-        drags.append((0.0, stiffness))
-    sums = _Sums(cutoff)
-    # coefficients of strong damping may exceed all numbers: a SeriesError, not a warning
-    with np.errstate(over="ignore", invalid="ignore"):
+
+    def __init__(self, scene: Scene, start: Array, stiffness: Array | None, cutoff: float) -> None:
+        self._cutoff, self._dimension = cutoff, scene.dimension
+        self._subtracts = scene.derivative == "caputo"
+        self._accelerate = _acceleration(scene.inertia.mass)
+        self._drags = [(term.order, term.coefficient) for term in scene.active_damping]
+        if stiffness is not None:
+            self._drags.append((0.0, stiffness))
+        self._exponents: list[float] = []
+        self._totals: list[Array] = []
+        self._sizes: list[Array] = []
+        self._finished = 0
         for power, coefficient in enumerate(start):
-            sums.add(float(power), coefficient)
-        if force is not None:
-            for sigma, row in zip(force.exponents.tolist(), force.coefficients, strict=True):
-                sums.add(*_integrated_twice(sigma, accelerate(row)))
-        for exponent, coefficient in sums.ascending():
-            for order, matrix in drags:
-                if not exponent - order + 2.0 > exponent + SAME_EXPONENT:
-                    raise SeriesError(f"the expansion cannot be continued beyond t^{exponent:.3g}")
-                if caputo and exponent < order and exponent in (0.0, 1.0):
-                    continue
-                factor = gamma_ratio(exponent + 1.0, order)
-                if factor != 0:
-                    pull = accelerate(-factor * (coefficient @ matrix))
-                    sums.add(*_integrated_twice(exponent - order, pull))
-    totals = np.array(sums.totals).reshape(-1, scene.dimension)
-    return _truncated(np.array(sums.exponents), totals, cutoff)
+            self._add(float(power), coefficient)
 
+    def drive(self, force: Expansion, factor: float = 1.0, since: float = -math.inf) -> None:
+        """Add what `factor` times the terms of a force from the power `since` on cause.
 
-def _integrated_twice(exponent: float, coefficient: Array) -> tuple[float, Array]:
-    if exponent <= -1 + SAME_EXPONENT and coefficient.any():
-        raise SeriesError(f"a force t**{exponent:g} is not integrable at 0")
-    moved = exponent + 2.0
-    return moved, coefficient / (moved * (moved - 1.0))
+        Raises
+        ------
+        SeriesError
+            If one of them is not integrable at 0.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            for exponent, row in zip(force.exponents.tolist(), force.coefficients, strict=True):
+                if exponent >= since - SAME_EXPONENT:
+                    self._push(exponent, factor * row)
+
+    def complete(self, cutoff: float) -> None:
+        """Let every term below `cutoff` drive others.
+
+        Raises
+        ------
+        SeriesError
+            If there are more than 128, if they come too close to each other, or if a force is not
+            integrable at 0.
+        """
+        # coefficients of strong damping may exceed all numbers: a SeriesError, not a warning
+        with np.errstate(over="ignore", invalid="ignore"):
+            while self._finished < len(self._exponents):
+                exponent = self._exponents[self._finished]
+                if exponent >= cutoff - SAME_EXPONENT:
+                    return
+                self._drag(exponent, self._settled(self._finished))
+                self._finished += 1
+
+    def below(self, cutoff: float) -> Expansion:
+        """The terms below `cutoff`, which are complete."""
+        count = self._finished
+        totals = np.array(self._totals[:count]).reshape(-1, self._dimension)
+        return _truncated(np.array(self._exponents[:count]), totals, cutoff)
+
+    def _settled(self, place: int) -> Array:
+        """The sum of a term, 0 where it is smaller than its own round-off."""
+        if place >= MOST_EXPONENTS:
+            if not np.isfinite(self._totals).all():
+                raise SeriesError("coefficients exceed all numbers: one is not finite")
+            raise SeriesError(f"more than {MOST_EXPONENTS} exponents below t^{self._cutoff:g}")
+        total = self._totals[place]
+        # what is infinite has not cancelled
+        cancelled = np.abs(total) < CANCELLED * self._sizes[place]
+        if cancelled.any():
+            self._totals[place] = total = np.where(cancelled, 0.0, total)
+        return total
+
+    def _drag(self, exponent: float, coefficient: Array) -> None:
+        for order, matrix in self._drags:
+            if self._subtracts and exponent < order and exponent in (0.0, 1.0):
+                continue
+            if not exponent - order + 2.0 > exponent + SAME_EXPONENT:
+                raise SeriesError(f"the expansion cannot be continued beyond t^{exponent:.3g}")
+            factor = gamma_ratio(exponent + 1.0, order)
+            if factor != 0 and exponent - order + 2.0 < self._cutoff:
+                self._push(exponent - order, -factor * (coefficient @ matrix))
+
+    def _push(self, exponent: float, force: Array) -> None:
+        if exponent <= -1 + SAME_EXPONENT and force.any():
+            raise SeriesError(f"a force t**{exponent:g} is not integrable at 0")
+        moved = exponent + 2.0
+        self._add(moved, self._accelerate(force) / (moved * (moved - 1.0)))
+
+    def _add(self, exponent: float, coefficient: Array) -> None:
+        if exponent >= self._cutoff - SAME_EXPONENT or not coefficient.any():
+            return
+        place = bisect_left(self._exponents, exponent - SAME_EXPONENT)
+        if place < len(self._exponents) and self._exponents[place] <= exponent + SAME_EXPONENT:
+            self._totals[place] = self._totals[place] + coefficient
+            self._sizes[place] = self._sizes[place] + np.abs(coefficient)
+            return
+        whole = round(exponent)
+        near = abs(exponent - whole) <= SAME_EXPONENT
+        self._exponents.insert(place, float(whole) if near else exponent)
+        self._totals.insert(place, coefficient)
+        self._sizes.insert(place, np.abs(coefficient))
 
 
 def _acceleration(mass: Array) -> Callable[[Array], Array]:
@@ -250,53 +331,6 @@ def _acceleration(mass: Array) -> Callable[[Array], Array]:
         return lambda force: np.asarray(force / diagonal)
     inverse = np.linalg.inv(mass)
     return lambda force: np.asarray(inverse @ force)
-
-
-class _Sums:
-    """Terms of a series in ascending order, while they are added up."""
-
-    def __init__(self, cutoff: float) -> None:
-        self._cutoff = cutoff
-        self.exponents: list[float] = []
-        self.totals: list[Array] = []
-        self._sizes: list[Array] = []
-
-    def add(self, exponent: float, coefficient: Array) -> None:
-        """Add a term, unless it lies beyond the cutoff or is zero."""
-        if exponent >= self._cutoff - SAME_EXPONENT or not coefficient.any():
-            return
-        place = bisect_left(self.exponents, exponent - SAME_EXPONENT)
-        if place < len(self.exponents) and self.exponents[place] <= exponent + SAME_EXPONENT:
-            self.totals[place] = self.totals[place] + coefficient
-            self._sizes[place] = self._sizes[place] + np.abs(coefficient)
-            return
-        whole = round(exponent)
-        near = abs(exponent - whole) <= SAME_EXPONENT
-        self.exponents.insert(place, float(whole) if near else exponent)
-        self.totals.insert(place, coefficient)
-        self._sizes.insert(place, np.abs(coefficient))
-
-    def ascending(self) -> Iterator[tuple[float, Array]]:
-        """The terms from the lowest up; those that come up on the way must be higher ones.
-
-        Raises
-        ------
-        SeriesError
-            If there are more than 128, or their coefficients exceed all numbers by then.
-        """
-        place = 0
-        while place < len(self.exponents):
-            total = self.totals[place]
-            # what is infinite has not cancelled
-            cancelled = np.abs(total) < CANCELLED * self._sizes[place]
-            if cancelled.any():
-                self.totals[place] = total = np.where(cancelled, 0.0, total)
-            if place >= MOST_EXPONENTS:
-                if not np.isfinite(self.totals).all():
-                    raise SeriesError("coefficients exceed all numbers: one is not finite")
-                raise SeriesError(f"more than {MOST_EXPONENTS} exponents below t^{self._cutoff:g}")
-            yield self.exponents[place], total
-            place += 1
 
 
 def _stiffness_of(scene: Scene) -> Array | None:

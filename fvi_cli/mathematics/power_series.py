@@ -259,28 +259,33 @@ def merged_terms(exponents: Array, coefficients: Array, cutoff: float) -> tuple[
     exponents = np.array(exponents, dtype=float)
     coefficients = np.array(coefficients, dtype=float)
     kept = exponents < cutoff - SAME_EXPONENT
-    exponents, coefficients = exponents[kept], coefficients[kept]
-    if not np.all(np.isfinite(coefficients)):
+    if not kept.all():
+        exponents, coefficients = exponents[kept], coefficients[kept]
+    if not np.isfinite(coefficients).all():
         raise SeriesError("a coefficient is not finite; no expansion in powers of t was found")
     if exponents.size == 0:
         return exponents, coefficients
-    sums = coefficients
     # most sums are of series that are in order already: there is nothing to add up
-    if not np.all(exponents[1:] - exponents[:-1] > SAME_EXPONENT):
-        order = np.argsort(exponents, kind="stable")
+    if not (exponents[1:] - exponents[:-1] > SAME_EXPONENT).all():
+        order = exponents.argsort(kind="stable")
         exponents, coefficients = exponents[order], coefficients[order]
         steps = exponents[1:] - exponents[:-1]
-        starts = np.concatenate(([0], np.flatnonzero(steps > SAME_EXPONENT) + 1))
+        starts = np.concatenate(([0], (steps > SAME_EXPONENT).nonzero()[0] + 1))
         exponents = exponents[starts]
-        sums = np.add.reduceat(coefficients, starts, axis=0)
         sizes = np.add.reduceat(np.abs(coefficients), starts, axis=0)
-        sums[np.abs(sums) <= CANCELLED * sizes] = 0.0
-    whole = np.round(exponents)
-    exponents = np.where(np.abs(exponents - whole) <= SAME_EXPONENT, whole, exponents)
-    present = np.any(sums.reshape(len(sums), -1) != 0, axis=1)
+        coefficients = np.add.reduceat(coefficients, starts, axis=0)
+        coefficients[np.abs(coefficients) <= CANCELLED * sizes] = 0.0
+    whole = np.rint(exponents)
+    near = np.abs(exponents - whole) <= SAME_EXPONENT
+    exponents[near] = whole[near]
+    present = coefficients != 0
+    if present.ndim > 1:
+        present = present.reshape(exponents.size, -1).any(axis=1)
     if np.count_nonzero(present) > MOST_TERMS:
         raise SeriesError(f"more than {MOST_TERMS} exponents below {cutoff:g}")
-    return exponents[present], sums[present]
+    if present.all():
+        return exponents, coefficients
+    return exponents[present], coefficients[present]
 
 
 def power_rule(exponents: Array, order: float) -> Array:
@@ -366,10 +371,17 @@ def _composition(
     if count > MOST_TERMS:
         raise SeriesError(f"{name}: more than {MOST_TERMS} exponents below {series.cutoff:g}")
     coefficients = _coefficients_at(value, max(count, 1), name, coefficients_at)
-    result = PowerSeries.constant(coefficients[-1], series.cutoff)
-    for coefficient in reversed(coefficients[:-1]):
-        result = result * rest + coefficient
-    return result
+    # Horner's scheme; a partial sum is needed no further than its later factors leave it
+    exponents, sums = np.zeros(1), np.array([coefficients[-1]])
+    for power, coefficient in zip(
+        range(len(coefficients) - 2, -1, -1), reversed(coefficients[:-1]), strict=True
+    ):
+        exponents, sums = merged_terms(
+            np.append(np.add.outer(exponents, rest.exponents), 0.0),
+            np.append(np.multiply.outer(sums, rest.coefficients), coefficient),
+            series.cutoff - power * step,
+        )
+    return PowerSeries(exponents=exponents, coefficients=sums, cutoff=series.cutoff)
 
 
 def _coefficients_at(
