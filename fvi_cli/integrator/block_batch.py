@@ -41,8 +41,9 @@ class BatchProblem:
     moments
         Moments of what is known in advance, for some systems and a range of steps, shape
         ``(.., n, s + 1, e)``; None where nothing is.
-    with_force
-        Whether the damping force at the nodes is wanted.
+    with_force, with_end
+        Whether the damping force of every step is wanted, and that at the end of the last, which
+        samples on the nodes have.
     limit
         Positions beyond which a system needs no more steps, shape ``(q,)``.
     stop_together
@@ -56,6 +57,7 @@ class BatchProblem:
     first_offset: Array
     moments: Callable[[slice, int, int], Array] | None
     with_force: bool
+    with_end: bool
     limit: Array
     stop_together: bool
 
@@ -69,7 +71,7 @@ class BatchStepped:
     position, momentum
         Shape ``(q, N + 1, e)``.
     force
-        Damping force at the nodes, ``(q, N + 1, m, e)``, where it was wanted.
+        Damping force of every step and at the end, ``(q, N + 1, m, e)``, where it was wanted.
     done
         Number of finished steps of each system, shape ``(q,)``.
     operations
@@ -212,7 +214,7 @@ class _Blocks:
         n_steps, block, q = problem.n_steps, self._block, self._system.batch
         total = -(-n_steps // block)
         group = block * self._blocks
-        if self._force is not None and n_steps % block == 0 and n_steps % group != 0:
+        if problem.with_end and n_steps % block == 0 and n_steps % group != 0:
             # one block more gives the force at the end
             total += 1
         self._position[:, 0], self._momentum[:, 0] = self._state[:, :e], self._state[:, e : 2 * e]
@@ -226,11 +228,11 @@ class _Blocks:
                 self._write(output, inputs, begin, end)
                 if self._force is not None:
                     force = output[:, :, 2 * block * e :].reshape(q, count * block, -1, e)
-                    wanted = min(count * block, n_steps + 1 - begin)
+                    wanted = min(count * block, n_steps + problem.with_end - begin)
                     self._force[:, begin : begin + wanted] = force[:, :wanted]
                 if end < n_steps and self._is_over(end):
                     return end
-            if self._force is not None and n_steps % group == 0:
+            if self._force is not None and problem.with_end and n_steps % group == 0:
                 self._force[:, n_steps] = self._force_after_groups()
         return n_steps
 

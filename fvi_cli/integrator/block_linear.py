@@ -52,9 +52,10 @@ def run_linear_blocks(problem: StepProblem, decoupling: Decoupling) -> Stepped |
     Returns
     -------
     Stepped
-        As `run_steps` gives it, without the samples; with the damping force at the nodes only
-        where the samples lie on them.
+        As `run_steps` gives it, without the samples; with the damping force only where it is
+        kept, or where the samples lie on the nodes.
     """
+    on_nodes = problem.skip_first_kick and bool(problem.memory.channels)
     system = linear_system(problem, decoupling)
     moments = partial(_batch_moments, problem, decoupling) if has_moments(problem) else None
     finished = run_batch(
@@ -65,7 +66,8 @@ def run_linear_blocks(problem: StepProblem, decoupling: Decoupling) -> Stepped |
             momentum=decoupling.forces(problem.momentum),
             first_offset=decoupling.positions(problem.memory.first_offset),
             moments=moments,
-            with_force=problem.skip_first_kick and bool(system.channels),
+            with_force=on_nodes or (problem.keep_force and bool(system.channels)),
+            with_end=on_nodes,
             limit=problem.stop_beyond * decoupling.extents,
             stop_together=True,
         )
@@ -107,7 +109,8 @@ def stepped_scene(problem: StepProblem, decoupling: Decoupling, finished: BatchS
             if known is not None:
                 end_force = end_force + known[: done + 1]
         # the first kick is left out; after a failure there is none at the end
-        end_force[0] = 0.0
+        if problem.skip_first_kick:
+            end_force[0] = 0.0
         if done < n_steps:
             end_force[done] = 0.0
     return Stepped(

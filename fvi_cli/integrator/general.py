@@ -13,7 +13,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.diagnostics import NOTHING, Asked, diagnose
 from fvi_cli.integrator.engine import run
-from fvi_cli.integrator.integrate import force_moments, jump_force, run_with_increments
+from fvi_cli.integrator.integrate import force_moments, jump_force
 from fvi_cli.integrator.known_motion import KnownMotion
 from fvi_cli.integrator.known_part import NO_SERIES, KnownPart, plan_series, settled_method
 from fvi_cli.integrator.memory import build_memory
@@ -21,6 +21,7 @@ from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.integrator.moments import StepFunction, exact_moments, galerkin_moments
 from fvi_cli.integrator.motion import Motion
 from fvi_cli.integrator.start import StartDecision
+from fvi_cli.integrator.step_increments import run_with_increments
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.integrator.stepping import Stepped, StepProblem
 from fvi_cli.integrator.trajectory import Status, Trajectory

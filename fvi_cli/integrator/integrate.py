@@ -31,9 +31,9 @@ from fvi_cli.integrator.moments import (
     projected_moments,
 )
 from fvi_cli.integrator.motion import Motion
+from fvi_cli.integrator.step_increments import run_with_increments
 from fvi_cli.integrator.step_tables import StepTables, step_tables
-from fvi_cli.integrator.stepped_history import SteppedHistory
-from fvi_cli.integrator.stepping import Stepped, StepProblem, run_steps
+from fvi_cli.integrator.stepping import Stepped, StepProblem
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 
 Array = NDArray[np.float64]
@@ -61,8 +61,8 @@ def integrate(
         Keep every n-th point of the grid, the first and the last. With ``history: exponentials``
         the others are nowhere in memory.
     diagnostics
-        What else is computed. It needs every increment, so the steps are then done one after the
-        other: the same to round-off, but slower than in blocks.
+        What else is computed. It needs the increments of every step, which blocks of linear scenes
+        do not lose; others are then stepped one after the other.
 
     Returns
     -------
@@ -154,14 +154,6 @@ def _integrate(scene: Scene, method: AnyMethod, n_steps: int, asked: Asked) -> T
     )
     with np.errstate(over="ignore", invalid="ignore"):
         return replace(trajectory, diagnostics=diagnose(motion, asked))
-
-
-def run_with_increments(problem: StepProblem, method: Method) -> Stepped:
-    """All steps one after the other, by whose increments a motion is diagnosed."""
-    history = None
-    if problem.memory.channels and method.history != "direct":
-        history = SteppedHistory(problem.memory, problem.n_steps, problem.scene.dimension)
-    return run_steps(problem, history, keep_increments=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -188,6 +188,7 @@ def _batch_problem(members: Sequence[_Ready], n_steps: int) -> BatchProblem:
 
     driven = any(has_moments(m.prepared.problem) for m in members)
     first = members[0].prepared.problem
+    on_nodes = first.skip_first_kick and bool(first.memory.channels)
     return BatchProblem(
         system=_joined(systems),
         n_steps=n_steps,
@@ -201,7 +202,8 @@ def _batch_problem(members: Sequence[_Ready], n_steps: int) -> BatchProblem:
             [m.decoupling.positions(m.prepared.problem.memory.first_offset) for m in members]
         ),
         moments=moments if driven else None,
-        with_force=first.skip_first_kick and bool(first.memory.channels),
+        with_force=on_nodes or (first.keep_force and bool(first.memory.channels)),
+        with_end=on_nodes,
         limit=np.concatenate(
             [m.prepared.problem.stop_beyond * m.decoupling.extents for m in members]
         ),

@@ -68,6 +68,8 @@ class StepProblem:
         Leave out the damping force of step 0 (the paper's algorithm, samples on the nodes).
     stop_beyond
         No more steps are needed after a position larger than this.
+    keep_force
+        Keep the damping force of every step, also where steps are done in blocks.
     """
 
     scene: Scene
@@ -83,6 +85,7 @@ class StepProblem:
     extra_force: Array | None = None
     skip_first_kick: bool = False
     stop_beyond: float = math.inf
+    keep_force: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

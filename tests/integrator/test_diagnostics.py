@@ -11,6 +11,7 @@ import pytest
 from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
 from fvi_cli.integrator import diagnostics as module
 from fvi_cli.integrator import integrate as integrating
+from fvi_cli.integrator import step_increments as increments_module
 from fvi_cli.integrator.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
@@ -309,3 +310,45 @@ def test_methods_without_increments_are_refused():
 def test_symmetries_that_are_none_are_refused(generator, shift, message):
     with pytest.raises(ValueError, match=message):
         Symmetry(name="wrong", generator=generator, shift=shift)
+
+
+def works(scene, method, n_steps):
+    found = integrate(scene, method, n_steps, diagnostics=Asked(energy_balance=True))
+    return found, np.stack(
+        [
+            found.diagnostics.dissipated_work,
+            found.diagnostics.forcing_work,
+            found.diagnostics.energy_defect,
+        ]
+    )
+
+
+@pytest.mark.parametrize("method", [GAUSS2, GAUSS2_SERIES, NODES, POINTS], ids=lambda m: m.case)
+@pytest.mark.parametrize(
+    "scene",
+    [oscillator(0.5), oscillator(1.0), two_masses(), two_masses("riemann-liouville"), pendulum()],
+    ids=["one", "order 1", "two", "two from a jump", "pendulum"],
+)
+def test_balances_are_the_same_by_blocks_and_by_single_steps(scene, method):
+    by_blocks, found = works(scene, method, 200)
+    by_steps, expected = works(scene, dataclasses.replace(method, history="direct"), 200)
+    scale = np.abs(expected).max()
+    assert np.abs(found - expected).max() <= 1e-13 * scale
+    assert np.abs(by_blocks.position - by_steps.position).max() <= 1e-12
+    # the sums are told apart at this size
+    assert np.abs(found[:, 1:] - expected[:, :-1]).max() > 1e-6 * scale
+
+
+def test_asking_for_a_balance_takes_no_single_steps_on_linear_scenes(monkeypatch):
+    def refuse(*arguments, **options):
+        raise AssertionError("steps one after the other")
+
+    monkeypatch.setattr(increments_module, "run_steps", refuse)
+    for method in (GAUSS2, NODES, POINTS):
+        for scene in (oscillator(0.5), two_masses()):
+            asked = integrate(scene, method, 200, diagnostics=Asked(energy_balance=True))
+            alone = integrate(scene, method, 200)
+            assert asked.history_operations == alone.history_operations
+            assert np.abs(asked.position - alone.position).max() <= 1e-14
+    with pytest.raises(AssertionError, match="one after the other"):
+        works(oscillator(0.5), dataclasses.replace(GAUSS2, history="direct"), 200)
