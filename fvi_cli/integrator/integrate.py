@@ -81,11 +81,34 @@ def integrate(
     check_counts(n_steps, every)
     if not diagnostics.is_empty and not can_be_diagnosed(method):
         raise ValueError(f"diagnostics: {method.case} keeps no increments of its steps")
-    if isinstance(method, Method) and method.history == "exponentials":
-        from fvi_cli.integrator.exponential_run import integrate_part
+    try:
+        if isinstance(method, Method) and method.history == "exponentials":
+            from fvi_cli.integrator.exponential_run import integrate_part
 
-        return integrate_part(scene, method, int(n_steps), every=every).trajectory
-    return thinned(_integrate(scene, method, int(n_steps), diagnostics), every)
+            return integrate_part(scene, method, int(n_steps), every=every).trajectory
+        return thinned(_integrate(scene, method, int(n_steps), diagnostics), every)
+    except np.linalg.LinAlgError:
+        return _without_steps(scene, int(n_steps))
+
+
+def _without_steps(scene: Scene, n_steps: int) -> Trajectory:
+    """The start of a motion whose steps have singular equations, as with negative stiffness."""
+    h = scene.final_time / n_steps
+    position, momentum, energy = scene.initial_position[None], None, None
+    if scene.lagrangian is None:
+        momentum = (scene.inertia.mass @ scene.initial_velocity)[None]
+        energy = scene.energy(position, momentum)
+    return Trajectory(
+        time=np.zeros(1),
+        position=position,
+        momentum=momentum,
+        energy=energy,
+        n_steps=n_steps,
+        step_size=h,
+        status="failed",
+        message=f"the equations of a step of length {h:.6g} have no unique solution; take "
+        "another number of steps",
+    )
 
 
 def check_counts(n_steps: int, every: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -77,7 +78,9 @@ def integrate_members(
         together = [scenes[index] for index in indices]
         batch: list[Trajectory] | None = None
         if len(indices) > 1 and isinstance(method, Method):
-            batch = _integrate_batch(together, method, int(n_steps))
+            # where the steps of a member have singular equations, each member for itself tells
+            with contextlib.suppress(np.linalg.LinAlgError):
+                batch = _integrate_batch(together, method, int(n_steps))
         if batch is None:
             batch = [integrate(scene, method, n_steps, every=every) for scene in together]
         else:

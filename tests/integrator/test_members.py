@@ -332,3 +332,29 @@ def test_one_expansion_serves_many_members(members: int) -> None:
         integrate_members(oscillators(members), SERIES, 64)
     assert joint.call_count == -(-members // joined_module.MOST_COMPONENTS)
     assert single.call_count == 0
+
+
+@pytest.mark.parametrize("history", ["auto", "fft", "direct", "exponentials"])
+def test_steps_without_a_solution_fail_alone(history: str) -> None:
+    """A midpoint step of length 2 / sqrt(-k) has a singular matrix."""
+    method = Method(cq="gauss", degree=1, history=history)  # type: ignore[arg-type]
+    scenes = [
+        linear_oscillator(
+            stiffness=stiffness, final_time=8.0, initial_position=1.0, initial_velocity=0.5
+        )
+        for stiffness in (1.0, -64.0, -1.0)
+    ]
+    first, singular, last = integrate_members(scenes, method, 32)
+    assert (first.status, singular.status, last.status) == ("ok", "failed", "ok")
+    assert singular.message.startswith("the equations of a step of length 0.25 have no unique")
+    assert singular.position.tolist() == [[1.0]]
+    assert singular.energy is not None
+    assert difference(first, integrate(scenes[0], method, 32)) <= TOLERANCE
+    # a little longer steps have a solution
+    assert integrate(scenes[1], method, 31).status != "failed"
+
+
+def test_a_baseline_step_without_a_solution() -> None:
+    scene = linear_oscillator(stiffness=-1.0, final_time=2.0, initial_position=1.0)
+    assert integrate(scene, Baseline(name="implicit-euler"), 2).status == "failed"
+    assert integrate(scene, Baseline(name="implicit-euler"), 4).status == "ok"
