@@ -11,8 +11,11 @@ import typer
 import yaml
 from typer.testing import CliRunner
 
+import fvi_cli as fvi
 from fvi_cli.cli import app
 from fvi_cli.config import configuration_reference, json_schema, shipped_configs
+from fvi_cli.integrator.expected_order import expected_order
+from fvi_cli.integrator.known_part import BDF_RULES, RUNGE_KUTTA_RULES
 from fvi_cli.output.export import FORMATS
 from fvi_cli.scenes.registry import EQUATIONS
 
@@ -73,6 +76,120 @@ def test_commands_that_are_shown_exist(page: str) -> None:
         assert options <= known, line
 
 
+PYTHON = [
+    pytest.param(page, number, id=f"{page}-{number}")
+    for page, text in sorted(PAGES.items())
+    for number, (kind, block) in enumerate(FENCED.findall(text))
+    # a cluster is needed for the one that begins with dask_jobqueue
+    if kind == "python" and "dask_jobqueue" not in block
+]
+
+
+@pytest.mark.parametrize(("page", "number"), PYTHON)
+def test_examples_run(
+    page: str, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    _, block = FENCED.findall(PAGES[page])[number]
+    exec(compile(block, f"{page}, block {number}", "exec"), {"__name__": "example"})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_configurations_that_are_shown_are_valid() -> None:
+    shown = [
+        text
+        for page in PAGES.values()
+        for kind, text in FENCED.findall(page)
+        if kind == "yaml" and not text.startswith("# yaml-language-server")
+    ]
+    assert shown
+    for text in shown:
+        assert fvi.load(yaml.safe_load(text)).experiments
+
+
+def test_the_gallery_shows_every_kind_of_scene() -> None:
+    page = PAGES["gallery.md"]
+    config = fvi.load("gallery")
+    for experiment in config.experiments:
+        kind = experiment.name.removeprefix("gallery-")
+        assert f"\n## {kind}\n\n    {EQUATIONS[kind]}\n" in page
+        (figure,) = experiment.figures
+        assert f"(../results/figures/{experiment.name}-{figure}.png)" in page
+    kinds = set(re.findall(r"^## ([a-z-]+)$", page, re.MULTILINE))
+    assert kinds == set(EQUATIONS) - {"fractional-derivative"}
+
+
+def cells(page: str, header: str) -> list[list[str]]:
+    """The rows of the table with this header, words stripped."""
+    _, found, after = PAGES[page].partition(f"{header}\n")
+    assert found, header
+    lines = after.split("\n\n")[0].splitlines()[1:]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+
+
+def test_which_method_is_cheapest_follows_from_the_measured_costs() -> None:
+    measured = {}
+    for name in ("cost-paper", "cost-step-forced", "cost-pendulum"):
+        stored = json.loads((ROOT / f"results/tables/{name}-cost.json").read_text("utf-8"))
+        for experiment in stored["experiments"]:
+            names = {method["case"]: method["method"] for method in experiment["methods"]}
+            measured[experiment["experiment"].removeprefix("cost-")] = {
+                f"{entry['error']:.0e}": names[entry["case"]] for entry in experiment["cheapest"]
+            }
+    header = f"| error | {' | '.join(measured)} |"
+    expected = [
+        [error, *(column[error] for column in measured.values())]
+        for error in next(iter(measured.values()))
+    ]
+    assert cells("which-method.md", header) == expected
+
+
+def test_the_rules_of_the_start_series_are_those_of_the_program() -> None:
+    rules = [
+        (least, family, rule)
+        for family, known in (("Runge-Kutta", RUNGE_KUTTA_RULES), ("BDF", BDF_RULES))
+        for least, rule in known.items()
+    ]
+    assert cells("mathematics.md", "| order from | family | decays | steps | cost |") == [
+        [str(least), family, *(f"{x:g}" for x in (rule.decays, rule.steps, rule.largest_cost))]
+        for least, family, rule in rules
+    ]
+    # the order plus 2; plus 3 for BDF3
+    assert [(least, rule.powers) for least, _, rule in rules if rule.powers != 2] == [(3, 3)]
+
+
+def test_expected_orders_are_those_of_the_program() -> None:
+    def free(order: float) -> fvi.Scene:
+        return fvi.linear_oscillator(
+            final_time=8.0,
+            stiffness=2.0,
+            damping=[fvi.FractionalDamping(order=order, coefficient=0.7)],
+            initial_position=1.0,
+            initial_velocity=0.5,
+        )
+
+    header = "| method | degree | none, 1/2 | none, 3/2 | series, 1/2 | series, 3/2 |"
+    rows = cells("mathematics.md", header)
+    assert len(rows) >= 10
+    for name, degree, *orders in rows:
+        cq, _, sampling = name.partition(" ")
+        expected = []
+        for start in ("none", "series"):
+            for order in (0.5, 1.5):
+                if sampling == "nodes" and start == "series":
+                    expected.append("-")
+                    continue
+                method = fvi.Method(
+                    cq=cq,
+                    degree=int(degree),
+                    sampling=sampling or "points",
+                    start=start,
+                    forcing_quadrature="exact" if sampling == "points" else "galerkin",
+                )
+                expected.append(f"{expected_order(free(order), method, 'max', 512):g}")
+        assert orders == expected, name
+
+
 def test_a_new_configuration_comes_with_its_schema(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -124,6 +241,13 @@ def test_every_shipped_configuration_is_proposed() -> None:
     from fvi_cli.commands.completion import shipped_names
 
     assert shipped_names("") == list(shipped_configs())
+
+
+@pytest.mark.parametrize("page", [*sorted(PAGES), "../CONTRIBUTING.md"])
+def test_files_that_are_named_are_there(page: str) -> None:
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    for path in re.findall(r"`((?:fvi_cli|configs|docs|tests)/[\w./-]*)`", text):
+        assert (ROOT / path).exists(), path
 
 
 def test_the_citation_is_complete() -> None:

@@ -58,7 +58,7 @@ class _LargeSteps:
         scene, memory, tables = problem.scene, problem.memory, problem.tables
         h, s = problem.step_size, tables.degree
         potential = scene.potential
-        self._stiffness: Form | None = None
+        self._stiffness: Array | csr_array | None = None
         small = [(tables.mass_matrix / h, scene.inertia.mass)]
         if isinstance(potential, QuadraticPotential):
             self._stiffness = _form(potential.stiffness)
