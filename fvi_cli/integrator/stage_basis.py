@@ -54,21 +54,29 @@ def legendre_exponentials(tableau: ButcherTableau, theta: float, n_steps: int) -
     """
     from fvi_cli.mathematics.runge_kutta_weights import exponential_sum, real_axis_rule
 
-    basis = legendre_stages(tableau.c)
-    exponentials = exponential_sum(tableau, theta, n_steps)
+    m, basis = tableau.n_stages, legendre_stages(tableau.c)
+    if tableau.name != "gauss" or theta == 0 or m == 1:
+        exponentials = exponential_sum(tableau, theta, n_steps)
+        return replace(
+            exponentials,
+            instantaneous=basis.to_coefficients @ exponentials.instantaneous @ basis.to_values,
+            columns=exponentials.columns @ basis.to_coefficients.T,
+            rows=exponentials.rows @ basis.to_values,
+        )
+    # X equals its transpose up to the signs of every other row and column
+    signs = (-1.0) ** np.arange(m)
+
+    def vectors(nodes: Array) -> tuple[Array, Array]:
+        columns = _gauss_resolvent(nodes, m)
+        return columns, columns * signs
+
+    exponentials = exponential_sum(tableau, theta, n_steps, vectors)
     first = basis.to_coefficients @ exponentials.instantaneous @ basis.to_values
-    columns = exponentials.columns @ basis.to_coefficients.T
-    rows = exponentials.rows @ basis.to_values
-    if tableau.name == "gauss" and theta != 0 and tableau.n_stages > 1:
+    if theta > 0:
         nodes, factors = real_axis_rule(theta, n_steps)
-        vectors = _gauss_resolvent(nodes, tableau.n_stages)
-        # X equals its transpose up to the signs of every other row and column
-        signs = (-1.0) ** np.arange(tableau.n_stages)
-        columns, rows = factors[:, None] * vectors, vectors * signs
-        if theta > 0:
-            first[0] = _balancing_row(nodes, factors, rows, theta)
-            first[1:, 0] = (signs * first[0])[1:]
-    return replace(exponentials, instantaneous=first, columns=columns, rows=rows)
+        first[0] = _balancing_row(nodes, factors, exponentials.rows, theta)
+        first[1:, 0] = (signs * first[0])[1:]
+    return replace(exponentials, instantaneous=first)
 
 
 def _gauss_resolvent(nodes: Array, m: int) -> Array:

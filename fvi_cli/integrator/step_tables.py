@@ -72,21 +72,22 @@ def step_tables(method: Method) -> StepTables:
     """Tables of `method`."""
     rule = method.rule.build()
     basis = lobatto_basis(method.degree)
+    at_points = sampled = basis.values(rule.nodes)
+    sample_points, sample_weights = rule.nodes, rule.weights
     if method.sampling == "nodes":
         # the paper: one sample at the left end with weight 1
         sample_points, sample_weights = np.array([0.0]), np.array([1.0])
-    else:
-        sample_points, sample_weights = rule.nodes, rule.weights
+        sampled = basis.values(sample_points)
     ahead = basis.values(1.0 + basis.control_points[1:])
     return StepTables(
         degree=method.degree,
         control_points=basis.control_points,
         points=rule.nodes,
         weights=rule.weights,
-        basis=basis.values(rule.nodes),
+        basis=at_points,
         slopes=basis.derivatives(rule.nodes),
         sample_points=sample_points,
         sample_weights=sample_weights,
-        sample_basis=basis.values(sample_points),
+        sample_basis=sampled,
         extrapolation=ahead[1:].T - np.eye(method.degree)[-1],
     )

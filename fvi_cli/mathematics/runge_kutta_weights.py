@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -115,7 +117,8 @@ class ExponentialSum:
             raise ValueError(
                 f"n_weights: {n_weights} is not allowed; permitted are 1 to {self.n_steps + 1}"
             )
-        block = max(1, min(_BLOCK, n_weights - 1))
+        # together both factors are fewest where they are equally many; an even block has no sign
+        block = min(_BLOCK, 2 * math.ceil(math.sqrt(self.n_steps) / 2))
         m, n_blocks = self.tableau.n_stages, -(-(n_weights - 1) // block)
         memory = np.zeros((m * m, n_blocks * block))
         products = (self.columns[:, :, None] * self.rows[:, None, :]).reshape(-1, m * m)
@@ -135,7 +138,13 @@ class ExponentialSum:
         return np.moveaxis(weights, 2, 0)
 
 
-def exponential_sum(tableau: ButcherTableau, theta: float, n_steps: int) -> ExponentialSum:
+Vectors = Callable[[Array], tuple[Array, Array]]
+"""From the nodes x of a real-axis integral, 0 and infinity with them, to columns and rows."""
+
+
+def exponential_sum(
+    tableau: ButcherTableau, theta: float, n_steps: int, vectors: Vectors | None = None
+) -> ExponentialSum:
     r"""Return the weights of ``Delta(z)^theta`` as a sum of exponentials.
 
     Parameters
@@ -146,6 +155,9 @@ def exponential_sum(tableau: ButcherTableau, theta: float, n_steps: int) -> Expo
         Exponent in (-1, 1): positive for derivatives, negative for integrals.
     n_steps
         Largest n for which the sum is to hold, at least 1.
+    vectors
+        Where columns and rows come from, without the integration weights; None: from the matrix
+        of the method.
 
     Raises
     ------
@@ -182,10 +194,7 @@ def exponential_sum(tableau: ButcherTableau, theta: float, n_steps: int) -> Expo
             rows=np.empty((0, m)),
         )
     nodes, factors = real_axis_rule(theta, n_steps)
-    inner_columns, inner_rows = _resolvent_vectors(tableau, nodes[1:-1])
-    inverse = np.linalg.inv(tableau.A)
-    columns = np.concatenate([np.ones((1, m)), inner_columns, [inverse.sum(axis=1)]])
-    rows = np.concatenate([[tableau.b], inner_rows, [tableau.b @ inverse]])
+    columns, rows = _resolvent_vectors(tableau, nodes) if vectors is None else vectors(nodes)
     signs, log_magnitudes = log_stability(tableau, nodes)
     return ExponentialSum(
         tableau=tableau,
@@ -370,14 +379,21 @@ def _sine_of_pi(theta: float) -> float:
     return float(np.copysign(np.sin(np.pi * distance), theta))
 
 
-def _resolvent_vectors(tableau: ButcherTableau, x: Array) -> tuple[Array, Array]:
-    """Return ``(I + xA)^{-1} 1`` and ``b^T (I + xA)^{-1}``, both of shape (J, m)."""
-    m = tableau.n_stages
+def _resolvent_vectors(tableau: ButcherTableau, nodes: Array) -> tuple[Array, Array]:
+    """Return ``(I + xA)^{-1} 1`` and ``b^T (I + xA)^{-1}``, both of shape (J, m).
+
+    The first of the nodes x is 0, the last one infinity; there it is x times the vectors.
+    """
+    m, x = tableau.n_stages, nodes[1:-1]
     matrices = np.eye(m) + x[:, None, None] * tableau.A
     columns = np.linalg.solve(matrices, np.ones((x.size, m, 1)))[..., 0]
     right = np.broadcast_to(tableau.b[:, None], (x.size, m, 1))
     rows = np.linalg.solve(np.swapaxes(matrices, 1, 2), right)[..., 0]
-    return np.asarray(columns, dtype=np.float64), np.asarray(rows, dtype=np.float64)
+    inverse = np.linalg.inv(tableau.A)
+    return (
+        np.concatenate([np.ones((1, m)), columns, [inverse.sum(axis=1)]]),
+        np.concatenate([[tableau.b], rows, [tableau.b @ inverse]]),
+    )
 
 
 def _first_weight(tableau: ButcherTableau, theta: float) -> Array:
