@@ -35,6 +35,7 @@ from fvi_cli.integrator.known_balance import (
     damping_beside_known,
     direction_of_known,
     forcing_beside_known,
+    known_field,
 )
 from fvi_cli.integrator.motion import (
     Motion,
@@ -124,7 +125,7 @@ def diagnose(motion: Motion, asked: Asked) -> Diagnostics:
         return result
     maps = [one.momentum(motion.position, motion.momentum) for one in asked.symmetries]
     defects = [
-        values - values[0] + _damping_along(motion, one) - _forcing_along(motion, one)
+        values - values[0] + _damping_less_forcing_along(motion, one)
         for one, values in zip(asked.symmetries, maps, strict=True)
     ]
     return replace(
@@ -140,8 +141,9 @@ def _energy_balance(motion: Motion) -> Diagnostics:
     if motion.known is not None:
         known = motion.known
         collocated = collocated_rates(motion, known, rates)
-        dissipated = damping_beside_known(motion, collocated, known.velocity)
-        worked = forcing_beside_known(motion, rates, known.velocity)
+        field = known_field(motion, known.velocity)
+        dissipated = damping_beside_known(motion, collocated, field)
+        worked = forcing_beside_known(motion, rates, field)
     else:
         worked = running_sum(paired(motion.forcing_moments, rates, motion.n_steps))
         if motion.method.sampling == "nodes":
@@ -186,12 +188,20 @@ def _rate_of_lagrangian(motion: Motion, rates: Array) -> Array:
     return np.asarray(motion.step_size * rate @ tables.weights)
 
 
-def _damping_along(motion: Motion, symmetry: Symmetry) -> Array:
-    """Running integral of the damping force along a symmetry, shape ``(n + 1,)``."""
+def _damping_less_forcing_along(motion: Motion, symmetry: Symmetry) -> Array:
+    """Running integral of both forces along a symmetry, shape ``(n + 1,)``."""
     places = control_places(motion)
     if motion.known is not None:
         turned = places @ symmetry.generator.T
-        return damping_beside_known(motion, turned, direction_of_known(motion.known, symmetry))
+        field = known_field(motion, direction_of_known(motion.known, symmetry))
+        damping = damping_beside_known(motion, turned, field)
+        return damping - forcing_beside_known(motion, turned, field)
+    changes = paired(motion.forcing_moments, symmetry.direction(places), motion.n_steps)
+    return _damping_along(motion, symmetry, places) - running_sum(changes)
+
+
+def _damping_along(motion: Motion, symmetry: Symmetry, places: Array) -> Array:
+    """Running integral of the damping force along a symmetry, shape ``(n + 1,)``."""
     total = running_sum(
         paired(motion.damping_moments(), symmetry.direction(places), motion.n_steps)
     )
@@ -200,13 +210,3 @@ def _damping_along(motion: Motion, symmetry: Symmetry) -> Array:
     kick = motion.step_size * motion.stepped.end_force[: motion.n_steps + 1, 0]
     along = np.einsum("kd,kd->k", kick, symmetry.direction(motion.position))
     return np.asarray(total + 0.5 * along)
-
-
-def _forcing_along(motion: Motion, symmetry: Symmetry) -> Array:
-    """Running integral of the forcing along a symmetry, shape ``(n + 1,)``."""
-    places = control_places(motion)
-    if motion.known is not None:
-        turned = places @ symmetry.generator.T
-        return forcing_beside_known(motion, turned, direction_of_known(motion.known, symmetry))
-    changes = paired(motion.forcing_moments, symmetry.direction(places), motion.n_steps)
-    return running_sum(changes)

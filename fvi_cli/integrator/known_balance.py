@@ -7,15 +7,19 @@ since S and its fractional derivatives begin with fractional powers at 0 and at 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.effects.symmetry import Symmetry
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.expansion import forcing_is_smooth
 from fvi_cli.integrator.known_part import FORCING_CUTOFF, KnownPart
-from fvi_cli.integrator.moments import StepFunction, exact_integrals, exact_moments
+from fvi_cli.integrator.moments import FINE_POINTS, StepFunction, exact_moments
 from fvi_cli.integrator.motion import Motion, grid_velocity, paired, running_sum
 from fvi_cli.integrator.stage_basis import legendre_stages
 from fvi_cli.integrator.step_tables import StepTables
@@ -23,6 +27,9 @@ from fvi_cli.mathematics.lagrange import LagrangeBasis
 from fvi_cli.mathematics.power_series import SeriesError
 
 Array = NDArray[np.float64]
+
+FAR_POINTS: Final = 8
+"""Points of the rule on steps that are not close to where S is singular."""
 
 
 def collocated_rates(motion: Motion, known: KnownPart, rates: Array) -> Array:
@@ -52,7 +59,59 @@ def direction_of_known(known: KnownPart, symmetry: Symmetry) -> StepFunction:
     return direction
 
 
-def damping_beside_known(motion: Motion, of_unknown: Array, of_known: StepFunction) -> Array:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KnownField:
+    """A field along S with what S does to it, made once for all the balances that it enters.
+
+    Parameters
+    ----------
+    values
+        The part of a field that depends on S, on steps.
+    moments
+        Its moments to round-off, shape ``(n, s + 1, d)``.
+    force_moments
+        Those of the damping force of S, less the jump of Riemann-Liouville.
+    pairing
+        Integral of the two over every step, shape ``(n,)``.
+    """
+
+    values: StepFunction
+    moments: Array
+    force_moments: Array
+    pairing: Array
+
+
+def known_field(motion: Motion, values: StepFunction) -> KnownField:
+    """Moments of a field along S, of the damping force of S, and of the two together.
+
+    Raises
+    ------
+    ValueError
+        If the motion has no known part.
+    """
+    known, jump = motion.known, motion.jump
+    if known is None:
+        raise ValueError("diagnostics: the motion has no known part")
+    d = motion.scene.dimension
+
+    def together(start: Array, step_size: float, offsets: Array) -> Array:
+        field = values(start, step_size, offsets)
+        force = known.damping_force(start, step_size, offsets)
+        if jump is not None:
+            force = force - jump(start, step_size, offsets)
+        return np.concatenate([field, force, (field * force).sum(-1, keepdims=True)], axis=-1)
+
+    moments = _known_moments(motion, together, far_points=FAR_POINTS)
+    return KnownField(
+        values=values,
+        moments=moments[..., :d],
+        force_moments=moments[..., d : 2 * d],
+        # the basis sums to one
+        pairing=moments[..., -1].sum(axis=1),
+    )
+
+
+def damping_beside_known(motion: Motion, of_unknown: Array, field: KnownField) -> Array:
     """Running integral of the whole damping force times a field, shape ``(n + 1,)``.
 
     Parameters
@@ -61,24 +120,19 @@ def damping_beside_known(motion: Motion, of_unknown: Array, of_known: StepFuncti
         With a known part S.
     of_unknown
         The part of the field that depends on u, at the control points, shape ``(n, s + 1, d)``.
-    of_known
+    field
         The part that depends on S.
     """
-    known = motion.known
-    if known is None:
-        raise ValueError("diagnostics: the motion has no known part")
     tables, n = motion.tables, motion.n_steps
     force = motion.stepped.end_force[:n]
     if motion.method.is_runge_kutta:
         values = legendre_stages(tables.sample_points).to_values
         force = np.einsum("im,kmd->kid", values, force)
-    field = np.einsum("vm,kvd->kmd", tables.sample_basis, of_unknown)
-    changes = np.einsum("m,kmd,kmd->k", motion.step_size * tables.sample_weights, force, field)
+    at_samples = np.einsum("vm,kvd->kmd", tables.sample_basis, of_unknown)
+    changes = np.einsum("m,kmd,kmd->k", motion.step_size * tables.sample_weights, force, at_samples)
     at_control = np.einsum("iv,kid->kvd", _from_samples(tables), force)
-    changes += paired(_known_moments(motion, of_known), at_control, n)
-    changes += _known_force_on(motion, known.damping_force, of_unknown, of_known)
-    if motion.jump is not None:
-        changes -= _known_force_on(motion, motion.jump, of_unknown, of_known)
+    changes += paired(field.moments, at_control, n)
+    changes += paired(field.force_moments, of_unknown, n) + field.pairing
     return running_sum(changes)
 
 
@@ -89,7 +143,7 @@ def _from_samples(tables: StepTables) -> Array:
     return LagrangeBasis(control_points=tables.sample_points).values(tables.control_points)
 
 
-def forcing_beside_known(motion: Motion, of_unknown: Array, of_known: StepFunction) -> Array:
+def forcing_beside_known(motion: Motion, of_unknown: Array, field: KnownField) -> Array:
     """Running integral of the forcing times a field, as the scheme sees the forcing.
 
     That is its interpolant on the quadrature points; a forcing that starts with a fractional power
@@ -99,13 +153,14 @@ def forcing_beside_known(motion: Motion, of_unknown: Array, of_known: StepFuncti
     if forcing is None:
         return np.zeros(n + 1)
     if not _starts_smoothly(motion.scene):
-        return running_sum(_known_force_on(motion, forcing.on_steps, of_unknown, of_known))
+        return running_sum(_forcing_on(motion, forcing, of_unknown, field.values))
     left = motion.step_size * np.arange(n, dtype=float)
     values = forcing.on_steps(left, motion.step_size, tables.sample_points)
-    field = np.einsum("vm,kvd->kmd", tables.sample_basis, of_unknown)
-    changes = np.einsum("m,kmd,kmd->k", motion.step_size * tables.sample_weights, values, field)
+    at_samples = np.einsum("vm,kvd->kmd", tables.sample_basis, of_unknown)
+    weights = motion.step_size * tables.sample_weights
+    changes = np.einsum("m,kmd,kmd->k", weights, values, at_samples)
     at_control = np.einsum("iv,kid->kvd", _from_samples(tables), values)
-    return running_sum(changes + paired(_known_moments(motion, of_known), at_control, n))
+    return running_sum(changes + paired(field.moments, at_control, n))
 
 
 def _starts_smoothly(scene: Scene) -> bool:
@@ -115,24 +170,32 @@ def _starts_smoothly(scene: Scene) -> bool:
         return True
 
 
-def _known_force_on(
-    motion: Motion, force: StepFunction, of_unknown: Array, of_known: StepFunction
+def _forcing_on(
+    motion: Motion, forcing: Forcing, of_unknown: Array, of_known: StepFunction
 ) -> Array:
-    """Integral over every step of a known force times a field, shape ``(n,)``."""
+    """Integral over every step of the forcing times a field, shape ``(n,)``."""
 
-    def product(start: Array, step_size: float, offsets: Array) -> Array:
-        pair = force(start, step_size, offsets) * of_known(start, step_size, offsets)
-        return np.asarray(pair.sum(axis=-1, keepdims=True))
+    def together(start: Array, step_size: float, offsets: Array) -> Array:
+        force = forcing.on_steps(start, step_size, offsets)
+        pair = force * of_known(start, step_size, offsets)
+        return np.concatenate([force, pair.sum(axis=-1, keepdims=True)], axis=-1)
 
-    n = motion.n_steps
-    both = exact_integrals(product, motion.step_size, n, _singular_steps(motion))[:, 0]
-    return np.asarray(both + paired(_known_moments(motion, force), of_unknown, n))
+    moments = _known_moments(motion, together)
+    both = moments[..., -1].sum(axis=1)
+    return np.asarray(both + paired(moments[..., :-1], of_unknown, motion.n_steps))
 
 
-def _known_moments(motion: Motion, function: StepFunction) -> Array:
+def _known_moments(
+    motion: Motion, function: StepFunction, *, far_points: int = FINE_POINTS
+) -> Array:
     """Moments to round-off, since what is known begins with fractional powers at every break."""
     return exact_moments(
-        function, motion.method, motion.step_size, motion.n_steps, _singular_steps(motion)
+        function,
+        motion.method,
+        motion.step_size,
+        motion.n_steps,
+        _singular_steps(motion),
+        far_points=far_points,
     )
 
 

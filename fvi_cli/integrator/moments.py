@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ StepFunction = Callable[[Array, float, Array], Array]
 GRADING_RATIO = 0.15
 GRADING_LEVELS = 200
 FINE_POINTS = 24
+NEAR_STEPS = 16
 CHUNK = 4096
 
 
@@ -34,41 +36,46 @@ def exact_moments(
     h: float,
     n_steps: int,
     singular_steps: tuple[int, ...] = (0,),
+    *,
+    far_points: int = FINE_POINTS,
 ) -> Array:
     r""":math:`h \int_0^1 l_\nu(\tau) f(t_k + \tau h) d\tau` to round-off, ``(n_steps, s + 1, d)``.
 
     Every step takes a 24-point Gauss rule; the first, and each step after a break point, a
     composite one graded geometrically towards its left end. On panels of ratio 0.15 the rule
     integrates every t**p to round-off, and 200 panels leave out less than 1e-16 of t**(-0.9).
+
+    `far_points` are enough, for a force that is smooth but for powers of t at the `singular_steps`,
+    on steps that are further than `NEAR_STEPS` from the last one of them: there the Bernstein
+    ellipse up to the singularity has a sum of semiaxes above 60.
     """
     basis = lobatto_basis(method.degree)
-    fine = gauss_rule(FINE_POINTS)
-    values = basis.values(fine.nodes) * fine.weights
-    chunks = []
-    for first in range(0, n_steps, CHUNK):
-        start = h * np.arange(first, min(first + CHUNK, n_steps), dtype=float)
-        chunks.append(h * np.einsum("ni,kid->knd", values, force(start, h, fine.nodes)))
-    moments = np.concatenate(chunks)
+    moments = None
+    for first, last, points in _stretches(n_steps, singular_steps, far_points):
+        rule = gauss_rule(points)
+        start = h * np.arange(first, last, dtype=float)
+        values = force(start, h, rule.nodes)
+        if moments is None:
+            moments = np.empty((n_steps, method.degree + 1, values.shape[2]))
+        weighted = basis.values(rule.nodes) * rule.weights
+        moments[first:last] = h * np.einsum("ni,kid->knd", weighted, values)
+    if moments is None:
+        raise ValueError(f"n_steps: {n_steps} is not allowed; it must be positive")
     for step in singular_steps:
         moments[step] = _composite(force, method, h, step, graded_edges())
     return moments
 
 
-def exact_integrals(
-    function: StepFunction, h: float, n_steps: int, singular_steps: tuple[int, ...] = (0,)
-) -> Array:
-    """Integral of a known function over every step, as `exact_moments`, ``(n_steps, d)``."""
-    fine = gauss_rule(FINE_POINTS)
-    chunks = []
-    for first in range(0, n_steps, CHUNK):
-        start = h * np.arange(first, min(first + CHUNK, n_steps), dtype=float)
-        values = function(start, h, fine.nodes)
-        chunks.append(h * np.einsum("i,kid->kd", fine.weights, values))
-    integrals = np.concatenate(chunks) if chunks else np.zeros((0, 1))
-    points, weights = _graded_rule(graded_edges())
-    for step in singular_steps:
-        integrals[step] = h * weights @ function(np.array([h * step]), h, points)[0]
-    return integrals
+def _stretches(
+    n_steps: int, singular_steps: tuple[int, ...], far_points: int
+) -> Iterator[tuple[int, int, int]]:
+    """Steps in stretches of one rule, as first, last (without it) and number of points."""
+    ends = [*sorted(singular_steps), n_steps] if singular_steps else [0, n_steps]
+    for begin, end in itertools.pairwise([0, *ends] if ends[0] > 0 else ends):
+        near = min(begin + NEAR_STEPS, end)
+        for lower, upper, points in ((begin, near, FINE_POINTS), (near, end, far_points)):
+            for first in range(lower, upper, CHUNK):
+                yield first, min(first + CHUNK, upper), points
 
 
 def graded_edges() -> Array:

@@ -183,3 +183,21 @@ def test_final_time_is_reached_exactly() -> None:
     trajectory = integrate(scene, Method(cq="gauss", degree=2), 3)
     assert trajectory.time[-1] == pytest.approx(0.3, abs=1e-16)
     assert trajectory.time.size == 4
+
+
+@pytest.mark.parametrize("power", [-0.5, 0.5, 2.3])
+def test_few_points_are_enough_far_from_the_singular_steps(power: float) -> None:
+    def force(start: np.ndarray, h: float, offsets: np.ndarray) -> np.ndarray:
+        time = start[:, None] + h * offsets
+        late = np.maximum(time - 60 * h, 0.0) * (start[:, None] + 0.5 * h > 60 * h)
+        with np.errstate(divide="ignore"):
+            singular = np.where(late > 0, late**power, 0.0)
+        return (time**power * np.exp(-0.3 * time) + singular)[..., None]
+
+    method = Method(cq="gauss", degree=4)
+    exact = exact_moments(force, method, 0.25, 200, (0, 60))
+    found = exact_moments(force, method, 0.25, 200, (0, 60), far_points=8)
+    assert np.abs(found - exact).max() <= 1e-14 * np.abs(exact).max()
+    # close to a singular step they are not
+    rough = exact_moments(force, method, 0.25, 200, (0,), far_points=8)
+    assert np.abs(rough - exact).max() > 1e-6 * np.abs(exact).max()
