@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from fvi_cli.execution import (
     is_unexpected_failure,
     never,
 )
+from fvi_cli.experiments.accurate_run import choices_for
 from fvi_cli.experiments.experiment import Experiment, Predicted, Run
 from fvi_cli.experiments.study import prediction_of
 from fvi_cli.output.storage import (
@@ -32,6 +33,7 @@ from fvi_cli.output.storage import (
 )
 from fvi_cli.requests import Request, gather
 from fvi_cli.scenes.problem import Problem
+from fvi_cli.settling import Chosen, none_chosen, settle
 
 __all__ = [
     "Outcome",
@@ -58,7 +60,8 @@ class Plan:
         The run.
     action
         ``reuse`` a stored result, ``compute``, ``refuse``, or ``leave out``: a result file was
-        named, from which nothing is computed.
+        named, from which nothing is computed. For a tolerance: ``try first`` for the method that
+        would be begun with, ``candidate`` for the others.
     reason
         Why: ``stored``; ``new``, ``incomplete``, ``older solver``, ``changed: problem.stiffness``
         (see :class:`fvi_cli.output.storage.Reasons`) or ``--fresh``; ``refused:`` and what is
@@ -82,6 +85,39 @@ def plan(requests: Sequence[Request], settings: Settings) -> list[Plan]:
         with _stored_runs(request, settings) as known, _reasons(request, settings) as why:
             for experiment in request.loaded.experiments:
                 plans += [_plan(run, known, why, request) for run in experiment.runs()]
+                plans += _plans_for_tolerance(experiment, request, settings)
+    return plans
+
+
+def _plans_for_tolerance(
+    experiment: Experiment, request: Request, settings: Settings
+) -> list[Plan]:
+    """What would be tried for a tolerance: every method with the steps it is thought to take."""
+    accuracy = experiment.accuracy
+    if accuracy is None or not experiment.is_open:
+        return []
+    with _chosen_runs(request, settings) as chosen:
+        earlier = chosen(experiment)
+    if earlier is not None:
+        return [Plan(run=earlier.run, action="reuse", reason="stored", predicted=earlier.predicted)]
+    plans: list[Plan] = []
+    for choice in choices_for(experiment, available_bytes=machine_bytes()):
+        (run,) = experiment.settled(choice.method, choice.n_steps).runs()
+        action = "candidate" if plans else "try first"
+        if request.stored is not None:
+            action = "leave out"
+        plans.append(
+            Plan(
+                run=run,
+                action=action,
+                reason=f"thought to reach {accuracy.tolerance:g}; N/2 is run as well",
+                predicted=prediction_of(run).verdict,
+            )
+        )
+    if not plans:
+        (run,) = experiment.settled(accuracy.candidates[0], 1).runs()
+        reason = f"no method is thought to reach {accuracy.tolerance:g}"
+        plans.append(Plan(run=run, action="refuse", reason=reason, predicted="unknown"))
     return plans
 
 
@@ -114,24 +150,53 @@ def answer(request: Request, settings: Settings) -> list[Outcome]:
     if request.stored is not None:
         return _recall(experiments, request.stored)
     if not _is_kept(request, settings):
-        with _stored_runs(request, settings) as known:
-            return carry_out(experiments, settings, title=request.name, known=known)
+        with (
+            _stored_runs(request, settings) as known,
+            _chosen_runs(request, settings) as chosen,
+        ):
+            settled = settle(experiments, settings, chosen=chosen)
+            return _all_outcomes(
+                experiments,
+                settled,
+                lambda rest: carry_out(rest, settings, title=request.name, known=known),
+            )
     with (
         open_results(settings.output, request.name, fresh=settings.fresh) as results,
         _reasons(request, settings) as why,
     ):
         try:
-            return carry_out(
+            settled = settle(
                 experiments,
                 settings,
-                title=request.name,
-                known=never if settings.fresh else results.finished,
-                why=why,
+                chosen=none_chosen if settings.fresh else results.chosen,
                 keep=results.add_batch,
+            )
+            return _all_outcomes(
+                experiments,
+                settled,
+                lambda rest: carry_out(
+                    rest,
+                    settings,
+                    title=request.name,
+                    known=never if settings.fresh else results.finished,
+                    why=why,
+                    keep=results.add_batch,
+                ),
             )
         finally:
             # also on Ctrl-C: what is finished is there for the next time
             results.consolidate(request.loaded)
+
+
+def _all_outcomes(
+    experiments: Sequence[Experiment],
+    settled: Mapping[Experiment, Outcome],
+    carried_out: Callable[[Sequence[Experiment]], list[Outcome]],
+) -> list[Outcome]:
+    """Outcomes in the order of the experiments; nothing more is begun after a failed search."""
+    rest = [experiment for experiment in experiments if experiment not in settled]
+    others = iter(carried_out(rest) if rest else [])
+    return [settled[e] if e in settled else next(others) for e in experiments]
 
 
 def _check_memory(request: Request, settings: Settings) -> None:
@@ -163,7 +228,7 @@ def _is_kept(request: Request, settings: Settings) -> bool:
         return settings.keep
     with read_results(path) as results:
         others = results.of_another_problem(
-            first for e in request.loaded.experiments for first in e.runs()[:1]
+            first for e in request.loaded.experiments for first in _some_run(e)
         )
     if others and settings.may_replace:
         _logger.warning(
@@ -180,6 +245,25 @@ def _is_kept(request: Request, settings: Settings) -> bool:
             others,
         )
     return settings.may_replace or not others
+
+
+def _some_run(experiment: Experiment) -> list[Run]:
+    """One run, whichever: all have the problem in common."""
+    if experiment.is_open:
+        return experiment.settled(experiment.methods[0], 1).runs()
+    return experiment.runs()[:1]
+
+
+@contextlib.contextmanager
+def _chosen_runs(request: Request, settings: Settings) -> Iterator[Chosen]:
+    """Look-up of runs that were chosen for a tolerance; writes nothing."""
+    path = settings.path_of(request)
+    is_fresh = settings.fresh and request.stored is None
+    if is_fresh or not holds_runs(path):
+        yield none_chosen
+        return
+    with read_results(path) as results:
+        yield results.chosen
 
 
 @contextlib.contextmanager
@@ -214,8 +298,11 @@ def _recall(experiments: Sequence[Experiment], path: Path) -> list[Outcome]:
         outcomes = []
         for experiment in experiments:
             found = [results.finished(run) for run in experiment.runs()]
+            if experiment.is_open:
+                found = [results.chosen(experiment)]
             finished = tuple(one for one in found if one is not None)
-            outcomes.append(Outcome(experiment=experiment, finished=finished))
+            own = finished[0].run.experiment if experiment.is_open and finished else experiment
+            outcomes.append(Outcome(experiment=own, finished=finished))
     for outcome in outcomes:
         if outcome.missing:
             _logger.warning(

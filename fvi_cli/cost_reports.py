@@ -14,7 +14,7 @@ from fvi_cli.errors import RequestError, StorageError
 from fvi_cli.experiments.benchmark import yardstick_seconds
 from fvi_cli.experiments.cost import CostTable, cost_table, measure_costs
 from fvi_cli.experiments.cost_goals import YARDSTICK_STEPS, Goal, cost_goals
-from fvi_cli.experiments.experiment import Experiment, lookup_case
+from fvi_cli.experiments.experiment import NEEDS_LADDER, Experiment, lookup_case
 from fvi_cli.integrator.baselines import baseline_objection
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.peers import PEER_LIMITS, peers_objection
@@ -61,6 +61,8 @@ def refuse_what_has_no_price(requests: Sequence[Request]) -> None:
         for experiment in request.loaded.experiments:
             if experiment.members:
                 complaints.append(f"{experiment.name}: a sweep has no one price; leave out sweep")
+            if experiment.is_open:
+                complaints.append(f"{experiment.name}: {NEEDS_LADDER}")
             if not isinstance(experiment.problem, Problem):
                 complaints.append(f"{experiment.name}: a fractional derivative is no scene")
     if complaints:

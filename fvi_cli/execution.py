@@ -105,7 +105,8 @@ class Outcome:
     @property
     def missing(self) -> int:
         """Number of runs that were not computed."""
-        return len(self.experiment.runs()) - len(self.finished)
+        asked = 1 if self.experiment.is_open else len(self.experiment.runs())
+        return asked - len(self.finished)
 
 
 def is_unexpected_failure(finished: FinishedRun) -> bool:

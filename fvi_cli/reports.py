@@ -72,7 +72,20 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
                 )
             )
     texts = [aligned(rows)] if len(rows) > 1 or not summed_up else []
+    texts += _assurances_as_text(outcomes)
     return "\n\n".join([*texts, *summed_up])
+
+
+def _assurances_as_text(outcomes: Sequence[Outcome]) -> list[str]:
+    """Tolerance, estimate and choice of runs that were chosen for a tolerance."""
+    rows = [("experiment", "tolerance", "estimate", "choice")]
+    for outcome in outcomes:
+        for finished in outcome.finished:
+            own = finished.assurance
+            if own is not None:
+                name = outcome.experiment.name
+                rows.append((name, f"{own.tolerance:g}", f"{own.estimate:.3e}", own.choice))
+    return [aligned(rows)] if len(rows) > 1 else []
 
 
 def _members_as_text(outcome: Outcome) -> str:

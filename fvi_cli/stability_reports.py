@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fvi_cli.campaign import Request
 from fvi_cli.errors import RequestError
-from fvi_cli.experiments.experiment import Experiment
+from fvi_cli.experiments.experiment import NEEDS_LADDER, Experiment
 from fvi_cli.experiments.stability_study import (
     StabilityTable,
     distinct_regions,
@@ -72,6 +72,8 @@ def study_stability(
 def _study(
     experiment: Experiment, *, is_observed: bool | None, show_progress: bool
 ) -> StabilityTable:
+    if experiment.is_open:
+        raise RequestError(f"{experiment.name}: {NEEDS_LADDER}")
     settings = experiment.stability
     wanted = settings.is_observed if is_observed is None else is_observed
     runs = experiment.runs()

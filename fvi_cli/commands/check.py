@@ -17,7 +17,7 @@ def check(
     from fvi_cli import campaign
 
     for request in campaign.gather(configs, overrides or ()):
-        runs = sum(len(experiment.runs()) for experiment in request.loaded.experiments)
+        runs = sum(1 if e.is_open else len(e.runs()) for e in request.loaded.experiments)
         experiments = len(request.loaded.experiments)
         what = f"{_counted(experiments, 'experiment')}, {_counted(runs, 'run')}"
         print(f"{request.loaded.path}: valid, {what}")

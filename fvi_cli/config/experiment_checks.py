@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Final
 
+from fvi_cli.config.accuracy_keys import USUAL, accuracy_of, check_accuracy
 from fvi_cli.config.complaints import Complaints, KeyPath, excerpt, listed, suggestion
 from fvi_cli.config.diagnostic_keys import read_diagnostics
-from fvi_cli.config.document import ListNode, MappingNode, Node
-from fvi_cli.config.experiment_keys import MOST_STEPS
+from fvi_cli.config.document import ListNode, MappingNode, Node, read_document
+from fvi_cli.config.experiment_keys import MOST_STEPS, Ladder
 from fvi_cli.config.memory import in_gigabytes, machine_bytes, predicted_bytes, run_bytes
 from fvi_cli.config.method_keys import ListedMethod, read_methods
 from fvi_cli.config.problem_checks import break_points, make_problem
@@ -67,13 +68,18 @@ def make_experiment(
             values["problem"], node.entries["problem"].node, (*path, "problem"), complaints
         )
     method_entry = node.entries.get("method")
+    method_node = method_entry.node if method_entry is not None else None
+    if method_node is None and "accuracy" in values:
+        method_node = read_document(USUAL, node.place, complaints)
     methods = read_methods(
-        method_entry.node if method_entry is not None else None,
+        method_node,
         (*path, "method"),
         complaints,
         default_place=node.place,
     )
-    steps = _steps(values["ladder"])
+    check_accuracy(Ladder().expected, node, path, complaints)
+    accuracy = None
+    steps = _steps(values.get("ladder"))
     if isinstance(values["problem"], Mapping):
         _check_break_points(values["problem"], steps, node, path, complaints)
     for key in ("expect", "claims"):
@@ -83,6 +89,7 @@ def make_experiment(
         every = values["store"]["every"] if isinstance(values["store"], Mapping) else 1
         if isinstance(every, int):
             _check_memory(problem, methods, steps, every, node, path, complaints)
+        accuracy = accuracy_of(values, problem, methods, node, path, complaints)
         diagnostics = read_diagnostics(
             values["store"], problem, values["problem"], methods, node, path, complaints
         )
@@ -112,6 +119,7 @@ def make_experiment(
         diagnostics=diagnostics,
         stability=stability_settings(values["stability"]),
         members=() if members is None else members.members,
+        accuracy=accuracy,
     )
     return ReadExperiment(resolved=resolved, experiment=experiment)
 
@@ -245,11 +253,8 @@ def _objection(problem: Problem | DerivativeProblem, listed_method: ListedMethod
     scene = problem.scene
     if isinstance(method, Baseline):
         return baseline_objection(scene, method)
-    if scene.lagrangian is not None:
-        if method.start == "weights":
-            return "start: weights need a constant mass matrix; use series or none"
-        if method.history == "exponentials":
-            return "history: exponentials needs a constant mass matrix; use auto, fft or direct"
+    if scene.lagrangian is not None and method.start == "weights":
+        return "start: weights need a constant mass matrix; use series or none"
     if method.forcing_quadrature == "projected" and method.rule.points > method.degree + 1:
         return (
             f"forcing_quadrature: projected takes at most degree + 1 = {method.degree + 1} "

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Any, Final, get_args
 
+from fvi_cli.config.accuracy_keys import ACCURACY
 from fvi_cli.config.complaints import Complaints, KeyPath
 from fvi_cli.config.diagnostic_keys import DIAGNOSTIC_KEYS
 from fvi_cli.config.document import MappingNode, Node, ScalarNode
@@ -229,10 +230,23 @@ def _experiment_record(name: Key) -> Record:
                 name="method",
                 shape=METHODS,
                 meaning="One method or several; every entry is a value or a list of values, and "
-                "lists are combined. Default: {rk: gauss, degree: 3}.",
+                "lists are combined. Default: {rk: gauss, degree: 3}; with accuracy Gauss methods "
+                "of degree 2 to 4.",
                 default=OPTIONAL,
             ),
-            Key(name="ladder", shape=Ladder(), meaning="Numbers of steps."),
+            Key(
+                name="ladder",
+                shape=Ladder(),
+                meaning="Numbers of steps; this or accuracy is required.",
+                default=OPTIONAL,
+            ),
+            Key(
+                name="accuracy",
+                shape=ACCURACY,
+                meaning="In place of ladder: method (one of those given, or of Gauss methods) and "
+                "number of steps are chosen for a tolerance, which an estimate is held against.",
+                default=OPTIONAL,
+            ),
             Key(
                 name="sweep",
                 shape=SweepShape(),
@@ -280,6 +294,7 @@ def _experiment_record(name: Key) -> Record:
             ),
         ),
         refused={"methods": "not a key: write method", "steps": "not a key: write ladder"},
+        alternatives=("ladder", "accuracy"),
     )
 
 

@@ -20,6 +20,8 @@ from fvi_cli.config.shapes import describe
 
 OPTION: Final = Place(source="--set")
 SWEEP: Final = "sweep"
+_ALTERNATIVES: Final = {"accuracy": "ladder", "ladder": "accuracy"}
+"""Keys of an experiment of which one takes the place of the other."""
 
 
 def apply_overrides(root: Node, overrides: Sequence[str], complaints: Complaints) -> Node:
@@ -86,6 +88,8 @@ def _changed(node: Node, path: KeyPath, done: KeyPath, value: Node, complaints: 
     if key == "steps" and done and done[-1] == "ladder":
         # the other form of a ladder would contradict the numbers that are asked for
         kept = {name: old for name, old in kept.items() if name not in ("from", "to", "base")}
+    if key in _ALTERNATIVES and (not done or done[0] == "experiments"):
+        kept = {name: old for name, old in kept.items() if name != _ALTERNATIVES[key]}
     return replace(node, entries={**kept, key: entry})
 
 

@@ -204,10 +204,13 @@ class Record:
         The keys, in the order in which they are filled in and shown.
     refused
         Keys that deserve a reason, with it, or a function of what stands under the key.
+    alternatives
+        Keys of which one must be given and no other; the schema says so, who reads checks it.
     """
 
     keys: tuple[Key, ...]
     refused: Mapping[str, Refusal] = field(default_factory=dict, hash=False)
+    alternatives: tuple[str, ...] = ()
 
     @property
     def expected(self) -> str:
@@ -261,8 +264,14 @@ class Record:
             "type": "object",
             "properties": properties,
             "required": [key.name for key in self.keys if key.default is REQUIRED],
+            **self._one_of(),
             "additionalProperties": False,
         }
+
+    def _one_of(self) -> Schema:
+        if not self.alternatives:
+            return {}
+        return {"oneOf": [{"required": [name]} for name in self.alternatives]}
 
 
 def _copied(value: Any) -> Any:

@@ -6,6 +6,7 @@ import json
 import textwrap
 from typing import Any, Final
 
+from fvi_cli.config.accuracy_keys import EXAMPLE
 from fvi_cli.config.complaints import listed, suggestion
 from fvi_cli.config.experiment_keys import EXPERIMENT, SEVERAL, SINGLE
 from fvi_cli.config.problem_keys import PROBLEM
@@ -190,6 +191,9 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
         if key.name == "sweep":
             # not everybody wants one, and there is no empty sweep
             lines += ["", *_comment(key.meaning, ""), f"# sweep: {{{_SWEPT[kind]}}}"]
+            continue
+        if key.name == "accuracy":
+            lines += [] if derivative else ["", *_comment(key.meaning, ""), f"# {EXAMPLE}"]
             continue
         shown = examples.get(key.name)
         if shown is None:

@@ -75,6 +75,45 @@ class Reached:
     attempts: tuple[str, ...]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Choice:
+    """What a method is thought to take before anything is run.
+
+    Parameters
+    ----------
+    method, n_steps
+        The method, and the steps on which it is thought to reach the tolerance.
+    seconds
+        For this number of steps and half as many.
+    """
+
+    method: AnyMethod
+    n_steps: int
+    seconds: float
+
+
+def likely_choices(
+    scene: Scene,
+    methods: Sequence[AnyMethod],
+    tolerance: float,
+    norm: Norm = "max",
+    *,
+    available_bytes: int | None = None,
+    allow_unstable: bool = False,
+) -> list[Choice]:
+    """What :func:`reach_tolerance` would try, quickest first; nothing is integrated.
+
+    Methods that are not thought to reach the tolerance are left out.
+    """
+    search = _search(scene, tolerance, norm, available_bytes, allow_unstable=allow_unstable)
+    candidates = search.candidates(methods) if search.base else []
+    options = [option for c in candidates if (option := search.option(c)) is not None]
+    return [
+        Choice(method=option.candidate.method, n_steps=option.n_steps, seconds=option.seconds)
+        for option in sorted(options, key=lambda option: option.seconds)
+    ]
+
+
 def reach_tolerance(
     scene: Scene,
     methods: Sequence[AnyMethod],
@@ -116,16 +155,27 @@ def reach_tolerance(
         A tolerance below the floor of round-off, or one that cannot be reached with the steps and
         memory there are, is refused.
     """
+    search = _search(scene, tolerance, norm, available_bytes, allow_unstable=allow_unstable)
+    return search.result(methods, tell)
+
+
+def _search(
+    scene: Scene,
+    tolerance: float,
+    norm: Norm,
+    available_bytes: int | None,
+    *,
+    allow_unstable: bool,
+) -> _Search:
     return _Search(
         scene=scene,
         tolerance=tolerance,
         norm=norm,
         available_bytes=available_bytes,
         allow_unstable=allow_unstable,
-        tell=tell,
         base=nearest_fitting(scene, 1)[1],
         resolution=find_resolution(scene, tolerance),
-    ).result(methods)
+    )
 
 
 def round_off_floor(scale: float, n_steps: int, final_time: float, norm: Norm) -> float:
@@ -163,29 +213,37 @@ class _Search:
     norm: Norm
     available_bytes: int | None
     allow_unstable: bool
-    tell: Callable[[str], object]
     base: int
     resolution: Resolution
     attempts: list[str] = field(default_factory=list)
     scale: float = 0.0
+    tell: Callable[[str], object] = lambda line: None
     _latest: dict[AnyMethod, tuple[int, Trajectory]] = field(default_factory=dict)
 
-    def result(self, methods: Sequence[AnyMethod]) -> Reached:
-        candidates = usual_candidates(self.scene, methods, self.norm, self.resolution)
+    def candidates(self, methods: Sequence[AnyMethod]) -> list[Candidate]:
+        """The methods with what is expected of them."""
+        return usual_candidates(self.scene, methods, self.norm, self.resolution)
+
+    def result(self, methods: Sequence[AnyMethod], tell: Callable[[str], object]) -> Reached:
+        """Search, and tell of every run."""
+        self.tell = tell
+        candidates = self.candidates(methods)
         if not self.base:
             return self._refused(
-                candidates[0], 0, "no number of steps puts every break point on the grid"
+                candidates[0], 1, "no number of steps puts every break point on the grid"
             )
-        start = float(np.abs(self.scene.initial_position).max())
-        floor = round_off_floor(start, 1, self.scene.final_time, self.norm)
-        if floor > self.tolerance:
-            return self._refused(candidates[0], 0, self._below_floor(floor, 1))
+        self.scale = float(np.abs(self.scene.initial_position).max())
+        least = self._least(candidates[0])
+        if self._floor(least) > self.tolerance:
+            return self._refused(candidates[0], least, self._below_floor(least))
         current: Candidate | None = None
         while len(self.attempts) < MOST_RUNS:
             chosen = self._choose(candidates, current)
             if chosen is None:
                 return self._refused(current or candidates[0], 0, self._too_much())
             current, n = chosen.candidate, chosen.n_steps
+            if self._floor(n) > self.tolerance:
+                return self._refused(current, n, self._below_floor(n))
             latest = self._latest.get(current.method)
             # after a run that was compared, one doubling after the other: any may do
             n = n if latest is None or not current.differences else min(n, 2 * latest[0])
@@ -193,15 +251,17 @@ class _Search:
                 self._run(current, n // 2)
             trajectory = self._run(current, n)
             estimate = current.estimate(n)
-            floor = round_off_floor(self.scale, n, self.scene.final_time, self.norm)
-            if floor > self.tolerance:
-                return self._refused(current, n, self._below_floor(floor, n))
+            if self._floor(n) > self.tolerance:
+                return self._refused(current, n, self._below_floor(n))
             if estimate <= self.tolerance:
-                return self._accepted(current, n, trajectory, max(estimate, floor))
+                return self._accepted(current, n, trajectory, max(estimate, self._floor(n)))
             if self._stands_still(current, n):
                 return self._refused(current, n, self._no_further(current, n))
             self._spread(candidates, current)
         return self._refused(current or candidates[0], 0, f"{MOST_RUNS} runs were not enough")
+
+    def _floor(self, n_steps: int) -> float:
+        return round_off_floor(self.scale, n_steps, self.scene.final_time, self.norm)
 
     def _least(self, candidate: Candidate) -> int:
         """The least N on the way from the base by doubling that sees all, and can be halved."""
@@ -209,14 +269,16 @@ class _Search:
         return self.base << math.ceil(math.log2(wanted / self.base))
 
     def _choose(self, candidates: Sequence[Candidate], current: Candidate | None) -> _Next | None:
-        options = [option for c in candidates if (option := self._option(c)) is not None]
+        options = [option for c in candidates if (option := self.option(c)) is not None]
         if not options:
             return None
-        best = min(options, key=lambda option: option.seconds)
+        # round-off grows with N: a method that takes fewer steps may do
+        above = [option for option in options if self._floor(option.n_steps) <= self.tolerance]
+        best = min(above or options, key=lambda option: option.seconds)
         own = [option for option in options if option.candidate is current]
         return own[0] if own and best.seconds > BETTER * own[0].seconds else best
 
-    def _option(self, candidate: Candidate) -> _Next | None:
+    def option(self, candidate: Candidate) -> _Next | None:
         """How far this candidate would have to go, and what that would take; None: too much."""
         n = self._least(candidate)
         latest = self._latest.get(candidate.method)
@@ -319,8 +381,8 @@ class _Search:
             attempts=tuple(self.attempts),
         )
 
-    def _below_floor(self, floor: float, n_steps: int) -> str:
-        return f"below the floor {floor:.2g} of round-off on N = {n_steps} steps"
+    def _below_floor(self, n_steps: int) -> str:
+        return f"below the floor {self._floor(n_steps):.2g} of round-off on N = {n_steps} steps"
 
     def _no_further(self, candidate: Candidate, n_steps: int) -> str:
         return (

@@ -26,18 +26,30 @@ class Accuracy:
     ----------
     tolerance
         Largest error of the position, absolute, in the norm of the experiment.
+    candidates
+        The methods of which one is chosen.
 
     Raises
     ------
     ValueError
-        If it is not a positive number.
+        If the tolerance is not a positive number, or there is no candidate.
     """
 
     tolerance: float
+    candidates: tuple[AnyMethod, ...] = USUAL_CANDIDATES
 
     def __post_init__(self) -> None:
         if not 0.0 < self.tolerance < math.inf:
             raise ValueError(f"tolerance: {self.tolerance!r} is not allowed; it must be positive")
+        if not self.candidates:
+            raise ValueError("candidates: at least one method is needed")
+
+    def specification(self) -> dict[str, object]:
+        """What determines the choice, as JSON values."""
+        return {
+            "tolerance": self.tolerance,
+            "candidates": [method.case for method in self.candidates],
+        }
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar
 
+from fvi_cli.experiments.accuracy_settings import Accuracy, Assurance
 from fvi_cli.experiments.members import Member
 from fvi_cli.experiments.stability_settings import USUAL, StabilitySettings
 from fvi_cli.integrator.diagnostics import NOTHING, Asked
@@ -18,6 +19,11 @@ T = TypeVar("T")
 Norm = Literal["max", "final", "l2"]
 Observed = Literal["ok", "floor", "diverged", "failed", "refused"]
 Predicted = Literal["stable", "unstable", "unknown"]
+
+NEEDS_LADDER = (
+    "accuracy chooses one run; give a ladder, for example --set ladder.steps=[64,128,256]"
+)
+"""What is said where a tolerance does not do."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,6 +61,9 @@ class Experiment:
         What is computed and stored beside every trajectory.
     stability
         What is looked at beside the runs where stability is studied.
+    accuracy
+        A tolerance in place of `steps`, which are empty until a method and a number of steps
+        are chosen; then these are the only ones.
     """
 
     name: str
@@ -71,6 +80,16 @@ class Experiment:
     members: tuple[Member, ...] = ()
     stability: StabilitySettings = USUAL
     diagnostics: Asked = NOTHING
+    accuracy: Accuracy | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether method and number of steps are still to be chosen for a tolerance."""
+        return self.accuracy is not None and not self.steps
+
+    def settled(self, method: AnyMethod, n_steps: int) -> Experiment:
+        """The experiment with what was chosen for its tolerance."""
+        return replace(self, methods=(method,), steps=(n_steps,))
 
     @property
     def swept(self) -> tuple[str, ...]:
@@ -147,6 +166,7 @@ class Run:
             "store_every": self.experiment.store_every,
             "allow_unstable": self.experiment.allow_unstable,
             **_asked(self.experiment.diagnostics),
+            **_wanted(self.experiment.accuracy),
         }
 
 
@@ -159,6 +179,11 @@ def _asked(diagnostics: Asked) -> dict[str, Any]:
         for one in diagnostics.symmetries
     ]
     return {"diagnostics": {"energy_balance": diagnostics.energy_balance, "symmetries": symmetries}}
+
+
+def _wanted(accuracy: Accuracy | None) -> dict[str, Any]:
+    """The tolerance as JSON values; nothing where numbers of steps are given."""
+    return {} if accuracy is None else {"accuracy": accuracy.specification()}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -183,6 +208,8 @@ class FinishedRun:
         Order that theory expects on this scene in this norm; nan when none is stated.
     reference
         What the error is measured against.
+    assurance
+        Estimate and choice, of a run for a tolerance.
     """
 
     run: Run
@@ -193,3 +220,4 @@ class FinishedRun:
     predicted: Predicted = "unknown"
     expected_order: float = float("nan")
     reference: str = "unknown"
+    assurance: Assurance | None = None

@@ -10,7 +10,13 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.experiments.experiment import Experiment, FinishedRun, Observed, Run
+from fvi_cli.experiments.experiment import (
+    NEEDS_LADDER,
+    Experiment,
+    FinishedRun,
+    Observed,
+    Run,
+)
 from fvi_cli.experiments.members import Member
 from fvi_cli.experiments.norms import error_norm
 from fvi_cli.experiments.reference import Reference, find_reference, find_references
@@ -45,7 +51,15 @@ def study(
         What to do.
     finished
         Gives back a run that was computed before, or None.
+
+    Raises
+    ------
+    ValueError
+        If the experiment asks for a tolerance
+        (:func:`fvi_cli.experiments.accurate_run.run_for_tolerance` is for these).
     """
+    if experiment.is_open:
+        raise ValueError(f"{experiment.name}: {NEEDS_LADDER}")
     for run in experiment.runs():
         yield finished(run) or execute(run)
 

@@ -87,7 +87,7 @@ def test_the_cheaper_of_two_methods_is_taken() -> None:
 def test_tolerances_below_round_off_are_refused_with_the_floor() -> None:
     reached = reach_tolerance(oscillator(0.5), USUAL_CANDIDATES, 1e-15)
     assert reached.verdict == "refused"
-    assert "below the floor 2.2e-14 of round-off" in reached.message
+    assert "below the floor 4.4e-14 of round-off" in reached.message
     # by what comes out: the start says nothing of the size of the motion
     loud = oscillator(0.5, initial_position=0.0, initial_velocity=1e5)
     reached = reach_tolerance(loud, USUAL_CANDIDATES, 1e-10)

@@ -18,6 +18,7 @@ from fvi_cli.experiments.order import damping_orders
 from fvi_cli.integrator.method import method_columns
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
 from fvi_cli.output.provenance import SOLVER_VERSION, canonical_json, identity, origin
+from fvi_cli.output.storage.assurance_records import assurance_attributes, assurance_of
 from fvi_cli.output.storage.diagnostic_records import (
     DIAGNOSTIC_DIMENSIONS,
     DIAGNOSTIC_NAMES,
@@ -53,7 +54,7 @@ LONG_NAMES: Mapping[str, str] = {
     "status": "what was observed",
 }
 
-RUN_KEYS = ("method", "n_steps", "store_every", "allow_unstable", "diagnostics")
+RUN_KEYS = ("method", "n_steps", "store_every", "allow_unstable", "diagnostics", "accuracy")
 """Keys of a run's specification in which runs of one experiment may differ."""
 
 SWEPT = "swept"
@@ -171,6 +172,8 @@ def record_of(finished: FinishedRun) -> Record:
         "specification": canonical_json(run.specification()),
         **origin(),
     }
+    if finished.assurance is not None:
+        attributes.update(assurance_attributes(finished.assurance))
     if newton.worst_residuals:
         attributes["newton_worst_residuals"] = np.array(newton.worst_residuals, dtype=float)
     # what has been thinned on the way is not thinned again
@@ -237,6 +240,7 @@ def finished_of(record: Record, run: Run) -> FinishedRun:
         predicted=a["predicted"],
         expected_order=float(a["expected_order"]),
         reference=a["reference"],
+        assurance=assurance_of(a),
     )
 
 

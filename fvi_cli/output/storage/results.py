@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from fvi_cli.errors import StorageError
-from fvi_cli.experiments.experiment import FinishedRun, Run
+from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
 from fvi_cli.output.provenance import (
     identity,
     identity_otherwise_allowed,
     sha256,
 )
+from fvi_cli.output.storage.assurance_records import asked_for_tolerance
 from fvi_cli.output.storage.batch_reading import MemberReader
 from fvi_cli.output.storage.batch_records import (
     block_of,
@@ -69,6 +70,21 @@ class StoredRuns:
         record = location.read(self._reader)
         with damage_told(location.file):
             return finished_of(record, run)
+
+    def chosen(self, experiment: Experiment) -> FinishedRun | None:
+        """The run that was chosen for the tolerance of an open experiment; None if none was.
+
+        Raises
+        ------
+        StorageError
+            If what is stored is damaged.
+        """
+        for place in [place for place in self.places() if place[0] == experiment.name]:
+            run = asked_for_tolerance(experiment, self.attributes(place))
+            found = None if run is None else self.finished(run)
+            if found is not None:
+                return found
+        return None
 
     def _location(self, run: Run) -> Location | None:
         """Where the run is, also under the other answer to a question that it does not raise."""

@@ -66,6 +66,8 @@ def _floor(floors: Sequence[float]) -> str:
 def _reference(source: str) -> str:
     if source.startswith("refined run"):
         return f"a {source}"
+    if source.startswith("N = "):
+        return source
     return _SOURCES.get(source, f"the exact solution, {source}")
 
 

@@ -1,0 +1,131 @@
+"""A tolerance in place of a ladder from the command line: chosen, stored, recalled, refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import h5py
+import pytest
+from typer.testing import CliRunner
+
+from fvi_cli.cli import app
+from fvi_cli.config import parse_config
+from fvi_cli.experiments.accuracy_settings import USUAL_CANDIDATES
+
+CONFIG = """\
+name: tuned
+problem:
+  kind: damped-oscillator
+  damping: [{order: 0.5, coefficient: 0.3}]
+  initial: {position: 1.0}
+  final_time: 4.0
+accuracy: {tolerance: 1e-7}
+"""
+
+
+@pytest.fixture
+def fvi(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tuned.yaml").write_text(CONFIG)
+
+    def call(*arguments, expected=0):
+        result = CliRunner().invoke(app, list(arguments))
+        assert result.exit_code == expected, result.output
+        return result.stdout
+
+    return call
+
+
+def stored(tmp_path):
+    """Attributes of the only run."""
+    with h5py.File(tmp_path / "results" / "tuned.h5") as file:
+        ((_, cases),) = file.items()
+        return [
+            dict(group.attrs)
+            for runs in cases.values()
+            for name, group in runs.items()
+            if name != "convergence"
+        ]
+
+
+def test_the_usual_candidates_are_those_of_the_configuration():
+    (experiment,) = parse_config(CONFIG, "tuned.yaml").experiments
+    assert experiment.accuracy.candidates == USUAL_CANDIDATES == experiment.methods
+    assert experiment.is_open
+    assert experiment.runs() == []
+
+
+def test_estimate_and_choice_are_told_and_stored(fvi, tmp_path):
+    said = fvi("run", "tuned.yaml")
+    (run,) = stored(tmp_path)
+    assert run["error"] <= run["estimate"] <= run["tolerance"] == 1e-7
+    assert run["choice"] in said
+    assert f"{run['estimate']:.3e}" in said
+    assert len(json.loads(run["attempts"])) >= 2
+    assert any(run["choice"] in remark for remark in json.loads(run["remarks"]))
+
+
+def test_what_was_chosen_is_recalled_and_not_searched_again(fvi, tmp_path):
+    fvi("run", "tuned.yaml")
+    (first,) = stored(tmp_path)
+    assert "reuse" in fvi("run", "tuned.yaml", "--dry-run")
+    fvi("run", "tuned.yaml")
+    (again,) = stored(tmp_path)
+    assert again["created"] == first["created"]
+    assert again["stepping_seconds"] == first["stepping_seconds"]
+    # control: another tolerance, other candidates, another problem
+    for change in (
+        "accuracy.tolerance=2e-7",
+        "method={rk: gauss, degree: [2, 3]}",
+        "problem.stiffness=2",
+    ):
+        assert "try first" in fvi("run", "tuned.yaml", "--dry-run", "--set", change)
+    fvi("run", "tuned.yaml", "--fresh")
+    (fresh,) = stored(tmp_path)
+    assert fresh["stepping_seconds"] != first["stepping_seconds"]
+
+
+def test_result_files_are_read_without_their_configuration(fvi):
+    said = fvi("run", "tuned.yaml")
+    case, n_steps = said.splitlines()[1].split()[1:3]
+    table = fvi("convergence", "results/tuned.h5", "--output", "elsewhere")
+    assert n_steps in table
+    rows = Path("elsewhere/tables/tuned.csv").read_text().splitlines()
+    assert len(rows) == 2
+    assert rows[1].startswith(f"tuned,{case},")
+    assert "for a tolerance of 1e-07" in Path("elsewhere/tables/tuned.md").read_text()
+    assert "tuned-trajectory" in fvi("plot", "results/tuned.h5", "--output", "elsewhere")
+
+
+def test_a_tolerance_below_the_floor_is_refused_and_the_exit_code_says_so(fvi, tmp_path):
+    said = fvi("run", "tuned.yaml", "--set", "accuracy.tolerance=1e-15", expected=1)
+    assert "below the floor" in said
+    (run,) = stored(tmp_path)
+    assert (run["status"], run["tolerance"]) == ("refused", 1e-15)
+    assert "below the floor" in run["message"]
+
+
+def test_a_ladder_and_a_tolerance_take_each_others_place_by_set(fvi):
+    assert "valid, 1 experiment, 1 run" in fvi("check", "tuned.yaml")
+    ladder = ("--set", "ladder.steps=[4, 8]", "--set", "method={rk: gauss, degree: 2}")
+    assert "valid, 1 experiment, 2 runs" in fvi("check", "tuned.yaml", *ladder)
+    tolerance = ("--set", "accuracy.tolerance=1e-3")
+    assert "valid, 1 experiment, 1 run" in fvi("check", "damped-oscillator", *tolerance)
+
+
+def test_commands_that_need_a_ladder_say_so(fvi):
+    for command in ("cost", "stability"):
+        result = CliRunner().invoke(app, [command, "tuned.yaml"])
+        assert result.exit_code == 2
+        assert "give a ladder" in result.output
+
+
+def test_starter_files_show_the_key(fvi):
+    fvi("new", "mine", "--kind", "pendulum")
+    text = Path("mine.yaml").read_text()
+    assert "\n# accuracy: {tolerance: 1e-8}\n" in text
+    ladder = text[text.index("\nladder: ") :].split("\n")[1]
+    changed = text.replace(ladder, "").replace("# accuracy:", "accuracy:")
+    (experiment,) = parse_config(changed, "mine.yaml").experiments
+    assert experiment.is_open
