@@ -1,0 +1,117 @@
+"""Whatever a file holds, xarray finds the same numbers in it, by h5netcdf and by netCDF4."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import xarray as xr
+
+from fvi_cli import campaign
+from fvi_cli.config import parse_config
+from fvi_cli.execution import carry_out
+from fvi_cli.output.storage import open_results
+
+OSCILLATOR = """
+    problem:
+      kind: bagley-torvik
+      mass: [[1, 0], [0, 2]]
+      stiffness: [[2, -1], [-1, 2]]
+      damping: [{order: 1.5, coefficient: [[0.5, 0], [0, 30]]}]
+      initial: {position: [1, 0], velocity: 0}
+      final_time: 1.0
+    ladder: {steps: [4, 8]}
+"""
+CONFIG = f"""
+name: everything
+experiments:
+  - name: plain
+    {OSCILLATOR.strip()}
+    method: [{{rk: gauss, degree: 2}}, {{baseline: implicit-euler}}]
+    store: {{diagnostics: [energy-balance]}}
+  - name: thinned
+    {OSCILLATOR.strip()}
+    method: {{rk: gauss, degree: 2, history: exponentials}}
+    store: {{every: 2}}
+  - name: not-finished
+    {OSCILLATOR.strip()}
+    method: [{{bdf: 6, sampling: nodes}}]
+  - name: swept
+    {OSCILLATOR.strip()}
+    method: {{rk: gauss, degree: 2}}
+    sweep: {{problem.damping.0.order: [0.5, 1.5]}}
+  - name: derivative
+    problem: {{kind: fractional-derivative, order: 0.5, function: t**2, final_time: 1.0}}
+    method: {{bdf: 2, sampling: nodes}}
+    ladder: {{steps: [4, 8]}}
+"""
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """The file of results, and the parts in which they are kept until it is written."""
+    folder = tmp_path_factory.mktemp("interchange")
+    loaded = parse_config(CONFIG, "everything.yaml")
+    settings = campaign.Settings(output=folder, show_progress=False)
+    kept = folder / "kept"
+    kept.mkdir()
+    with open_results(folder, loaded.name) as results:
+        carry_out(loaded.experiments, settings, title="all", keep=results.add_batch)
+        for part in (folder / "everything.parts").glob("*.h5"):
+            (kept / part.name).write_bytes(part.read_bytes())
+        results.consolidate(loaded)
+    return [folder / "everything.h5", *sorted(kept.glob("*.h5"))]
+
+
+def groups_of(path: Path) -> dict[str, dict[str, Any]]:
+    """Every group with arrays, as h5py reads it."""
+    found: dict[str, dict[str, Any]] = {}
+
+    def look(name: str, node: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(node, h5py.Dataset):
+            group, _, own = f"/{name}".rpartition("/")
+            text = node.asstr() if h5py.check_string_dtype(node.dtype) else node
+            found.setdefault(group or "/", {})[own] = text[()]
+
+    with h5py.File(path) as file:
+        file.visititems(look)
+    return found
+
+
+@pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
+def test_every_file_is_opened_with_the_numbers_in_it(files: list[Path], engine: Any) -> None:
+    statuses = set()
+    for path in files:
+        expected = groups_of(path)
+        with warnings.catch_warnings():
+            # names with dots and the like are remarked on by some versions
+            warnings.simplefilter("ignore")
+            opened = {
+                name: data.load() for name, data in xr.open_groups(path, engine=engine).items()
+            }
+        assert {name for name, data in opened.items() if data.variables} == set(expected)
+        for name, arrays in expected.items():
+            data = opened[name]
+            assert set(data.variables) == set(arrays)
+            for own, values in arrays.items():
+                found = np.asarray(data[own])
+                if found.dtype.kind == "f":
+                    np.testing.assert_array_equal(found, values)  # nan is nan
+                else:
+                    assert found.tolist() == np.asarray(values).tolist()
+            statuses |= {str(data.attrs.get("status"))}
+    assert {"ok", "refused"} <= statuses
+
+
+def test_parts_are_among_them(files: list[Path]) -> None:
+    names = set(groups_of(files[0]))
+    parts = [set(groups_of(path)) for path in files[1:]]
+    assert len(parts) >= 8
+    runs = set().union(*parts)
+    assert runs < names
+    experiments = {name.split("/")[1] for name in runs}
+    assert experiments == {"plain", "thinned", "not-finished", "swept", "derivative"}
