@@ -160,24 +160,27 @@ class Lagrangian:
     def velocity(self, position: Array, momentum: Array, time: Array | float) -> Array:
         """The velocity that belongs to a momentum, by Newton's iteration; shape ``(..., d)``.
 
-        One step suffices where L is quadratic in v. Where none exists the result is not finite
-        or does not belong to the momentum.
+        One step suffices where L is quadratic in v. At points where none exists the result is not
+        finite or does not belong to the momentum.
         """
         velocity = np.zeros_like(momentum)
-        previous = np.inf
+        settled = np.zeros(momentum.shape[:-1], dtype=bool)
+        previous = np.full(momentum.shape[:-1], np.inf)
+        unit = np.eye(self.dimension)
         for _ in range(VELOCITY_SWEEPS):
             at = self.derivatives(position, velocity, time)
-            finite = np.isfinite(at.mass).all() and np.isfinite(at.momentum).all()
-            if not finite:
-                return np.full_like(momentum, np.nan)
-            try:
-                update = np.linalg.solve(at.mass, (momentum - at.momentum)[..., None])[..., 0]
-            except np.linalg.LinAlgError:
-                return np.full_like(momentum, np.nan)
-            velocity = velocity + update
-            size = float(np.abs(update).max(initial=0.0))
-            scale = float(np.abs(velocity).max(initial=0.0))
-            if size <= 1e-15 * scale or size >= 0.5 * previous:
+            finite = np.isfinite(at.mass).all(axis=(-2, -1)) & np.isfinite(at.momentum).all(-1)
+            wrong = np.logical_not(np.asarray(finite))
+            mass = np.where(wrong[..., None, None], unit, at.mass)
+            wrong |= np.linalg.slogdet(mass)[0] == 0
+            mass = np.where(wrong[..., None, None], unit, mass)
+            update = np.linalg.solve(mass, (momentum - at.momentum)[..., None])[..., 0]
+            update[wrong] = np.nan
+            # every point on its own, so that the result does not depend on its neighbours
+            velocity = np.where(settled[..., None], velocity, velocity + update)
+            size, scale = np.abs(update).max(axis=-1), np.abs(velocity).max(axis=-1)
+            settled |= wrong | (size <= 1e-15 * scale) | (size >= 0.5 * previous)
+            if settled.all():
                 break
             previous = size
         return velocity

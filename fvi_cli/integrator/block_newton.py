@@ -236,8 +236,8 @@ class _NewtonBlocks:
         if problem.position_shift is not None:
             position = position + problem.position_shift[step, 0]
         if problem.known_motion is not None:
-            position = position + problem.known_motion.position[step, 0]
-            momentum = momentum + problem.known_motion.momentum[step, 0]
+            known = problem.known_motion.place(step, 0)
+            position, momentum = position + known[0], momentum + known[1]
         matrices = frozen_matrices(problem, position, momentum, done * problem.step_size)
         self._frozen = FrozenResponse(
             problem,

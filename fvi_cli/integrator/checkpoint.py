@@ -28,9 +28,11 @@ class Checkpoint:
     states, states_lost
         The states of the memory, the same, ``(J, q e)``; J = 0 without memory.
     guess
-        Where Newton's iteration begins, ``(1, d)``; empty for linear scenes.
+        Where Newton's iteration begins, ``(1, d)``; of a general Lagrangian ``(1, 2 d)``; empty
+        for linear scenes.
     stiffness
-        The matrix that stands for the Hessian in it, ``(d, d)``; empty for linear scenes.
+        The matrix that stands for the Hessian in it, ``(d, d)``, for a general Lagrangian below
+        its mass matrix, ``(2 d, d)``; empty for linear scenes.
     pace
         Steps of its next block, most steps of later ones, and iterations beyond those that a new
         matrix would have saved; empty for linear scenes.

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.potential import Potential
 from fvi_cli.integrator.block_history import BatchedChannel, lag_kernel, reversed_strip
 from fvi_cli.integrator.block_newton import (
     GROWING_ITERATIONS,
@@ -35,7 +34,9 @@ from fvi_cli.integrator.exponential_march import (
 from fvi_cli.integrator.frozen_laws import BlockInputs, frozen_law, frozen_matrices
 from fvi_cli.integrator.frozen_response import FrozenResponse
 from fvi_cli.integrator.known_forces import KnownForces
-from fvi_cli.integrator.stepping import StepFailedError, StepProblem, StepSolver, step_solver
+from fvi_cli.integrator.known_motion import KnownMotion
+from fvi_cli.integrator.step_solver import StepSolver
+from fvi_cli.integrator.stepping import StepFailedError, StepProblem, step_solver
 
 Array = NDArray[np.float64]
 
@@ -48,6 +49,7 @@ class _Chunk:
     stepper: StepSolver
     moments: Array
     shift: Array | None
+    motion: KnownMotion | None
     position: Array
     momentum: Array
     iterations: list[int]
@@ -60,8 +62,6 @@ class NewtonMarch:
     ----------
     problem
         The steps, with the weights of one block at least.
-    potential
-        What makes them nonlinear.
     known
         Forces that are known in advance.
     kernel
@@ -75,13 +75,12 @@ class NewtonMarch:
     def __init__(
         self,
         problem: StepProblem,
-        potential: Potential,
         known: KnownForces,
         kernel: ExponentialKernel | None,
         block: int,
         start: Checkpoint | None,
     ) -> None:
-        self._problem, self._potential, self._known = problem, potential, known
+        self._problem, self._known = problem, known
         self.block = block
         memory, d = problem.memory, problem.scene.dimension
         self._d, self._m = d, problem.tables.sample_points.size
@@ -104,13 +103,12 @@ class NewtonMarch:
         self._largest = min(most, block) if min(most, block) >= LEAST_BLOCK else 0
         self._value = np.concatenate([problem.position, problem.momentum])
         self._lost = np.zeros(2 * d)
-        self._guess = np.zeros((1, d))
+        self._guess = np.zeros((1, d if problem.scene.lagrangian is None else 2 * d))
         self._count = self._ceiling = self._largest
         self._excess = 0
-        position = problem.position
-        if known.shift is not None:
-            position = position + known.shift(0, 1)[0, 0]
-        stiffness = frozen_matrices(problem, position, problem.momentum)
+        shift = None if known.shift is None else known.shift(0, 1)[0, 0]
+        motion = None if known.motion is None else known.motion(0, 1)
+        stiffness = self._frozen(0, shift, None if motion is None else motion.place(0, 0))
         if start is not None:
             self._value = start.position_and_momentum[0].copy()
             self._lost = start.lost[0].copy()
@@ -130,7 +128,14 @@ class NewtonMarch:
         last = min(first + CHUNK, problem.n_steps)
         shift = None if self._known.shift is None else self._known.shift(first, last)
         moments = self._known.moments(first, last)
-        local = replace(problem, moments=moments, position_shift=shift)
+        motion = None if self._known.motion is None else self._known.motion(first, last)
+        local = replace(
+            problem,
+            moments=moments,
+            position_shift=shift,
+            known_motion=motion,
+            first_step=first,
+        )
         if moments is None:
             moments = np.zeros((last - first, problem.tables.degree + 1, d))
         chunk = _Chunk(
@@ -138,6 +143,7 @@ class NewtonMarch:
             stepper=step_solver(local),
             moments=moments,
             shift=shift,
+            motion=motion,
             position=np.zeros((last - first, d)),
             momentum=np.zeros((last - first, d)),
             iterations=[],
@@ -207,7 +213,7 @@ class NewtonMarch:
                 self._largest,
                 with_force=False,
             )
-        d, shift = self._d, chunk.shift
+        d, shift, motion = self._d, chunk.shift, chunk.motion
         carry = self._problem.memory.offset.ravel()
         found = self._response.attempt(
             BlockInputs(
@@ -217,6 +223,7 @@ class NewtonMarch:
                 remainder=self._guess,
                 first=chunk.first + done,
                 shift=None if shift is None else shift[done : done + count],
+                motion=None if motion is None else motion.steps(done, done + count),
             )
         )
         if found is None:
@@ -232,10 +239,12 @@ class NewtonMarch:
             self._count = min(2 * count, max(self._ceiling, LEAST_BLOCK))
         self._excess += len(found.changes) - 4
         if self._excess > REFRESH_AFTER:
-            reached = self._value[:d]
-            if shift is not None:
-                reached = reached + shift[done + count - 1, -1]
-            self._stiffness = frozen_matrices(self._problem, reached, self._value[d:])
+            end = done + count - 1
+            self._stiffness = self._frozen(
+                chunk.first + end + 1,
+                None if shift is None else shift[end, -1],
+                None if motion is None else motion.place(end, -1),
+            )
             self._response, self._excess = None, 0
         return True
 
@@ -244,8 +253,7 @@ class NewtonMarch:
         problem, memory, d = self._problem, self._problem.memory, self._d
         known = self._known_force(force, samples, place, 1).reshape(self._m, d)
         position, momentum = self._value[:d].copy(), self._value[d:].copy()
-        velocity = np.linalg.solve(problem.scene.inertia.mass, momentum)
-        guess = problem.step_size * np.outer(problem.tables.control_points[1:], velocity)
+        guess = chunk.stepper.free_motion(done, position, momentum)
         step = chunk.first + done
         try:
             increments, _, change, residuals = chunk.stepper.advance(
@@ -261,6 +269,16 @@ class NewtonMarch:
         if not np.isfinite(self._value).all():
             return f"not finite after step {step}, t = {(step + 1) * problem.step_size:.6g}"
         return ""
+
+    def _frozen(self, step: int, shift: Array | None, motion: tuple[Array, Array] | None) -> Array:
+        """The matrices of a linear response from a step on, close to where the run is."""
+        position, momentum = self._value[: self._d], self._value[self._d :]
+        if shift is not None:
+            position = position + shift
+        if motion is not None:
+            position, momentum = position + motion[0], momentum + motion[1]
+        time = step * self._problem.step_size
+        return frozen_matrices(self._problem, position, momentum, time)
 
     def _move(self, change: Array) -> None:
         """Compensated sums of position and momentum."""

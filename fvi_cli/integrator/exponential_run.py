@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.checkpoint import Checkpoint
@@ -91,8 +92,6 @@ def integrate_part(
     """
     if every < 1:
         raise ValueError(f"every: {every} is not allowed; it must be at least 1")
-    if scene.lagrangian is not None:
-        raise ValueError("history: exponentials is not made for a general Lagrangian")
     begin = 0 if checkpoint is None else checkpoint.step
     if until is None:
         until = n_steps
@@ -106,7 +105,7 @@ def integrate_part(
     kept = _Kept(scene, known, n_steps, every, begin, end)
     newton = NewtonRecord()
     failure, done = "", begin
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):
         while done < end and not failure:
             advanced(done, n_steps)
             first = done - done % CHUNK
@@ -122,6 +121,8 @@ def integrate_part(
             kept.keep(first, done, stop, marched.position, marched.momentum, final=bool(failure))
             done = stop
     finished = time.perf_counter()
+    if scene.lagrangian is not None:
+        failure = kept.cut_where_irregular(scene.lagrangian) or failure
     following = None
     if not failure and done < n_steps:
         following = march.checkpoint(method.case, done)
@@ -182,11 +183,11 @@ def _march(
         step_size=h,
         n_steps=n_steps,
         position=rest if from_rest else scene.initial_position,
-        momentum=rest if from_rest else scene.inertia.mass @ scene.initial_velocity,
+        momentum=rest if from_rest else _start_momentum(scene),
     )
     forces = known_forces(scene, settled, tables, memory, known, n_steps)
     samples = tables.sample_points.size
-    if scene.potential is None or scene.is_linear:
+    if scene.is_linear:
         decoupling = linear_decoupling(problem)
         batch = decoupling.batch
         size = samples * scene.dimension // batch
@@ -194,8 +195,23 @@ def _march(
         march: March = LinearMarch(problem, forces, decoupling, kernel, block, checkpoint)
     else:
         block = block_length(samples * scene.dimension, 1)
-        march = NewtonMarch(problem, scene.potential, forces, kernel, block, checkpoint)
+        march = NewtonMarch(problem, forces, kernel, block, checkpoint)
     return march, known, _bound(problem, forces), series.remarks
+
+
+def _start_momentum(scene: Scene) -> Array:
+    position, velocity = scene.initial_position, scene.initial_velocity
+    if scene.lagrangian is not None:
+        return scene.lagrangian.momentum(position, velocity, 0.0)
+    return np.asarray(scene.inertia.mass @ velocity)
+
+
+def _energy(scene: Scene, position: Array, momentum: Array, time: Array) -> Array:
+    lagrangian = scene.lagrangian
+    if lagrangian is None:
+        return scene.energy(position, momentum)
+    velocity = lagrangian.velocity(position, momentum, time)
+    return lagrangian.energy(position, velocity, time)
 
 
 def _bound(problem: StepProblem, forces: KnownForces) -> GrowthBound:
@@ -239,8 +255,9 @@ class _Kept:
         self._momentum = np.empty((room, scene.dimension))
         self._count = 0
         if begin == 0:
-            momentum = scene.inertia.mass @ scene.initial_velocity
-            self._add(np.zeros(1), scene.initial_position[None].copy(), momentum[None])
+            self._add(
+                np.zeros(1), scene.initial_position[None].copy(), _start_momentum(scene)[None]
+            )
 
     @property
     def time(self) -> Array:
@@ -281,11 +298,26 @@ class _Kept:
             grid = h * np.arange(first + 1, min(first + CHUNK, self._n_steps) + 1, dtype=float)
             known_position, known_velocity = self._known.on_grid(grid)
             chosen = chosen + known_position[rows]
-            momenta = momenta + (known_velocity @ self._scene.inertia.mass)[rows]
+            if self._scene.lagrangian is None:
+                known_momentum = known_velocity @ self._scene.inertia.mass
+            else:
+                known_momentum = self._scene.lagrangian.momentum(
+                    known_position, known_velocity, grid
+                )
+            momenta = momenta + known_momentum[rows]
         self._add(h * wanted.astype(float), chosen, momenta)
+
+    def cut_where_irregular(self, lagrangian: Lagrangian) -> str:
+        """Leave out what comes after the last regular point; why, in words, if anything does."""
+        from fvi_cli.integrator.general import regular_until
+
+        self._count, failure = regular_until(
+            lagrangian, self.position, self.momentum, self.energy, self.time
+        )
+        return failure
 
     def _add(self, grid: Array, position: Array, momentum: Array) -> None:
         at = slice(self._count, self._count + grid.size)
         self._time[at], self._position[at], self._momentum[at] = grid, position, momentum
-        self._energy[at] = self._scene.energy(position, momentum)
+        self._energy[at] = _energy(self._scene, position, momentum, grid)
         self._count += grid.size

@@ -14,15 +14,14 @@ from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.diagnostics import NOTHING, Asked, diagnose
 from fvi_cli.integrator.engine import run
 from fvi_cli.integrator.integrate import force_moments, jump_force
-from fvi_cli.integrator.known_motion import KnownMotion
+from fvi_cli.integrator.known_lagrangian import known_motion, lagrangian_residual
 from fvi_cli.integrator.known_part import NO_SERIES, KnownPart, plan_series, settled_method
 from fvi_cli.integrator.memory import build_memory
 from fvi_cli.integrator.method import AnyMethod, Baseline
-from fvi_cli.integrator.moments import StepFunction, exact_moments, galerkin_moments
+from fvi_cli.integrator.moments import exact_moments, galerkin_moments
 from fvi_cli.integrator.motion import Motion
-from fvi_cli.integrator.start import StartDecision
 from fvi_cli.integrator.step_increments import run_with_increments
-from fvi_cli.integrator.step_tables import StepTables, step_tables
+from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.stepping import Stepped, StepProblem
 from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.mathematics.windowed_series import WindowedSeries
@@ -64,7 +63,9 @@ def integrate_general(
     moments, of_forcing, jump = None, None, None
     if decision is not None and window is not None:
         # smooth by construction: the action's own rule is exact enough
-        moments = galerkin_moments(_residual(scene, lagrangian, decision), tables, h, n_steps)
+        moments = galerkin_moments(
+            lagrangian_residual(scene, lagrangian, decision), tables, h, n_steps
+        )
     else:
         if scene.forcing is not None:
             moments = force_moments(
@@ -91,7 +92,7 @@ def integrate_general(
         moments=moments,
         known_motion=None
         if window is None
-        else _known_motion(lagrangian, window, tables, h, n_steps),
+        else known_motion(lagrangian, window, tables, h, 0, n_steps),
         skip_first_kick=method.sampling == "nodes",
     )
     ready = time.perf_counter()
@@ -132,50 +133,6 @@ def integrate_general(
         return replace(trajectory, diagnostics=diagnose(motion, asked))
 
 
-def _known_motion(
-    lagrangian: Lagrangian, window: WindowedSeries, tables: StepTables, h: float, n_steps: int
-) -> KnownMotion:
-    at = h * (np.arange(n_steps, dtype=float)[:, None] + tables.points)
-    position, velocity = window.position(at), window.velocity(at)
-    return KnownMotion(
-        position=position,
-        velocity=velocity,
-        momentum=lagrangian.momentum(position, velocity, at),
-        force=lagrangian.force(position, velocity, at),
-    )
-
-
-def _residual(scene: Scene, lagrangian: Lagrangian, decision: StartDecision) -> StepFunction:
-    r"""The force on u = x - S: what drives x, less what drives S.
-
-    .. math:: f - \sum_j \mu_j D^{\gamma_j} S - \frac{d}{dt} \partial_v L(S, S', t)
-              + \partial_q L(S, S', t)
-
-    Close to 0, where unbounded terms cancel, it is zero to round-off.
-    """
-    window, expansion = decision.window, decision.expansion
-    if window is None or expansion is None:
-        raise ValueError(f"no known part: {decision.reason}")
-    near = decision.tau * 1e-17 ** (1.0 / max(expansion.cutoff - 2.0, 1.0))
-
-    def force(start: Array, step_size: float, offsets: Array) -> Array:
-        at = start[:, None] + step_size * offsets
-        # at t = 0 unbounded terms of both signs meet
-        with np.errstate(all="ignore"):
-            position, velocity = window.position(at), window.velocity(at)
-            total = lagrangian.force(position, velocity, at) - lagrangian.momentum_rate(
-                position, velocity, window.acceleration(at), at
-            )
-            for term in scene.active_damping:
-                derivative = window.fractional_derivative(at, term.order, scene.derivative)
-                total -= derivative @ term.coefficient
-            if scene.forcing is not None:
-                total += scene.forcing.on_steps(start, step_size, offsets)
-        return np.where((at < near)[..., None], 0.0, total)
-
-    return force
-
-
 def _trajectory(
     lagrangian: Lagrangian,
     problem: StepProblem,
@@ -198,16 +155,7 @@ def _trajectory(
             momentum = momentum + lagrangian.momentum(known, rate, grid)
         velocity = lagrangian.velocity(position, momentum, grid)
         energy = lagrangian.energy(position, velocity, grid)
-        kept, failure = _definite_until(lagrangian, position, velocity, grid)
-        wrong = np.flatnonzero(~np.isfinite(energy[:kept]))
-        if wrong.size:
-            # derivatives may well be numbers where L is none, beyond the end of a logarithm
-            kept = int(wrong[0])
-            near = ", ".join(f"{value:.4g}" for value in position[kept])
-            failure = (
-                f"step {kept - 1}, t = {grid[kept]:.6g}: the Lagrangian is not finite near "
-                f"q = [{near}]"
-            )
+    kept, failure = regular_until(lagrangian, position, momentum, energy, grid)
     if kept == grid.size:
         failure = stepped.failure
     finite = bool(np.isfinite(position[:kept]).all() and np.isfinite(momentum[:kept]).all())
@@ -229,18 +177,38 @@ def _trajectory(
     )
 
 
-def _definite_until(
-    lagrangian: Lagrangian, position: Array, velocity: Array, grid: Array
+def regular_until(
+    lagrangian: Lagrangian, position: Array, momentum: Array, energy: Array, grid: Array
 ) -> tuple[int, str]:
-    """How many points of the grid have a positive definite mass matrix, and what comes then."""
-    mass = lagrangian.derivatives(position, velocity, grid).mass
+    """How many points of the grid have a positive definite mass matrix and an energy.
+
+    Parameters
+    ----------
+    lagrangian
+        L.
+    position, momentum, energy, grid
+        The path and its times; its end may be not finite.
+
+    Returns
+    -------
+    int, str
+        The number of points, and what comes then in words.
+    """
+    with np.errstate(all="ignore"):
+        velocity = lagrangian.velocity(position, momentum, grid)
+        mass = lagrangian.derivatives(position, velocity, grid).mass
     wrong = np.logical_not(np.isfinite(mass.reshape(grid.size, -1)).all(axis=1))
     smallest = np.linalg.eigvalsh(np.where(np.expand_dims(wrong, (1, 2)), 0.0, mass)).min(axis=1)
-    bad = np.flatnonzero(~(smallest > 0))
+    bad = np.flatnonzero(~(smallest > 0) | ~np.isfinite(energy))
     if not bad.size:
         return grid.size, ""
     first = int(bad[0])
+    place = f"step {max(first - 1, 0)}, t = {grid[first]:.6g}: "
+    if smallest[first] > 0:
+        # derivatives may well be numbers where L is none, beyond the end of a logarithm
+        near = ", ".join(f"{value:.4g}" for value in position[first])
+        return first, f"{place}the Lagrangian is not finite near q = [{near}]"
     return first, (
-        f"step {first - 1}, t = {grid[first]:.6g}: the mass matrix d2L/dv2 is not positive "
-        f"definite any more (smallest eigenvalue {smallest[first]:.3g})"
+        f"{place}the mass matrix d2L/dv2 is not positive definite any more "
+        f"(smallest eigenvalue {smallest[first]:.3g})"
     )

@@ -80,7 +80,7 @@ class GeneralStepper:
 
     def free_motion(self, index: int, position: Array, momentum: Array) -> Array:
         """Increments with the velocity that belongs to `momentum`, shape ``(s, d)``."""
-        time = index * self._problem.step_size
+        time = (self._problem.first_step + index) * self._problem.step_size
         known = self._problem.known_motion
         with np.errstate(all="ignore"):
             if known is None:
@@ -114,7 +114,7 @@ class GeneralStepper:
         offset: Array,
         guess: Array,
     ) -> tuple[Array, Array, Array, tuple[float, ...]]:
-        """Solve step `index`, see :class:`~fvi_cli.integrator.stepping.StepSolver`."""
+        """Solve step `index`, see :class:`~fvi_cli.integrator.step_solver.StepSolver`."""
         problem = self._problem
         h, weights = problem.step_size, problem.memory.force_weights
         force = self.damping_force(known, offset, np.zeros(self._shape))
@@ -177,7 +177,7 @@ class GeneralStepper:
         if known is not None:
             position = position + known.position[index]
             velocity = velocity + known.velocity[index]
-        time = (index + problem.tables.points) * problem.step_size
+        time = (problem.first_step + index + problem.tables.points) * problem.step_size
         at = self._lagrangian.derivatives(position, velocity, time)
         momentum, force = at.momentum, at.force
         if known is not None:

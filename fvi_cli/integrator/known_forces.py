@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,8 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.exponential_history import exponential_kernel
 from fvi_cli.integrator.integrate import force_moments, jump_force
+from fvi_cli.integrator.known_lagrangian import known_motion
+from fvi_cli.integrator.known_motion import KnownMotion
 from fvi_cli.integrator.known_part import KnownPart
 from fvi_cli.integrator.memory import Memory, build_channels
 from fvi_cli.integrator.method import Method
@@ -20,6 +23,7 @@ from fvi_cli.integrator.moments import StepFunction, exact_moments, galerkin_mom
 from fvi_cli.integrator.step_tables import StepTables
 
 Array = NDArray[np.float64]
+MotionRange = Callable[[int, int], KnownMotion]
 Range = Callable[[int, int], Array]
 """``(first, last)`` to rows for the steps `first` <= k < `last`."""
 
@@ -36,11 +40,14 @@ class KnownForces:
         Known part of the position at the quadrature points, to ``(n, r, d)``; None: zero.
     size
         s + 1 and d.
+    motion
+        Known part of the motion of a general Lagrangian; None: none.
     """
 
     moment_parts: tuple[Range, ...]
     shift: Range | None
     size: tuple[int, int]
+    motion: MotionRange | None = None
 
     def moments(self, first: int, last: int) -> Array | None:
         """All moments together, shape ``(last - first, s + 1, d)``; None where there are none."""
@@ -124,8 +131,21 @@ def known_forces(
         else:
             shift = position
     return KnownForces(
-        moment_parts=tuple(parts), shift=shift, size=(tables.degree + 1, scene.dimension)
+        moment_parts=tuple(parts),
+        shift=shift,
+        size=(tables.degree + 1, scene.dimension),
+        motion=_motion(scene, tables, known, h),
     )
+
+
+def _motion(
+    scene: Scene, tables: StepTables, known: KnownPart | None, step_size: float
+) -> MotionRange | None:
+    lagrangian = scene.lagrangian
+    window = None if known is None else known.start.window
+    if lagrangian is None or window is None:
+        return None
+    return partial(known_motion, lagrangian, window, tables, step_size)
 
 
 def _subtracted_velocity(

@@ -35,3 +35,7 @@ class KnownMotion:
             momentum=self.momentum[first:last],
             force=self.force[first:last],
         )
+
+    def place(self, step: int, point: int) -> tuple[Array, Array]:
+        """Position and momentum at one point, shape ``(d,)`` each."""
+        return self.position[step, point], self.momentum[step, point]

@@ -103,6 +103,10 @@ class KnownPart:
 
     def residual(self) -> StepFunction:
         """The forcing that remains for u."""
+        if self.scene.lagrangian is not None:
+            from fvi_cli.integrator.known_lagrangian import lagrangian_residual
+
+            return lagrangian_residual(self.scene, self.scene.lagrangian, self.start)
         base = None if self.start.window is None else residual_force(self.scene, self.start)
         if base is None and self.scene.forcing is not None:
             base = self.scene.forcing.on_steps

@@ -27,6 +27,7 @@ from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.known_motion import KnownMotion
 from fvi_cli.integrator.memory import DirectHistory, Memory
+from fvi_cli.integrator.step_solver import StepSolver
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.trajectory import NewtonRecord
 
@@ -37,7 +38,7 @@ NEWTON_LIMIT = 50
 
 
 class StepFailedError(Exception):
-    """A step whose equations could not be solved; carries the record of the attempt."""
+    """A step whose equations could not be solved, with the record of the attempt."""
 
     def __init__(self, message: str, residuals: tuple[float, ...]) -> None:
         self.residuals = residuals
@@ -64,6 +65,8 @@ class StepProblem:
         Known addition to the damping force, shape ``(N + 1, m, d)``; None: zero.
     position, momentum
         Start values of the unknown, shape ``(d,)``.
+    first_step
+        Number of the first step on the whole grid.
     skip_first_kick
         Leave out the damping force of step 0 (the paper's algorithm, samples on the nodes).
     stop_beyond
@@ -83,6 +86,7 @@ class StepProblem:
     position_shift: Array | None = None
     known_motion: KnownMotion | None = None
     extra_force: Array | None = None
+    first_step: int = 0
     skip_first_kick: bool = False
     stop_beyond: float = math.inf
     keep_force: bool = False
@@ -132,44 +136,13 @@ class History(Protocol):
         """Append the samples of a finished step, shape ``(m, d)``."""
 
 
-class StepSolver(Protocol):
-    """The equations of a step."""
-
-    @property
-    def first_guess(self) -> Array:
-        """Increments to begin with in the first step, shape ``(s, d)``."""
-
-    def free_motion(self, index: int, position: Array, momentum: Array) -> Array:
-        """Increments of step `index` if nothing acted on it, shape ``(s, d)``."""
-
-    def damping_force(self, known: Array, offset: Array, increments: Array) -> Array:
-        """F of a step: finished history, plus the newest weight times the newest sample."""
-
-    def advance(
-        self,
-        index: int,
-        position: Array,
-        momentum: Array,
-        known: Array,
-        offset: Array,
-        guess: Array,
-    ) -> tuple[Array, Array, Array, tuple[float, ...]]:
-        """Solve step `index`: increments, damping force, momentum increment, residuals.
-
-        Raises
-        ------
-        StepFailedError
-            If Newton's iteration does not converge.
-        """
-
-
 def step_solver(problem: StepProblem) -> StepSolver:
     """What solves the steps of `problem`."""
-    if problem.scene.lagrangian is None:
-        return Stepper(problem)
-    from fvi_cli.integrator.general_stepping import GeneralStepper
+    if problem.scene.lagrangian is not None:
+        from fvi_cli.integrator.general_stepping import GeneralStepper
 
-    return GeneralStepper(problem, problem.scene.lagrangian)
+        return GeneralStepper(problem, problem.scene.lagrangian)
+    return Stepper(problem)
 
 
 class Stepper:
@@ -206,7 +179,7 @@ class Stepper:
         return self._problem.step_size * np.outer(self._problem.tables.control_points[1:], velocity)
 
     def damping_force(self, known: Array, offset: Array, increments: Array) -> Array:
-        """F of a step: finished history, plus the newest weight times the newest sample."""
+        """As :class:`~fvi_cli.integrator.step_solver.StepSolver` has it."""
         force = known
         sample = self._problem.memory.sample_matrix.T @ increments + offset
         for channel in self._problem.memory.channels:
@@ -222,7 +195,7 @@ class Stepper:
         offset: Array,
         guess: Array,
     ) -> tuple[Array, Array, Array, tuple[float, ...]]:
-        """Solve step `index`, see :class:`StepSolver`."""
+        """Solve step `index`, see :class:`~fvi_cli.integrator.step_solver.StepSolver`."""
         problem = self._problem
         tables, h = problem.tables, problem.step_size
         moments = None if problem.moments is None else problem.moments[index]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,8 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import block_newton
+from fvi_cli.integrator.checkpoint import Checkpoint
+from fvi_cli.integrator.exponential_run import integrate_part
 from fvi_cli.integrator.frozen_laws import LagrangianLaw
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
@@ -142,3 +145,58 @@ def test_a_start_where_the_lagrangian_is_no_number_is_refused() -> None:
             lagrangian="vx**2*(1 + x**2)/2 - log(x)",
             initial_position=-1.0,
         )
+
+
+EXPONENTIALS = replace(GAUSS3, history="exponentials")
+
+
+@pytest.mark.parametrize("make", [bent, lambda: bent(1.5), charge, fast])
+def test_exponentials_give_what_single_steps_give(make: Callable[[], Scene]) -> None:
+    scene = make()
+    single = integrate(scene, replace(GAUSS3, history="direct"), 256)
+    free = integrate(scene, EXPONENTIALS, 256)
+    assert free.status == "ok"
+    for name in ("position", "momentum", "energy"):
+        assert largest_difference(getattr(free, name), getattr(single, name)) <= 1e-12
+    few = integrate(scene, EXPONENTIALS, 256, every=100)
+    assert few.time == pytest.approx(scene.final_time * np.array([0, 100, 200, 256]) / 256)
+    assert np.array_equal(few.position, free.position[[0, 100, 200, 256]])
+
+
+def test_a_run_of_exponentials_goes_on_bit_for_bit() -> None:
+    scene = charge()
+    whole = integrate_part(scene, EXPONENTIALS, 256)
+    first = integrate_part(scene, EXPONENTIALS, 256, until=100)
+    assert first.checkpoint is not None
+    assert 100 <= first.checkpoint.step < 256
+    kept = Checkpoint.from_bytes(first.checkpoint.to_bytes())
+    rest = integrate_part(scene, EXPONENTIALS, 256, checkpoint=kept)
+    for name in ("position", "momentum", "energy"):
+        parts = [getattr(part.trajectory, name) for part in (first, rest)]
+        assert np.array_equal(np.concatenate(parts), getattr(whole.trajectory, name))
+
+
+def test_exponentials_tell_where_a_run_cannot_go_on() -> None:
+    scene = lagrangian_scene(
+        final_time=4.0,
+        coordinates=("x",),
+        lagrangian="x*vx**2/2 - x",
+        damping=[FractionalDamping(order=0.5, coefficient=0.1)],
+        initial_position=1.0,
+    )
+    run = integrate(scene, replace(EXPONENTIALS, start="none"), 64)
+    assert run.status == "failed"
+    assert run.message.startswith("step ")
+    assert np.isfinite(run.position).all()
+
+
+def test_velocities_do_not_depend_on_their_neighbours() -> None:
+    lagrangian = charge().lagrangian
+    assert lagrangian is not None
+    position = np.array([[0.1, 0.2], [np.nan, 0.0], [3.0, -1.0]])
+    momentum = np.array([[1.0, 0.0], [1.0, 1.0], [1e6, 2.0]])
+    together = lagrangian.velocity(position, momentum, 0.5)
+    alone = [lagrangian.velocity(q, p, 0.5) for q, p in zip(position, momentum, strict=True)]
+    assert np.array_equal(together, np.array(alone), equal_nan=True)
+    assert np.isfinite(together[[0, 2]]).all()
+    assert np.isnan(together[1]).all()
