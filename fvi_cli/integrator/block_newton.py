@@ -89,8 +89,8 @@ def run_newton_blocks(problem: StepProblem) -> Stepped | None:
     Returns
     -------
     Stepped
-        As `run_steps` gives it, without the samples; with the damping force at the nodes only
-        where the samples lie on them.
+        As `run_steps` gives it, without the samples; with the damping force only where it is
+        kept, or where the samples lie on the nodes.
     """
     samples = problem.tables.sample_points.size
     largest = newton_block(problem.scene, samples, problem.n_steps)
@@ -114,6 +114,7 @@ class _NewtonBlocks:
         self._reaches = max((c.memory for c in memory.channels), default=0)
         self._damped = self._reaches > 1
         self._on_nodes = problem.skip_first_kick and bool(memory.channels)
+        self._with_force = self._on_nodes or (problem.keep_force and bool(memory.channels))
         steps = problem.n_steps + 1 if self._on_nodes else problem.n_steps
         self._history = GroupHistory(
             self._channels if self._damped else (), self._m, self._group, steps
@@ -141,7 +142,7 @@ class _NewtonBlocks:
         problem, d = self._problem, self._d
         n_steps = problem.n_steps
         positions, momenta = np.empty((n_steps + 1, d)), np.empty((n_steps + 1, d))
-        forces = np.zeros((n_steps + 1, self._m, d)) if self._on_nodes else None
+        forces = np.zeros((n_steps + 1, self._m, d)) if self._with_force else None
         positions[0], momenta[0] = problem.position, problem.momentum
         done, failure = 0, ""
         with np.errstate(all="ignore"):
@@ -162,7 +163,7 @@ class _NewtonBlocks:
                 if done % self._group == 0 and self._damped and not failure:
                     shape = (1, self._group, self._m, d)
                     self._history.finish(done // self._group - 1, self._samples.reshape(shape))
-        if forces is not None and done == n_steps and not failure:
+        if forces is not None and self._on_nodes and done == n_steps and not failure:
             if done % self._group == 0:
                 self._begin_group(done)
             forces[done] = self._newest_force(self._known(done, 1))
@@ -244,7 +245,7 @@ class _NewtonBlocks:
             frozen_law(problem, matrices),
             self._channels,
             self._largest,
-            with_force=self._on_nodes,
+            with_force=self._with_force,
         )
         self._excess = 0
 
@@ -345,7 +346,8 @@ class _NewtonBlocks:
             for known in (problem.memory.known_force, problem.extra_force):
                 if known is not None:
                     end_force = end_force + known[: done + 1]
-            end_force[0] = 0.0
+            if problem.skip_first_kick:
+                end_force[0] = 0.0
             if done < problem.n_steps or failure:
                 end_force[done] = 0.0
         return Stepped(

@@ -61,8 +61,8 @@ def integrate(
         Keep every n-th point of the grid, the first and the last. With ``history: exponentials``
         the others are nowhere in memory.
     diagnostics
-        What else is computed. It needs the increments of every step, which blocks of linear scenes
-        do not lose; others are then stepped one after the other.
+        What else is computed. It needs the increments of every step, which are found again where
+        steps are done in blocks; general Lagrangians are then stepped one after the other.
 
     Returns
     -------

@@ -19,12 +19,12 @@ from fvi_cli.effects.symmetry import Symmetry
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.expansion import forcing_is_smooth
 from fvi_cli.integrator.known_part import FORCING_CUTOFF, KnownPart
-from fvi_cli.integrator.moments import FINE_POINTS, StepFunction, exact_moments
+from fvi_cli.integrator.moments import FINE_POINTS, LEAST_POWER, StepFunction, exact_moments
 from fvi_cli.integrator.motion import Motion, grid_velocity, paired, running_sum
 from fvi_cli.integrator.stage_basis import legendre_stages
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.lagrange import LagrangeBasis
-from fvi_cli.mathematics.power_series import SeriesError
+from fvi_cli.mathematics.power_series import SeriesError, initial_terms
 
 Array = NDArray[np.float64]
 
@@ -101,7 +101,9 @@ def known_field(motion: Motion, values: StepFunction) -> KnownField:
             force = force - jump(start, step_size, offsets)
         return np.concatenate([field, force, (field * force).sum(-1, keepdims=True)], axis=-1)
 
-    moments = _known_moments(motion, together, far_points=FAR_POINTS)
+    moments = _known_moments(
+        motion, together, far_points=FAR_POINTS, least_power=_least_power(motion, known)
+    )
     return KnownField(
         values=values,
         moments=moments[..., :d],
@@ -186,7 +188,11 @@ def _forcing_on(
 
 
 def _known_moments(
-    motion: Motion, function: StepFunction, *, far_points: int = FINE_POINTS
+    motion: Motion,
+    function: StepFunction,
+    *,
+    far_points: int = FINE_POINTS,
+    least_power: float = LEAST_POWER,
 ) -> Array:
     """Moments to round-off, since what is known begins with fractional powers at every break."""
     return exact_moments(
@@ -196,7 +202,25 @@ def _known_moments(
         motion.n_steps,
         _singular_steps(motion),
         far_points=far_points,
+        least_power=least_power,
     )
+
+
+def _least_power(motion: Motion, known: KnownPart) -> float:
+    """Least power of t with which the damping force of S begins; 0 where all are positive."""
+    scene = motion.scene
+    orders = [term.order for term in scene.active_damping]
+    windows = [window for _, window in known.jumps]
+    if known.start.window is not None:
+        windows.append(known.start.window)
+    least = 0.0 if motion.jump is None else -max(orders)
+    for window in windows:
+        for order in orders:
+            kept = window.exponents
+            if scene.derivative == "caputo":
+                kept = kept[~initial_terms(kept, order)]
+            least = min(least, float(kept.min(initial=2.0)) - order)
+    return least
 
 
 def _singular_steps(motion: Motion) -> tuple[int, ...]:

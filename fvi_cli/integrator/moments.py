@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -19,6 +20,7 @@ StepFunction = Callable[[Array, float, Array], Array]
 
 GRADING_RATIO = 0.15
 GRADING_LEVELS = 200
+LEAST_POWER = -0.9
 FINE_POINTS = 24
 NEAR_STEPS = 16
 CHUNK = 4096
@@ -38,12 +40,14 @@ def exact_moments(
     singular_steps: tuple[int, ...] = (0,),
     *,
     far_points: int = FINE_POINTS,
+    least_power: float = LEAST_POWER,
 ) -> Array:
     r""":math:`h \int_0^1 l_\nu(\tau) f(t_k + \tau h) d\tau` to round-off, ``(n_steps, s + 1, d)``.
 
     Every step takes a 24-point Gauss rule; the first, and each step after a break point, a
     composite one graded geometrically towards its left end. On panels of ratio 0.15 the rule
-    integrates every t**p to round-off, and 200 panels leave out less than 1e-16 of t**(-0.9).
+    integrates every t**p to round-off, and its panels leave out less than 1e-16 of t**p for p from
+    `least_power` on (200 panels for -0.9).
 
     `far_points` are enough, for a force that is smooth but for powers of t at the `singular_steps`,
     on steps that are further than `NEAR_STEPS` from the last one of them: there the Bernstein
@@ -62,7 +66,7 @@ def exact_moments(
     if moments is None:
         raise ValueError(f"n_steps: {n_steps} is not allowed; it must be positive")
     for step in singular_steps:
-        moments[step] = _composite(force, method, h, step, graded_edges())
+        moments[step] = _composite(force, method, h, step, graded_edges(least_power))
     return moments
 
 
@@ -78,9 +82,14 @@ def _stretches(
                 yield first, min(first + CHUNK, upper), points
 
 
-def graded_edges() -> Array:
-    """Edges of panels on [0, 1] that shrink geometrically towards 0."""
-    return np.concatenate([[0.0], GRADING_RATIO ** np.arange(GRADING_LEVELS - 1, -1, -1.0)])
+def graded_edges(least_power: float = LEAST_POWER) -> Array:
+    """Edges of panels on [0, 1] that shrink geometrically towards 0.
+
+    The first ends where t**(p + 1) is below 1e-16; for p below -0.9 where it is for -0.9.
+    """
+    power = max(least_power, LEAST_POWER) + 1.0
+    levels = math.ceil(GRADING_LEVELS * (LEAST_POWER + 1.0) / power)
+    return np.concatenate([[0.0], GRADING_RATIO ** np.arange(levels - 1, -1, -1.0)])
 
 
 def _graded_rule(edges: Array) -> tuple[Array, Array]:

@@ -231,7 +231,7 @@ def test_momentum_maps_are_kept_or_balanced_to_round_off(method):
     if method.start == "none":
         damped = diagnosed(kepler(0.05), method, 128, TURN)
         assert damped.momentum_map[-1, 0] < 0.7
-        assert np.abs(damped.momentum_map_defect).max() < 1e-14
+        assert np.abs(damped.momentum_map_defect).max() < 3e-14
 
 
 def test_momentum_balance_of_a_series_start_falls_with_its_order():
@@ -339,13 +339,13 @@ def test_balances_are_the_same_by_blocks_and_by_single_steps(scene, method):
     assert np.abs(found[:, 1:] - expected[:, :-1]).max() > 1e-6 * scale
 
 
-def test_asking_for_a_balance_takes_no_single_steps_on_linear_scenes(monkeypatch):
+def test_asking_for_a_balance_takes_no_single_steps(monkeypatch):
     def refuse(*arguments, **options):
         raise AssertionError("steps one after the other")
 
     monkeypatch.setattr(increments_module, "run_steps", refuse)
     for method in (GAUSS2, NODES, POINTS):
-        for scene in (oscillator(0.5), two_masses()):
+        for scene in (oscillator(0.5), two_masses(), pendulum(), kepler(0.0)):
             asked = integrate(scene, method, 200, diagnostics=Asked(energy_balance=True))
             alone = integrate(scene, method, 200)
             assert asked.history_operations == alone.history_operations
