@@ -189,3 +189,14 @@ def test_figures_have_lines_for_a_few_members_and_bands_for_many(study, labels, 
         ]
         (median,) = [line for line in drawn["panels"][1]["lines"] if line["label"] == "median"]
         assert median["y"][0] == pytest.approx(np.median(errors), rel=0.01)
+
+
+@pytest.mark.parametrize(("error", "status"), [(0.0, "floor"), (np.nan, "diverged")])
+def test_members_without_an_error_have_no_figure_of_orders(one_key, error, status):
+    experiment, finished = one_key
+    experiment = dataclasses.replace(experiment, figures=("convergence", "trajectory"))
+    spoilt = [dataclasses.replace(one, status=status, error=error) for one in finished]
+    assert list(figures_for([(experiment, spoilt)], name="many")) == ["many-trajectory"]
+    assert left_out([(experiment, spoilt)]) == [
+        "many: no convergence figure, since no member has an error, or one above 0"
+    ]

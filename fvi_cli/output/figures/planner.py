@@ -159,6 +159,8 @@ def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[
     compared = any(np.isfinite(item.error) for item in finished)
     if not compared and all(item.status == "ok" for item in finished):
         obstacles["convergence"] = f"there is no error: the reference is {finished[0].reference}"
+    elif experiment.members and not any(np.isfinite(f.error) and f.error > 0 for f in finished):
+        obstacles["convergence"] = "no member has an error, or one above 0"
     moving = [item for item in finished if item.trajectory.time.size > 1]
     if not moving:
         reason = f"no run got beyond its start ({finished[-1].status})"
