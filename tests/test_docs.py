@@ -107,18 +107,6 @@ def test_configurations_that_are_shown_are_valid() -> None:
         assert fvi.load(yaml.safe_load(text)).experiments
 
 
-def test_the_gallery_shows_every_kind_of_scene() -> None:
-    page = PAGES["gallery.md"]
-    config = fvi.load("gallery")
-    for experiment in config.experiments:
-        kind = experiment.name.removeprefix("gallery-")
-        assert f"\n## {kind}\n\n    {EQUATIONS[kind]}\n" in page
-        (figure,) = experiment.figures
-        assert f"(../results/figures/{experiment.name}-{figure}.png)" in page
-    kinds = set(re.findall(r"^## ([a-z-]+)$", page, re.MULTILINE))
-    assert kinds == set(EQUATIONS) - {"fractional-derivative"}
-
-
 def cells(page: str, header: str) -> list[list[str]]:
     """The rows of the table with this header, words stripped."""
     _, found, after = PAGES[page].partition(f"{header}\n")

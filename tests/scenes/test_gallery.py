@@ -1,4 +1,4 @@
-"""Every kind of scene has its equation in the README, a configuration and a committed picture."""
+"""Every kind of scene has its equation on a page, a configuration and a committed picture."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fvi_cli.config import find_config, load_config, shipped_configs
 from fvi_cli.scenes.registry import EQUATIONS
 
 ROOT = Path(__file__).parents[2]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
 KINDS = [kind for kind in EQUATIONS if kind != "fractional-derivative"]
 GALLERY = {
     experiment.problem.kind: experiment
@@ -27,9 +27,9 @@ def test_the_gallery_has_every_kind_once() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_is_documented_and_pictured(kind: str) -> None:
     (figure,) = GALLERY[kind].figures
-    equation = EQUATIONS[kind].replace("|", r"\|")
     path = f"results/figures/gallery-{kind}-{figure}"
-    assert f"| `{kind}` | {equation} | [{figure}]({path}.png) |" in README
+    assert f"\n## {kind}\n\n    {EQUATIONS[kind]}\n" in PAGE
+    assert f"\n![{kind}](../{path}.png)\n" in PAGE
     for suffix in (".png", ".pdf", ".json"):
         assert (ROOT / f"{path}{suffix}").stat().st_size > 100
     assert json.loads((ROOT / f"{path}.json").read_text(encoding="utf-8"))["panels"]
