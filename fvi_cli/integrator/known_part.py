@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -240,12 +241,14 @@ def method_order(method: Method) -> int:
     return method.rule.build().order if method.is_runge_kutta else method.bdf_order
 
 
+@lru_cache(maxsize=2)
 def plan_series(
     scene: Scene, method: Method, n_steps: int, expansion: Expansion | None = None
 ) -> SeriesPlan:
     """Decide about the series at 0 and at every break point, and say what was decided.
 
-    The `expansion` of the solution at 0 is made here where it is not given.
+    The `expansion` of the solution at 0 is made here where it is not given. The last plans are
+    kept: a run, and the order to expect of it, ask for the same one.
     """
     h = scene.final_time / n_steps
     rule = window_rule(method)
