@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fvi_cli.config.complaints import Complaints, KeyPath
 from fvi_cli.config.document import Node
@@ -17,10 +18,13 @@ from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, Express
 from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.scenes.registry import FIXED_SIZES, SIZE_KEYS, build_problem
 
+Array = NDArray[np.float64]
 Complain = Callable[[KeyPath, str], None]
 
-# Where an expression is tried: inside of the steps of any grid that people use.
+# Where an expression is tried: inside of the steps of any grid that people use. On their points,
+# where a quotient such as sin(t - 1)/(t - 1) has no value, it must not be infinite.
 _TRIALS: Final = 97
+_GRID: Final = 720
 _LEADING_PATH: Final = re.compile(r"([a-z_]+(?:\.[a-z0-9_]+)*): (.*)", re.DOTALL)
 _OTHER_NAMES: Final = {
     "initial_position": ("initial", "position"),
@@ -184,14 +188,14 @@ def _check_values(problem: Mapping[str, Any], complain: Complain) -> None:
     final_time = problem.get("final_time")
     if not isinstance(final_time, float):
         return
-    inside = final_time * np.arange(1, _TRIALS + 1) / _TRIALS
+    inside = _instants(0.0, final_time, _TRIALS)
     everywhere = np.concatenate([[0.0], inside])
     _try(problem.get("exact"), ("exact",), everywhere, complain)
     _try(problem.get("function"), ("function",), everywhere, complain)
     force = force_key(problem)
     forcing = problem.get(force)
     if not isinstance(forcing, Mapping):
-        _try(forcing, (force,), inside, complain)
+        _try(forcing, (force,), inside, complain, _instants(0.0, final_time, _GRID))
         return
     begin = 0.0
     pieces = forcing.get("pieces")
@@ -201,29 +205,39 @@ def _check_values(problem: Mapping[str, Any], complain: Complain) -> None:
         end = piece.get("until", final_time)
         if not isinstance(end, float) or not begin < end <= final_time:
             return
-        times = begin + (end - begin) * np.arange(1, _TRIALS + 1) / _TRIALS
-        _try(piece.get("value"), (force, "pieces", index, "value"), times, complain)
+        inside, grid = _instants(begin, end, _TRIALS), _instants(begin, end, _GRID)
+        _try(piece.get("value"), (force, "pieces", index, "value"), inside, complain, grid)
         begin = end
 
 
-def _try(value: object, key: KeyPath, times: np.ndarray[Any, Any], complain: Complain) -> None:
+def _instants(begin: float, end: float, count: int) -> Array:
+    """Times behind `begin` up to `end`, in equal steps."""
+    return begin + (end - begin) * np.arange(1, count + 1) / count
+
+
+def _try(
+    value: object, key: KeyPath, times: Array, complain: Complain, grid: Array | None = None
+) -> None:
+    """The expression must be finite at `times`, and nowhere on `grid` infinite."""
     if isinstance(value, list):
         for index, entry in enumerate(value):
-            _try(entry, (*key, index), times, complain)
+            _try(entry, (*key, index), times, complain, grid)
         return
     if not isinstance(value, str) or value == "auto":
         return
+    tried = times if grid is None else np.concatenate([times, grid])
     try:
         expression = Expression.parse(value, variables=("t",))
         values = np.broadcast_to(
-            np.asarray(expression.evaluate({"t": times}, NUMPY_FUNCTIONS)), times.shape
+            np.asarray(expression.evaluate({"t": tried}, NUMPY_FUNCTIONS)), tried.shape
         )
     except ExpressionError as error:
         complain(key, str(error))
         return
-    wrong = np.flatnonzero(~np.isfinite(values))
+    may_be_undefined = np.arange(tried.size) >= times.size
+    wrong = np.flatnonzero(np.isinf(values) | (np.isnan(values) & ~may_be_undefined))
     if wrong.size:
-        at = float(times[wrong[0]])
+        at = float(tried[wrong[0]])
         found = float(values[wrong[0]])
         what = "not a real number" if math.isnan(found) else "infinite"
         complain(key, f"is {what} at t = {at:.6g}; it must be finite up to final_time")

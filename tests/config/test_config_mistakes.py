@@ -124,6 +124,7 @@ MISTAKES = [
     ("forcing: 1 + t", "forcing: »t.real", "problem.forcing: only numbers", ""),
     ("forcing: 1 + t", "forcing: »true", "problem.forcing: true is not", "number"),
     ("forcing: 1 + t", "forcing: »sqrt(0.5 - t)", "problem.forcing: is not a", "t = 0.5"),
+    ("forcing: 1 + t", "forcing: »1/(t - 0.25)", "problem.forcing: is infinite at t = 0.25", ""),
     ("exact: t**2", "exact: »1/t", "problem.exact: is infinite at t = 0", "finite"),
     # between keys
     ("{position: 0.0, velocity: 0.0}", "{position: [0, 0, 0], velocity: »[0, 1]}",
