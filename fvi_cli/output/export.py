@@ -21,6 +21,8 @@ MATLAB_NAME_LENGTH = 63
 """Longest name of a field that MATLAB reads."""
 
 _LONG_FORM = ("member", "time")
+_NAMING = ("experiment", "case", "n_steps")
+"""Attributes that tell what a file is; they stand at its top."""
 
 
 def export_file(path: Path, form: str, directory: Path) -> list[Path]:
@@ -77,7 +79,9 @@ def _csv_files(stem: str, runs: Iterator[StoredArrays]) -> Iterator[tuple[str, b
 def _csv(run: StoredArrays, along: Sequence[str]) -> str:
     """Attributes as comments, then one row for every time of every member, or every member."""
     text = io.StringIO()
-    for name, value in _plain(run.attributes).items():
+    attributes = _plain(run.attributes)
+    first = {name: attributes[name] for name in _NAMING if name in attributes}
+    for name, value in (first | attributes).items():
         text.write(f"# {name}: {json.dumps(value, ensure_ascii=False)}\n")
     columns = dict(_columns(run, [axis for axis in along if axis in run.arrays]))
     writer = csv.writer(text, lineterminator="\n")

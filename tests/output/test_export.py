@@ -65,6 +65,12 @@ def test_csv_holds_every_number_to_the_last_digit(stored: Path, tmp_path: Path) 
         assert attributes["identity"] == run.attrs["identity"]
         assert attributes["step_size"] == 0.125
     assert "dof" not in columns
+    # what the file is stands at its top
+    assert list(attributes.items())[:3] == [
+        ("experiment", "two-masses"),
+        ("case", "gauss-s2-series"),
+        ("n_steps", 8),
+    ]
 
 
 def test_npz_and_mat_hold_the_same_arrays(stored: Path, tmp_path: Path) -> None:
