@@ -7,6 +7,7 @@ importing the package alone takes no time.
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from typing import TYPE_CHECKING, Any
 
 __version__ = "0.1.0"
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
 
 def __getattr__(name: str) -> Any:
     """A public name of :mod:`fvi_cli.api`."""
-    # the import system asks for submodules as well, and api itself must not be asked for itself
-    if not name.startswith("_") and name != "api":
+    # the import system asks for submodules as well, which must not load all that api calls for
+    if not name.startswith("_") and importlib.util.find_spec(f"{__name__}.{name}") is None:
         api = importlib.import_module("fvi_cli.api")
         if name in api.__all__:
             return getattr(api, name)
