@@ -231,6 +231,17 @@ def test_every_shipped_configuration_is_proposed() -> None:
     assert shipped_names("") == list(shipped_configs())
 
 
+def test_formulas_in_docstrings_stand_in_one_line_each() -> None:
+    # the reference that is made from them shows others as they are written
+    broken = [
+        f"{path.relative_to(ROOT)}: {line.strip()}"
+        for path in sorted((ROOT / "fvi_cli").rglob("*.py"))
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if re.search(r":math:`[^`]*$", line)
+    ]
+    assert broken == []
+
+
 @pytest.mark.parametrize("page", [*sorted(PAGES), "../CONTRIBUTING.md"])
 def test_files_that_are_named_are_there(page: str) -> None:
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")

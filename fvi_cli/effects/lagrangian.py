@@ -32,8 +32,9 @@ class Derivatives:
     momentum, force
         :math:`\partial L/\partial v` and :math:`\partial L/\partial q`, shape ``(..., d)``.
     mass, mixed, stiffness
-        :math:`\partial^2 L/\partial v_a \partial v_b`, :math:`\partial^2 L/\partial v_a \partial
-        q_b` and :math:`\partial^2 L/\partial q_a \partial q_b`, shape ``(..., d, d)``.
+        :math:`\partial^2 L/\partial v_a \partial v_b`,
+        :math:`\partial^2 L/\partial v_a \partial q_b` and
+        :math:`\partial^2 L/\partial q_a \partial q_b`, shape ``(..., d, d)``.
     """
 
     momentum: Array

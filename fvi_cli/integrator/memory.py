@@ -99,8 +99,8 @@ class Memory:
     first_offset, offset
         Offset of the first and of every later step, shape ``(m, d)``.
     force_weights
-        Weights of the force samples in the row of each basis function, :math:`\beta_i
-        l_\nu(\chi_i)` where they are values at points, shape ``(s + 1, m)``.
+        Weights of the force samples in the row of each basis function,
+        :math:`\beta_i l_\nu(\chi_i)` where they are values at points, shape ``(s + 1, m)``.
     known_force
         Force that is known in advance, because a velocity is subtracted for some orders only,
         shape ``(n_steps + 1, m, d)``; None when there is none.

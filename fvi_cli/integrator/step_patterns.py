@@ -15,9 +15,12 @@ differences, and likewise with :math:`\Delta(z)^{\gamma_j - 1}` for Runge-Kutta 
 determinant is analytic in :math:`|z| < 1`, and a zero z there is a mode that grows by
 :math:`1 / |z|` in a step.
 
-The system is :math:`A_0 \otimes 1 + A_1 \otimes M + A_2 \otimes h^2 K + \sum_j A_{2+j} \otimes
-h^{2 - \gamma_j} \mu_j` with small matrices :math:`A_i(z)`, the patterns, in which momenta are
-counted in units of mass / h.
+The system is
+
+.. math:: A_0 \otimes 1 + A_1 \otimes M + A_2 \otimes h^2 K
+          + \sum_j A_{2+j} \otimes h^{2 - \gamma_j} \mu_j
+
+with small matrices :math:`A_i(z)`, the patterns, in which momenta are counted in units of mass / h.
 """
 
 from __future__ import annotations
