@@ -187,8 +187,8 @@ def gains_no_energy(method: AnyMethod) -> bool:
     Gauss: the damping force does negative work over every run, and the rest keeps the energy, for
     the symbol is a matrix of positive real part. One point and BDF1 or BDF2: divided by
     :math:`((1 + z) / 2)^2` the equations are
-    :math:`\sigma(z)^2 M + K + \sum_j (\gamma_p(z) / h)^{\gamma_j} D_j` with the trapezoidal rule's :math:`\sigma`; all terms have negative
-    imaginary parts where Im z > 0.
+    :math:`\sigma(z)^2 M + K + \sum_j (\gamma_p(z) / h)^{\gamma_j} D_j` with the
+    trapezoidal rule's :math:`\sigma`; all terms have negative imaginary parts where Im z > 0.
     """
     if isinstance(method, Baseline):
         return False

@@ -18,8 +18,9 @@ class StepTables:
     r"""Basis and rule of a Galerkin step on [0, 1] and where the fractional action is sampled.
 
     The trajectory on step k is
-    :math:`x_d(\tau h; k) = x_k + \sum_{\nu=1}^{s} l_\nu(\tau) \delta_k^\nu`, with the increments :math:`\delta_k^\nu = x_k^\nu - x_k` as unknowns, so that
-    nothing is lost to round-off when h is small.
+    :math:`x_d(\tau h; k) = x_k + \sum_{\nu=1}^{s} l_\nu(\tau) \delta_k^\nu`, with the
+    increments :math:`\delta_k^\nu = x_k^\nu - x_k` as unknowns, so that nothing is lost to
+    round-off when h is small.
 
     Parameters
     ----------
