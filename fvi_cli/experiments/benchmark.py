@@ -255,13 +255,13 @@ def run_benchmark(*, exponent: int = 20, repeats: int = 3, memory: bool = True) 
     if repeats < 1:
         raise ValueError(f"repeats: {repeats} is not allowed; it must be at least 1")
     rows = [
-        _in_child_process(index, exponent, repeats, memory)
+        _in_child_process(index, exponent, repeats, memory=memory)
         for index in range(len(standard_cases(exponent)))
     ]
     return BenchmarkTable(rows=tuple(rows))
 
 
-def _in_child_process(index: int, exponent: int, repeats: int, memory: bool) -> BenchmarkRow:
+def _in_child_process(index: int, exponent: int, repeats: int, *, memory: bool) -> BenchmarkRow:
     numbers = (index, exponent, repeats, int(memory))
     return row_from_values(answer_of_child("fvi_cli.experiments.benchmark", numbers))
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.block_history import BatchedChannel, GroupHistory
-from fvi_cli.integrator.memory import DirectHistory, Memory
+from fvi_cli.integrator.direct_history import DirectHistory
+from fvi_cli.integrator.memory import Memory
 
 Array = NDArray[np.float64]
 

@@ -25,8 +25,9 @@ from fvi_cli.effects.potential import Potential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.compensated import CompensatedSum
+from fvi_cli.integrator.direct_history import DirectHistory
 from fvi_cli.integrator.known_motion import KnownMotion
-from fvi_cli.integrator.memory import DirectHistory, Memory
+from fvi_cli.integrator.memory import Memory
 from fvi_cli.integrator.step_solver import StepSolver
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.trajectory import NewtonRecord

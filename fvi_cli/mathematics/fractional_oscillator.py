@@ -100,7 +100,12 @@ def contour_response(
             # A growing response may leave the range of doubles, and is not finite from there on.
             with np.errstate(over="ignore", under="ignore", invalid="ignore"):
                 result[part] = _one_chunk(
-                    characteristic, tuple(outside), numerator, flat[part], shift, bool(clusters)
+                    characteristic,
+                    tuple(outside),
+                    numerator,
+                    flat[part],
+                    shift,
+                    has_clusters=bool(clusters),
                 )
     return result.reshape(time.shape)
 
@@ -111,6 +116,7 @@ def _one_chunk(
     numerator: Mapping[float, float],
     time: Array,
     shift: float,
+    *,
     has_clusters: bool,
 ) -> Array:
     steepest = max(-min(numerator), 0.0) if numerator else 0.0

@@ -11,7 +11,8 @@ from fvi_cli.integrator.block_history import (
     lag_kernel,
     reversed_strip,
 )
-from fvi_cli.integrator.memory import Channel, DirectHistory, Memory
+from fvi_cli.integrator.direct_history import DirectHistory
+from fvi_cli.integrator.memory import Channel, Memory
 from fvi_cli.integrator.stepped_history import SteppedHistory
 
 RNG = np.random.default_rng(20240318)

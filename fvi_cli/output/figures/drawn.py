@@ -124,7 +124,9 @@ _LINEAR: _Scales = {"x": False, "y": False}  # whether the axis is logarithmic
 def _differences(old: JsonValue, new: JsonValue, place: str, scales: _Scales) -> list[str]:
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         found = []
-        scales = {axis: _is_logarithmic(old.get(axis), scales[axis]) for axis in ("x", "y")}
+        scales = {
+            axis: _is_logarithmic(old.get(axis), inherited=scales[axis]) for axis in ("x", "y")
+        }
         noise = max(_number(old.get("noise")), _number(new.get("noise")))
         for key in [*old, *(key for key in new if key not in old)]:
             here = f"{place}.{key}" if place else key
@@ -132,7 +134,9 @@ def _differences(old: JsonValue, new: JsonValue, place: str, scales: _Scales) ->
                 found.append(f"{here}: {'no longer there' if key in old else 'not there before'}")
             elif key in scales and isinstance(old[key], list):
                 allowed = noise if key == "y" else 0.0
-                found += _number_differences(old[key], new[key], here, allowed, scales[key])
+                found += _number_differences(
+                    old[key], new[key], here, allowed, logarithmic=scales[key]
+                )
             elif key != "noise":
                 found += _differences(old[key], new[key], here, scales)
         return found
@@ -145,11 +149,11 @@ def _differences(old: JsonValue, new: JsonValue, place: str, scales: _Scales) ->
             for line in _differences(a, b, f"{place}.{position}", scales)
         ]
     if isinstance(old, float) and isinstance(new, float):
-        return _number_differences([old], [new], place, 0.0, True)
+        return _number_differences([old], [new], place, 0.0, logarithmic=True)
     return [] if old == new else [f"{place}: {old!r} is now {new!r}"]
 
 
-def _is_logarithmic(axis: JsonValue, inherited: bool) -> bool:
+def _is_logarithmic(axis: JsonValue, *, inherited: bool) -> bool:
     return axis.get("scale") == "log" if isinstance(axis, Mapping) else inherited
 
 
@@ -158,7 +162,7 @@ def _number(value: JsonValue) -> float:
 
 
 def _number_differences(
-    old: JsonValue, new: JsonValue, place: str, noise: float, logarithmic: bool
+    old: JsonValue, new: JsonValue, place: str, noise: float, *, logarithmic: bool
 ) -> list[str]:
     if not isinstance(old, list) or not isinstance(new, list) or len(old) != len(new):
         return [f"{place}: another number of points"]

@@ -70,7 +70,7 @@ def interpolation_figure(degree: int = 2, rule: RuleSpecification | None = None)
                 label="$x_d(t)$, degree $s$" if step == 0 else "_piece",
                 zorder=3,
             )
-            _draw_points(axes, step, quadrature.nodes, at_points, step == 0)
+            _draw_points(axes, step, quadrature.nodes, at_points, is_first=step == 0)
             if degree > 1:
                 axes.plot(
                     step + control[1:-1],
@@ -107,7 +107,7 @@ def _smooth(time: Array) -> Array:
     return np.asarray(0.85 + 0.27 * np.sin(1.9 * time - 0.6) + 0.03 * time)
 
 
-def _draw_points(axes: Axes, step: int, nodes: Array, values: Array, is_first: bool) -> None:
+def _draw_points(axes: Axes, step: int, nodes: Array, values: Array, *, is_first: bool) -> None:
     for node, value in zip(nodes, values, strict=True):
         axes.plot(
             [step + node] * 2,
