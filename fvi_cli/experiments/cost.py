@@ -179,6 +179,9 @@ def measure_cost(run: Run, store: Store | None = None) -> CostRow:
     peak = 0
     if finished.status != "refused":
         walls, steppings = _timed(run)
+        if not any(steppings):
+            # no step could be made
+            walls, steppings = [], []
         peak = peak_bytes(lambda: _integrate(run))
     setups = [wall - stepping for wall, stepping in zip(walls, steppings, strict=True)]
     return CostRow(

@@ -82,7 +82,7 @@ class Curve:
         """
         reached = [point.seconds for point in self.points if point.error <= accuracy]
         for first, second in itertools.pairwise(self.points):
-            if second.error <= accuracy < first.error:
+            if 0 < second.error <= accuracy < first.error:
                 share = math.log(first.error / accuracy) / math.log(first.error / second.error)
                 reached.append(first.seconds * (second.seconds / first.seconds) ** share)
         return min(reached, default=math.nan)

@@ -120,6 +120,19 @@ def test_what_is_refused_has_a_row_without_times():
     assert not row.is_usable
 
 
+def test_steps_without_a_solution_have_a_row_without_times():
+    text = """\
+name: singular
+problem: {kind: bagley-torvik, stiffness: -1.0, initial: {position: 1.0}, final_time: 2.0}
+method: {rk: gauss, degree: 1}
+ladder: {steps: [1, 2]}
+"""
+    singular, solved = (measure_cost(run) for run in experiment(text).runs())
+    assert (singular.status, singular.repeats) == ("failed", 0)
+    assert math.isnan(singular.seconds)
+    assert (solved.status, solved.repeats > 0) == ("ok", True)
+
+
 def test_a_sweep_has_no_one_price():
     text = TEXT + "sweep: {problem.stiffness: [1.0, 2.0]}\n"
     text = text.replace("  exact: t**2.5\n", "")

@@ -92,6 +92,12 @@ def test_a_quicker_run_that_is_good_enough_counts():
     assert curve("odd", rows).seconds_to(1e-4) == pytest.approx(2.0)
 
 
+def test_no_error_at_all_is_reached_by_its_own_run_only():
+    exact = curve("exact", [row(10, 1e-2, 1.0), row(20, 0.0, 2.0, "floor")])
+    assert exact.seconds_to(1e-4) == 2.0
+    assert exact.seconds_to(1e-1) == 1.0
+
+
 def test_rows_at_the_floor_have_no_order():
     rows = [row(n, max(n**-4.0, 1e-7), 1e-4 * n) for n in COUNTS]
     spoiled = curve("spoiled", rows).order
