@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fvi_cli.config.memory import in_gigabytes, machine_bytes, predicted_bytes
+from fvi_cli.config.memory import in_gigabytes, machine_bytes, predicted_bytes, run_bytes
 from fvi_cli.errors import RequestError
 from fvi_cli.execution import (
     FRESH,
@@ -21,6 +21,7 @@ from fvi_cli.execution import (
     never,
 )
 from fvi_cli.experiments.accurate_run import choices_for
+from fvi_cli.experiments.batches import pack_size
 from fvi_cli.experiments.experiment import Experiment, Predicted, Run
 from fvi_cli.experiments.study import prediction_of
 from fvi_cli.output.storage import (
@@ -207,16 +208,27 @@ def _check_memory(request: Request, settings: Settings) -> None:
     sizes = []
     for experiment in request.loaded.experiments:
         problem = experiment.problem
-        dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
-        for method in experiment.methods:
-            is_brief = getattr(method, "history", "") == "exponentials"
-            every = experiment.store_every if is_brief else None
-            sizes += [predicted_bytes(n, dimension, every=every) for n in experiment.steps]
-    together = sum(sorted(sizes)[-settings.workers :])
-    if together > available:
+        if not isinstance(problem, Problem):
+            sizes += [predicted_bytes(n, 1) for n in experiment.steps]
+            continue
+        together = pack_size(experiment, settings.workers) if experiment.members else 1
+        sizes += [
+            run_bytes(
+                problem.scene,
+                method,
+                n,
+                every=experiment.store_every,
+                members=together,
+                diagnosed=not experiment.diagnostics.is_empty,
+            )
+            for method in experiment.methods
+            for n in experiment.steps
+        ]
+    needed = sum(sorted(sizes)[-settings.workers :])
+    if needed > available:
         raise RequestError(
             f"--workers {settings.workers}: the longest runs of {request.name} need about "
-            f"{in_gigabytes(together)} of memory at the same time, this machine has "
+            f"{in_gigabytes(needed)} of memory at the same time, this machine has "
             f"{in_gigabytes(available)}; fewer processes need less"
         )
 

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from fvi_cli.integrator.plan import Plan as Machinery
     from fvi_cli.output.storage import StoredFile
 
+MOST_ALIKE = 1024
+"""Members of a sweep among which those are looked for that are computed with the first."""
+
 _logger = logging.getLogger(__name__)
 
 
@@ -124,7 +127,8 @@ def plans_as_text(plans: Sequence[Plan], *, in_full: bool = False) -> str:
     rows = [(*header, "operations", "memory", "time", "reason")]
     for alike in _alike(plans):
         plan = alike[0]
-        run, own = plan.run, planned(plan.run)
+        run = plan.run
+        own = planned(run, _members_with([one.run for one in alike[:MOST_ALIKE]]).get(run, 1))
         rows.append(
             (
                 run.experiment.name,
@@ -155,8 +159,9 @@ def _alike(plans: Sequence[Plan]) -> list[list[Plan]]:
 def machinery_as_text(runs: Sequence[Run]) -> str:
     """How every run is done, in a paragraph each; runs that are done alike share one."""
     paragraphs: dict[str, list[str]] = {}
+    together = _members_with(runs)
     for run in runs:
-        own = planned(run)
+        own = planned(run, together.get(run, 1))
         if own is not None:
             lines = "\n".join(f"  {line}" for line in own.lines())
             name = f"{run.experiment.name} {run.method.case} N={run.n_steps}"
@@ -166,13 +171,35 @@ def machinery_as_text(runs: Sequence[Run]) -> str:
     )
 
 
-def planned(run: Run) -> Machinery | None:
-    """The plan of a run; None where nothing is integrated."""
+def planned(run: Run, members: int = 1) -> Machinery | None:
+    """The plan of a run that is one of so many together; None where nothing is integrated."""
     from fvi_cli.integrator.plan import plan_run
 
     if isinstance(run.problem, DerivativeProblem):
         return None
-    return plan_run(run.problem.scene, run.method, run.n_steps, every=run.experiment.store_every)
+    return plan_run(
+        run.problem.scene,
+        run.method,
+        run.n_steps,
+        every=run.experiment.store_every,
+        members=members,
+        diagnosed=not run.experiment.diagnostics.is_empty,
+    )
+
+
+def _members_with(runs: Sequence[Run]) -> dict[Run, int]:
+    """With how many members, itself among them, every run of a sweep is integrated."""
+    from fvi_cli.experiments.batches import batches_of
+    from fvi_cli.integrator.members import companions
+
+    found: dict[Run, int] = {}
+    for batch in batches_of([run for run in runs if run.member is not None]):
+        problems = [run.problem for run in batch]
+        scenes = [one.scene for one in problems if not isinstance(one, DerivativeProblem)]
+        if len(scenes) == len(batch):
+            counts = companions(scenes, batch[0].method, batch[0].n_steps)
+            found.update(zip(batch, counts, strict=True))
+    return found
 
 
 def _costs(plan: Machinery | None) -> tuple[str, str, str]:

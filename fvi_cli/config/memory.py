@@ -30,7 +30,15 @@ def predicted_bytes(n_steps: int, dimension: int, *, every: int | None = None) -
     return 8 * DOUBLES_PER_STEP * points * dimension
 
 
-def run_bytes(scene: Scene, method: AnyMethod, n_steps: int, *, every: int = 1) -> int:
+def run_bytes(
+    scene: Scene,
+    method: AnyMethod,
+    n_steps: int,
+    *,
+    every: int = 1,
+    members: int = 1,
+    diagnosed: bool = False,
+) -> int:
     """Memory of a run by its plan, in bytes.
 
     Parameters
@@ -39,8 +47,12 @@ def run_bytes(scene: Scene, method: AnyMethod, n_steps: int, *, every: int = 1) 
         The run.
     every
         Only every n-th point is kept, which is of use with ``history: exponentials``.
+    members
+        How many scenes of this kind are integrated together.
+    diagnosed
+        Whether diagnostics are asked for.
     """
-    return planned_bytes(scene, method, n_steps, every=every)
+    return planned_bytes(scene, method, n_steps, every=every, members=members, diagnosed=diagnosed)
 
 
 def machine_bytes() -> int | None:

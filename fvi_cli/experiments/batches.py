@@ -43,17 +43,18 @@ def batches_of(runs: Sequence[Run], *, workers: int = 1) -> list[tuple[Run, ...]
             packs[(run,)] = {(): [run]}
             continue
         experiment = run.experiment
-        size = sizes.setdefault(experiment, _pack_size(experiment, workers))
+        size = sizes.setdefault(experiment, pack_size(experiment, workers))
         pack = packs.setdefault((experiment, run.member.number // size), {})
         pack.setdefault((run.method, run.n_steps), []).append(run)
     return [tuple(batch) for pack in packs.values() for batch in pack.values()]
 
 
-def _pack_size(experiment: Experiment, workers: int) -> int:
+def pack_size(experiment: Experiment, workers: int) -> int:
+    """How many members of a sweep are computed together at most; 1 where nothing is swept."""
     problem = experiment.problem
     dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
     share = -(-len(experiment.members) // max(1, workers))
-    return min(share, members_at_a_time(max(experiment.steps), dimension))
+    return min(max(1, share), members_at_a_time(max(experiment.steps), dimension))
 
 
 def execute_batch(batch: tuple[Run, ...]) -> list[FinishedRun]:

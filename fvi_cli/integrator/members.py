@@ -69,12 +69,8 @@ def integrate_members(
         As `integrate` does, for the first scene that is not allowed.
     """
     check_counts(n_steps, every)
-    groups: dict[tuple[object, ...], list[int]] = {}
-    for index, scene in enumerate(scenes):
-        key = _kind(scene) if _goes_together(scene, method, n_steps) else (index,)
-        groups.setdefault(key, []).append(index)
     found: dict[int, Trajectory] = {}
-    for indices in groups.values():
+    for indices in _groups(scenes, method, n_steps):
         together = [scenes[index] for index in indices]
         batch: list[Trajectory] | None = None
         if len(indices) > 1 and isinstance(method, Method):
@@ -89,7 +85,26 @@ def integrate_members(
     return [found[index] for index in range(len(scenes))]
 
 
-def _goes_together(scene: Scene, method: AnyMethod, n_steps: int) -> bool:
+def companions(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[int]:
+    """How many of the scenes `integrate_members` takes together with each of them, itself among."""
+    found = [1] * len(scenes)
+    for indices in _groups(scenes, method, n_steps):
+        for index in indices:
+            found[index] = len(indices)
+    return found
+
+
+def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[list[int]]:
+    """Places of the scenes that are taken together."""
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for index, scene in enumerate(scenes):
+        key = _kind(scene) if goes_together(scene, method, n_steps) else (index,)
+        groups.setdefault(key, []).append(index)
+    return list(groups.values())
+
+
+def goes_together(scene: Scene, method: AnyMethod, n_steps: int) -> bool:
+    """Whether a scene may be one of a batch."""
     if not isinstance(method, Method) or not scene.is_linear:
         return False
     if method.history not in ("auto", "fft"):

@@ -29,6 +29,7 @@ from fvi_cli.integrator.history_work import (
 from fvi_cli.integrator.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.known_part import NO_SERIES, SeriesPlan, plan_series, settled_method
 from fvi_cli.integrator.large_linear import GROUP as LARGE_GROUP
+from fvi_cli.integrator.members import goes_together
 from fvi_cli.integrator.memory import runge_kutta_tableau, terms_by_direction
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.plan_memory import Sizes, peak_bytes
@@ -111,17 +112,31 @@ def effects_of_scene(scene: Scene) -> tuple[str, ...]:
     return tuple(effects)
 
 
-def plan_run(scene: Scene, method: AnyMethod, n_steps: int, *, every: int = 1) -> Plan:
-    """Tell how `integrate` will do a run, without doing it.
+def plan_run(
+    scene: Scene,
+    method: AnyMethod,
+    n_steps: int,
+    *,
+    every: int = 1,
+    members: int = 1,
+    diagnosed: bool = False,
+) -> Plan:
+    """Tell how `integrate` or `integrate_members` will do a run, without doing it.
 
     Parameters
     ----------
     scene, method, n_steps, every
         As for :func:`fvi_cli.integrator.integrate.integrate`.
+    members
+        How many scenes of this kind are integrated together, see
+        :func:`fvi_cli.integrator.members.companions`.
+    diagnosed
+        Whether diagnostics are asked for.
 
     Returns
     -------
     Plan
+        Of one of the members, but `memory_bytes`, which all of them take together.
         `history_operations` are those that a complete run counts. For nonlinear scenes they do
         not depend on Newton's iteration: attempts that fail are work of the iteration.
     """
@@ -129,8 +144,16 @@ def plan_run(scene: Scene, method: AnyMethod, n_steps: int, *, every: int = 1) -
         return _baseline_plan(scene, method, n_steps)
     plan = plan_series(scene, method, n_steps) if method.start == "series" else NO_SERIES
     settled = settled_method(scene, method, plan)
-    machinery = _machinery(scene, method, n_steps)
-    sizes = _sizes(scene, method, n_steps, every, has_series=plan.known is not None)
+    machinery = _machinery(scene, method, n_steps, members, diagnosed=diagnosed)
+    sizes = _sizes(
+        scene,
+        method,
+        n_steps,
+        every,
+        members,
+        has_series=plan.known is not None,
+        diagnosed=diagnosed,
+    )
     return Plan(
         effects=effects_of_scene(scene),
         steps=machinery.steps,
@@ -147,14 +170,25 @@ def plan_run(scene: Scene, method: AnyMethod, n_steps: int, *, every: int = 1) -
     )
 
 
-def planned_bytes(scene: Scene, method: AnyMethod, n_steps: int, *, every: int = 1) -> int:
+def planned_bytes(
+    scene: Scene,
+    method: AnyMethod,
+    n_steps: int,
+    *,
+    every: int = 1,
+    members: int = 1,
+    diagnosed: bool = False,
+) -> int:
     """The plan's memory alone, which takes no expansion of the solution.
 
     A start series that is asked for counts as used.
     """
     if isinstance(method, Baseline):
         return _baseline_bytes(scene, n_steps)
-    return peak_bytes(_sizes(scene, method, n_steps, every, has_series=method.start == "series"))
+    has_series = method.start == "series"
+    return peak_bytes(
+        _sizes(scene, method, n_steps, every, members, has_series=has_series, diagnosed=diagnosed)
+    )
 
 
 def planned_seconds(scene: Scene, method: AnyMethod, n_steps: int) -> float:
@@ -165,8 +199,17 @@ def planned_seconds(scene: Scene, method: AnyMethod, n_steps: int) -> float:
     return predicted_seconds(sizes, _machinery(scene, method, n_steps).operations)
 
 
-def _sizes(scene: Scene, method: Method, n_steps: int, every: int, *, has_series: bool) -> Sizes:
-    machinery = _machinery(scene, method, n_steps)
+def _sizes(
+    scene: Scene,
+    method: Method,
+    n_steps: int,
+    every: int,
+    members: int = 1,
+    *,
+    has_series: bool,
+    diagnosed: bool = False,
+) -> Sizes:
+    machinery = _machinery(scene, method, n_steps, members, diagnosed=diagnosed)
     return Sizes(
         scene=scene,
         method=method,
@@ -176,6 +219,8 @@ def _sizes(scene: Scene, method: Method, n_steps: int, every: int, *, has_series
         route=machinery.route,
         has_series=has_series,
         n_states=machinery.n_states,
+        members=machinery.members,
+        diagnosed=diagnosed,
     )
 
 
@@ -189,10 +234,13 @@ class _Machinery:
     history: str
     operations: int
     n_states: int = 0
+    members: int = 1
 
 
 @functools.lru_cache(maxsize=256)
-def _machinery(scene: Scene, method: Method, n_steps: int) -> _Machinery:
+def _machinery(
+    scene: Scene, method: Method, n_steps: int, members: int = 1, *, diagnosed: bool = False
+) -> _Machinery:
     samples = 1 if method.sampling == "nodes" else method.stages
     channels = channel_shapes(method, n_steps + 1, scene.active_damping)
     shape = Shape(channels=channels, samples=samples, coupled=scene.dimension)
@@ -206,8 +254,11 @@ def _machinery(scene: Scene, method: Method, n_steps: int) -> _Machinery:
     route = choose_route(scene, method.history, n_steps, shape.samples, decoupling, damped=damped)
     whole = f"Newton's iteration with the exact Jacobian, {n_steps} single steps"
     single = f"{n_steps} single steps with one factorisation" if scene.is_linear else whole
+    if diagnosed and (route == "large steps" or scene.lagrangian is not None):
+        route = "stepped" if damped else "direct steps"
     if route == "linear blocks" and decoupling is not None:
-        return _linear_blocks(scene, n_steps, shape, decoupling, ends)
+        together = members if goes_together(scene, method, n_steps) else 1
+        return _linear_blocks(scene, n_steps, shape, decoupling, ends, together)
     if route == "newton blocks":
         largest = newton_block(scene, shape.samples, n_steps) or 1
         group = largest * BLOCKS_PER_GROUP
@@ -253,20 +304,27 @@ def _decoupling(scene: Scene) -> Decoupling | None:
 
 
 def _linear_blocks(
-    scene: Scene, n_steps: int, shape: Shape, decoupling: Decoupling, ends: int
+    scene: Scene, n_steps: int, shape: Shape, decoupling: Decoupling, ends: int, members: int
 ) -> _Machinery:
     coupled = scene.dimension // decoupling.batch
-    chosen = batch_sizes(shape.samples, coupled, decoupling.batch, n_steps)
+    chosen = batch_sizes(shape.samples, coupled, members * decoupling.batch, n_steps)
+    if chosen is None:
+        # together they are too large: one by one
+        members = 1
+        chosen = batch_sizes(shape.samples, coupled, decoupling.batch, n_steps)
     if chosen is None:  # pragma: no cover - the route says so
         raise ValueError("route: these blocks are too large")
     _, sizes = chosen
     shape = replace(shape, coupled=coupled, batch=decoupling.batch)
+    systems = _systems(shape, decoupling) + (f", {members} members together" * (members > 1))
     return _Machinery(
         route="linear blocks",
-        shape=shape,
-        steps=f"blocks of {sizes.block} steps as one matrix product, {_systems(shape, decoupling)}",
+        shape=replace(shape, batch=members * decoupling.batch),
+        steps=f"blocks of {sizes.block} steps as one matrix product, {systems}",
         history=_history_in_words(shape, sizes.group),
+        # all members do the same
         operations=block_operations(shape, sizes, n_steps, ends),
+        members=members,
     )
 
 

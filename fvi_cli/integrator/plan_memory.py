@@ -39,6 +39,10 @@ class Sizes:
         Whether a part of the solution is known in advance.
     n_states
         Number of exponentials.
+    members
+        How many scenes of this kind are integrated together.
+    diagnosed
+        Whether diagnostics are asked for.
     """
 
     scene: Scene
@@ -49,6 +53,13 @@ class Sizes:
     route: str
     has_series: bool
     n_states: int = 0
+    members: int = 1
+    diagnosed: bool = False
+
+    @property
+    def components(self) -> int:
+        """Degrees of freedom of all members."""
+        return self.members * self.scene.dimension
 
     @property
     def driven(self) -> bool:
@@ -56,9 +67,10 @@ class Sizes:
         return self.has_series or self.scene.forcing is not None
 
     @property
-    def on_nodes(self) -> int:
-        """1 where the damping force at the nodes is kept."""
-        return int(self.method.sampling == "nodes" and bool(self.shape.channels))
+    def keeps_force(self) -> int:
+        """1 where the damping force of every step is kept."""
+        wanted = self.diagnosed or self.method.sampling == "nodes"
+        return int(wanted and bool(self.shape.channels))
 
 
 def peak_bytes(sizes: Sizes) -> int:
@@ -90,7 +102,7 @@ def _making_weights(sizes: Sizes) -> float:
 
 def _known_in_advance(sizes: Sizes) -> float:
     """Numbers in moments and known positions."""
-    d, n = sizes.scene.dimension, sizes.n_steps
+    d, n = sizes.components, sizes.n_steps
     moments = (sizes.method.degree + 1) * d * n if sizes.driven else 0
     potential = sizes.scene.potential is not None
     return moments + (sizes.method.stages * d * n if sizes.has_series and potential else 0)
@@ -98,9 +110,9 @@ def _known_in_advance(sizes: Sizes) -> float:
 
 def _blocks(sizes: Sizes) -> float:
     """The larger one of set-up, steps and what follows them."""
-    shape, n, d = sizes.shape, sizes.n_steps, sizes.scene.dimension
+    shape, n, d = sizes.shape, sizes.n_steps, sizes.components
     held = _weights(sizes) + _known_in_advance(sizes)
-    path = (2 * d + sizes.on_nodes * shape.samples * d) * (n + 1)
+    path = (2 * d + sizes.keeps_force * shape.samples * d) * (n + 1)
     damped = shape.memory > 1
     buffer = float(shape.samples * d * n) if damped else 0.0
     if sizes.route == "linear blocks":
@@ -123,6 +135,12 @@ def _blocks(sizes: Sizes) -> float:
     if n <= 2 * group or max((c.memory for c in shape.channels), default=0) <= group + 1:
         transform = 0.0
     after = (3.4 + 0.7 * d) * n + (0 if not sizes.has_series else 7 * d * n)
+    if sizes.members > 1:
+        # what becomes of one slice is there while that of the others is still to come
+        path += d * n
+        held += 4 * d * n if sizes.has_series else 0
+    if sizes.diagnosed:
+        after += _balances(sizes)
     if sizes.scene.lagrangian is not None:
         held += 4 * sizes.method.stages * d * n if sizes.has_series else 0
         after += (6 * d + 8 * d * d) * n
@@ -131,6 +149,15 @@ def _blocks(sizes: Sizes) -> float:
         return held + path + buffer + max(making, kept + transform, after - buffer)
     steps = held + path + buffer + kept + max(transform, work)
     return max(held + path + buffer + making, steps, held + path + after)
+
+
+def _balances(sizes: Sizes) -> float:
+    """Increments, rates, and the moments that are paired with them."""
+    d, n, degree = sizes.scene.dimension, sizes.n_steps, sizes.method.degree
+    own = (6 * degree + 4 + 2 * sizes.shape.samples) * d * n
+    if sizes.has_series:
+        own += 2 * (degree + 1) * (2 * d + 1) * n
+    return own
 
 
 def _transform(sizes: Sizes) -> float:
@@ -151,7 +178,7 @@ def _kept_transforms(sizes: Sizes) -> float:
 
 def _linear_matrices(sizes: Sizes, width: int, blocks: BlockSizes) -> tuple[float, float]:
     """Numbers at work while the matrices of a block are made, and those that are kept."""
-    shape, b, nodes = sizes.shape, blocks.block, sizes.on_nodes
+    shape, b, nodes = sizes.shape, blocks.block, sizes.keeps_force
     m, e = shape.samples, shape.coupled
     size = b * m * e
     state = 2 * e + m * e + 1
@@ -181,7 +208,7 @@ def _newton_matrices(sizes: Sizes) -> tuple[float, float]:
     shape, d, r = sizes.shape, sizes.scene.dimension, sizes.method.stages
     b = newton_block(sizes.scene, shape.samples, sizes.n_steps) or 1
     general = sizes.scene.lagrangian is not None
-    size, nodes = b * shape.samples * d, sizes.on_nodes
+    size, nodes = b * shape.samples * d, sizes.keeps_force
     columns = size + 2 * d + shape.samples * d + 1 + b * (sizes.method.degree + 1) * d
     points, outputs = b * r * d * (1 + general), (1 + nodes) * size + 2 * b * d
     dense = (2 * size + nodes * size + points + 2 * b * d) * columns

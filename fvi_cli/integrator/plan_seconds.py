@@ -46,28 +46,31 @@ def machine_speed() -> tuple[float, float]:
 
 
 def predicted_seconds(sizes: Sizes, operations: int | None) -> float:
-    """Time of set-up and steps together.
+    """Time of set-up and steps together; of members that are integrated together, a share of it.
 
     Parameters
     ----------
     sizes
         The run.
     operations
-        Multiply-adds of its memory.
+        Multiply-adds of the memory of one member.
     """
     per_operation, per_call = machine_speed()
     n, shape = sizes.n_steps, sizes.shape
     work = 2.0 * per_operation * (operations or 0)
     m, degree, d = shape.samples, sizes.method.degree, sizes.scene.dimension
+    # weights and tables are shared
+    each = 1.0 / sizes.members
     weights = 40.0 * per_operation * n * m * m * len(shape.channels) * math.log2(n + 2)
-    setup = weights + 10_000 * per_call + (SERIES_SECONDS if sizes.has_series else 0.0)
+    setup = each * weights + (0.05 + 0.95 * each) * 10_000 * per_call
+    setup += (0.1 + 0.9 * each) * SERIES_SECONDS if sizes.has_series else 0.0
     systems = max(1, -(-shape.batch // 128))
     if sizes.route == "linear blocks":
         chosen = batch_sizes(m, shape.coupled, shape.batch, n)
         block = 1 if chosen is None else chosen[1].block
         # products of matrices are quicker than transforms
         inside = 0.3 * block * shape.coupled * (m + degree + 3) * n * d
-        return setup + work + per_operation * inside + 40 * per_call * systems * n / block
+        return setup + work + per_operation * inside + each * 40 * per_call * systems * n / block
     if sizes.route == "exponentials" and sizes.scene.is_linear:
         block = block_length(m * shape.coupled, shape.batch)
         return setup + work + 30 * per_call * n / block + per_operation * 12 * block * n * d

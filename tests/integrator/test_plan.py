@@ -10,7 +10,9 @@ import pytest
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.diagnostics import Asked
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.members import companions, integrate_members
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.plan import plan_run
 from fvi_cli.scenes.lagrangian import double_pendulum
@@ -235,3 +237,92 @@ class TestWords:
         small, large = (plan_run(oscillators(), gauss(), n) for n in (2**10, 2**18))
         assert large.memory_bytes > 2 * small.memory_bytes
         assert large.seconds > 10 * small.seconds > 0
+
+
+def different(count: int, forcing: str | None = None) -> list[Scene]:
+    return [
+        linear_oscillator(
+            final_time=8.0,
+            stiffness=1.0 + 0.1 * place,
+            damping=[FractionalDamping(order=0.5, coefficient=0.3)],
+            initial_position=1.0,
+            forcing=None if forcing is None else Forcing.from_text(forcing),
+        )
+        for place in range(count)
+    ]
+
+
+MEMBER_METHODS = [gauss(), gauss(3, "series"), NODES, points()]
+
+
+class TestMembers:
+    @pytest.mark.parametrize("method", MEMBER_METHODS, ids=lambda method: method.case)
+    @pytest.mark.parametrize("count", [2, 20, 150])
+    def test_operations_of_each_are_those_counted(self, count, method):
+        scenes = different(count)
+        together = companions(scenes, method, 300)
+        assert together == [count] * count
+        planned = plan_run(scenes[0], method, 300, members=count)
+        for found in integrate_members(scenes, method, 300):
+            assert found.history_operations == planned.history_operations
+        assert planned.systems == count
+
+    def test_members_that_do_not_go_together_are_planned_alone(self):
+        scenes = [*different(3), swing(), oscillators(2), *different(2)]
+        assert companions(scenes, gauss(), 300) == [5, 5, 5, 1, 1, 5, 5]
+        # a pendulum is not one of a batch, whatever number is given
+        assert plan_run(swing(), gauss(), 300, members=7) == plan_run(swing(), gauss(), 300)
+        direct = gauss(history="direct")
+        assert companions(scenes, direct, 300) == [1] * len(scenes)
+
+    def test_many_members_take_other_blocks_than_one(self):
+        # otherwise the counts above would not tell a batch from a run alone
+        scene = different(1)[0]
+        alone, together = (
+            plan_run(scene, NODES, 4096, members=k).history_operations for k in (1, 100)
+        )
+        assert alone != together
+
+    @pytest.mark.parametrize("method", MEMBER_METHODS, ids=lambda method: method.case)
+    def test_peak_memory_of_all(self, method):
+        scenes = different(60)
+        integrate_members(scenes, method, 32)
+        planned = plan_run(scenes[0], method, 4096, members=60).memory_bytes
+        tracemalloc.start()
+        integrate_members(scenes, method, 4096)
+        _, traced = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert planned == pytest.approx(traced, rel=0.25)
+
+
+class TestDiagnosed:
+    BALANCE = Asked(energy_balance=True)
+
+    @pytest.mark.parametrize(
+        "scene",
+        [oscillators(), oscillators(3, coupled="all"), oscillators(orders=()), swing()],
+        ids=["one", "coupled", "undamped", "pendulum"],
+    )
+    @pytest.mark.parametrize("method", MEMBER_METHODS, ids=lambda method: method.case)
+    def test_operations_are_those_counted(self, scene, method):
+        found = integrate(scene, method, 300, diagnostics=self.BALANCE)
+        planned = plan_run(scene, method, 300, diagnosed=True)
+        assert found.history_operations == planned.history_operations
+
+    def test_general_lagrangians_take_single_steps(self):
+        scene = rods()
+        found = integrate(scene, gauss(), 300, diagnostics=self.BALANCE)
+        planned = plan_run(scene, gauss(), 300, diagnosed=True)
+        assert found.history_operations == planned.history_operations
+        assert planned.history_operations != plan_run(scene, gauss(), 300).history_operations
+
+    @pytest.mark.parametrize("method", MEMBER_METHODS, ids=lambda method: method.case)
+    @pytest.mark.parametrize("scene", [oscillators(), swing()], ids=["one", "pendulum"])
+    def test_peak_memory(self, scene, method):
+        integrate(scene, method, 32, diagnostics=self.BALANCE)
+        planned = plan_run(scene, method, 4096, diagnosed=True).memory_bytes
+        tracemalloc.start()
+        integrate(scene, method, 4096, diagnostics=self.BALANCE)
+        _, traced = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert planned == pytest.approx(traced, rel=0.25)
