@@ -12,6 +12,7 @@ import ast
 import difflib
 import keyword
 import math
+import operator
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -227,14 +228,18 @@ class Expression:
                 if kind == "number":
                     stack.append(cast(float, value))
                 elif kind == "variable":
-                    stack.append(_value_of(str(value), values))
+                    stack.append(_value_of(cast(str, value), values))
                 elif kind == "call":
-                    stack.append(_call(str(value), stack.pop(), functions))
+                    stack.append(_call(cast(str, value), stack.pop(), functions))
                 elif kind == "negate":
                     stack.append(-stack.pop())  # type: ignore[operator]
                 else:
                     right = stack.pop()
-                    stack.append(_combine(kind, stack.pop(), right))
+                    left = stack.pop()
+                    if isinstance(right, float):
+                        stack.append(_combine(kind, left, right))
+                    else:
+                        stack.append(cast(T, _ARITHMETIC[kind](left, right)))
         return stack.pop()
 
 
@@ -252,12 +257,10 @@ def _value_of(name: str, values: Mapping[str, T | float]) -> T | float:
     if name not in values:
         raise ExpressionError(f"no value was given for the variable {name!r}")
     value = values[name]
-    if isinstance(value, int | float):
-        return float(value)
-    if isinstance(value, np.ndarray) and value.dtype.kind in "bui":
+    if isinstance(value, np.ndarray):
         # Integer arrays would refuse negative powers.
-        return cast(T, value.astype(float))
-    return value
+        return value if value.dtype.kind not in "bui" else cast(T, value.astype(float))
+    return float(value) if isinstance(value, int | float) else value
 
 
 def _call(name: str, argument: T | float, functions: Mapping[str, Callable[..., T]]) -> T | float:
@@ -268,25 +271,27 @@ def _call(name: str, argument: T | float, functions: Mapping[str, Callable[..., 
     return functions[name](argument)
 
 
-def _combine(operator: str, left: T | float, right: T | float) -> T | float:
-    if isinstance(left, float) and isinstance(right, float):
-        # Python's own numbers raise at 1/0 and turn complex at (-1)**0.5; NumPy's do neither.
-        return float(_arithmetic(operator, np.float64(left), np.float64(right)))
-    if operator == "**" and isinstance(right, float) and right.is_integer() and abs(right) < 1e9:
-        return _arithmetic(operator, left, int(right))
-    return _arithmetic(operator, left, right)
+def _combine(kind: str, left: T | float, right: float) -> T | float:
+    """The result for a number on the right.
+
+    Python's own numbers raise at 1/0 and turn complex at (-1)**0.5; NumPy's do neither.
+    """
+    if isinstance(left, float):
+        return float(cast(float, _ARITHMETIC[kind](np.float64(left), np.float64(right))))
+    if kind == "**" and right.is_integer() and abs(right) < 1e9:
+        return cast(T, left ** int(right))  # type: ignore[operator]
+    return cast(T, _ARITHMETIC[kind](left, right))
 
 
-def _arithmetic(operator: str, left: T | float, right: T | float) -> T | float:
-    if operator == "+":
-        return left + right  # type: ignore[operator]
-    if operator == "-":
-        return left - right  # type: ignore[operator]
-    if operator == "*":
-        return left * right  # type: ignore[operator]
-    if operator == "/":
-        return left / right  # type: ignore[operator]
-    return left**right  # type: ignore[operator, no-any-return]
+_ARITHMETIC: Final[Mapping[str, Callable[[object, object], object]]] = MappingProxyType(
+    {
+        "+": operator.add,
+        "-": operator.sub,
+        "*": operator.mul,
+        "/": operator.truediv,
+        "**": operator.pow,
+    }
+)
 
 
 def _translate(expression: Expression) -> tuple[Instruction, ...]:
