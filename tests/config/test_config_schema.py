@@ -1,0 +1,80 @@
+"""What editors check by the JSON schema is what the program reads."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jsonschema
+import pytest
+
+from fvi_cli.config import find_config, json_schema, shipped_configs, starter_config
+from fvi_cli.config.complaints import Complaints
+from fvi_cli.config.document import ListNode, MappingNode, Node, Place, ScalarNode, read_document
+from fvi_cli.scenes.registry import EQUATIONS
+
+SCHEMA = json_schema()
+CHECK = jsonschema.Draft202012Validator(SCHEMA)
+
+CONFIG = """
+name: small
+problem: {kind: pendulum, final_time: 1.0}
+ladder: {steps: [8, 16]}
+"""
+
+
+def plain(text: str) -> Any:
+    """The values that stand in a configuration."""
+    complaints = Complaints()
+    node = read_document(text, Place(source="text", line=1, column=1), complaints)
+    complaints.raise_if_any()
+    assert node is not None
+    return _values(node)
+
+
+def _values(node: Node) -> Any:
+    if isinstance(node, MappingNode):
+        return {name: _values(entry.node) for name, entry in node.entries.items()}
+    if isinstance(node, ListNode):
+        return [_values(item) for item in node.items]
+    assert isinstance(node, ScalarNode)
+    return node.value
+
+
+def test_the_schema_is_one() -> None:
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+
+
+@pytest.mark.parametrize("name", shipped_configs())
+def test_shipped_configurations_fit(name: str) -> None:
+    CHECK.validate(plain(find_config(name).read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize("kind", EQUATIONS)
+def test_starters_fit(kind: str) -> None:
+    CHECK.validate(plain(starter_config(kind)))
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        "methods: {bdf: 2}",
+        "method: {bdf: 7}",
+        "method: {bdf: 2, sampling: node}",
+        "report: {norm: mean}",
+        "problem: {kind: pendulm, final_time: 1.0}",
+        "problem: {kind: pendulum, final_time: 0}",
+        "problem: {kind: pendulum, final_time: 1.0, stiffness: 2}",
+        "problem: {kind: pendulum, final_time: 1.0, damping: [{order: 2.0, coefficient: 1}]}",
+        "problem: {kind: pendulum, final_time: 1.0, damping: [{order: 0.5}]}",
+        "ladder: {steps: [0]}",
+        "ladder: {steps: 8, base: 2}",
+        "store: {every: 0}",
+        "allow_unstable: yes",
+    ],
+)
+def test_mistakes_do_not_fit(entry: str) -> None:
+    CHECK.validate(plain(CONFIG))
+    key = entry.partition(":")[0]
+    lines = [line for line in CONFIG.splitlines() if not line.startswith(f"{key}:")]
+    wrong = plain("\n".join([*lines, entry]))
+    assert list(CHECK.iter_errors(wrong)), entry
