@@ -173,7 +173,10 @@ def _limit(scene: Scene, method: AnyMethod) -> float:
 
 
 def observe(scene: Scene, method: AnyMethod, n_steps: int) -> Observation | None:
-    """What random data do in steps of this size; None for a scene that cannot be linearised.
+    """What random data do in steps of this size.
+
+    None for a scene that cannot be linearised, and where the equations of a step have no unique
+    solution.
 
     Parameters
     ----------
@@ -205,7 +208,10 @@ def observe(scene: Scene, method: AnyMethod, n_steps: int) -> Observation | None
     count = min(count, MOST_STEPS, max(FEWEST_STEPS, MOST_VALUES // linear.dimension))
     over = replace(linear, final_time=h * count)
     predicted = predict_stability(over, method, count)
-    sizes = _sizes_from_random_data(over, method, count)
+    try:
+        sizes = _sizes_from_random_data(over, method, count)
+    except np.linalg.LinAlgError:
+        return None
     growth = _growth_between_quarters(sizes)
     excess = 0.75 * count * (growth - predicted.exact_growth)
     resolved = RESOLVED * 0.75 * count * predicted.exact_growth
@@ -231,7 +237,10 @@ def _sizes_from_random_data(scene: Scene, method: AnyMethod, n_steps: int) -> Ar
             path = run_steps(problem, "auto").position
         else:
             moved = replace(scene, initial_position=position, initial_velocity=velocity)
-            path = integrate(moved, method, n_steps).position
+            trajectory = integrate(moved, method, n_steps)
+            if trajectory.status == "failed":
+                raise np.linalg.LinAlgError(trajectory.message)
+            path = trajectory.position
         sizes = np.abs(path).max(axis=1)
     finite = np.isfinite(sizes)
     return np.asarray(sizes if finite.all() else sizes[: int(finite.argmin())])

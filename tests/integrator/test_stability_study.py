@@ -317,3 +317,15 @@ def test_tables_hold_every_row():
     content = json.loads(stability_json("quick", [table]))
     assert [row["predicted"] for row in content["rows"]] == [row.verdict for row in rows]
     assert content["rows"][0]["observed_growth_per_step"] is None
+
+
+@pytest.mark.parametrize("method", [Method(cq="gauss", degree=1), Baseline(name="implicit-euler")])
+def test_steps_without_a_solution_cannot_be_observed(method):
+    """Singular with steps of 2 (midpoint rule) and 1 (implicit Euler) on x'' = x."""
+    scene = oscillator(2.0, stiffness=-1.0, damping=())
+    singular = 1 if isinstance(method, Method) else 2
+    assert observe(scene, method, singular) is None
+    assert predict_stability(scene, method, singular).verdict == "unstable"
+    seen = observe(scene, method, 8)
+    assert seen is not None
+    assert seen.agrees
