@@ -15,6 +15,7 @@ from fvi_cli.config.document import Node
 from fvi_cli.config.records import node_at
 from fvi_cli.config.shapes import INVALID, is_complete
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, ExpressionError
+from fvi_cli.mathematics.power_series import SeriesError, expand
 from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.scenes.registry import FIXED_SIZES, SIZE_KEYS, build_problem
 
@@ -25,6 +26,7 @@ Complain = Callable[[KeyPath, str], None]
 # where a quotient such as sin(t - 1)/(t - 1) has no value, it must not be infinite.
 _TRIALS: Final = 97
 _GRID: Final = 720
+_EXPANDED_TO: Final = 4.0  # above the power of t itself, which a quotient would lose
 _LEADING_PATH: Final = re.compile(r"([a-z_]+(?:\.[a-z0-9_]+)*): (.*)", re.DOTALL)
 _OTHER_NAMES: Final = {
     "initial_position": ("initial", "position"),
@@ -195,7 +197,8 @@ def _check_values(problem: Mapping[str, Any], complain: Complain) -> None:
     force = force_key(problem)
     forcing = problem.get(force)
     if not isinstance(forcing, Mapping):
-        _try(forcing, (force,), inside, complain, _instants(0.0, final_time, _GRID))
+        grid = _instants(0.0, final_time, _GRID)
+        _try(forcing, (force,), inside, complain, grid=grid, begin=0.0)
         return
     begin = 0.0
     pieces = forcing.get("pieces")
@@ -206,7 +209,8 @@ def _check_values(problem: Mapping[str, Any], complain: Complain) -> None:
         if not isinstance(end, float) or not begin < end <= final_time:
             return
         inside, grid = _instants(begin, end, _TRIALS), _instants(begin, end, _GRID)
-        _try(piece.get("value"), (force, "pieces", index, "value"), inside, complain, grid)
+        key = (force, "pieces", index, "value")
+        _try(piece.get("value"), key, inside, complain, grid=grid, begin=begin)
         begin = end
 
 
@@ -216,12 +220,18 @@ def _instants(begin: float, end: float, count: int) -> Array:
 
 
 def _try(
-    value: object, key: KeyPath, times: Array, complain: Complain, grid: Array | None = None
+    value: object,
+    key: KeyPath,
+    times: Array,
+    complain: Complain,
+    *,
+    grid: Array | None = None,
+    begin: float | None = None,
 ) -> None:
-    """The expression must be finite at `times`, and nowhere on `grid` infinite."""
+    """It must be finite at `times`, nowhere on `grid` infinite, and integrable at `begin`."""
     if isinstance(value, list):
         for index, entry in enumerate(value):
-            _try(entry, (*key, index), times, complain, grid)
+            _try(entry, (*key, index), times, complain, grid=grid, begin=begin)
         return
     if not isinstance(value, str) or value == "auto":
         return
@@ -241,3 +251,23 @@ def _try(
         found = float(values[wrong[0]])
         what = "not a real number" if math.isnan(found) else "infinite"
         complain(key, f"is {what} at t = {at:.6g}; it must be finite up to final_time")
+        return
+    if begin is not None:
+        _limit_impulse(expression, begin, key, complain)
+
+
+def _limit_impulse(expression: Expression, begin: float, key: KeyPath, complain: Complain) -> None:
+    """A force may be infinite at the beginning of its piece, but not its integral."""
+    if np.isfinite(expression.evaluate({"t": np.array([begin])}, NUMPY_FUNCTIONS)).all():
+        return
+    try:
+        power = expand(expression, _EXPANDED_TO, begin).leading_exponent
+    except SeriesError:
+        return
+    if power <= -1:
+        behind = "t" if begin == 0 else f"(t - {begin:g})"
+        complain(
+            key,
+            f"grows like {behind}**{power:g} behind t = {begin:g}, so that its integral is "
+            "infinite; powers above -1 are allowed",
+        )

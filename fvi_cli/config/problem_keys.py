@@ -76,7 +76,7 @@ _FORCING: Final = ByForm(
             )
         )
     ),
-    example="{pieces: [{until: 1.0, value: 8}, {value: 0}]}",
+    example="{pieces: [{until: 1.0, value: 8}, {value: 0}]}, where the value may be a list",
 )
 _INITIAL: Final = Record(
     keys=(
@@ -115,7 +115,10 @@ def _damping(default_order: float) -> Key:
             ),
             Key(
                 name="acts_on",
-                shape=ListOf(shape=Text(what="a linear combination"), example="[x2 - x1]"),
+                shape=ListOf(
+                    shape=Text(what="a linear combination of coordinates, such as x2 - x1"),
+                    example="[x2 - x1]",
+                ),
                 meaning="Coordinates or linear combinations of them on which the term acts, one "
                 "per row of the coefficient; without it: every coordinate.",
                 default=OPTIONAL,
@@ -293,7 +296,11 @@ _FRAME: Final = (
 )
 _GROUND: Final = Key(
     name="ground_acceleration",
-    shape=ByForm(single=_FORCING.single, mapping=_FORCING.mapping, example=_FORCING.example),
+    shape=ByForm(
+        single=_FORCING.single,
+        mapping=_FORCING.mapping,
+        example="{pieces: [{until: 1.0, value: 8}, {value: 0}]}",
+    ),
     meaning="Acceleration a(t) of the ground: number or expression in t, {pieces: [...]}, or "
     "samples, {file: quake.csv, column: a} (length per time^2).",
     default="0",

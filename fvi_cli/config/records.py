@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from fvi_cli.config.complaints import Complaints, KeyPath, listed, suggestion
+from fvi_cli.config.complaints import Complaints, KeyPath, excerpt, listed, suggestion
 from fvi_cli.config.document import ListNode, MappingNode, Node, ScalarNode
 from fvi_cli.config.shapes import (
     INVALID,
@@ -100,25 +100,22 @@ class ByForm:
     @property
     def expected(self) -> str:
         """What is allowed."""
-        example = f", such as {self.example}" if self.example else ""
+        example = f"; for example {self.example}" if self.example else ""
         return "; or ".join(shape.expected for shape in self._shapes()) + example
 
-    def _is_astray(self, node: Node) -> bool:
-        """Whether the example says more than complaints about what is inside of `node`."""
+    def _astray(self, node: Node) -> tuple[MappingNode, KeyPath] | None:
+        """A mapping of which the example says more than complaints about what is inside of it."""
         if not self.example:
-            return False
+            return None
         if isinstance(node, ListNode):
             entry = self.several.shape if isinstance(self.several, ListOf) else None
             allowed = entry.mapping if isinstance(entry, ByForm) else None
-            return any(
-                isinstance(item, MappingNode) and not (allowed and allowed.is_meant(item))
-                for item in node.items
-            )
-        return (
-            isinstance(node, MappingNode)
-            and self.mapping is not None
-            and not self.mapping.is_meant(node)
-        )
+            for index, item in enumerate(node.items):
+                if isinstance(item, MappingNode) and not (allowed and allowed.is_meant(item)):
+                    return item, (index,)
+        elif isinstance(node, MappingNode) and self.mapping and not self.mapping.is_meant(node):
+            return node, ()
+        return None
 
     def _shapes(self) -> list[Shape]:
         return [s for s in (self.single, self.several, self.mapping) if s is not None]
@@ -131,7 +128,15 @@ class ByForm:
         elif isinstance(node, MappingNode):
             shape = self.mapping
         is_empty = isinstance(node, ScalarNode) and node.value is None
-        if shape is None or is_empty or self._is_astray(node):
+        astray = self._astray(node)
+        if astray is not None and shape is not None:
+            found, key = astray
+            keys = f" with {excerpt(listed(found.entries))}" if found.entries else ""
+            where = " in a list; the whole" if key else "; it"
+            message = f"a mapping{keys} is not allowed{where} must be {self.expected}"
+            complaints.add(found.place, (*path, *key), message)
+            return INVALID
+        if shape is None or is_empty:
             complaints.add(node.place, path, needed(node, self.expected))
             return INVALID
         return shape.read(node, path, complaints)

@@ -125,6 +125,9 @@ MISTAKES = [
     ("forcing: 1 + t", "forcing: »true", "problem.forcing: true is not", "number"),
     ("forcing: 1 + t", "forcing: »sqrt(0.5 - t)", "problem.forcing: is not a", "t = 0.5"),
     ("forcing: 1 + t", "forcing: »1/(t - 0.25)", "problem.forcing: is infinite at t = 0.25", ""),
+    ("forcing: 1 + t", "forcing: »1/(2*t) + 1", "problem.forcing: grows like t**-1", "above -1"),
+    ("forcing: 1 + t", "forcing: [»{pieces: [{value: 1}]}]",
+     "problem.forcing.0: a mapping with pieces is not allowed in a list", "may be a list"),
     ("exact: t**2", "exact: »1/t", "problem.exact: is infinite at t = 0", "finite"),
     # between keys
     ("{position: 0.0, velocity: 0.0}", "{position: [0, 0, 0], velocity: »[0, 1]}",
@@ -326,6 +329,12 @@ PIECES = [
         "problem.forcing.pieces.0.value: is infinite at t = 1",
         "",
     ),
+    (
+        "[{until: 1, value: 0}, {value: »(t - 1)**-1.5}]",
+        "[4]",
+        "problem.forcing.pieces.1.value: grows like (t - 1)**-1.5 behind t = 1",
+        "integral is infinite",
+    ),
     ("»[]", "[4]", "problem.forcing.pieces: 0 entries", ""),
 ]
 
@@ -334,6 +343,13 @@ PIECES = [
 def test_break_points_must_lie_on_the_grid_and_in_order(pieces, steps, begins, says):
     text = PENDULUM.replace("2.0}", f"2.0, forcing: {{pieces: {pieces}}}}}").replace("[4]", steps)
     assert_told(text, begins, says)
+
+
+@pytest.mark.parametrize("force", ["t**-0.9", "log(t)", "sin(t)/t", "(1 - cos(t))/t**2"])
+def test_forces_that_are_infinite_or_undefined_at_their_start_may_have_an_integral(force):
+    text = PENDULUM.replace("2.0}", f"2.0, forcing: {force}}}")
+    (experiment,) = parse_config(text, "f.yaml").experiments
+    assert experiment.problem.scene.forcing is not None
 
 
 def test_a_break_point_on_the_grid_is_accepted():

@@ -115,4 +115,4 @@ def test_a_force_in_pieces_that_is_written_wrongly_is_shown_how(forcing):
     with pytest.raises(ConfigError) as caught:
         changed(f"problem.forcing={forcing}")
     (line,) = caught.value.complaints
-    assert line.endswith(f"such as {right}"), line
+    assert f"; for example {right}" in line, line

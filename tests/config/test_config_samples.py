@@ -171,7 +171,7 @@ OTHERS = [
     ("column: a}", "column: a, content: abc}", "problem.forcing: not samples as text"),
     ("column: a}", "column: a, scale: .inf}", "problem.forcing.scale"),
     ("{file: quake.csv, column: a}", "{column: a}", "problem.forcing.file: missing"),
-    ("{file: quake.csv, column: a}", "{fil: quake.csv}", "such as {pieces:"),
+    ("{file: quake.csv, column: a}", "{fil: quake.csv}", "for example {pieces:"),
 ]
 
 
