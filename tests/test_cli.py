@@ -261,9 +261,13 @@ def test_runs_of_another_problem_are_not_replaced_in_silence(folder):
 
 
 def test_a_configuration_is_not_shown_as_results(folder):
-    result = fvi("show", "quick.yaml")
+    for request in (["show", "quick.yaml"], ["export", "quick.yaml", "--to", "csv"]):
+        result = fvi(*request)
+        assert result.exit_code == 2
+        assert "is not a result file of fvi; `fvi check` and `fvi run` take" in result.stderr
+    result = fvi("show", "quick")
     assert result.exit_code == 2
-    assert "is not a result file of fvi; `fvi check` and `fvi run` take" in result.stderr
+    assert "no such file; result files end in .h5, such as results/quick.h5" in result.stderr
     (folder / "junk.h5").write_text("junk")
     result = fvi("convergence", "junk.h5")
     assert result.exit_code == 2

@@ -10,7 +10,6 @@ import typer
 
 from fvi_cli.commands.exits import DONE, guarded
 from fvi_cli.commands.options import Verbose
-from fvi_cli.errors import RequestError
 
 _logger = logging.getLogger("fvi_cli")
 
@@ -27,10 +26,6 @@ def show(
     from fvi_cli import campaign, reports
     from fvi_cli.output.storage import list_runs, read_configuration
 
-    if file.suffix in (".yaml", ".yml"):
-        raise RequestError(
-            f"{file}: is not a result file of fvi; `fvi check` and `fvi run` take configurations"
-        )
     if not config:
         print(reports.contents_as_text(list_runs(file)))
         if verbose:

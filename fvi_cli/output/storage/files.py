@@ -49,9 +49,14 @@ def open_stored(path: Path) -> h5py.File:
         As :func:`reading`.
     """
     if not path.exists():
-        raise StorageError(f"{path}: no such file")
+        hint = "" if path.suffix else f"; result files end in .h5, such as results/{path.name}.h5"
+        raise StorageError(f"{path}: no such file{hint}")
     if path.is_dir():
         raise StorageError(f"{path}: is a folder, not a result file")
+    if path.suffix in (".yaml", ".yml"):
+        raise StorageError(
+            f"{path}: is not a result file of fvi; `fvi check` and `fvi run` take configurations"
+        )
     try:
         if is_broken(path):
             raise StorageError(
