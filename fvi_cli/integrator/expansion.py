@@ -109,14 +109,21 @@ def solution_expansion(scene: Scene, cutoff: float) -> Expansion:
 
 
 def jump_expansion(
-    scene: Scene, break_point: float, cutoff: float, stiffness: Array | None = None
+    scene: Scene,
+    break_point: float,
+    cutoff: float,
+    path: tuple[PowerSeries, ...] | None = None,
 ) -> Expansion:
     r"""The response, from rest, to the jump of the forcing at a break point.
 
     The difference of what the forcing is after and before the break point is expanded in
-    :math:`t - t_b`, kinks included, and drives the linear equation. The potential of a nonlinear
-    scene enters by its Hessian at the break point, where that is known; the response is then
-    determined only four powers (five with the Hessian) above that of the jump, and cut off there.
+    :math:`t - t_b`, kinks included, and drives the equation of the response w. In a nonlinear
+    potential that is
+
+    .. math:: M w'' + \sum_j \mu_j D^{\gamma_j} w + \nabla V(y + w) - \nabla V(y) = f_+ - f_-
+
+    with the path y that the motion would have taken without the break. Where that is not known,
+    the response is determined only four powers above that of the jump, and cut off there.
 
     Parameters
     ----------
@@ -126,8 +133,8 @@ def jump_expansion(
         The time :math:`t_b` where one piece ends.
     cutoff
         Q.
-    stiffness
-        For a nonlinear potential, its Hessian at :math:`x(t_b)`, shape ``(d, d)``.
+    path
+        For a nonlinear potential: y in powers of :math:`t - t_b`; None: not known.
 
     Raises
     ------
@@ -149,14 +156,15 @@ def jump_expansion(
             _scaled(_forcing_expansion(before, _needed(cutoff), break_point), -1.0),
         ]
     )
-    if isinstance(scene.potential, ExpressionPotential):
-        known = 4.0 if stiffness is None else 5.0
-        if jump.exponents.size:
-            cutoff = min(cutoff, float(jump.exponents[0]) + known)
-    else:
-        stiffness = _stiffness_of(scene)
     start = np.zeros((2, scene.dimension))
-    return _linear_motion(scene, start, jump, stiffness, cutoff)
+    if isinstance(scene.potential, ExpressionPotential):
+        if path is not None:
+            return _nonlinear_motion(
+                scene, start, jump, _difference_of(scene.potential, path), cutoff
+            )
+        if jump.exponents.size:
+            cutoff = min(cutoff, float(jump.exponents[0]) + 4.0)
+    return _linear_motion(scene, start, jump, _stiffness_of(scene), cutoff)
 
 
 def forcing_is_smooth(scene: Scene, cutoff: float) -> bool:
@@ -347,6 +355,20 @@ def _gradient_of(scene: Scene) -> Callable[[Expansion], Expansion] | None:
     def gradient(series: Expansion) -> Expansion:
         values = potential.gradient_components(series.components, SERIES_FUNCTIONS)
         return _stacked(values, series.cutoff)
+
+    return gradient
+
+
+def _difference_of(
+    potential: ExpressionPotential, path: tuple[PowerSeries, ...]
+) -> Callable[[Expansion], Expansion]:
+    """What a potential pulls more at a distance from a path than on it."""
+    before = potential.gradient_components(path, SERIES_FUNCTIONS)
+
+    def gradient(series: Expansion) -> Expansion:
+        at = [y + w for y, w in zip(path, series.components, strict=True)]
+        after = potential.gradient_components(at, SERIES_FUNCTIONS)
+        return _stacked([a - b for a, b in zip(after, before, strict=True)], series.cutoff)
 
     return gradient
 

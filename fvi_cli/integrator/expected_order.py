@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.continuation import asks_for_paths
 from fvi_cli.integrator.expansion import Expansion, solution_expansion
 from fvi_cli.integrator.interpolation_limit import interpolation_limit
 from fvi_cli.integrator.known_part import (
-    KnownPart,
     forcing_powers,
     plan_series,
     settled_method,
@@ -63,7 +63,8 @@ def expected_order(scene: Scene, method: AnyMethod, norm: Norm, n_steps: int) ->
     if method.start == "series":
         plan = plan_series(scene, method, n_steps)
         if plan.known is not None and not plan.fell_back:
-            return _after_breaks(scene, plan.known, smooth)
+            limit = math.inf if smooth > 4.0 else _left_at_breaks(scene)
+            return min(smooth, limit)
         method = settled_method(scene, method, plan)
     if method.start == "weights":
         # an exact fractional derivative is a singular force, whose moments the points see wrong;
@@ -115,11 +116,14 @@ def smooth_order(scene: Scene, method: Method) -> float:
     return float(min(2 * method.degree, method.rule.build().order))
 
 
-def _after_breaks(scene: Scene, known: KnownPart | None, order: float) -> float:
-    """A nonlinear scene's response to a jump is known four powers far only: 5 - gamma, measured."""
-    if scene.is_linear or known is None or not known.jumps:
-        return order
-    return min(order, 5.0 - max(term.order for term in scene.active_damping))
+def _left_at_breaks(scene: Scene) -> float:
+    """Limit of methods of order 4 and less on a nonlinear scene with breaks and orders below 1.
+
+    What the window of a response costs them there depends on the motion; measured, it is more
+    than it saves, and the run does without.
+    """
+    highest = max((term.order for term in scene.active_damping), default=0.0)
+    return 4.0 - highest if asks_for_paths(scene) and highest < 1 else math.inf
 
 
 def _singular_order(scene: Scene, method: Method, norm: Norm) -> float:

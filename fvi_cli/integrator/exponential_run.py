@@ -29,8 +29,9 @@ from fvi_cli.integrator.exponential_march import (
 )
 from fvi_cli.integrator.exponential_newton import NewtonMarch
 from fvi_cli.integrator.growth_bound import GrowthBound, first_outside, growth_bound
+from fvi_cli.integrator.integrate import series_of
 from fvi_cli.integrator.known_forces import KnownForces, known_forces
-from fvi_cli.integrator.known_part import NO_SERIES, KnownPart, plan_series, settled_method
+from fvi_cli.integrator.known_part import KnownPart, settled_method
 from fvi_cli.integrator.memory import build_memory
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import step_tables
@@ -160,7 +161,7 @@ def _march(
         found = (checkpoint.case, checkpoint.n_steps, checkpoint.step_size)
         if found != asked:
             raise ValueError(f"checkpoint: it belongs to the run {found}, not to {asked}")
-    series = plan_series(scene, method, n_steps) if method.start == "series" else NO_SERIES
+    series = series_of(scene, method, n_steps)
     known = series.known
     settled = settled_method(scene, method, series)
     from_rest = known is not None and known.carries_start

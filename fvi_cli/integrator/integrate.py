@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
 from fvi_cli.integrator.break_points import steps_at_break_points
+from fvi_cli.integrator.continuation import UNKNOWN, asks_for_paths, paths_of
 from fvi_cli.integrator.diagnostics import NOTHING, Asked, diagnose
 from fvi_cli.integrator.engine import run
 from fvi_cli.integrator.growth_bound import cut_at_bound, growth_bound
@@ -19,8 +20,10 @@ from fvi_cli.integrator.known_part import (
     KnownPart,
     KnownTable,
     SeriesPlan,
+    method_order,
     plan_series,
     settled_method,
+    window_rule,
 )
 from fvi_cli.integrator.memory import ChannelSource, build_memory
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
@@ -37,6 +40,9 @@ from fvi_cli.integrator.stepping import Stepped, StepProblem
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 
 Array = NDArray[np.float64]
+
+LONGEST_PILOT = 2**20
+"""Steps to the last break point beyond which nothing is found out about the motion there."""
 
 
 def integrate(
@@ -196,6 +202,30 @@ class Prepared:
     table: KnownTable | None = None
 
 
+def series_of(scene: Scene, method: Method, n_steps: int) -> SeriesPlan:
+    """The series of a run, with the paths of a nonlinear motion at its break points.
+
+    These come of a run up to the last of them that does without.
+    """
+    if method.start != "series":
+        return NO_SERIES
+    rule = window_rule(method)
+    if rule is None or not asks_for_paths(scene):
+        return plan_series(scene, method, n_steps)
+    last = steps_at_break_points(scene, n_steps)[-1]
+    if last > LONGEST_PILOT:
+        return plan_series(scene, method, n_steps, paths=UNKNOWN)
+    shorter = replace(scene, final_time=scene.break_points[-1])
+    quick = replace(method, history="auto")
+    prepared = prepare(
+        shorter, quick, last, series=plan_series(shorter, quick, last, paths=UNKNOWN)
+    )
+    stepped = run(prepared.problem, "auto")
+    pilot = finished_trajectory(quick, prepared, stepped, setup=0.0, stepping=0.0)
+    paths = paths_of(scene, pilot, n_steps, method_order(method) + rule.powers)
+    return plan_series(scene, method, n_steps, paths=paths)
+
+
 def prepare(
     scene: Scene,
     method: Method,
@@ -213,7 +243,7 @@ def prepare(
     h = scene.final_time / n_steps
     breaks = steps_at_break_points(scene, n_steps)
     if series is None:
-        series = plan_series(scene, method, n_steps) if method.start == "series" else NO_SERIES
+        series = series_of(scene, method, n_steps)
     known = series.known
     method = settled_method(scene, method, series)
     from_rest = known is not None and known.carries_start

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.continuation import UNKNOWN, Paths, asks_for_paths, uniform_paths
 from fvi_cli.integrator.expansion import Expansion
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.moments import StepFunction
@@ -243,12 +244,18 @@ def method_order(method: Method) -> int:
 
 @lru_cache(maxsize=2)
 def plan_series(
-    scene: Scene, method: Method, n_steps: int, expansion: Expansion | None = None
+    scene: Scene,
+    method: Method,
+    n_steps: int,
+    expansion: Expansion | None = None,
+    paths: Paths | None = None,
 ) -> SeriesPlan:
     """Decide about the series at 0 and at every break point, and say what was decided.
 
-    The `expansion` of the solution at 0 is made here where it is not given. The last plans are
-    kept: a run, and the order to expect of it, ask for the same one.
+    The `expansion` of the solution at 0 is made here where it is not given. The `paths` of a
+    nonlinear motion at break points are known after a run only; a plan without them takes what
+    uniform motion gives. The last plans are kept: a run, and the order to expect of it, ask for
+    the same one.
     """
     h = scene.final_time / n_steps
     rule = window_rule(method)
@@ -259,8 +266,10 @@ def plan_series(
     remarks = (start.reason,) if start.wanted else ()
     fell_back = start.wanted and not start.use
     jumps = []
+    if paths is None:
+        paths = uniform_paths(scene, cutoff) if asks_for_paths(scene) else UNKNOWN
     for break_point in scene.break_points:
-        decision = plan_jump(scene, break_point, cutoff, h, rule=rule)
+        decision = plan_jump(scene, break_point, cutoff, h, paths.at(break_point), rule)
         if decision.window is not None:
             jumps.append((break_point, decision.window))
         elif decision.wanted:

@@ -23,7 +23,7 @@ from fvi_cli.integrator.expansion import (
 )
 from fvi_cli.integrator.series_reach import sizes_by_mass, time_of_validity
 from fvi_cli.mathematics.graded_panels import tabulated
-from fvi_cli.mathematics.power_series import SAME_EXPONENT, SeriesError
+from fvi_cli.mathematics.power_series import SAME_EXPONENT, PowerSeries, SeriesError
 from fvi_cli.mathematics.windowed_series import WindowedSeries
 
 Array = NDArray[np.float64]
@@ -142,15 +142,18 @@ def plan_jump(
     break_point: float,
     cutoff: float,
     step_size: float,
-    stiffness: Array | None = None,
+    path: tuple[PowerSeries, ...] | None = None,
     rule: WindowRule = WindowRule(),
 ) -> StartDecision:
-    """Decide as :func:`plan_start` does about the response to a jump; its time is t - t_b."""
+    """Decide as :func:`plan_start` does about the response to a jump; its time is t - t_b.
+
+    The `path` is that of :func:`~fvi_cli.integrator.expansion.jump_expansion`.
+    """
     if all(term.is_integer_order for term in scene.active_damping):
         reason = "no series: without memory a jump leaves no trace"
         return StartDecision(use=False, wanted=False, reason=reason)
     try:
-        expansion = jump_expansion(scene, break_point, cutoff, stiffness)
+        expansion = jump_expansion(scene, break_point, cutoff, path)
     except SeriesError as error:
         return StartDecision(use=False, reason=f"no series at t = {break_point:g}: {error}")
     order = cutoff - rule.powers

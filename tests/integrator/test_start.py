@@ -28,7 +28,7 @@ from fvi_cli.integrator.start import (
     window_force,
 )
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
-from fvi_cli.mathematics.power_series import SeriesError
+from fvi_cli.mathematics.power_series import PowerSeries, SeriesError
 
 
 def oscillator(
@@ -469,9 +469,28 @@ def test_the_jump_of_a_nonlinear_scene_is_known_only_so_far() -> None:
     )
     without = jump_expansion(scene, 1.0, 8.0)
     assert without.cutoff == 4.0
-    known = jump_expansion(scene, 1.0, 8.0, stiffness=np.array([[0.5]]))
-    assert known.cutoff == 5.0
-    assert known.components[0].coefficient(4.0) == pytest.approx(-0.5 * 2 / 24 + 0.0, rel=1e-12)
+    # on its way through x = 1/3 with the velocity 2, and at rest there
+    passing, resting = (
+        jump_expansion(
+            scene,
+            1.0,
+            8.0,
+            (
+                PowerSeries(
+                    exponents=np.array([0.0, 1.0]),
+                    coefficients=np.array([1 / 3, velocity]),
+                    cutoff=8.0,
+                ),
+            ),
+        )
+        for velocity in (2.0, 0.0)
+    )
+    assert passing.cutoff == resting.cutoff == 8.0
+    response, other = passing.components[0], resting.components[0]
+    # x'' = 2 - cos(1/3) x + 2 sin(1/3) t x + ..
+    assert response.coefficient(4.0) == pytest.approx(-math.cos(1 / 3) * 2 / 24, rel=1e-12)
+    gained = response.coefficient(5.0) - other.coefficient(5.0)
+    assert gained == pytest.approx(2 * math.sin(1 / 3) / 20, rel=1e-12)
 
 
 def test_jumps_that_leave_no_trace_or_have_no_series() -> None:
