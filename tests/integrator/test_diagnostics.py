@@ -352,3 +352,24 @@ def test_asking_for_a_balance_takes_no_single_steps(monkeypatch):
             assert np.abs(asked.position - alone.position).max() <= 1e-14
     with pytest.raises(AssertionError, match="one after the other"):
         works(oscillator(0.5), dataclasses.replace(GAUSS2, history="direct"), 200)
+
+
+@pytest.mark.parametrize("method", [GAUSS2, POINTS])
+@pytest.mark.parametrize(("derivative", "slope"), [("riemann-liouville", 0.8), ("caputo", None)])
+def test_the_work_of_an_unbounded_force_without_a_series(method, derivative, slope):
+    """A force t^-0.6 from an initial position: the defect falls like h^(2 - 1.2)."""
+    scene = scene_of(
+        kind="bagley-torvik",
+        damping=[{"order": 0.6, "coefficient": 0.7}],
+        derivative=derivative,
+        initial={"position": 1.0, "velocity": 0.5},
+        final_time=2.0,
+    )
+    defects = []
+    for n_steps in (64, 128):
+        found = integrate(scene, method, n_steps, diagnostics=Asked(energy_balance=True))
+        defects.append(abs(found.diagnostics.energy_defect[-1]))
+    if slope is None:
+        assert max(defects) < 1e-12
+    else:
+        assert np.log2(defects[0] / defects[1]) == pytest.approx(slope, abs=0.05)
