@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.experiments.candidates import Candidate, least_steps, usual_candidates
 from fvi_cli.experiments.experiment import Norm
-from fvi_cli.experiments.norms import error_norm
+from fvi_cli.experiments.step_doubling import difference_norm, round_off_floor
 from fvi_cli.integrator.break_points import nearest_fitting
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod
@@ -27,20 +27,17 @@ from fvi_cli.integrator.trajectory import Trajectory
 Array = NDArray[np.float64]
 Verdict = Literal["ok", "refused"]
 
-EPSILON: Final = float(np.finfo(float).eps)
-
 MOST_RUNS: Final = 24
 MOST_STEPS: Final = 2**22
 
-MARGIN: Final = 0.7
+MARGIN: Final = 1.0
 """A prediction must stay below this share of the tolerance for a number of steps to be tried."""
 
 BETTER: Final = 0.6
 """Another method is turned to when it is predicted to take less than this share of the time."""
 
-LAST_PART: Final = 0.1
-"""For the norm at the final time runs are compared on this last part of the grid: at a single
-point two runs may agree by accident."""
+FAR_OFF: Final = 1e5
+"""Guesses that exceed the tolerance by more are believed without a run."""
 
 STILL: Final = 0.6
 """A difference of more than this share of the one before has not fallen."""
@@ -178,23 +175,6 @@ def _search(
     )
 
 
-def round_off_floor(scale: float, n_steps: int, final_time: float, norm: Norm) -> float:
-    """Errors below this are round-off: 100 eps max|x| sqrt(N), in l2 times sqrt(T)."""
-    unit = math.sqrt(final_time) if norm == "l2" else 1.0
-    return 100 * EPSILON * scale * unit * math.sqrt(n_steps)
-
-
-def difference_norm(fine: Trajectory, coarse: Trajectory, norm: Norm) -> float:
-    """Norm of the difference of a run and one on half as many steps; inf where one did not end."""
-    if fine.status != "ok" or coarse.status != "ok":
-        return math.inf
-    values, others = fine.position[::2], coarse.position
-    if norm == "final":
-        first = int((1.0 - LAST_PART) * (others.shape[0] - 1))
-        return error_norm(values[first:], others[first:], coarse.step_size, "max")
-    return error_norm(values, others, coarse.step_size, norm)
-
-
 @dataclass(frozen=True, kw_only=True)
 class _Next:
     """A candidate with the steps that it is thought to need, and the seconds until then."""
@@ -218,6 +198,7 @@ class _Search:
     attempts: list[str] = field(default_factory=list)
     scale: float = 0.0
     tell: Callable[[str], object] = lambda line: None
+    _exhausted: dict[AnyMethod, str] = field(default_factory=dict)
     _latest: dict[AnyMethod, tuple[int, Trajectory]] = field(default_factory=dict)
 
     def candidates(self, methods: Sequence[AnyMethod]) -> list[Candidate]:
@@ -240,10 +221,11 @@ class _Search:
         while len(self.attempts) < MOST_RUNS:
             chosen = self._choose(candidates, current)
             if chosen is None:
-                return self._refused(current or candidates[0], 0, self._too_much())
+                return self._refused(current or candidates[0], 0, self._why_not())
             current, n = chosen.candidate, chosen.n_steps
             if self._floor(n) > self.tolerance:
-                return self._refused(current, n, self._below_floor(n))
+                self._exhausted[current.method] = self._below_floor(n)
+                continue
             latest = self._latest.get(current.method)
             # after a run that was compared, one doubling after the other: any may do
             n = n if latest is None or not current.differences else min(n, 2 * latest[0])
@@ -252,11 +234,11 @@ class _Search:
             trajectory = self._run(current, n)
             estimate = current.estimate(n)
             if self._floor(n) > self.tolerance:
-                return self._refused(current, n, self._below_floor(n))
-            if estimate <= self.tolerance:
+                self._exhausted[current.method] = self._below_floor(n)
+            elif estimate <= self.tolerance:
                 return self._accepted(current, n, trajectory, max(estimate, self._floor(n)))
-            if self._stands_still(current, n):
-                return self._refused(current, n, self._no_further(current, n))
+            elif self._stands_still(current, n):
+                self._exhausted[current.method] = self._no_further(current, n)
             self._spread(candidates, current)
         return self._refused(current or candidates[0], 0, f"{MOST_RUNS} runs were not enough")
 
@@ -280,6 +262,8 @@ class _Search:
 
     def option(self, candidate: Candidate) -> _Next | None:
         """How far this candidate would have to go, and what that would take; None: too much."""
+        if candidate.method in self._exhausted:
+            return None
         n = self._least(candidate)
         latest = self._latest.get(candidate.method)
         if latest is not None:
@@ -288,17 +272,24 @@ class _Search:
         while candidate.predicted(n, final_time) > MARGIN * self.tolerance or (
             n <= MOST_STEPS and self._is_unstable(candidate.method, n // 2)
         ):
+            if self._is_worth_a_try(candidate, n):
+                break
             n *= 2
             if n > MOST_STEPS:
                 return None
         if n > MOST_STEPS or not self._has_room(candidate.method, n):
             return None
         first = latest[0] * 2 if latest is not None and candidate.differences else n // 2
-        seconds = 0.0
-        while first <= n:
-            seconds += planned_seconds(self.scene, candidate.method, first)
-            first *= 2
+        runs = (n // first).bit_length()
+        seconds = runs * planned_seconds(self.scene, candidate.method, n)
         return _Next(candidate=candidate, n_steps=n, seconds=seconds)
+
+    def _is_worth_a_try(self, candidate: Candidate, n_steps: int) -> bool:
+        """Whether more steps would drown in round-off, and only a guess asks for them."""
+        if candidate.differences or self._floor(2 * n_steps) <= self.tolerance:
+            return False
+        guess = candidate.predicted(n_steps, self.scene.final_time)
+        return self._floor(n_steps) <= self.tolerance and guess < FAR_OFF * self.tolerance
 
     def _is_unstable(self, method: AnyMethod, n_steps: int) -> bool:
         """Whether a run is predicted to blow up; Gauss methods feed no mode of any scene."""
@@ -333,11 +324,13 @@ class _Search:
         return trajectory
 
     def _spread(self, candidates: Sequence[Candidate], measured: Candidate) -> None:
-        """Correct the guesses of the others by what was measured of one."""
+        """Correct all guesses by what was measured of one."""
         n_steps, _ = self._latest[measured.method]
+        if measured.falls_back(self.scene, n_steps):
+            measured.fall_back()
+        found = measured.correction(n_steps, self.scene.final_time)
         for candidate in candidates:
-            if not candidate.differences:
-                candidate.learn(measured, n_steps, self.scene.final_time)
+            candidate.correct(*found)
 
     def _stands_still(self, candidate: Candidate, n_steps: int) -> bool:
         """Whether doubling has not helped: twice where little is left, four times otherwise."""
@@ -390,6 +383,9 @@ class _Search:
             f"of {candidate.method.case} change the position no less"
         )
 
-    def _too_much(self) -> str:
+    def _why_not(self) -> str:
+        """Why every method is out: what stopped the first one, or that they would need too much."""
+        for reason in self._exhausted.values():
+            return reason
         words = f"no method is predicted to reach it in {MOST_STEPS} steps and the memory there is"
         return f"{words}; {self.resolution.reason}" if self.resolution.reason else words

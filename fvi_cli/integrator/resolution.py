@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -50,10 +50,13 @@ class Motion:
         Frequency or rate of decay, in 1/time.
     amplitude
         What it contributes to any component of the position, roughly.
+    decay
+        Rate at which it dies out, roughly; 0: not at all.
     """
 
     rate: float
     amplitude: float
+    decay: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,11 +154,13 @@ def _motions(scene: Scene) -> tuple[tuple[Motion, ...], tuple[Singularity, ...]]
         velocity = factor.T @ scene.initial_velocity
         if linear.potential is not None:
             stiffness = linear.potential.hessian(scene.initial_position)
-            found += _scaled(stiffness, factor, kicks, velocity, power=2.0)
+            modes = _scaled(stiffness, factor, kicks, velocity, power=2.0)
+            found += [_damped(mode, linear, factor) for mode in modes]
         for term in linear.active_damping:
             sees_velocity = term.order <= 1 or scene.derivative == "riemann-liouville"
             own = velocity if sees_velocity else np.zeros_like(velocity)
-            found += _scaled(term.coefficient, factor, kicks, own, power=2.0 - term.order)
+            layers = _scaled(term.coefficient, factor, kicks, own, power=2.0 - term.order)
+            found += [replace(layer, decay=layer.rate) for layer in layers]
             if not term.is_integer_order:
                 strength = float(
                     np.abs(term.coefficient).max() * np.abs(np.linalg.inv(factor)).max()
@@ -190,6 +195,22 @@ def _unknown_singularities(scene: Scene) -> tuple[Singularity, ...]:
     )
 
 
+def _damped(mode: Motion, linear: Scene, factor: Array) -> Motion:
+    r"""The mode with the decay of weak damping, :math:`\mu \omega^{\gamma-1} \sin(\gamma \pi/2)/2`.
+
+    With the least eigenvalue of every damping matrix against the mass: no mode is taken to die out
+    sooner than it does.
+    """
+    decay = 0.0
+    for term in linear.active_damping:
+        scaled = np.linalg.solve(factor, np.linalg.solve(factor, term.coefficient).T)
+        least = float(np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0])
+        decay += (
+            0.5 * least * mode.rate ** (term.order - 1.0) * math.sin(0.5 * math.pi * term.order)
+        )
+    return replace(mode, decay=min(max(decay, 0.0), mode.rate))
+
+
 def _accelerations(scene: Scene, linear: Scene, factor: Array) -> Array:
     """Accelerations that begin at once, at the start and at jumps of the force; shape (n, d).
 
@@ -218,7 +239,7 @@ def _accelerations(scene: Scene, linear: Scene, factor: Array) -> Array:
 def _scaled(
     matrix: Array, factor: Array, kicks: Array, velocity: Array, *, power: float
 ) -> list[Motion]:
-    """Rates c**(1/power) of the eigenvalues c > 0 of a matrix against the mass, with amplitudes."""
+    """Rates |c|**(1/power) of the eigenvalues c of a matrix against the mass, with amplitudes."""
     scaled = np.linalg.solve(factor, np.linalg.solve(factor, matrix).T)
     if not np.isfinite(scaled).all():
         return []
@@ -228,9 +249,10 @@ def _scaled(
     speeds = np.abs(velocity @ modes)
     found = []
     for value, shape, kick, speed in zip(values, shapes, accelerations, speeds, strict=True):
-        if not value > 0:
+        if not abs(value) > 0:
             continue
-        rate = math.exp(min(math.log(value) / power, 300.0))
+        # what grows has its time scale as well
+        rate = math.exp(min(math.log(abs(value)) / power, 300.0))
         found.append(Motion(rate=rate, amplitude=float(shape * (kick / rate + speed) / rate)))
     return found
 
