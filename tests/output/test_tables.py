@@ -374,6 +374,24 @@ def test_stated_orders_that_are_not_met_or_not_asymptotic_are_told():
     assert "asymptotic:" not in tables.rendered("made-up", [table_of(bent)])["md"]
 
 
+def test_the_summary_tells_where_the_interpolation_of_a_force_sets_the_order():
+    limit = "forcing: the interpolation of a of f.csv allows order 2 at most"
+
+    def summary(*expected: float, remark: str = limit) -> str:
+        rows = [
+            row(2**k, 4.0**-k, 2.0, expected_order=order, remarks=(remark,))
+            for k, order in enumerate(expected, 1)
+        ]
+        return tables.rendered("made-up", [one_case(*rows)])["md"].partition("Methods:")[0]
+
+    assert f"- made-up, BDF2: {limit}." in summary(2.0, 2.0, 2.0)
+    mixed = summary(2.0, 2.0, 4.5)
+    assert "- made-up, BDF2: expected order 2 at N = 2, 4; 4.5 at N = 8; where samples" in mixed
+    # controls: an order that the method itself sets, and another remark
+    assert "made-up, BDF2" not in summary(1.0, 1.0, 1.0)
+    assert "made-up, BDF2" not in summary(2.0, 2.0, 4.5, remark="start series below t^8")
+
+
 def test_a_slope_that_misses_the_finest_order_is_pre_asymptotic_though_none_is_expected():
     def unknown(run: Run) -> FinishedRun:
         return dataclasses.replace(bent(run), expected_order=math.nan)

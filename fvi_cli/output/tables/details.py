@@ -17,7 +17,7 @@ from fvi_cli.output.tables.document import (
     Words,
 )
 from fvi_cli.output.tables.naming import MethodName, number
-from fvi_cli.output.tables.summary import NORMS, steps_phrase
+from fvi_cli.output.tables.summary import NORMS, expected_orders, steps_phrase
 
 _SOURCES: Mapping[str, str] = {
     "expression": "the exact solution, an expression of the configuration",
@@ -163,22 +163,10 @@ def _of_case(case: OrderCase) -> Iterator[str]:
         yield f"predicted unstable at {steps_phrase(steps, unstable)}"
     if case.expected_failure:
         yield "the configuration expects failures"
-    yield from _expected_orders(case)
+    yield from expected_orders(case)
     for told, text, is_example in _told(case):
         example = f" (numbers of N = {told[0]})" if is_example else ""
         yield f"{steps_phrase(steps, told)}: {text}{example}"
-
-
-def _expected_orders(case: OrderCase) -> list[str]:
-    """Where the expected order depends on the step size, because a start series falls back."""
-    by_order: dict[str, list[int]] = {}
-    for row in case.rows:
-        by_order.setdefault(number(row.expected_order, ".3g", "not stated"), []).append(row.n_steps)
-    if len(by_order) == 1:
-        return []
-    steps = [row.n_steps for row in case.rows]
-    told = "; ".join(f"{order} at {steps_phrase(steps, at)}" for order, at in by_order.items())
-    return [f"expected order {told}"]
 
 
 def _told(case: OrderCase) -> list[tuple[list[int], str, bool]]:

@@ -24,6 +24,9 @@ ASYMPTOTIC_DIFFERENCE = 0.1
 
 FAILURES = ("diverged", "failed", "refused")
 
+INTERPOLATED = "forcing: the interpolation"
+"""How the remark on a force from samples begins."""
+
 NORMS: Mapping[str, str] = {
     "max": "maximum norm over components and grid points",
     "final": "maximum norm over components at the final time",
@@ -67,6 +70,8 @@ def summary(name: str, tables: Sequence[OrderTable]) -> list[Block]:
     remarks: list[Words] = []
     for table in single:
         remarks += _stated(table, names, titles)
+    for table in single:
+        remarks += _sampled(table, names, titles)
     for table in single:
         remarks += _failures(table, names, titles)
     if remarks:
@@ -262,6 +267,26 @@ def _stated(
     return sentences
 
 
+def _sampled(
+    table: OrderTable, names: Mapping[str, MethodName], titles: Mapping[str, str]
+) -> list[Words]:
+    """Where the interpolation of a sampled force sets the order."""
+    said: dict[str, list[str]] = {}
+    for case in table.cases:
+        limits = [text for row in case.rows for text in row.remarks if INTERPOLATED in text]
+        if not limits:
+            continue
+        told = [
+            f"{text}; where samples lie between two steps, the order is that of the interpolation"
+            for text in expected_orders(case)
+        ]
+        sets_order = f"allows order {case.expected_order:g} at most"
+        for text in told or [text for text in limits[:1] if text.endswith(sets_order)]:
+            said.setdefault(text, []).append(names[case.method.case].label)
+    title = titles[table.experiment]
+    return [f"{title}, {', '.join(labels)}: {text}." for text, labels in said.items()]
+
+
 def _not_asymptotic(case: OrderCase) -> str:
     """Why the slope is not the order for small steps; empty when it may be."""
     last, expected = case.last_order, case.expected_order
@@ -277,6 +302,18 @@ def _not_asymptotic(case: OrderCase) -> str:
     if not math.isnan(expected):
         text += f", {expected:g} is expected for small steps"
     return text
+
+
+def expected_orders(case: OrderCase) -> list[str]:
+    """Where the expected order depends on the step size: a start series falls back, samples are missed."""
+    by_order: dict[str, list[int]] = {}
+    for row in case.rows:
+        by_order.setdefault(number(row.expected_order, ".3g", "not stated"), []).append(row.n_steps)
+    if len(by_order) == 1:
+        return []
+    steps = [row.n_steps for row in case.rows]
+    told = "; ".join(f"{order} at {steps_phrase(steps, at)}" for order, at in by_order.items())
+    return [f"expected order {told}"]
 
 
 def steps_phrase(ladder: Sequence[int], steps: Sequence[int]) -> str:
