@@ -200,3 +200,23 @@ def test_velocities_do_not_depend_on_their_neighbours() -> None:
     assert np.array_equal(together, np.array(alone), equal_nan=True)
     assert np.isfinite(together[[0, 2]]).all()
     assert np.isnan(together[1]).all()
+
+
+def test_what_limits_the_order_is_the_mass_matrix_and_not_the_start() -> None:
+    """Order min(2m, m + 4 - gamma) with a start as smooth as t**8; 2m with a constant mass."""
+    orders = []
+    for lagrangian in ("(1 + x**2/2)*vx**2/2 - x**2/2", "vx**2/2 - x**2/2 - x**4/4"):
+        scene = lagrangian_scene(
+            final_time=2.0,
+            coordinates=("x",),
+            lagrangian=lagrangian,
+            damping=[FractionalDamping(order=1.5, coefficient=0.5)],
+            forcing=Forcing.from_text("t**6"),
+        )
+        exact = integrate(scene, Method(cq="gauss", degree=4), 1024).position
+        errors = [
+            np.abs(integrate(scene, Method(cq="gauss", degree=3), n).position - exact[:: 1024 // n])
+            for n in (64, 128)
+        ]
+        orders.append(float(np.log2(errors[0].max() / errors[1].max())))
+    assert orders == pytest.approx([5.5, 6.0], abs=0.1)
