@@ -6,7 +6,7 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
-from fvi_cli.campaign import Request
+from fvi_cli.campaign import Request, gather
 from fvi_cli.errors import RequestError
 from fvi_cli.experiments.experiment import NEEDS_LADDER, Experiment
 from fvi_cli.experiments.stability_study import (
@@ -51,6 +51,26 @@ def ranges(over: Sequence[str]) -> list[str]:
             f"spacing: {spacing}}}"
         )
     return [f"sweep={{{', '.join(entries)}}}"] if entries else []
+
+
+def gather_over(
+    configs: Sequence[str], overrides: Sequence[str], over: Sequence[str]
+) -> list[Request]:
+    """What is asked for, with a sweep over what `over` varies, in place of the file's own.
+
+    Raises
+    ------
+    RequestError
+        As :func:`fvi_cli.campaign.gather`; what is wrong with a range is said of ``--over``.
+    """
+    try:
+        return gather(configs, (*overrides, *ranges(over)))
+    except RequestError as error:
+        told = list(error.complaints)
+        for key in (text.partition("=")[0].strip() for text in over):
+            for start in (f"--set: sweep.{key}:", f"--set: {key}:", f"--set: sweep.{key}."):
+                told = [line.replace(start, f"--over: {key}{start[-1]}", 1) for line in told]
+        raise type(error)(*told) from None
 
 
 def study_stability(

@@ -89,7 +89,8 @@ def test_over_parameters(tmp_path, number):
     [
         (["--over", "problem.stiffness"], "must be KEY=FROM:TO:NUMBER"),
         (["--over", "problem.stiffness=1:2"], "must be KEY=FROM:TO:NUMBER"),
-        (["--over", "problem.stifness=1:2:3"], "stiffness"),
+        (["--over", "problem.stifness=1:2:3"], "--over: problem.stifness: "),
+        (["--over", "foo=1:2:3"], "--over: foo: only keys of the problem"),
         (["--over", "problem.stiffness=1:2:3:cubic"], "linear"),
         (["--over", "a=1:2:3", "--over", "b=1:2:3", "--over", "c=1:2:3"], "at most two"),
         (["--set", "stability.region.orders=2.5"], "between 0 and 2"),

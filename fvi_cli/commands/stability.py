@@ -44,9 +44,9 @@ def stability(
 
     Exit code 3 when a prediction is not what is observed.
     """
-    from fvi_cli import campaign, stability_reports
+    from fvi_cli import stability_reports
 
-    requests = campaign.gather(configs, (*(overrides or ()), *stability_reports.ranges(over or ())))
+    requests = stability_reports.gather_over(configs, overrides or (), over or ())
     failed = 0
     differences: list[str] = []
     for request in requests:
