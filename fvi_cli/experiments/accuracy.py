@@ -7,12 +7,13 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.experiments.accuracy_results import Choice, Reached
 from fvi_cli.experiments.candidates import Candidate, least_steps, usual_candidates
 from fvi_cli.experiments.experiment import Norm
 from fvi_cli.experiments.step_doubling import difference_norm, round_off_floor
@@ -25,8 +26,6 @@ from fvi_cli.integrator.stability import predict_stability
 from fvi_cli.integrator.trajectory import Trajectory
 
 Array = NDArray[np.float64]
-Verdict = Literal["ok", "refused"]
-
 MOST_RUNS: Final = 24
 MOST_STEPS: Final = 2**22
 
@@ -41,52 +40,6 @@ FAR_OFF: Final = 1e5
 
 STILL: Final = 0.6
 """A difference of more than this share of the one before has not fallen."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Reached:
-    """What a search for a tolerance came to.
-
-    Parameters
-    ----------
-    method, n_steps
-        What was chosen; of a refusal what was tried last.
-    trajectory
-        Its run; None where nothing was run.
-    estimate
-        Estimated error, of a refusal the least one; nan where there is none.
-    verdict
-        ``ok``, or ``refused`` where the tolerance cannot be reached.
-    message
-        The choice, or the reason for the refusal, in one line.
-    attempts
-        One line for every run.
-    """
-
-    method: AnyMethod
-    n_steps: int
-    trajectory: Trajectory | None
-    estimate: float
-    verdict: Verdict
-    message: str
-    attempts: tuple[str, ...]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Choice:
-    """What a method is thought to take before anything is run.
-
-    Parameters
-    ----------
-    method, n_steps
-        The method, and the steps on which it is thought to reach the tolerance.
-    seconds
-        For this number of steps and half as many.
-    """
-
-    method: AnyMethod
-    n_steps: int
-    seconds: float
 
 
 def likely_choices(
@@ -184,6 +137,18 @@ class _Next:
     seconds: float
 
 
+def _comparison(chosen: _Next, ranked: Sequence[_Next]) -> str:
+    """Why this one: the time it was thought to take, and the other one that came closest."""
+    others = [option for option in ranked if option.candidate is not chosen.candidate]
+    if not others:
+        return ""
+    other = others[0]
+    return (
+        f", thought to take {chosen.seconds:.2g} s and {other.candidate.method.case} "
+        f"{other.seconds:.2g} s on N = {other.n_steps}"
+    )
+
+
 @dataclass(kw_only=True, eq=False)
 class _Search:
     """The runs so far; only the finest of every method is kept."""
@@ -198,6 +163,7 @@ class _Search:
     attempts: list[str] = field(default_factory=list)
     scale: float = 0.0
     tell: Callable[[str], object] = lambda line: None
+    _why: str = ""
     _exhausted: dict[AnyMethod, str] = field(default_factory=dict)
     _latest: dict[AnyMethod, tuple[int, Trajectory]] = field(default_factory=dict)
 
@@ -256,9 +222,12 @@ class _Search:
             return None
         # round-off grows with N: a method that takes fewer steps may do
         above = [option for option in options if self._floor(option.n_steps) <= self.tolerance]
-        best = min(above or options, key=lambda option: option.seconds)
+        ranked = sorted(above or options, key=lambda option: option.seconds)
+        best = ranked[0]
         own = [option for option in options if option.candidate is current]
-        return own[0] if own and best.seconds > BETTER * own[0].seconds else best
+        chosen = own[0] if own and best.seconds > BETTER * own[0].seconds else best
+        self._why = _comparison(chosen, ranked)
+        return chosen
 
     def option(self, candidate: Candidate) -> _Next | None:
         """How far this candidate would have to go, and what that would take; None: too much."""
@@ -348,8 +317,9 @@ class _Search:
     ) -> Reached:
         runs = len(self.attempts)
         message = (
-            f"{candidate.method.case} on N = {n} steps: estimated error {estimate:.2g} (N against "
-            f"N/2) for a tolerance of {self.tolerance:g}, after {runs} runs"
+            f"{candidate.method.case} on N = {n} steps{self._why}: estimated error "
+            f"{estimate:.2g} (N against N/2) for a tolerance of {self.tolerance:g}, after "
+            f"{runs} runs"
         )
         return Reached(
             method=candidate.method,

@@ -8,7 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fvi_cli.experiments.accuracy import Choice, Reached, likely_choices, reach_tolerance
+from fvi_cli.experiments.accuracy import likely_choices, reach_tolerance
+from fvi_cli.experiments.accuracy_results import Choice, Reached
 from fvi_cli.experiments.accuracy_settings import Accuracy, Assurance
 from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
 from fvi_cli.experiments.reference import Reference

@@ -10,7 +10,8 @@ import pytest
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.experiments.accuracy import Reached, reach_tolerance
+from fvi_cli.experiments.accuracy import reach_tolerance
+from fvi_cli.experiments.accuracy_results import Reached
 from fvi_cli.experiments.accuracy_settings import USUAL_CANDIDATES
 from fvi_cli.experiments.norms import error_norm
 from fvi_cli.integrator.method import Baseline, Method

@@ -13,7 +13,8 @@ import numpy as np
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Scene
-from fvi_cli.experiments.accuracy import Reached, reach_tolerance
+from fvi_cli.experiments.accuracy import reach_tolerance
+from fvi_cli.experiments.accuracy_results import Reached
 from fvi_cli.experiments.accuracy_settings import USUAL_CANDIDATES
 from fvi_cli.experiments.cost import forget
 from fvi_cli.experiments.experiment import Norm
@@ -222,15 +223,18 @@ def truth_of(task: Task, largest: int) -> tuple[Truth, float]:
 
 
 def timed(action: Callable[[], object]) -> float:
-    """Least time of some cold starts; the speed of the machine is measured once per process."""
+    """Least time of some cold starts, of the processor: others compute as well.
+
+    The speed of the machine, which predictions need, is measured once per process, not here.
+    """
     least = math.inf
     for _ in range(REPEATS):
         forget()
         machine_speed()
         gc.collect()
-        began = time.perf_counter()
+        began = time.process_time()
         action()
-        least = min(least, time.perf_counter() - began)
+        least = min(least, time.process_time() - began)
     return least
 
 
