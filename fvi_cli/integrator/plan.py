@@ -27,13 +27,19 @@ from fvi_cli.integrator.history_work import (
     stepped_operations,
 )
 from fvi_cli.integrator.interpolation_limit import interpolation_remarks
-from fvi_cli.integrator.known_part import NO_SERIES, SeriesPlan, plan_series, settled_method
+from fvi_cli.integrator.known_part import NO_SERIES, plan_series, settled_method
 from fvi_cli.integrator.large_linear import GROUP as LARGE_GROUP
 from fvi_cli.integrator.members import goes_together
 from fvi_cli.integrator.memory import runge_kutta_tableau, terms_by_direction
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.plan_memory import Sizes, peak_bytes
 from fvi_cli.integrator.plan_seconds import machine_speed, predicted_seconds
+from fvi_cli.integrator.plan_words import (
+    forcing_in_words,
+    history_in_words,
+    series_in_words,
+    systems_in_words,
+)
 from fvi_cli.integrator.stage_basis import legendre_exponentials
 from fvi_cli.integrator.stepped_history import STEPPED_GROUP
 
@@ -158,8 +164,8 @@ def plan_run(
         effects=effects_of_scene(scene),
         steps=machinery.steps,
         history=machinery.history,
-        series=_series_in_words(scene, method, plan),
-        forcing=_forcing_in_words(scene, settled, plan),
+        series=series_in_words(scene, method, plan),
+        forcing=forcing_in_words(scene, settled, plan),
         history_operations=machinery.operations,
         memory_bytes=peak_bytes(sizes),
         seconds=predicted_seconds(sizes, machinery.operations),
@@ -267,7 +273,7 @@ def _machinery(
             shape=shape,
             steps=f"Newton's iteration on blocks of up to {largest} steps with a frozen linear "
             "response, single steps with the exact Jacobian where that does not contract",
-            history=_history_in_words(shape, group),
+            history=history_in_words(shape, group),
             operations=newton_operations(shape, largest, n_steps, ends),
         )
     if route == "large steps":
@@ -275,7 +281,7 @@ def _machinery(
             route=route,
             shape=shape,
             steps=f"{n_steps} single steps with one sparse factorisation",
-            history=_history_in_words(shape, LARGE_GROUP),
+            history=history_in_words(shape, LARGE_GROUP),
             operations=large_operations(shape, n_steps, ends),
         )
     if route == "stepped":
@@ -283,10 +289,10 @@ def _machinery(
             route=route,
             shape=shape,
             steps=single,
-            history=_history_in_words(shape, STEPPED_GROUP),
+            history=history_in_words(shape, STEPPED_GROUP),
             operations=stepped_operations(shape, n_steps),
         )
-    direct = "every sum written out" if shape.memory > 1 else _history_in_words(shape, 1)
+    direct = "every sum written out" if shape.memory > 1 else history_in_words(shape, 1)
     return _Machinery(
         route=route,
         shape=shape,
@@ -316,12 +322,14 @@ def _linear_blocks(
         raise ValueError("route: these blocks are too large")
     _, sizes = chosen
     shape = replace(shape, coupled=coupled, batch=decoupling.batch)
-    systems = _systems(shape, decoupling) + (f", {members} members together" * (members > 1))
+    systems = systems_in_words(shape, decoupling) + (
+        f", {members} members together" * (members > 1)
+    )
     return _Machinery(
         route="linear blocks",
         shape=replace(shape, batch=members * decoupling.batch),
         steps=f"blocks of {sizes.block} steps as one matrix product, {systems}",
-        history=_history_in_words(shape, sizes.group),
+        history=history_in_words(shape, sizes.group),
         # all members do the same
         operations=block_operations(shape, sizes, n_steps, ends),
         members=members,
@@ -345,8 +353,10 @@ def _exponentials(
     pushes = n_steps // block
     if decoupling is not None:
         pushes = -(-n_steps // block)
-        steps = f"blocks of {block} steps as one matrix product, {_systems(shape, decoupling)}"
-    history = _history_in_words(shape, 1)
+        steps = (
+            f"blocks of {block} steps as one matrix product, {systems_in_words(shape, decoupling)}"
+        )
+    history = history_in_words(shape, 1)
     if n_states:
         history = f"{n_states} exponentials in place of the past"
     return _Machinery(
@@ -363,46 +373,6 @@ def _exponentials(
 def _number_of_states(method: Method, n_steps: int) -> int:
     # ratios do not depend on the order of the derivative
     return legendre_exponentials(runge_kutta_tableau(method), -0.5, n_steps).n_states
-
-
-def _systems(shape: Shape, decoupling: Decoupling) -> str:
-    if shape.batch == 1:
-        return "one system" if shape.coupled == 1 else f"{shape.coupled} coupled components"
-    kind = "modes" if decoupling.modes is not None and decoupling.modes.ndim == 2 else "components"
-    return f"{shape.batch} uncoupled {kind} side by side"
-
-
-def _history_in_words(shape: Shape, group: int) -> str:
-    if not shape.channels:
-        return "none: nothing is damped"
-    count = len(shape.channels)
-    sequences = f"{count} combined sequences of weights" if count > 1 else "one sequence of weights"
-    if shape.memory == 1:
-        return "none: derivatives of order 1 need no past"
-    if shape.memory <= group + 1 and shape.memory < 8:
-        return f"finite stencil of {shape.memory} weights, {sequences}"
-    return f"{sequences}, direct inside of {group} steps, FFT beyond"
-
-
-def _series_in_words(scene: Scene, method: Method, plan: SeriesPlan) -> str:
-    if method.start == "series":
-        return "; ".join(plan.remarks) or "no start series: nothing is singular for this method"
-    if method.start == "weights" and scene.active_damping:
-        return "starting weights"
-    return "nothing is done about the start"
-
-
-def _forcing_in_words(scene: Scene, method: Method, plan: SeriesPlan) -> str:
-    if scene.forcing is None and plan.known is None:
-        return "none"
-    if plan.known is not None:
-        return "what the known part leaves, at the points of the rule"
-    words = {
-        "galerkin": "at the points of the rule",
-        "exact": "moments to round-off",
-        "projected": "exact moments of the projection",
-    }
-    return words[method.forcing_quadrature]
 
 
 def _baseline_plan(scene: Scene, method: Baseline, n_steps: int) -> Plan:
