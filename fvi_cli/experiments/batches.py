@@ -19,6 +19,9 @@ from fvi_cli.experiments.study import (
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.scenes.problem import Problem
 
+LARGEST_NONLINEAR_PACK = 8
+"""Members of nonlinear scenes are integrated one by one: a batch is what an interruption loses."""
+
 
 def batches_of(runs: Sequence[Run], *, workers: int = 1) -> list[tuple[Run, ...]]:
     """The runs in the groups that are computed together.
@@ -54,6 +57,8 @@ def pack_size(experiment: Experiment, workers: int) -> int:
     problem = experiment.problem
     dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
     share = -(-len(experiment.members) // max(1, workers))
+    if isinstance(problem, Problem) and not problem.scene.is_linear:
+        share = min(share, LARGEST_NONLINEAR_PACK)
     return min(max(1, share), members_at_a_time(max(experiment.steps), dimension))
 
 

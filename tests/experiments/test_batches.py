@@ -85,6 +85,15 @@ def test_packs_follow_each_other_and_stay_below_the_bound_of_memory(monkeypatch)
     assert [len(batch) for batch in batches_of(one.runs(), workers=3)] == [2] * 12
 
 
+def test_an_interruption_of_nonlinear_members_loses_few():
+    # they are integrated one by one: nothing is gained by keeping them together
+    override = "sweep.problem.omega={from: 1, to: 2, number: 20}"
+    sizes = {len(batch) for batch in batches_of(experiment(PENDULUMS, override).runs())}
+    assert sizes == {8, 4}
+    override = "sweep.problem.stiffness={from: 1, to: 2, number: 20}"
+    assert {len(batch) for batch in batches_of(experiment(OSCILLATORS, override).runs())} == {40}
+
+
 def test_runs_without_a_sweep_stand_alone_in_their_order():
     runs = experiment(OSCILLATORS.replace("sweep:", "# sweep:")).runs()
     assert batches_of(runs) == [(run,) for run in runs]
