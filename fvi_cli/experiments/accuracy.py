@@ -164,6 +164,7 @@ class _Search:
     scale: float = 0.0
     tell: Callable[[str], object] = lambda line: None
     _why: str = ""
+    _last: Candidate | None = None
     _exhausted: dict[AnyMethod, str] = field(default_factory=dict)
     _latest: dict[AnyMethod, tuple[int, Trajectory]] = field(default_factory=dict)
 
@@ -187,7 +188,7 @@ class _Search:
         while len(self.attempts) < MOST_RUNS:
             chosen = self._choose(candidates, current)
             if chosen is None:
-                return self._refused(current or candidates[0], 0, self._why_not())
+                return self._refused(self._last or candidates[0], 0, self._why_not())
             current, n = chosen.candidate, chosen.n_steps
             if self._floor(n) > self.tolerance:
                 self._exhausted[current.method] = self._below_floor(n)
@@ -288,6 +289,7 @@ class _Search:
         else:
             line += f", {trajectory.status}"
         self._latest[method] = (n_steps, trajectory)
+        self._last = candidate
         self.attempts.append(line)
         self.tell(line)
         return trajectory
