@@ -28,6 +28,8 @@ from commands import (
 from typer.testing import CliRunner
 
 from fvi_cli.cli import app
+from fvi_cli.config import load_config
+from fvi_cli.config.memory import run_bytes
 from fvi_cli.experiments.batches import execute_batch
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks into /proc")
@@ -352,9 +354,15 @@ def test_runs_for_which_there_is_no_memory_are_refused_before_anything_is_comput
     assert result.exit_code == 2
     assert "of memory, this machine has" in result.stderr
     assert not (folder / "results").exists()
-    # each of these would have room, several at a time would not
-    monkeypatch.setattr("fvi_cli.campaign.machine_bytes", lambda: 1_000_000)
-    arguments = ("run", "quick.yaml", "--set", "ladder.steps=[4, 3000]")
+    # each of these would have room, and any two, but not three at a time
+    steps = "ladder.steps=[4, 3000]"
+    (experiment,) = load_config(folder / "quick.yaml", overrides=[steps]).experiments
+    methods = experiment.methods
+    sizes = [run_bytes(experiment.problem.scene, m, n) for m in methods for n in experiment.steps]
+    largest = sorted(sizes, reverse=True)
+    room = (sum(largest[:2]) + sum(largest[:3])) // 2
+    monkeypatch.setattr("fvi_cli.campaign.machine_bytes", lambda: room)
+    arguments = ("run", "quick.yaml", "--set", steps)
     result = here(*arguments, "--workers", "3")
     assert result.exit_code == 2
     assert "--workers 3" in result.stderr
