@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 import test_executor as local
 from distributed import LocalCluster
+from typer.testing import CliRunner
 
 import fvi_cli
+from fvi_cli.cli import app
 from fvi_cli.errors import ExecutorError
 from fvi_cli.experiments.batches import execute_batch
 from fvi_cli.experiments.cluster import DaskCluster
@@ -53,6 +55,19 @@ def test_a_cluster_gives_the_same_numbers_to_the_last_bit(cluster):
     assert local.numbers(here) == local.numbers(there)
     assert {f.run for batch in there for f in batch.finished} == set(runs)
     assert not any(batch.is_lost for batch in there)
+
+
+def test_the_command_computes_there_what_it_computes_here(cluster, tmp_path):
+    def run(folder, *options):
+        few = ("--set", "ladder.steps=[4, 8]", "-q", "--output", str(tmp_path / folder))
+        result = CliRunner().invoke(app, ["run", "bagley-torvik-1-2", *few, *options])
+        assert result.exit_code == 0, result.output
+        assert (tmp_path / folder / "bagley-torvik-1-2.h5").is_file()
+        return result.stdout.splitlines()[:-1]
+
+    there = run("there", "--dask", cluster.scheduler_address)
+    assert there == run("here")
+    assert len(there) > 4
 
 
 def test_a_worker_killed_in_the_midst_is_replaced(cluster, tmp_path):
