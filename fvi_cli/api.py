@@ -56,9 +56,9 @@ from fvi_cli.config import (
     json_schema,
     load_config,
     parse_config,
-    shipped_configs,
     starter_config,
 )
+from fvi_cli.config import shipped_configs as shipped_configurations
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.inertia import Inertia
@@ -131,7 +131,7 @@ __all__ = [
     "predict_stability",
     "recall",
     "run",
-    "shipped_configs",
+    "shipped_configurations",
     "stability",
     "starter_config",
     "study",

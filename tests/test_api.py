@@ -6,6 +6,7 @@ import doctest
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,8 @@ from fvi_cli import api
 from fvi_cli.cli import COMMANDS as COMMANDS_OF_THE_LINE
 from fvi_cli.cli import app
 from fvi_cli.output import tables
+
+ROOT = Path(__file__).parents[1]
 
 CONFIG = {
     "name": "free",
@@ -56,6 +59,11 @@ def test_every_public_name_is_there_and_no_other() -> None:
     for name in api.__all__:
         assert getattr(fvi, name) is getattr(api, name)
         assert getattr(fvi, name).__doc__ or name == "Source"
+    # a part of the installed package of the same name would be found first
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    parts = set(project["tool"]["setuptools"]["packages"])
+    parts |= {f"fvi_cli.{path.stem}" for path in (ROOT / "fvi_cli").glob("*.py")}
+    assert not parts & {f"fvi_cli.{name}" for name in api.__all__}
     with pytest.raises(AttributeError, match="has no attribute 'campagne'"):
         _ = fvi.campagne
 
@@ -204,7 +212,7 @@ def test_every_command_has_a_call() -> None:
 def test_a_starter_and_the_schema_are_given() -> None:
     assert fvi.load(yaml.safe_load(fvi.starter_config("pendulum"))).name == "my-pendulum"
     assert "$defs" in fvi.json_schema()
-    assert "damped-oscillator" in fvi.shipped_configs()
+    assert "damped-oscillator" in fvi.shipped_configurations()
 
 
 def test_nothing_is_written_without_a_folder(

@@ -9,6 +9,7 @@ import math
 
 import pytest
 from matplotlib.colors import to_hex
+from test_price import row, table
 from typer.testing import CliRunner
 
 from fvi_cli import cost_reports
@@ -28,7 +29,6 @@ from fvi_cli.output.tables.cost import (
 )
 from fvi_cli.output.tables.latex import to_latex
 from fvi_cli.output.tables.markdown import to_markdown
-from tests.experiments.test_price import row, table
 
 # as the design of the command promises them
 PROMISED = (
