@@ -46,6 +46,8 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
+    # one line for every command where the screen has room for it
+    context_settings={"max_content_width": 120},
 )
 for command in COMMANDS:
     app.command()(command)

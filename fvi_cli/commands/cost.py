@@ -62,7 +62,7 @@ def cost(
     if peers:
         requests = cost_reports.with_peers(requests)
     if dry_run:
-        print(reports.plans_as_text(campaign.plan(requests, settings)))
+        print(reports.plans_as_text(campaign.plan(requests, settings), in_full=verbose))
         return DONE
     failures: list[str] = []
     finished: dict[str, list[CostTable]] = {}

@@ -12,7 +12,7 @@ import logging
 import os
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, ParamSpec
 
 import typer
@@ -47,11 +47,13 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
             _say(f"fvi: {error}")
             code = WRONG_REQUEST
         except KeyboardInterrupt:
-            _say("fvi: interrupted; finished runs are stored, the same command goes on from there")
+            stored = "; finished runs are stored, the same command goes on from there"
+            _say(f"fvi: interrupted{stored if _keeps_runs(kwargs) else ''}")
             code = INTERRUPTED
         except MemoryError as error:
             detail = f": {error}" if str(error) else ""
-            _say(f"fvi: not enough memory{detail}; finished runs are stored")
+            stored = "; finished runs are stored" if _keeps_runs(kwargs) else ""
+            _say(f"fvi: not enough memory{detail}{stored}")
             code = RUN_FAILED
         except BrokenPipeError:
             # whoever read the result has gone; the interpreter would complain once more at exit
@@ -73,6 +75,11 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
         raise typer.Exit(code)
 
     return wrapped
+
+
+def _keeps_runs(options: Mapping[str, object]) -> bool:
+    """Whether the command stores runs: then it can also be told to ignore those (``--fresh``)."""
+    return "fresh" in options and not options.get("check") and not options.get("dry_run")
 
 
 def _configure_logging(*, quiet: bool, verbose: bool) -> None:

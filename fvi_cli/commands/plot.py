@@ -78,7 +78,7 @@ def plot(
         sources or DEFAULT_FIGURES, overrides or (), allow_unstable=allow_unstable
     )
     if dry_run:
-        print(reports.plans_as_text(campaign.plan(requests, settings)))
+        print(reports.plans_as_text(campaign.plan(requests, settings), in_full=verbose))
         return DONE
     outcomes: list[Outcome] = []
     differences: list[str] = []
