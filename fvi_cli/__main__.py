@@ -19,7 +19,7 @@ def main() -> None:
     # ignored by whoever started us: it stays ignored
     if usual is signal.default_int_handler:
         signal.signal(signal.SIGINT, _leave)
-    from fvi_cli.cli import main as run_command_line
+    from fvi_cli.cli.app import main as run_command_line
 
     signal.signal(signal.SIGINT, usual)
     run_command_line()

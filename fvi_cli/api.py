@@ -47,9 +47,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from fvi_cli import campaign, reports
-from fvi_cli.answers import as_text, compare, figures, write
-from fvi_cli.campaign import Outcome, Plan
 from fvi_cli.config import (
     LoadedConfig,
     find_config,
@@ -65,21 +62,25 @@ from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ConfigError, FviError, RequestError, StorageError
-from fvi_cli.experiments.cost import CostTable
-from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
-from fvi_cli.experiments.hard_cases.case import HardCaseReport
-from fvi_cli.experiments.order import OrderTable, order_table
-from fvi_cli.experiments.stability_study import StabilityTable
-from fvi_cli.experiments.study import study
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.stability import StabilityPrediction, predict_stability
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.output.storage import StoredConfiguration, StoredFile, list_runs, read_configuration
-from fvi_cli.requests import allowing_unstable
+from fvi_cli.render import runs as reports
+from fvi_cli.render.results import as_text, compare, figures, write
+from fvi_cli.runner import campaign
+from fvi_cli.runner.campaign import Outcome, Plan
+from fvi_cli.runner.requests import allowing_unstable
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
+from fvi_cli.storage import StoredConfiguration, StoredFile, list_runs, read_configuration
+from fvi_cli.studies.cost import CostTable
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+from fvi_cli.studies.hard_cases.case import HardCaseReport
+from fvi_cli.studies.order import OrderTable, order_table
+from fvi_cli.studies.stability_study import StabilityTable
+from fvi_cli.studies.study import study
 
 __all__ = [
     "Baseline",
@@ -270,7 +271,7 @@ def stability(
     RequestError
         For an experiment in which nothing is integrated.
     """
-    from fvi_cli import stability_reports
+    from fvi_cli.render import stability as stability_reports
 
     request = _request(load(source, overrides=stability_reports.ranges(over)))
     return stability_reports.study_stability(request, is_observed=observe, show_progress=False)
@@ -293,7 +294,7 @@ def cost(source: Source, *, peers: bool = False) -> list[CostTable]:
     RequestError
         For a sweep, and where nothing is integrated.
     """
-    from fvi_cli import cost_reports
+    from fvi_cli.render import cost as cost_reports
 
     requests = [_request(source)]
     cost_reports.refuse_what_has_no_price(requests)
@@ -316,7 +317,7 @@ def hard_cases(*, cases: Sequence[str] = (), methods: Sequence[str] = ()) -> Har
     RequestError
         For names that do not exist.
     """
-    from fvi_cli.hard_case_reports import examine_named
+    from fvi_cli.render.hard_cases import examine_named
 
     return examine_named(cases, methods, show_progress=False)
 
@@ -328,7 +329,7 @@ def benchmark(output: Path | str, *, exponent: int = 20) -> Path:
 
 def export(path: Path | str, form: str, directory: Path | str) -> list[Path]:
     """Write the runs of a result file as ``csv``, ``npz`` or ``mat``, as ``fvi export`` does."""
-    from fvi_cli.output.export import export_file
+    from fvi_cli.storage.export import export_file
 
     return export_file(Path(path), form, Path(directory))
 

@@ -16,9 +16,9 @@ from typer.testing import CliRunner
 
 import fvi_cli as fvi
 from fvi_cli import api
-from fvi_cli.cli import COMMANDS as COMMANDS_OF_THE_LINE
-from fvi_cli.cli import app
-from fvi_cli.output import tables
+from fvi_cli import reports as tables
+from fvi_cli.cli.app import COMMANDS as COMMANDS_OF_THE_LINE
+from fvi_cli.cli.app import app
 
 ROOT = Path(__file__).parents[1]
 

@@ -15,11 +15,11 @@ import pytest
 from typer.testing import CliRunner
 
 import fvi_cli
-from fvi_cli import campaign
-from fvi_cli.cli import app
-from fvi_cli.experiments.benchmark import standard_cases
-from fvi_cli.experiments.memory_benchmark import memory_cases
-from fvi_cli.output.provenance import SOLVER_VERSION
+from fvi_cli.cli.app import app
+from fvi_cli.runner import campaign
+from fvi_cli.storage.provenance import SOLVER_VERSION
+from fvi_cli.studies.benchmark import standard_cases
+from fvi_cli.studies.memory_benchmark import memory_cases
 
 QUICK = """\
 name: quick
@@ -78,9 +78,9 @@ def modules_after(statement):
 
 def test_the_command_line_loads_nothing_heavy():
     heavy = {"numpy", "scipy", "matplotlib", "h5py", "yaml", "sympy", "mpmath"}
-    assert not heavy & modules_after("import fvi_cli.cli")
+    assert not heavy & modules_after("import fvi_cli.cli.app")
     # control: the same look at a module that does need NumPy
-    assert "numpy" in modules_after("import fvi_cli.campaign")
+    assert "numpy" in modules_after("import fvi_cli.runner.campaign")
 
 
 ASK_FOR_HELP = """
@@ -105,7 +105,7 @@ def test_help_loads_few_modules():
     bare, of_help, of_numpy = count("pass"), count(ASK_FOR_HELP), count("import numpy")
     assert of_help - bare < 2 * (of_numpy - bare)
     # control: what a command needs is much more
-    assert count("import fvi_cli.campaign") - bare > 2 * (of_numpy - bare)
+    assert count("import fvi_cli.runner.campaign") - bare > 2 * (of_numpy - bare)
 
 
 def test_help_names_every_command_and_version_the_version():
@@ -448,9 +448,9 @@ def test_plot_draws_and_checks_figures(folder):
 def test_benchmark_measures_and_writes(folder, monkeypatch):
     few = standard_cases(8)[:1], memory_cases(10, 2441)[:1]
     # child processes count from the first case: BDF2 on the nodes, BDF4 at the points
-    monkeypatch.setattr("fvi_cli.experiments.benchmark.standard_cases", lambda exponent: few[0])
+    monkeypatch.setattr("fvi_cli.studies.benchmark.standard_cases", lambda exponent: few[0])
     monkeypatch.setattr(
-        "fvi_cli.experiments.memory_benchmark.memory_cases", lambda exponent, steps: few[1]
+        "fvi_cli.studies.memory_benchmark.memory_cases", lambda exponent, steps: few[1]
     )
     result = fvi("benchmark", "--exponent", 8, "--output", "there")
     assert result.exit_code == 0, result.output

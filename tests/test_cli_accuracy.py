@@ -9,9 +9,9 @@ import h5py
 import pytest
 from typer.testing import CliRunner
 
-from fvi_cli.cli import app
+from fvi_cli.cli.app import app
 from fvi_cli.config import parse_config
-from fvi_cli.experiments.accuracy_settings import USUAL_CANDIDATES
+from fvi_cli.studies.accuracy_settings import USUAL_CANDIDATES
 
 CONFIG = """\
 name: tuned

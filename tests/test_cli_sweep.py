@@ -8,7 +8,7 @@ import h5py
 import pytest
 from typer.testing import CliRunner
 
-from fvi_cli.cli import app
+from fvi_cli.cli.app import app
 
 CONFIG = """\
 name: many

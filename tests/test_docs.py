@@ -12,12 +12,12 @@ import yaml
 from typer.testing import CliRunner
 
 import fvi_cli as fvi
-from fvi_cli.cli import app
+from fvi_cli.cli.app import app
 from fvi_cli.config import configuration_reference, json_schema, shipped_configs
-from fvi_cli.integrator.expected_order import expected_order
 from fvi_cli.integrator.known_part import BDF_RULES, RUNGE_KUTTA_RULES
-from fvi_cli.output.export import FORMATS
+from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.registry import EQUATIONS
+from fvi_cli.storage.export import FORMATS
 
 ROOT = Path(__file__).parents[1]
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md")}
@@ -226,7 +226,7 @@ def test_the_shell_completes(typed: str, proposed: set[str]) -> None:
 
 
 def test_every_shipped_configuration_is_proposed() -> None:
-    from fvi_cli.commands.completion import shipped_names
+    from fvi_cli.cli.completion import shipped_names
 
     assert shipped_names("") == list(shipped_configs())
 

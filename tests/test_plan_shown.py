@@ -9,7 +9,7 @@ import h5py
 import pytest
 from typer.testing import CliRunner
 
-from fvi_cli.cli import app
+from fvi_cli.cli.app import app
 
 SCENE = """\
 name: planned

@@ -15,7 +15,7 @@ import typer
 from typer.testing import CliRunner
 
 import fvi_cli
-from fvi_cli.cli import app
+from fvi_cli.cli.app import app
 from fvi_cli.config.problem_keys import PROBLEM
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.integrate import integrate

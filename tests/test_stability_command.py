@@ -7,9 +7,9 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from fvi_cli.cli import app
-from fvi_cli.experiments import stability_study
-from fvi_cli.stability_reports import ranges
+from fvi_cli.cli.app import app
+from fvi_cli.render.stability import ranges
+from fvi_cli.studies import stability_study
 
 CONFIG = """
 problem:

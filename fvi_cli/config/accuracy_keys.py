@@ -11,8 +11,8 @@ from fvi_cli.config.method_keys import ListedMethod
 from fvi_cli.config.records import Key, Record
 from fvi_cli.config.shapes import Number
 from fvi_cli.config.sweep import SWEEP
-from fvi_cli.experiments.accuracy_settings import Accuracy
 from fvi_cli.scenes.problem import DerivativeProblem, Problem
+from fvi_cli.studies.accuracy_settings import Accuracy
 
 ACCURACY: Final = Record(
     keys=(

@@ -21,12 +21,12 @@ from fvi_cli.config.shapes import is_complete
 from fvi_cli.config.stability_keys import stability_settings
 from fvi_cli.config.sweep import SWEEP
 from fvi_cli.config.sweep_checks import ReadMembers, check_total_memory, make_members
-from fvi_cli.experiments.experiment import Experiment
 from fvi_cli.integrator.baselines import baseline_objection
 from fvi_cli.integrator.break_points import TOLERANCE
 from fvi_cli.integrator.diagnostics import NOTHING
 from fvi_cli.integrator.method import Baseline
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
+from fvi_cli.studies.experiment import Experiment
 
 # Break points are taken for fractions of the interval with denominators up to this.
 _LARGEST_DENOMINATOR: Final = 2**20

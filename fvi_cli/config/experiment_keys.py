@@ -27,7 +27,7 @@ from fvi_cli.config.shapes import (
 )
 from fvi_cli.config.stability_keys import STABILITY
 from fvi_cli.config.sweep import SweepShape
-from fvi_cli.experiments.experiment import Norm
+from fvi_cli.studies.experiment import Norm
 
 MOST_STEPS: Final = 2**30
 LONGEST_NAME: Final = 100

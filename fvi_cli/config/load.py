@@ -20,7 +20,7 @@ from fvi_cli.config.overrides import OPTION, apply_overrides
 from fvi_cli.config.shapes import describe
 from fvi_cli.config.sweep import nodes_with_sweeps
 from fvi_cli.errors import ConfigError
-from fvi_cli.experiments.experiment import Experiment
+from fvi_cli.studies.experiment import Experiment
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

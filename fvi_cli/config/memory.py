@@ -9,7 +9,7 @@ from typing import Final
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod
-from fvi_cli.integrator.plan import planned_bytes
+from fvi_cli.planning.plan import planned_bytes
 
 # Trajectory, samples, weights, their transforms and the copies that are made when storing.
 DOUBLES_PER_STEP: Final = 20

@@ -11,7 +11,7 @@ from fvi_cli.config.document import MappingNode, Node
 from fvi_cli.config.ranges import Range
 from fvi_cli.config.records import Key, OneOrMany, Record
 from fvi_cli.config.shapes import INVALID, OPTIONAL, Flag, Number, Schema, is_complete
-from fvi_cli.experiments.stability_settings import RegionSettings, StabilitySettings
+from fvi_cli.studies.stability_settings import RegionSettings, StabilitySettings
 
 MOST_POINTS: Final = 250_000
 """Points of one stability region."""

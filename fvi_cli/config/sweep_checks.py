@@ -22,9 +22,9 @@ from fvi_cli.config.sweep import (
     tree_of,
     with_node,
 )
-from fvi_cli.experiments.members import Member, value_at, with_values
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 from fvi_cli.scenes.registry import build_problem, build_scene
+from fvi_cli.studies.members import Member, value_at, with_values
 
 MOST_TOLD: Final = 10
 """Members whose mistakes are told; the others are likely to have the same."""

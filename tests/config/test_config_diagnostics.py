@@ -9,9 +9,9 @@ import xarray
 
 from fvi_cli.config import parse_config
 from fvi_cli.errors import ConfigError
-from fvi_cli.experiments.study import study
-from fvi_cli.output.provenance import identity
-from fvi_cli.output.storage import open_results, read_results
+from fvi_cli.storage import open_results, read_results
+from fvi_cli.storage.provenance import identity
+from fvi_cli.studies.study import study
 
 KEPLER = """\
 name: planet

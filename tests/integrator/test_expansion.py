@@ -12,10 +12,10 @@ from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.expansion import solution_expansion
-from fvi_cli.integrator.expected_order import expected_order
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.known_part import plan_series
 from fvi_cli.integrator.method import Method
+from fvi_cli.planning.expected_order import expected_order
 
 STIFFNESS, DAMPING = 2.0, 0.7
 

@@ -13,11 +13,11 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import RequestError
 from fvi_cli.integrator.expansion import solution_expansion
-from fvi_cli.integrator.expected_order import expected_order
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.mathematics import symbolic
 from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.lagrangian import compiled_lagrangian, double_pendulum, lagrangian_scene
 from fvi_cli.scenes.named import pendulum
 from fvi_cli.scenes.nonlinear import duffing, kepler

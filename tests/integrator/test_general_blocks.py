@@ -17,7 +17,7 @@ from fvi_cli.integrator.exponential_run import integrate_part
 from fvi_cli.integrator.frozen_laws import LagrangianLaw
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.plan import plan_run
+from fvi_cli.planning.plan import plan_run
 from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
 
 GAUSS3 = Method(cq="gauss", degree=3, start="series")

@@ -14,7 +14,7 @@ from fvi_cli.integrator.diagnostics import Asked
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import companions, integrate_members
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.integrator.plan import plan_run
+from fvi_cli.planning.plan import plan_run
 from fvi_cli.scenes.lagrangian import double_pendulum
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 

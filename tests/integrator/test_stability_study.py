@@ -9,13 +9,6 @@ import pytest
 
 from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.experiments.stability_study import (
-    distinct_regions,
-    observe,
-    regions,
-    stability_rows,
-)
-from fvi_cli.experiments.study import execute
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.linearisation import linearised_along
 from fvi_cli.integrator.method import Baseline, Method
@@ -28,8 +21,15 @@ from fvi_cli.integrator.stability_determinant import (
 from fvi_cli.integrator.stability_map import GROWTH_LEVELS, stability_map
 from fvi_cli.mathematics.disc_zeros import count_zeros
 from fvi_cli.mathematics.many_discs import UNDECIDED, count_zeros_of_many
-from fvi_cli.output.tables.stability import COLUMNS, stability_csv, stability_json
+from fvi_cli.reports.stability import COLUMNS, stability_csv, stability_json
 from fvi_cli.scenes.named import linear_oscillator
+from fvi_cli.studies.stability_study import (
+    distinct_regions,
+    observe,
+    regions,
+    stability_rows,
+)
+from fvi_cli.studies.study import execute
 
 GAUSS = Method(cq="gauss", degree=2)
 NODES = Method(cq="bdf6", degree=1, sampling="nodes")
@@ -306,7 +306,7 @@ def test_methods_that_differ_in_start_have_one_region():
 
 
 def test_tables_hold_every_row():
-    from fvi_cli.experiments.stability_study import StabilityTable
+    from fvi_cli.studies.stability_study import StabilityTable
 
     (experiment,) = parse_config(STUDY, "quick.yaml").experiments
     rows = tuple(stability_rows(experiment, with_observation=False))

@@ -12,23 +12,23 @@ from matplotlib.colors import to_hex
 from test_price import row, table
 from typer.testing import CliRunner
 
-from fvi_cli import cost_reports
-from fvi_cli.cli import app
-from fvi_cli.experiments import cost
-from fvi_cli.experiments.cost import CostCase, CostTable
+from fvi_cli.cli.app import app
 from fvi_cli.integrator import peers
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.output.figures.cost import BASELINE_COLOUR, cost_figure
-from fvi_cli.output.figures.drawn import drawn_data
-from fvi_cli.output.tables.cost import (
+from fvi_cli.plotting.cost import BASELINE_COLOUR, cost_figure
+from fvi_cli.plotting.drawn import drawn_data
+from fvi_cli.render import cost as cost_reports
+from fvi_cli.reports.cost import (
     SUMMARY_COLUMNS,
     cost_csv,
     cost_json,
     cost_report,
     cost_summary_csv,
 )
-from fvi_cli.output.tables.latex import to_latex
-from fvi_cli.output.tables.markdown import to_markdown
+from fvi_cli.reports.latex import to_latex
+from fvi_cli.reports.markdown import to_markdown
+from fvi_cli.studies import cost
+from fvi_cli.studies.cost import CostCase, CostTable
 
 # as the design of the command promises them
 PROMISED = (

@@ -12,10 +12,10 @@ import pytest
 from scipy.io import loadmat
 from typer.testing import CliRunner
 
-from fvi_cli.cli import app
+from fvi_cli.cli.app import app
 from fvi_cli.errors import RequestError, StorageError
-from fvi_cli.output.export import FORMATS, export_file
-from fvi_cli.output.storage.arrays import StoredArrays, stored_arrays
+from fvi_cli.storage.arrays import StoredArrays, stored_arrays
+from fvi_cli.storage.export import FORMATS, export_file
 
 CONFIG = """
 name: two-masses

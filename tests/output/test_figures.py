@@ -16,16 +16,16 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from fvi_cli import plotting
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.output import figures
-from fvi_cli.output.figures.methods import method_labels, series_styles
-from fvi_cli.output.figures.saturation import leading_exponent
-from fvi_cli.output.figures.time_series import exact_energy
+from fvi_cli.plotting.methods import method_labels, series_styles
+from fvi_cli.plotting.saturation import leading_exponent
+from fvi_cli.plotting.time_series import exact_energy
 from fvi_cli.scenes.named import linear_oscillator
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 
 NODES = tuple(Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in (1, 2, 3))
 LADDER = tuple(2**k for k in range(3, 9))
@@ -120,7 +120,7 @@ import matplotlib
 def settings():  # asking for the backend would choose one, with pyplot
     return {key: matplotlib.rcParams[key] for key in matplotlib.rcParams if key != "backend"}
 before = settings()
-from fvi_cli.output.figures import interpolation_figure, save_figure
+from fvi_cli.plotting import interpolation_figure, save_figure
 from pathlib import Path
 save_figure(interpolation_figure(), Path(sys.argv[1]), "sketch")
 print("matplotlib.pyplot" in sys.modules, settings() == before)
@@ -132,16 +132,16 @@ print("matplotlib.pyplot" in sys.modules, settings() == before)
 
 
 def test_a_users_own_settings_do_not_change_a_figure(tmp_path: Path) -> None:
-    paths = figures.save_figure(figures.interpolation_figure(), tmp_path / "plain", "sketch")
+    paths = plotting.save_figure(plotting.interpolation_figure(), tmp_path / "plain", "sketch")
     with mpl.rc_context({"axes.grid": True, "lines.linewidth": 5.0, "font.size": 20.0}):
-        other = figures.save_figure(figures.interpolation_figure(), tmp_path / "own", "sketch")
+        other = plotting.save_figure(plotting.interpolation_figure(), tmp_path / "own", "sketch")
     assert [path.read_bytes() for path in paths] == [path.read_bytes() for path in other]
 
 
 def test_convergence_draws_every_error_of_every_method() -> None:
     one = experiment()
     finished = finish(one)
-    figure = figures.convergence_figure([(one, finished)])
+    figure = plotting.convergence_figure([(one, finished)])
     drawn = {line.get_label(): line for line in lines(figure)}
     assert set(drawn) == {"BDF1", "BDF2", "BDF3"}
     for method, label in zip(NODES, ("BDF1", "BDF2", "BDF3"), strict=True):
@@ -158,20 +158,20 @@ def test_convergence_draws_every_error_of_every_method() -> None:
 
 def test_reference_slopes_have_the_slope_that_their_label_says() -> None:
     one = experiment()
-    figure = figures.convergence_figure([(one, finish(one))])
+    figure = plotting.convergence_figure([(one, finish(one))])
     found = {line.get_label(): slope(line) for line in lines(figure, "guide")}
     assert set(found) == {"_order 1", "_order 2"}
     assert found["_order 1"] == pytest.approx(1, abs=1e-9)
     assert found["_order 2"] == pytest.approx(2, abs=1e-9)
     assert {"order 1", "order 2"} <= set(words(figure))
-    other = figures.convergence_figure([(one, finish(one))], orders=[1.5])
+    other = plotting.convergence_figure([(one, finish(one))], orders=[1.5])
     assert [slope(line) for line in lines(other, "guide")] == pytest.approx([1.5])
     assert words(other) == ["order 3/2"]
 
 
 def test_observed_slopes_stand_in_where_theory_says_nothing() -> None:
     one = experiment(methods=[Baseline(name="explicit-euler"), Baseline(name="implicit-euler")])
-    figure = figures.convergence_figure([(one, finish(one))])
+    figure = plotting.convergence_figure([(one, finish(one))])
     assert [slope(line) for line in lines(figure, "guide")] == pytest.approx([1.0])
 
 
@@ -184,7 +184,7 @@ def test_a_slope_triangle_stands_beside_the_curve_that_is_expected_to_have_it() 
         scale, order = level[run.method.case]
         return scale * run.step_size**order
 
-    figure = figures.convergence_figure([(one, finish(one, error=error))])
+    figure = plotting.convergence_figure([(one, finish(one, error=error))])
     guides = {
         line.get_label(): np.mean(np.log(line.get_ydata())) for line in lines(figure, "guide")
     }
@@ -200,7 +200,7 @@ def fallen_back(coarse: Sequence[int]) -> Figure:
         dataclasses.replace(item, expected_order=3.3 if item.run.n_steps in coarse else 2.0)
         for item in finish(one)
     ]
-    return figures.convergence_figure([(one, finished)])
+    return plotting.convergence_figure([(one, finished)])
 
 
 def test_the_expected_order_is_that_of_the_smallest_steps() -> None:
@@ -222,7 +222,7 @@ def test_rows_at_round_off_do_not_decide_on_the_expected_order() -> None:
         )
         for item in finish(one)
     ]
-    figure = figures.convergence_figure([(one, finished)])
+    figure = plotting.convergence_figure([(one, finished)])
     assert [line.get_label() for line in lines(figure, "guide")] == ["_order 2"]
 
 
@@ -230,18 +230,18 @@ def test_without_any_error_there_is_neither_a_triangle_nor_a_range() -> None:
     one = experiment()
     gone = finish(one, status=lambda run: "diverged")
     for orders in (None, [2.0]):
-        figure = figures.convergence_figure([(one, gone)], orders=orders)
+        figure = plotting.convergence_figure([(one, gone)], orders=orders)
         figure.draw_without_rendering()
         assert not lines(figure, "guide")
         assert words(figure) == ["diverged"]
         assert len(figure.axes[0].get_yticks()) == 0
-    control = figures.convergence_figure([(one, finish(one))])
+    control = plotting.convergence_figure([(one, finish(one))])
     assert len(control.axes[0].get_yticks()) > 0
 
 
 def test_slope_triangles_keep_clear_of_curves() -> None:
     one = experiment()
-    figure = figures.convergence_figure([(one, finish(one))])
+    figure = plotting.convergence_figure([(one, finish(one))])
     axes = figure.axes[0]
     curves = [line.get_transform().transform(line.get_xydata()) for line in lines(figure)]
     for guide in lines(figure, "guide"):
@@ -263,7 +263,7 @@ def test_diverged_runs_stand_hollow_at_the_top_under_their_word() -> None:
         return "diverged" if run.method.case.startswith("bdf3") and run.n_steps < 64 else "ok"
 
     finished = finish(one, status=status)
-    figure = figures.convergence_figure([(one, finished)])
+    figure = plotting.convergence_figure([(one, finished)])
     (marks,) = lines(figure, "failure")
     gone = {f.run.step_size for f in finished if f.status == "diverged"}
     assert set(marks.get_xdata()) == gone
@@ -278,7 +278,7 @@ def test_diverged_runs_stand_hollow_at_the_top_under_their_word() -> None:
     for line in lines(figure):
         inside = line.get_transform().transform(line.get_xydata()[np.isfinite(line.get_ydata())])
         assert top.transform(inside)[:, 1].max() < min(marks.get_ydata())
-    control = figures.convergence_figure([(one, finish(one))])
+    control = plotting.convergence_figure([(one, finish(one))])
     assert not lines(control, "failure")
     assert "diverged" not in words(control)
 
@@ -287,19 +287,19 @@ def test_diverged_runs_stand_hollow_at_the_top_under_their_word() -> None:
 def test_other_failures_have_their_own_word(word: str) -> None:
     one = experiment(methods=NODES[:1])
     finished = finish(one, error=lambda run: float("nan"), status=lambda run: word)
-    figure = figures.convergence_figure([(one, finished)])
+    figure = plotting.convergence_figure([(one, finished)])
     assert word in words(figure)
     assert len(lines(figure, "failure")[0].get_xdata()) == len(LADDER)
 
 
 def test_round_off_is_hatched_only_where_it_is_reached() -> None:
     one = experiment()
-    reached = figures.convergence_figure(
+    reached = plotting.convergence_figure(
         [(one, finish(one, error=lambda run: max(run.step_size**14, 3e-14)))]
     )
     assert "round-off" in words(reached)
     assert any(patch.get_hatch() for patch in reached.axes[0].patches)
-    control = figures.convergence_figure([(one, finish(one))])
+    control = plotting.convergence_figure([(one, finish(one))])
     assert "round-off" not in words(control)
     assert not any(patch.get_hatch() for patch in control.axes[0].patches)
 
@@ -348,7 +348,7 @@ def test_trajectory_energy_and_error_show_every_method_and_the_exact_solution() 
     names = ["FVI-BDF1CQ", "explicit Euler", "implicit Euler"]
     one = experiment(methods=methods, steps=[64])
     finished = finish(one)
-    made = figures.figures_for([(one, finished)])
+    made = plotting.figures_for([(one, finished)])
     assert set(made) == {"made-up-trajectory", "made-up-energy", "made-up-error"}
     for kind, symbol in (("trajectory", "x(t)"), ("energy", "H(x, p)"), ("error", "x_k - x(t_k)")):
         figure = made[f"made-up-{kind}"]
@@ -372,7 +372,7 @@ def test_exact_energy_needs_no_velocity() -> None:
 def test_a_solution_that_runs_away_does_not_press_the_others_flat() -> None:
     one = experiment(methods=NODES[:2], steps=[64])
     finished = finish(one, error=lambda run: 1e6 if run.method == NODES[1] else 1e-3)
-    low, high = figures.trajectory_figure(one, finished).axes[0].get_ylim()
+    low, high = plotting.trajectory_figure(one, finished).axes[0].get_ylim()
     assert -3 < low < -1
     assert 1 < high < 3
 
@@ -380,7 +380,7 @@ def test_a_solution_that_runs_away_does_not_press_the_others_flat() -> None:
 def test_choice_of_a_step_of_the_ladder() -> None:
     one = experiment(methods=NODES[:1])
     finished = finish(one)
-    finest = figures.trajectory_figure(one, finished)
+    finest = plotting.trajectory_figure(one, finished)
     assert "h = 0.03125$" in finest.axes[0].get_xlabel()
     # with several methods the finest step that all have reached
     two = experiment(methods=NODES[:2])
@@ -388,12 +388,12 @@ def test_choice_of_a_step_of_the_ladder() -> None:
     def status(run: Run) -> str:
         return "diverged" if run.method == NODES[1] and run.n_steps > 64 else "ok"
 
-    together = figures.trajectory_figure(two, finish(two, status=status))
+    together = plotting.trajectory_figure(two, finish(two, status=status))
     assert "h = 0.125$" in together.axes[0].get_xlabel()
-    chosen = figures.trajectory_figure(one, finished, n_steps=16)
+    chosen = plotting.trajectory_figure(one, finished, n_steps=16)
     assert len(chosen.axes[0].lines[1].get_xdata()) == 17
     with pytest.raises(ValueError, match=r"n_steps: 17 is not one of .*\[8, 16"):
-        figures.trajectory_figure(one, finished, n_steps=17)
+        plotting.trajectory_figure(one, finished, n_steps=17)
 
 
 def derivative_study(b: int) -> tuple[Experiment, list[FinishedRun]]:
@@ -409,7 +409,7 @@ def derivative_study(b: int) -> tuple[Experiment, list[FinishedRun]]:
 
 def test_saturation_has_a_column_for_every_b_and_a_row_for_every_norm() -> None:
     studies = [derivative_study(b) for b in (1, 3, 4, 5)]
-    made = figures.figures_for(studies)
+    made = plotting.figures_for(studies)
     assert set(made) == {"saturation"}
     figure = made["saturation"]
     assert len(figure.axes) == 8
@@ -431,7 +431,7 @@ def test_saturation_has_a_column_for_every_b_and_a_row_for_every_norm() -> None:
 
 @pytest.mark.parametrize("exponents", [(3,), (1, 3), (1, 3, 4, 5)])
 def test_the_heading_of_a_saturation_figure_fits(exponents: tuple[int, ...]) -> None:
-    figure = figures.saturation_figure([derivative_study(b) for b in exponents])
+    figure = plotting.saturation_figure([derivative_study(b) for b in exponents])
     figure.draw_without_rendering()
     heading = next(text for text in figure.texts if text.get_text() == figure.get_suptitle())
     extent = heading.get_window_extent()
@@ -450,12 +450,12 @@ def test_leading_exponent_is_read_off_the_function() -> None:
 def test_saturation_refuses_other_problems() -> None:
     one = experiment()
     with pytest.raises(ValueError, match="bagley-torvik"):
-        figures.saturation_figure([(one, finish(one))])
+        plotting.saturation_figure([(one, finish(one))])
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_sketch_shows_control_and_quadrature_points(degree: int) -> None:
-    figure = figures.interpolation_figure(degree)
+    figure = plotting.interpolation_figure(degree)
     drawn = {str(line.get_label()): line for line in figure.axes[0].lines}
     assert len(drawn["control points at nodes"].get_xdata()) == 4
     assert len(drawn["quadrature points"].get_xdata()) == degree
@@ -471,48 +471,48 @@ def test_sketch_shows_control_and_quadrature_points(degree: int) -> None:
 
 def test_sketch_refuses_what_it_cannot_show() -> None:
     with pytest.raises(ValueError, match="1 to 5"):
-        figures.interpolation_figure(6)
+        plotting.interpolation_figure(6)
 
 
 def test_which_figures_an_experiment_gets() -> None:
     ladder = experiment()
-    assert figures.figure_kinds(ladder, finish(ladder)) == ("convergence",)
+    assert plotting.figure_kinds(ladder, finish(ladder)) == ("convergence",)
     short = experiment(steps=[8, 16])
-    assert figures.figure_kinds(short, finish(short)) == ("trajectory", "energy", "error")
+    assert plotting.figure_kinds(short, finish(short)) == ("trajectory", "energy", "error")
     unknown = experiment(steps=[8], problem=oscillator(exact=False))
     lost = finish(unknown, error=lambda run: float("nan"))
-    assert figures.figure_kinds(unknown, lost) == ("trajectory", "energy")
+    assert plotting.figure_kinds(unknown, lost) == ("trajectory", "energy")
     # errors against a refined run are as good
-    assert figures.figure_kinds(unknown, finish(unknown)) == ("trajectory", "energy", "error")
+    assert plotting.figure_kinds(unknown, finish(unknown)) == ("trajectory", "energy", "error")
     named = experiment(figures=("energy", "convergence"))
-    assert figures.figure_kinds(named, finish(named)) == ("energy", "convergence")
+    assert plotting.figure_kinds(named, finish(named)) == ("energy", "convergence")
     wrong = experiment(figures=("enrgy",))
     with pytest.raises(ValueError, match="'enrgy' is not one of convergence, trajectory"):
-        figures.figure_kinds(wrong, finish(wrong))
+        plotting.figure_kinds(wrong, finish(wrong))
 
 
 def test_a_figure_that_is_named_and_cannot_be_drawn_is_told_with_its_reason() -> None:
     one = experiment(problem=oscillator(exact=False), figures=("trajectory", "error"))
     lost = finish(one, error=lambda run: float("nan"))
-    (line,) = figures.left_out([(one, lost)])
+    (line,) = plotting.left_out([(one, lost)])
     assert line.startswith("made-up: no error figure, since there is no error: the reference is")
-    assert figures.left_out([(one, finish(one))]) == []
-    assert figures.left_out([(experiment(), lost)]) == []  # nothing was named
+    assert plotting.left_out([(one, finish(one))]) == []
+    assert plotting.left_out([(experiment(), lost)]) == []  # nothing was named
     named = experiment(figures=("energy",), methods=NODES[:1])
     still = [
         dataclasses.replace(item, trajectory=dataclasses.replace(item.trajectory, energy=None))
         for item in finish(named)
     ]
-    assert figures.left_out([(named, still)]) == [
+    assert plotting.left_out([(named, still)]) == [
         "made-up: no energy figure, since no method of the experiment has a momentum"
     ]
 
 
 def test_error_is_measured_against_a_refined_run_where_no_exact_solution_is_known() -> None:
     one = experiment(methods=NODES[:1], steps=[64], problem=oscillator(exact=False))
-    (axes,) = figures.error_figure(one, finish(one)).axes
+    (axes,) = plotting.error_figure(one, finish(one)).axes
     known = experiment(methods=NODES[:1], steps=[64])
-    (other,) = figures.error_figure(known, finish(known)).axes
+    (other,) = plotting.error_figure(known, finish(known)).axes
     got, wanted = (panel.lines[0].get_ydata()[1:] for panel in (axes, other))
     np.testing.assert_allclose(got, wanted, rtol=1e-9)
     assert "refined run" in axes.get_ylabel()
@@ -521,19 +521,19 @@ def test_error_is_measured_against_a_refined_run_where_no_exact_solution_is_know
 
 def test_experiments_of_one_configuration_share_a_convergence_figure() -> None:
     studies = [(one, finish(one)) for one in (experiment(name="a"), experiment(name="b"))]
-    together = figures.figures_for(studies, name="table-1")
+    together = plotting.figures_for(studies, name="table-1")
     assert set(together) == {"table-1-convergence"}
     # one kind and order twice: the names tell the panels apart
     assert [axes.get_title() for axes in together["table-1-convergence"].axes] == ["a", "b"]
-    assert set(figures.figures_for(studies)) == {"a-convergence", "b-convergence"}
+    assert set(plotting.figures_for(studies)) == {"a-convergence", "b-convergence"}
 
 
 def test_saved_files_are_the_same_bytes_every_time(tmp_path: Path) -> None:
     one = experiment()
     kept = []
     for folder in ("first", "second"):
-        made = figures.convergence_figure([(one, finish(one))])
-        paths = figures.save_figure(made, tmp_path / folder, "made-up")
+        made = plotting.convergence_figure([(one, finish(one))])
+        paths = plotting.save_figure(made, tmp_path / folder, "made-up")
         assert [path.name for path in paths] == ["made-up.pdf", "made-up.png", "made-up.json"]
         kept.append([path.read_bytes() for path in paths])
     assert kept[0] == kept[1]
@@ -544,15 +544,15 @@ def test_saved_files_are_the_same_bytes_every_time(tmp_path: Path) -> None:
 def test_a_failure_while_saving_leaves_the_old_files_and_nothing_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    figure = figures.interpolation_figure()
-    figures.save_figure(figure, tmp_path, "sketch")
+    figure = plotting.interpolation_figure()
+    plotting.save_figure(figure, tmp_path, "sketch")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     with monkeypatch.context() as patch:
-        patch.setattr("fvi_cli.output.atomic.os.fsync", _no_space)
+        patch.setattr("fvi_cli.storage.atomic.os.fsync", _no_space)
         with pytest.raises(OSError, match="no space"):
-            figures.save_figure(figures.interpolation_figure(1), tmp_path, "sketch")
+            plotting.save_figure(plotting.interpolation_figure(1), tmp_path, "sketch")
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-    figures.save_figure(figures.interpolation_figure(1), tmp_path, "sketch")
+    plotting.save_figure(plotting.interpolation_figure(1), tmp_path, "sketch")
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} != before
 
 
@@ -563,17 +563,17 @@ def _no_space(handle: int) -> None:
 @pytest.mark.parametrize("name", ["", "../up", "a/b", ".hidden", "a b"])
 def test_names_of_files_stay_in_their_folder(tmp_path: Path, name: str) -> None:
     with pytest.raises(ValueError, match="letters, digits"):
-        figures.save_figure(figures.interpolation_figure(), tmp_path, name)
+        plotting.save_figure(plotting.interpolation_figure(), tmp_path, name)
     assert not list(tmp_path.iterdir())
 
 
 def test_drawn_data_survives_its_file(tmp_path: Path) -> None:
     one = experiment()
-    figure = figures.convergence_figure([(one, finish(one))])
-    path = figures.save_figure(figure, tmp_path, "made-up")[2]
-    assert path.read_text(encoding="utf-8") == figures.drawn_text(figure)
+    figure = plotting.convergence_figure([(one, finish(one))])
+    path = plotting.save_figure(figure, tmp_path, "made-up")[2]
+    assert path.read_text(encoding="utf-8") == plotting.drawn_text(figure)
     stored = json.loads(path.read_text(encoding="utf-8"))
-    assert figures.compare_drawn(stored, figures.drawn_data(figure)) == []
+    assert plotting.compare_drawn(stored, plotting.drawn_data(figure)) == []
     (panel,) = stored["panels"]
     by_label = {line["label"]: line for line in panel["lines"]}
     assert by_label["order 2"] == {"label": "order 2", "slope": 2.0}
@@ -585,10 +585,10 @@ def test_drawn_data_survives_its_file(tmp_path: Path) -> None:
 )
 def test_comparison_sees_the_third_digit_and_no_more(factor: float, differences: int) -> None:
     one = experiment(methods=NODES[:1])
-    old = figures.drawn_data(figures.convergence_figure([(one, finish(one))]))
+    old = plotting.drawn_data(plotting.convergence_figure([(one, finish(one))]))
     moved = finish(one, error=lambda run: factor * power_law(run))
-    new = figures.drawn_data(figures.convergence_figure([(one, moved)]))
-    assert len(figures.compare_drawn(old, new)) == differences
+    new = plotting.drawn_data(plotting.convergence_figure([(one, moved)]))
+    assert len(plotting.compare_drawn(old, new)) == differences
 
 
 def test_comparison_leaves_round_off_alone() -> None:
@@ -596,39 +596,39 @@ def test_comparison_leaves_round_off_alone() -> None:
 
     def drawn(noise: float) -> object:
         made = finish(one, error=lambda run: max(run.step_size**9, noise))
-        return figures.drawn_data(figures.convergence_figure([(one, made)]))
+        return plotting.drawn_data(plotting.convergence_figure([(one, made)]))
 
-    assert figures.compare_drawn(drawn(2e-14), drawn(5e-14)) == []
-    assert figures.compare_drawn(drawn(2e-14), drawn(5e-9)) != []
+    assert plotting.compare_drawn(drawn(2e-14), drawn(5e-14)) == []
+    assert plotting.compare_drawn(drawn(2e-14), drawn(5e-9)) != []
 
 
 def test_comparison_names_what_went_missing() -> None:
     short, long = experiment(methods=NODES[:2]), experiment()
-    old = figures.drawn_data(figures.convergence_figure([(long, finish(long))]))
-    new = figures.drawn_data(figures.convergence_figure([(short, finish(short))]))
-    found = figures.compare_drawn(old, new)
+    old = plotting.drawn_data(plotting.convergence_figure([(long, finish(long))]))
+    new = plotting.drawn_data(plotting.convergence_figure([(short, finish(short))]))
+    found = plotting.compare_drawn(old, new)
     assert any("panels.0.lines" in line for line in found)
     diverged = finish(long, status=lambda run: "diverged" if run.n_steps == 8 else "ok")
-    assert figures.compare_drawn(
-        old, figures.drawn_data(figures.convergence_figure([(long, diverged)]))
+    assert plotting.compare_drawn(
+        old, plotting.drawn_data(plotting.convergence_figure([(long, diverged)]))
     )
 
 
 def test_an_empty_request_is_refused() -> None:
     with pytest.raises(ValueError, match="at least one"):
-        figures.convergence_figure([])
+        plotting.convergence_figure([])
     with pytest.raises(ValueError, match="at least one"):
-        figures.saturation_figure([])
+        plotting.saturation_figure([])
 
 
 def test_nothing_is_written_too_small_to_read() -> None:
     studies = [derivative_study(b) for b in (1, 3)]
     one = experiment()
     made = [
-        figures.interpolation_figure(),
-        figures.saturation_figure(studies),
-        figures.convergence_figure([(one, finish(one))]),
-        figures.error_figure(one, finish(one)),
+        plotting.interpolation_figure(),
+        plotting.saturation_figure(studies),
+        plotting.convergence_figure([(one, finish(one))]),
+        plotting.error_figure(one, finish(one)),
     ]
     for figure in made:
         assert figure.get_figwidth() in (3.4, 7.0)

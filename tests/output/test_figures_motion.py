@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from fvi_cli import plotting
 from fvi_cli.config import parse_config
-from fvi_cli.experiments.experiment import Experiment, FinishedRun
-from fvi_cli.experiments.study import study
-from fvi_cli.output import figures
-from fvi_cli.output.figures.balance import balance_figure, momenta_figure
-from fvi_cli.output.figures.motion import path_figure, phase_figure, waterfall_figure
+from fvi_cli.plotting.balance import balance_figure, momenta_figure
+from fvi_cli.plotting.motion import path_figure, phase_figure, waterfall_figure
+from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.study import study
 
 Study = tuple[Experiment, list[FinishedRun]]
 
@@ -191,14 +191,14 @@ def test_what_cannot_be_drawn_is_told_with_its_reason(oscillator: Study) -> None
     text = OSCILLATOR.replace("store: {diagnostics: [energy-balance]}", "")
     figures_key = "figures: [balance, momenta, phase, path, waterfall]\n"
     bare, runs = made(text + figures_key)
-    told = figures.left_out([(bare, runs)])
+    told = plotting.left_out([(bare, runs)])
     assert [line.split(" figure")[0] for line in told] == [
         "one: no balance",
         "one: no momenta",
         "one: no path",
         "one: no waterfall",
     ]
-    assert figures.figure_kinds(bare, runs) == ("phase",)
+    assert plotting.figure_kinds(bare, runs) == ("phase",)
     for draw in (momenta_figure, path_figure, waterfall_figure):
         with pytest.raises(ValueError, match=r"momenta|path|waterfall"):
             draw(experiment, finished)
@@ -228,9 +228,9 @@ def test_everything_is_legible_and_told_apart_without_colour(
 
 def test_comparison_forgives_rounding_in_a_defect_and_nothing_else(oscillator: Study) -> None:
     experiment, finished = oscillator
-    old = figures.drawn_data(balance_figure(experiment, finished))
+    old = plotting.drawn_data(balance_figure(experiment, finished))
     assert (
-        figures.compare_drawn(old, figures.drawn_data(balance_figure(experiment, finished))) == []
+        plotting.compare_drawn(old, plotting.drawn_data(balance_figure(experiment, finished))) == []
     )
-    coarse = figures.drawn_data(balance_figure(experiment, finished, n_steps=32))
-    assert figures.compare_drawn(old, coarse)
+    coarse = plotting.drawn_data(balance_figure(experiment, finished, n_steps=32))
+    assert plotting.compare_drawn(old, coarse)

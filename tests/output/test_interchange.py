@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from fvi_cli import campaign
 from fvi_cli.config import parse_config
-from fvi_cli.execution import carry_out
-from fvi_cli.output.storage import open_results
+from fvi_cli.runner import campaign
+from fvi_cli.runner.execution import carry_out
+from fvi_cli.storage import open_results
 
 OSCILLATOR = """
     problem:

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from fvi_cli.config import parse_config
-from fvi_cli.experiments.experiment import Run
 from fvi_cli.integrator.method import Baseline, Method, RuleSpecification
-from fvi_cli.output import provenance
-from fvi_cli.output.provenance import identity
+from fvi_cli.storage import provenance
+from fvi_cli.storage.provenance import identity
+from fvi_cli.studies.experiment import Run
 
 TEXT = """\
 name: quick

@@ -27,23 +27,23 @@ import xarray as xr
 
 import fvi_cli
 from fvi_cli.errors import StorageError
-from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method, RuleSpecification
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
-from fvi_cli.output import provenance
-from fvi_cli.output.storage import (
+from fvi_cli.scenes.registry import build_problem
+from fvi_cli.storage import (
     files,
     list_runs,
     open_results,
+    provenance,
     read_config_text,
     read_configuration,
     read_results,
     records,
     seal,
 )
-from fvi_cli.output.storage import stream as stream_module
-from fvi_cli.output.storage.stream import SafeStream
-from fvi_cli.scenes.registry import build_problem
+from fvi_cli.storage import stream as stream_module
+from fvi_cli.storage.stream import SafeStream
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 
 SPECIFICATION: dict[str, Any] = {
     "kind": "bagley-torvik",

@@ -11,11 +11,8 @@ import numpy as np
 import pytest
 
 from fvi_cli.config import parse_config
-from fvi_cli.experiments.batches import batches_of, execute_batch
-from fvi_cli.experiments.order import order_tables
-from fvi_cli.experiments.sweep_summary import sweep_lines
-from fvi_cli.output.figures import drawn_data, figures_for, left_out
-from fvi_cli.output.tables import (
+from fvi_cli.plotting import drawn_data, figures_for, left_out
+from fvi_cli.reports import (
     compare_tables,
     compare_with_tables,
     from_json,
@@ -23,7 +20,10 @@ from fvi_cli.output.tables import (
     summary_text,
     write_tables,
 )
-from fvi_cli.output.tables.csv_table import COLUMNS
+from fvi_cli.reports.csv_table import COLUMNS
+from fvi_cli.studies.batches import batches_of, execute_batch
+from fvi_cli.studies.order import order_tables
+from fvi_cli.studies.sweep_summary import sweep_lines
 
 TEXT = """\
 name: many

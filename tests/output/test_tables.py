@@ -16,22 +16,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fvi_cli import reports as tables
 from fvi_cli.errors import StorageError
-from fvi_cli.experiments.experiment import Experiment, FinishedRun, Run
-from fvi_cli.experiments.order import OrderCase, OrderRow, OrderTable, order_table
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method, RuleSpecification
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.output import tables
-from fvi_cli.output.tables.csv_table import COLUMNS
-from fvi_cli.output.tables.details import without_numbers
-from fvi_cli.output.tables.document import Bullets, Code, Grid, Heading, Paragraph, split_wide
-from fvi_cli.output.tables.json_table import from_json, to_json
-from fvi_cli.output.tables.latex import escape_latex, to_latex
-from fvi_cli.output.tables.markdown import escape_markdown, to_markdown
-from fvi_cli.output.tables.naming import method_names
-from fvi_cli.output.tables.summary import order_entry, short_titles
+from fvi_cli.reports.csv_table import COLUMNS
+from fvi_cli.reports.details import without_numbers
+from fvi_cli.reports.document import Bullets, Code, Grid, Heading, Paragraph, split_wide
+from fvi_cli.reports.json_table import from_json, to_json
+from fvi_cli.reports.latex import escape_latex, to_latex
+from fvi_cli.reports.markdown import escape_markdown, to_markdown
+from fvi_cli.reports.naming import method_names
+from fvi_cli.reports.summary import order_entry, short_titles
 from fvi_cli.scenes.named import linear_oscillator
 from fvi_cli.scenes.problem import Problem
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+from fvi_cli.studies.order import OrderCase, OrderRow, OrderTable, order_table
 
 BDF1, BDF2 = (Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in (1, 2))
 GAUSS3 = Method(cq="gauss", degree=3, start="series")
@@ -763,7 +763,7 @@ def test_a_write_that_fails_leaves_the_old_file_whole(tmp_path, monkeypatch):
     def full(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("fvi_cli.output.atomic.os.fsync", full)
+    monkeypatch.setattr("fvi_cli.storage.atomic.os.fsync", full)
     with pytest.raises(StorageError, match=r"made-up\.csv: cannot be written: No space"):
         tables.write_tables(tmp_path, "made-up", [table_of()])
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before

@@ -16,7 +16,7 @@ import pytest
 from commands import QUICK
 from typer.testing import CliRunner
 
-from fvi_cli.cli import app
+from fvi_cli.cli.app import app
 from fvi_cli.config import parse_config
 from fvi_cli.errors import ConfigError
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, ExpressionError

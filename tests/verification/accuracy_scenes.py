@@ -13,22 +13,22 @@ import numpy as np
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Scene
-from fvi_cli.experiments.accuracy import reach_tolerance
-from fvi_cli.experiments.accuracy_results import Reached
-from fvi_cli.experiments.accuracy_settings import USUAL_CANDIDATES
-from fvi_cli.experiments.cost import forget
-from fvi_cli.experiments.experiment import Norm
-from fvi_cli.experiments.norms import error_norm
 from fvi_cli.integrator.break_points import nearest_fitting
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.plan_seconds import machine_speed
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.planning.plan_seconds import machine_speed
 from fvi_cli.scenes.lagrangian import double_pendulum
 from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.nonlinear import duffing, kepler
+from fvi_cli.studies.accuracy import reach_tolerance
+from fvi_cli.studies.accuracy_results import Reached
+from fvi_cli.studies.accuracy_settings import USUAL_CANDIDATES
+from fvi_cli.studies.cost import forget
+from fvi_cli.studies.experiment import Norm
+from fvi_cli.studies.norms import error_norm
 
 REFERENCE = Method(cq="gauss", degree=4, start="series")
 FINEST = 2**15

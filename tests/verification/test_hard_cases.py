@@ -15,10 +15,20 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fvi_cli.cli import app
+from fvi_cli.cli.app import app
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.experiments.hard_cases.case import (
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.mathematics.talbot import talbot_inverse
+from fvi_cli.reports.hard_cases import (
+    compare_reports,
+    compare_with_report,
+    rendered_report,
+    report_from_json,
+    write_report,
+)
+from fvi_cli.scenes.linear_response import linear_response
+from fvi_cli.studies.hard_cases.case import (
     Bench,
     Claim,
     HardCase,
@@ -27,21 +37,11 @@ from fvi_cli.experiments.hard_cases.case import (
     examine,
     examine_claim,
 )
-from fvi_cli.experiments.hard_cases.chaos import chaotic_double_pendulum, energy_defect
-from fvi_cli.experiments.hard_cases.judging import exact_positions
-from fvi_cli.experiments.hard_cases.linear_cases import oscillator
-from fvi_cli.experiments.hard_cases.long_cases import TAIL_AT_1000
-from fvi_cli.experiments.hard_cases.suite import FLAGSHIP, examined_methods, hard_cases
-from fvi_cli.integrator.integrate import integrate
-from fvi_cli.mathematics.talbot import talbot_inverse
-from fvi_cli.output.tables.hard_cases import (
-    compare_reports,
-    compare_with_report,
-    rendered_report,
-    report_from_json,
-    write_report,
-)
-from fvi_cli.scenes.linear_response import linear_response
+from fvi_cli.studies.hard_cases.chaos import chaotic_double_pendulum, energy_defect
+from fvi_cli.studies.hard_cases.judging import exact_positions
+from fvi_cli.studies.hard_cases.linear_cases import oscillator
+from fvi_cli.studies.hard_cases.long_cases import TAIL_AT_1000
+from fvi_cli.studies.hard_cases.suite import FLAGSHIP, examined_methods, hard_cases
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "results"
@@ -306,7 +306,7 @@ def test_the_command_fails_when_gauss3_does_not_hold(
     strict = dataclasses.replace(
         case, claims=tuple(dataclasses.replace(claim, limit=1e-20) for claim in case.claims)
     )
-    monkeypatch.setattr("fvi_cli.hard_case_reports.hard_cases", lambda: {case.name: strict})
+    monkeypatch.setattr("fvi_cli.render.hard_cases.hard_cases", lambda: {case.name: strict})
     result = CliRunner().invoke(
         app, ["hard-cases", "--method", "Gauss3", "--output", str(tmp_path)]
     )

@@ -25,8 +25,8 @@ from fvi_cli.integrator import integrate as integrate_module
 from fvi_cli.integrator.block_history import GroupHistory
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.plan import plan_run
 from fvi_cli.mathematics.windowed_series import WindowedSeries
+from fvi_cli.planning.plan import plan_run
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.nonlinear import duffing
@@ -299,7 +299,7 @@ print(json.dumps(seen))
 COMMANDS = """
 import json, sys
 from typer.testing import CliRunner
-from fvi_cli.cli import app
+from fvi_cli.cli.app import app
 WATCHED = ("h5py", "matplotlib", "mpmath", "sympy", "distributed")
 seen = {}
 for command in (["run", "frame", "-q"], ["show", "results/frame.h5"], ["plot", "frame", "-q"]):

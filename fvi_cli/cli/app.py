@@ -1,0 +1,73 @@
+"""The command line: every command by its name.
+
+The rest of the project is imported inside the commands, so that ``--help`` is quick.
+"""
+
+from __future__ import annotations
+
+import signal
+from typing import Annotated, NoReturn
+
+import typer
+
+import fvi_cli
+from fvi_cli.cli.benchmark import benchmark
+from fvi_cli.cli.check import check
+from fvi_cli.cli.convergence import convergence
+from fvi_cli.cli.cost import cost
+from fvi_cli.cli.exits import DONE
+from fvi_cli.cli.export import export
+from fvi_cli.cli.hard_cases import hard_cases
+from fvi_cli.cli.new import new
+from fvi_cli.cli.plot import plot
+from fvi_cli.cli.run import run
+from fvi_cli.cli.schema import schema
+from fvi_cli.cli.show import show
+from fvi_cli.cli.stability import stability
+
+COMMANDS = (
+    run,
+    convergence,
+    plot,
+    cost,
+    stability,
+    check,
+    show,
+    export,
+    hard_cases,
+    benchmark,
+    schema,
+    new,
+)
+
+app = typer.Typer(
+    name="fvi",
+    help="Experiments with fractional variational integrators.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    # one line for every command where the screen has room for it
+    context_settings={"max_content_width": 120},
+)
+for command in COMMANDS:
+    app.command()(command)
+
+
+def main() -> None:
+    """Entry point of the command ``fvi``."""
+    signal.signal(signal.SIGTERM, _interrupt)
+    app(prog_name="fvi")
+
+
+def _interrupt(signal_number: int, frame: object) -> NoReturn:
+    """Let a termination leave through the same door as Ctrl-C: finished runs are kept."""
+    raise KeyboardInterrupt
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+) -> None:
+    if version:
+        print(f"fvi {fvi_cli.__version__}")
+        raise typer.Exit(DONE)

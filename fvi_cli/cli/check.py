@@ -1,0 +1,28 @@
+"""``fvi check``: validate only."""
+
+from __future__ import annotations
+
+from fvi_cli.cli.exits import DONE, guarded
+from fvi_cli.cli.options import Configs, Overrides, Quiet, Verbose
+
+
+@guarded
+def check(
+    configs: Configs,
+    overrides: Overrides = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Validate configurations and compute nothing."""
+    from fvi_cli.runner import campaign
+
+    for request in campaign.gather(configs, overrides or ()):
+        runs = sum(1 if e.is_open else len(e.runs()) for e in request.loaded.experiments)
+        experiments = len(request.loaded.experiments)
+        what = f"{_counted(experiments, 'experiment')}, {_counted(runs, 'run')}"
+        print(f"{request.loaded.path}: valid, {what}")
+    return DONE
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

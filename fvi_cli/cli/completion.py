@@ -1,0 +1,24 @@
+"""What a shell proposes in place of arguments."""
+
+from __future__ import annotations
+
+
+def shipped_names(incomplete: str) -> list[str]:
+    """Names of shipped configurations; where none fits, the shell goes on with files."""
+    from fvi_cli.config import shipped_configs
+
+    return [name for name in shipped_configs() if name.startswith(incomplete)]
+
+
+def kinds_of_problems(incomplete: str) -> list[str]:
+    """Kinds of problems."""
+    from fvi_cli.scenes.registry import EQUATIONS
+
+    return [kind for kind in EQUATIONS if kind.startswith(incomplete)]
+
+
+def export_formats(incomplete: str) -> list[str]:
+    """Formats of ``fvi export``."""
+    from fvi_cli.storage.export import FORMATS
+
+    return [form for form in FORMATS if form.startswith(incomplete)]

@@ -1,0 +1,117 @@
+"""How a command ends: exit codes, and what is said on standard error.
+
+Exit codes: 0 done; 1 a run failed and its configuration did not expect it; 2 a request or
+configuration that cannot be carried out; 3 a check did not hold; 130 interrupted. Standard output
+carries results, standard error everything else.
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+import os
+import sys
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, ParamSpec
+
+import typer
+
+from fvi_cli.errors import FviError, RequestError
+
+if TYPE_CHECKING:
+    from fvi_cli.runner.campaign import Outcome, Settings
+
+DONE, RUN_FAILED, WRONG_REQUEST, CHECK_FAILED, BROKEN_PIPE, INTERRUPTED = 0, 1, 2, 3, 141, 130
+
+P = ParamSpec("P")
+
+_logger = logging.getLogger("fvi_cli")
+
+
+def guarded(command: Callable[P, int]) -> Callable[P, None]:
+    """Turn the value of `command`, and whatever it raises, into an exit code."""
+
+    @functools.wraps(command)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> None:
+        verbose = bool(kwargs.get("verbose"))
+        _configure_logging(quiet=bool(kwargs.get("quiet")), verbose=verbose)
+        try:
+            code = command(*args, **kwargs)
+            sys.stdout.flush()
+        except RequestError as error:
+            # as they are: the line may begin with file:line:column, as editors understand it
+            _say(*error.complaints)
+            code = WRONG_REQUEST
+        except FviError as error:
+            _say(f"fvi: {error}")
+            code = WRONG_REQUEST
+        except KeyboardInterrupt:
+            stored = "; finished runs are stored, the same command goes on from there"
+            _say(f"fvi: interrupted{stored if _keeps_runs(kwargs) else ''}")
+            code = INTERRUPTED
+        except MemoryError as error:
+            detail = f": {error}" if str(error) else ""
+            stored = "; finished runs are stored" if _keeps_runs(kwargs) else ""
+            _say(f"fvi: not enough memory{detail}{stored}")
+            code = RUN_FAILED
+        except BrokenPipeError:
+            # whoever read the result has gone; the interpreter would complain once more at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            code = BROKEN_PIPE
+        except OSError as error:
+            # a folder that is not there, a full disk, no permission
+            place = f"{error.filename}: " if error.filename else ""
+            _say(f"fvi: {place}{error.strerror or error}")
+            code = WRONG_REQUEST
+        except Exception as error:
+            # the last line of defence: nobody should have to read a traceback unasked
+            if verbose:
+                traceback.print_exc()
+            _say(f"fvi: unexpected {type(error).__name__}: {error}")
+            if not verbose:
+                _say("fvi: this is a mistake of the program; -v shows where it happened")
+            code = RUN_FAILED
+        raise typer.Exit(code)
+
+    return wrapped
+
+
+def _keeps_runs(options: Mapping[str, object]) -> bool:
+    """Whether the command stores runs: then it can also be told to ignore those (``--fresh``)."""
+    return "fresh" in options and not options.get("check") and not options.get("dry_run")
+
+
+def _configure_logging(*, quiet: bool, verbose: bool) -> None:
+    from fvi_cli.runner.progress import configure_logging
+
+    configure_logging(logging.ERROR if quiet else logging.DEBUG if verbose else logging.INFO)
+
+
+def _say(*lines: str) -> None:
+    for line in lines:
+        print(line, file=sys.stderr)
+
+
+def stops(settings: Settings, outcomes: Sequence[Outcome]) -> bool:
+    """Whether a failure ends the command (``--fail-fast``)."""
+    return settings.fail_fast and any(outcome.unexpected for outcome in outcomes)
+
+
+def verdict(differences: Sequence[str]) -> int:
+    """Exit code of a check; prints what differs."""
+    for difference in differences:
+        print(difference)
+    if differences:
+        _logger.error("stale: %d differences", len(differences))
+        return CHECK_FAILED
+    print("up to date")
+    return DONE
+
+
+def exit_code(outcomes: Sequence[Outcome]) -> int:
+    """Exit code of runs; says on standard error what went wrong."""
+    failed = [finished for outcome in outcomes for finished in outcome.unexpected]
+    if failed:
+        _logger.error("%d runs failed and their configuration did not expect it", len(failed))
+    return RUN_FAILED if failed else DONE

@@ -1,0 +1,47 @@
+"""``fvi hard-cases``: what holds where integrators usually fail."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from fvi_cli.cli.exits import CHECK_FAILED, DONE, guarded, verdict
+from fvi_cli.cli.options import RESULTS, Output, Quiet, Verbose
+
+
+@guarded
+def hard_cases(
+    output: Output = RESULTS,
+    check: Annotated[
+        bool,
+        typer.Option("--check", help="Compare with the stored report and write nothing."),
+    ] = False,
+    case: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--case", metavar="NAME", help="Only this case; repeatable. Nothing is written."
+        ),
+    ] = None,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--method",
+            metavar="NAME",
+            help="Only this method, as it is called in the report; repeatable. Nothing is written.",
+        ),
+    ] = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Measure every method on hard cases, and tell what holds; Gauss3 must hold everywhere."""
+    from fvi_cli.render.hard_cases import examine_named
+    from fvi_cli.reports import hard_cases as tables
+
+    report = examine_named(case or (), method or (), show_progress=not quiet)
+    if check:
+        return verdict([*tables.compare_with_report(output, report), *tables.failures(report)])
+    print(tables.report_text(report))
+    if not (case or method):
+        print("", *tables.write_report(output, report), sep="\n")
+    return CHECK_FAILED if tables.failures(report) else DONE

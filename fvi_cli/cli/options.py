@@ -1,0 +1,67 @@
+"""Options and arguments that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fvi_cli.cli.completion import shipped_names
+
+Configs = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="CONFIG",
+        help="Files, or names of shipped configurations.",
+        autocompletion=shipped_names,
+    ),
+]
+Sources = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="CONFIG|FILE.h5",
+        help="Files, names of shipped configurations, or results of `fvi run`.",
+        autocompletion=shipped_names,
+    ),
+]
+Output = Annotated[
+    Path, typer.Option("--output", metavar="DIR", help="Folder for everything that is written.")
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY.PATH=VALUE", help="Change an entry of the configuration; repeatable."
+    ),
+]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="List every run and what would be done with it; no more.")
+]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Compute again what is stored already.")]
+FailFast = Annotated[
+    bool, typer.Option("--fail-fast", help="Stop at the first run that fails unexpectedly.")
+]
+AllowUnstable = Annotated[
+    bool, typer.Option("--allow-unstable", help="Compute runs that are predicted to blow up.")
+]
+Workers = Annotated[
+    int, typer.Option("--workers", min=1, metavar="N", help="Processes on this machine.")
+]
+Dask = Annotated[
+    str | None,
+    typer.Option(
+        "--dask",
+        metavar="ADDRESS",
+        help="Compute on the workers of an existing Dask scheduler, such as tcp://host:8786.",
+    ),
+]
+Quiet = Annotated[
+    bool,
+    typer.Option(
+        "-q", "--quiet", help="No progress, no remarks: results on stdout, errors on stderr."
+    ),
+]
+Verbose = Annotated[
+    bool, typer.Option("-v", "--verbose", help="Say more; show tracebacks of unexpected errors.")
+]
+RESULTS = Path("results")

@@ -1,0 +1,41 @@
+"""``fvi show``: what a result file holds."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fvi_cli.cli.exits import DONE, guarded
+from fvi_cli.cli.options import Verbose
+
+_logger = logging.getLogger("fvi_cli")
+
+
+@guarded
+def show(
+    file: Annotated[Path, typer.Argument(metavar="FILE.h5", help="Results of `fvi run`.")],
+    config: Annotated[
+        bool, typer.Option("--config", help="Print the configuration that made the file.")
+    ] = False,
+    verbose: Verbose = False,
+) -> int:
+    """List what a result file holds, or print the configuration that made it."""
+    from fvi_cli.render import runs as reports
+    from fvi_cli.runner import campaign
+    from fvi_cli.storage import list_runs, read_configuration
+
+    if not config:
+        print(reports.contents_as_text(list_runs(file)))
+        if verbose:
+            (request,) = campaign.gather([str(file)], ())
+            runs = [run for one in request.loaded.experiments for run in one.runs()]
+            print(f"\n{reports.machinery_as_text(runs)}")
+        return DONE
+    configuration = read_configuration(file)
+    print(configuration.text, end="")
+    for override in configuration.overrides:
+        _logger.warning("made with --set %s", override)
+    return DONE

@@ -1,0 +1,62 @@
+"""``fvi stability``: what is predicted and seen over steps and parameters."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from fvi_cli.cli.exits import CHECK_FAILED, DONE, guarded, verdict
+from fvi_cli.cli.options import RESULTS, Configs, Output, Overrides, Quiet, Verbose
+
+
+@guarded
+def stability(
+    configs: Configs,
+    output: Output = RESULTS,
+    over: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--over",
+            metavar="KEY=FROM:TO:NUMBER[:log]",
+            help="Vary an entry of the problem, as in problem.stiffness=1:1e6:40:log; once or "
+            "twice. The configuration's own `sweep` gives way.",
+        ),
+    ] = None,
+    observe: Annotated[
+        bool | None,
+        typer.Option(
+            "--observe/--no-observe",
+            help="Run every method from random data and compare; default: as configured, yes.",
+        ),
+    ] = None,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check", help="Compare with the stored tables and figures, and write nothing."
+        ),
+    ] = False,
+    overrides: Overrides = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Predict the stability of every method over steps and parameters, and compare with runs.
+
+    Exit code 3 when a prediction is not what is observed.
+    """
+    from fvi_cli.render import stability as stability_reports
+
+    requests = stability_reports.gather_over(configs, overrides or (), over or ())
+    failed = 0
+    differences: list[str] = []
+    for request in requests:
+        tables = stability_reports.study_stability(
+            request, is_observed=observe, show_progress=not quiet
+        )
+        if check:
+            differences += stability_reports.compare(request.name, tables, output)
+        else:
+            text, paths = stability_reports.write(request.name, tables, output)
+            print(text, *paths, "", sep="\n")
+        failed += sum(len(table.disagreements) for table in tables)
+    return (verdict(differences) if check else DONE) or (CHECK_FAILED if failed else DONE)

@@ -1,1 +1,0 @@
-"""Floor 6: files, tables and figures."""

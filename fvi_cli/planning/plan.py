@@ -1,0 +1,398 @@
+"""The plan of a run: which effects a scene calls for, which machinery is taken, and what it costs.
+
+It is made before the first step, by the functions that the engine itself asks, and without any
+weights or steps.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, replace
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP, newton_block
+from fvi_cli.integrator.block_sizes import batch_sizes
+from fvi_cli.integrator.decoupling import Decoupling
+from fvi_cli.integrator.engine import Route, choose_route, scene_decoupling, sums_directly
+from fvi_cli.integrator.exponential_march import block_length
+from fvi_cli.integrator.interpolation_limit import interpolation_remarks
+from fvi_cli.integrator.known_part import NO_SERIES, plan_series, settled_method
+from fvi_cli.integrator.large_linear import GROUP as LARGE_GROUP
+from fvi_cli.integrator.members import goes_together
+from fvi_cli.integrator.memory import runge_kutta_tableau, terms_by_direction
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.stage_basis import legendre_exponentials
+from fvi_cli.integrator.stepped_history import STEPPED_GROUP
+from fvi_cli.planning.history_work import (
+    Shape,
+    baseline_operations,
+    block_operations,
+    channel_shapes,
+    direct_operations,
+    exponential_operations,
+    large_operations,
+    newton_operations,
+    stepped_operations,
+)
+from fvi_cli.planning.plan_memory import Sizes, peak_bytes
+from fvi_cli.planning.plan_seconds import machine_speed, predicted_seconds
+from fvi_cli.planning.plan_words import (
+    forcing_in_words,
+    history_in_words,
+    series_in_words,
+    systems_in_words,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What a run simulates, how, and what that will take.
+
+    Parameters
+    ----------
+    effects
+        What is simulated, in words; what is absent costs nothing.
+    steps
+        How the steps are done, in words.
+    history
+        How the memory of the damping is summed up, in words.
+    series
+        What becomes of a singular start, in words.
+    forcing
+        How the forcing enters, in words.
+    history_operations
+        Multiply-adds that the memory will take if the run goes on to its end; None where nobody
+        can tell (programs of others).
+    memory_bytes
+        Largest memory of the run, without the program itself, estimated.
+    seconds
+        Time on this machine, roughly.
+    n_sequences
+        Number of sequences of weights; terms of one direction share one.
+    systems, coupled
+        Number of systems that are stepped side by side, and of components of each.
+    remarks
+        What else the reader should know.
+    """
+
+    effects: tuple[str, ...]
+    steps: str
+    history: str
+    series: str
+    forcing: str
+    history_operations: int | None
+    memory_bytes: int
+    seconds: float
+    n_sequences: int
+    systems: int
+    coupled: int
+    remarks: tuple[str, ...] = ()
+
+    def lines(self) -> list[str]:
+        """The plan in words, a line for each of its parts."""
+        operations = (
+            "not known" if self.history_operations is None else f"{self.history_operations:,}"
+        )
+        return [
+            f"effects: {', '.join(self.effects)}",
+            f"steps: {self.steps}",
+            f"history: {self.history}",
+            f"start: {self.series}",
+            f"forcing: {self.forcing}",
+            f"operations of the history: {operations}",
+            f"memory: about {self.memory_bytes / 1e6:.3g} MB",
+            f"time: about {self.seconds:.2g} s",
+            *(f"remark: {remark}" for remark in self.remarks),
+        ]
+
+
+def effects_of_scene(scene: Scene) -> tuple[str, ...]:
+    """Names of what is simulated."""
+    inertia = "inertia" if scene.lagrangian is None else "general Lagrangian"
+    effects = [f"{inertia} ({scene.dimension} dof)"]
+    if scene.potential is not None:
+        effects.append("linear potential" if scene.is_linear else "nonlinear potential")
+    effects += [f"damping of order {term.order:g}" for term in scene.active_damping]
+    if scene.forcing is not None:
+        effects.append("sampled forcing" if scene.forcing.samples else "forcing")
+    return tuple(effects)
+
+
+def plan_run(
+    scene: Scene,
+    method: AnyMethod,
+    n_steps: int,
+    *,
+    every: int = 1,
+    members: int = 1,
+    diagnosed: bool = False,
+) -> Plan:
+    """Tell how `integrate` or `integrate_members` will do a run, without doing it.
+
+    Parameters
+    ----------
+    scene, method, n_steps, every
+        As for :func:`fvi_cli.integrator.integrate.integrate`.
+    members
+        How many scenes of this kind are integrated together, see
+        :func:`fvi_cli.integrator.members.companions`.
+    diagnosed
+        Whether diagnostics are asked for.
+
+    Returns
+    -------
+    Plan
+        Of one of the members, but `memory_bytes`, which all of them take together.
+        `history_operations` are those that a complete run counts. For nonlinear scenes they do
+        not depend on Newton's iteration: attempts that fail are work of the iteration.
+    """
+    if isinstance(method, Baseline):
+        return _baseline_plan(scene, method, n_steps)
+    plan = plan_series(scene, method, n_steps) if method.start == "series" else NO_SERIES
+    settled = settled_method(scene, method, plan)
+    machinery = _machinery(scene, method, n_steps, members, diagnosed=diagnosed)
+    sizes = _sizes(
+        scene,
+        method,
+        n_steps,
+        every,
+        members,
+        has_series=plan.known is not None,
+        diagnosed=diagnosed,
+    )
+    return Plan(
+        effects=effects_of_scene(scene),
+        steps=machinery.steps,
+        history=machinery.history,
+        series=series_in_words(scene, method, plan),
+        forcing=forcing_in_words(scene, settled, plan),
+        history_operations=machinery.operations,
+        memory_bytes=peak_bytes(sizes),
+        seconds=predicted_seconds(sizes, machinery.operations),
+        n_sequences=len(machinery.shape.channels),
+        systems=machinery.shape.batch,
+        coupled=machinery.shape.coupled,
+        remarks=interpolation_remarks(scene, n_steps),
+    )
+
+
+def planned_bytes(
+    scene: Scene,
+    method: AnyMethod,
+    n_steps: int,
+    *,
+    every: int = 1,
+    members: int = 1,
+    diagnosed: bool = False,
+) -> int:
+    """The plan's memory alone, which takes no expansion of the solution.
+
+    A start series that is asked for counts as used.
+    """
+    if isinstance(method, Baseline):
+        return _baseline_bytes(scene, n_steps)
+    has_series = method.start == "series"
+    return peak_bytes(
+        _sizes(scene, method, n_steps, every, members, has_series=has_series, diagnosed=diagnosed)
+    )
+
+
+def planned_seconds(scene: Scene, method: AnyMethod, n_steps: int) -> float:
+    """The plan's time alone, without an expansion of the solution, as :func:`planned_bytes`."""
+    if isinstance(method, Baseline):
+        return _baseline_plan(scene, method, n_steps).seconds
+    sizes = _sizes(scene, method, n_steps, 1, has_series=method.start == "series")
+    return predicted_seconds(sizes, _machinery(scene, method, n_steps).operations)
+
+
+def _sizes(
+    scene: Scene,
+    method: Method,
+    n_steps: int,
+    every: int,
+    members: int = 1,
+    *,
+    has_series: bool,
+    diagnosed: bool = False,
+) -> Sizes:
+    machinery = _machinery(scene, method, n_steps, members, diagnosed=diagnosed)
+    return Sizes(
+        scene=scene,
+        method=method,
+        n_steps=n_steps,
+        every=every,
+        shape=machinery.shape,
+        route=machinery.route,
+        has_series=has_series,
+        n_states=machinery.n_states,
+        members=machinery.members,
+        diagnosed=diagnosed,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Machinery:
+    """What the steps and their memory are done with."""
+
+    route: Route | str
+    shape: Shape
+    steps: str
+    history: str
+    operations: int
+    n_states: int = 0
+    members: int = 1
+
+
+@functools.lru_cache(maxsize=256)
+def _machinery(
+    scene: Scene, method: Method, n_steps: int, members: int = 1, *, diagnosed: bool = False
+) -> _Machinery:
+    samples = 1 if method.sampling == "nodes" else method.stages
+    channels = channel_shapes(method, n_steps + 1, scene.active_damping)
+    shape = Shape(channels=channels, samples=samples, coupled=scene.dimension)
+    ends = int(method.sampling == "nodes" and bool(shape.channels))
+    if method.history == "exponentials":
+        return _exponentials(scene, method, n_steps, shape, _decoupling(scene))
+    decoupling = None
+    if not sums_directly(method.history, n_steps):
+        decoupling = _decoupling(scene)
+    damped = bool(shape.channels)
+    route = choose_route(scene, method.history, n_steps, shape.samples, decoupling, damped=damped)
+    whole = f"Newton's iteration with the exact Jacobian, {n_steps} single steps"
+    single = f"{n_steps} single steps with one factorisation" if scene.is_linear else whole
+    if diagnosed and (route == "large steps" or scene.lagrangian is not None):
+        route = "stepped" if damped else "direct steps"
+    if route == "linear blocks" and decoupling is not None:
+        together = members if goes_together(scene, method, n_steps) else 1
+        return _linear_blocks(scene, n_steps, shape, decoupling, ends, together)
+    if route == "newton blocks":
+        largest = newton_block(scene, shape.samples, n_steps) or 1
+        group = largest * BLOCKS_PER_GROUP
+        return _Machinery(
+            route=route,
+            shape=shape,
+            steps=f"Newton's iteration on blocks of up to {largest} steps with a frozen linear "
+            "response, single steps with the exact Jacobian where that does not contract",
+            history=history_in_words(shape, group),
+            operations=newton_operations(shape, largest, n_steps, ends),
+        )
+    if route == "large steps":
+        return _Machinery(
+            route=route,
+            shape=shape,
+            steps=f"{n_steps} single steps with one sparse factorisation",
+            history=history_in_words(shape, LARGE_GROUP),
+            operations=large_operations(shape, n_steps, ends),
+        )
+    if route == "stepped":
+        return _Machinery(
+            route=route,
+            shape=shape,
+            steps=single,
+            history=history_in_words(shape, STEPPED_GROUP),
+            operations=stepped_operations(shape, n_steps),
+        )
+    direct = "every sum written out" if shape.memory > 1 else history_in_words(shape, 1)
+    return _Machinery(
+        route=route,
+        shape=shape,
+        steps=single,
+        history=direct,
+        operations=direct_operations(shape, n_steps),
+    )
+
+
+@functools.lru_cache(maxsize=8)
+def _decoupling(scene: Scene) -> Decoupling | None:
+    """Made once for all runs of a scene: modes of many components take their time."""
+    directions = [direction for direction, _ in terms_by_direction(scene.active_damping)]
+    return scene_decoupling(scene, directions)
+
+
+def _linear_blocks(
+    scene: Scene, n_steps: int, shape: Shape, decoupling: Decoupling, ends: int, members: int
+) -> _Machinery:
+    coupled = scene.dimension // decoupling.batch
+    chosen = batch_sizes(shape.samples, coupled, members * decoupling.batch, n_steps)
+    if chosen is None:
+        # together they are too large: one by one
+        members = 1
+        chosen = batch_sizes(shape.samples, coupled, decoupling.batch, n_steps)
+    if chosen is None:  # pragma: no cover - the route says so
+        raise ValueError("route: these blocks are too large")
+    _, sizes = chosen
+    shape = replace(shape, coupled=coupled, batch=decoupling.batch)
+    systems = systems_in_words(shape, decoupling) + (
+        f", {members} members together" * (members > 1)
+    )
+    return _Machinery(
+        route="linear blocks",
+        shape=replace(shape, batch=members * decoupling.batch),
+        steps=f"blocks of {sizes.block} steps as one matrix product, {systems}",
+        history=history_in_words(shape, sizes.group),
+        # all members do the same
+        operations=block_operations(shape, sizes, n_steps, ends),
+        members=members,
+    )
+
+
+def _exponentials(
+    scene: Scene, method: Method, n_steps: int, shape: Shape, decoupling: Decoupling | None
+) -> _Machinery:
+    if decoupling is not None:
+        shape = replace(shape, coupled=scene.dimension // decoupling.batch, batch=decoupling.batch)
+    block = block_length(shape.samples * shape.coupled, shape.batch)
+    n_states = 0
+    if shape.memory > 1:
+        n_states = _number_of_states(method, n_steps)
+    steps = (
+        f"Newton's iteration on blocks of up to {block} steps with a frozen linear response, "
+        "single steps with the exact Jacobian where that does not contract"
+    )
+    # the states take up whole blocks only, of linear scenes the last one too
+    pushes = n_steps // block
+    if decoupling is not None:
+        pushes = -(-n_steps // block)
+        steps = (
+            f"blocks of {block} steps as one matrix product, {systems_in_words(shape, decoupling)}"
+        )
+    history = history_in_words(shape, 1)
+    if n_states:
+        history = f"{n_states} exponentials in place of the past"
+    return _Machinery(
+        route="exponentials",
+        shape=shape,
+        steps=steps,
+        history=history,
+        operations=exponential_operations(shape, block, n_states, n_steps, pushes),
+        n_states=n_states,
+    )
+
+
+@functools.lru_cache(maxsize=64)
+def _number_of_states(method: Method, n_steps: int) -> int:
+    # ratios do not depend on the order of the derivative
+    return legendre_exponentials(runge_kutta_tableau(method), -0.5, n_steps).n_states
+
+
+def _baseline_plan(scene: Scene, method: Baseline, n_steps: int) -> Plan:
+    operations = baseline_operations(method, scene.active_damping, scene.dimension, n_steps)
+    per_operation, per_call = machine_speed()
+    return Plan(
+        effects=effects_of_scene(scene),
+        steps=f"{n_steps} single steps of {method.name}",
+        history="dot products" if scene.active_damping else "none: nothing is damped",
+        series="nothing is done about the start",
+        forcing="none" if scene.forcing is None else "at the grid points",
+        history_operations=operations,
+        memory_bytes=_baseline_bytes(scene, n_steps),
+        seconds=per_operation * (operations or 0) + 60 * per_call * n_steps,
+        n_sequences=len(scene.active_damping),
+        systems=1,
+        coupled=scene.dimension,
+        remarks=interpolation_remarks(scene, n_steps),
+    )
+
+
+def _baseline_bytes(scene: Scene, n_steps: int) -> int:
+    return 8 * (4 + 2 * len(scene.active_damping)) * scene.dimension * n_steps

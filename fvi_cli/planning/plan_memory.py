@@ -1,0 +1,264 @@
+"""How much memory a run will take at its peak, from the sizes of its arrays.
+
+What is counted are the arrays that are alive together, as they were found by tracing: the weights
+while they are made, the dense matrices of a block while they are put together, and, on long runs,
+the trajectory with the largest transform of its history.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.block_history import LARGEST_NEAR
+from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP, newton_block
+from fvi_cli.integrator.block_sizes import BlockSizes, batch_sizes
+from fvi_cli.integrator.exponential_march import CHUNK, block_length
+from fvi_cli.integrator.method import Method
+from fvi_cli.planning.history_work import Shape
+
+WEIGHTS_AT_WORK = 2**18
+"""Numbers that are in work while the weights of Runge-Kutta methods are made."""
+SMALLEST = 8_000
+"""Numbers in the tables of a method, in expressions and the like."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sizes:
+    """What the memory of a run depends on.
+
+    Parameters
+    ----------
+    scene, method, n_steps, every
+        The run.
+    shape
+        What is convolved, in the coordinates of the steps.
+    route
+        How the steps are done, ``exponentials`` among the ways.
+    has_series
+        Whether a part of the solution is known in advance.
+    n_states
+        Number of exponentials.
+    members
+        How many scenes of this kind are integrated together.
+    diagnosed
+        Whether diagnostics are asked for.
+    """
+
+    scene: Scene
+    method: Method
+    n_steps: int
+    every: int
+    shape: Shape
+    route: str
+    has_series: bool
+    n_states: int = 0
+    members: int = 1
+    diagnosed: bool = False
+
+    @property
+    def components(self) -> int:
+        """Degrees of freedom of all members."""
+        return self.members * self.scene.dimension
+
+    @property
+    def driven(self) -> bool:
+        """Whether there are moments of known forces."""
+        return self.has_series or self.scene.forcing is not None
+
+    @property
+    def keeps_force(self) -> int:
+        """1 where the damping force of every step is kept."""
+        wanted = self.diagnosed or self.method.sampling == "nodes"
+        return int(wanted and bool(self.shape.channels))
+
+
+def peak_bytes(sizes: Sizes) -> int:
+    """Largest memory of a run in bytes, the program itself left out."""
+    if sizes.route == "exponentials":
+        numbers = _exponentials(sizes)
+    elif sizes.route in ("linear blocks", "newton blocks"):
+        numbers = _blocks(sizes)
+    else:
+        numbers = _single_steps(sizes)
+    return int(8 * (SMALLEST + max(numbers, _making_weights(sizes))))
+
+
+def _weights(sizes: Sizes) -> float:
+    """Numbers in all weights."""
+    m = sizes.shape.samples
+    return sum(c.memory * (1 if c.is_scalar else m * m) for c in sizes.shape.channels)
+
+
+def _making_weights(sizes: Sizes) -> float:
+    m, longest = sizes.shape.samples, sizes.shape.memory
+    if longest <= m + 6:
+        return 0.0
+    others = _weights(sizes) - longest * (m * m if sizes.method.is_runge_kutta else 1)
+    if sizes.method.is_runge_kutta:
+        return others + WEIGHTS_AT_WORK + (2.0 * m * m + 1.2) * longest
+    return others + 5.0 * longest
+
+
+def _known_in_advance(sizes: Sizes) -> float:
+    """Numbers in moments and known positions."""
+    d, n = sizes.components, sizes.n_steps
+    moments = (sizes.method.degree + 1) * d * n if sizes.driven else 0
+    potential = sizes.scene.potential is not None
+    return moments + (sizes.method.stages * d * n if sizes.has_series and potential else 0)
+
+
+def _blocks(sizes: Sizes) -> float:
+    """The larger one of set-up, steps and what follows them."""
+    shape, n, d = sizes.shape, sizes.n_steps, sizes.components
+    held = _weights(sizes) + _known_in_advance(sizes)
+    path = (2 * d + sizes.keeps_force * shape.samples * d) * (n + 1)
+    damped = shape.memory > 1
+    buffer = float(shape.samples * d * n) if damped else 0.0
+    if sizes.route == "linear blocks":
+        chosen = batch_sizes(shape.samples, shape.coupled, shape.batch, n)
+        if chosen is None:  # pragma: no cover - the route says so
+            raise ValueError("route: these blocks are too large")
+        width, blocks = chosen
+        making, kept = _linear_matrices(sizes, width, blocks)
+        # systems are advanced slice by slice, and only the samples of one slice are kept
+        share = width / shape.batch
+        chunk = min(n, 64 * blocks.block)
+        driven = 4.0 * (sizes.method.degree + 1) + 3 * shape.samples
+        work = chunk * width * shape.coupled * driven
+        transform = share * _transform(sizes) + (1 - share) * _kept_transforms(sizes)
+        buffer = share * buffer
+        group = blocks.group
+    else:
+        making, kept = _newton_matrices(sizes)
+        work, transform, group = 0.0, _transform(sizes), 0
+    if n <= 2 * group or max((c.memory for c in shape.channels), default=0) <= group + 1:
+        transform = 0.0
+    after = (3.4 + 0.7 * d) * n + (0 if not sizes.has_series else 7 * d * n)
+    if sizes.members > 1:
+        # what becomes of one slice is there while that of the others is still to come
+        path += d * n
+        held += 4 * d * n if sizes.has_series else 0
+    if sizes.diagnosed:
+        after += _balances(sizes)
+    if sizes.scene.lagrangian is not None:
+        held += 4 * sizes.method.stages * d * n if sizes.has_series else 0
+        after += (6 * d + 8 * d * d) * n
+    if sizes.route == "newton blocks":
+        # the matrices are made while the steps are under way
+        return held + path + buffer + max(making, kept + transform, after - buffer)
+    steps = held + path + buffer + kept + max(transform, work)
+    return max(held + path + buffer + making, steps, held + path + after)
+
+
+def _balances(sizes: Sizes) -> float:
+    """Increments, rates, and the moments that are paired with them."""
+    d, n, degree = sizes.scene.dimension, sizes.n_steps, sizes.method.degree
+    own = (6 * degree + 4 + 2 * sizes.shape.samples) * d * n
+    if sizes.has_series:
+        own += 2 * (degree + 1) * (2 * d + 1) * n
+    return own
+
+
+def _transform(sizes: Sizes) -> float:
+    """Numbers in the longest transform, with those of weights that are kept for later ones."""
+    shape, n = sizes.shape, sizes.n_steps
+    if shape.memory <= 1:
+        return 0.0
+    systems = shape.batch * shape.coupled
+    spectra = 2.1 * systems * shape.samples + 1.4 * systems + 1.9
+    return spectra * n + _kept_transforms(sizes)
+
+
+def _kept_transforms(sizes: Sizes) -> float:
+    m = sizes.shape.samples
+    long = [c for c in sizes.shape.channels if c.memory > sizes.n_steps // 2]
+    return float(sum(sizes.n_steps * (1 if c.is_scalar else m * m) for c in long))
+
+
+def _linear_matrices(sizes: Sizes, width: int, blocks: BlockSizes) -> tuple[float, float]:
+    """Numbers at work while the matrices of a block are made, and those that are kept."""
+    shape, b, nodes = sizes.shape, blocks.block, sizes.keeps_force
+    m, e = shape.samples, shape.coupled
+    size = b * m * e
+    state = 2 * e + m * e + 1
+    driven = b * (sizes.method.degree + 1) * e
+    columns = size + state + driven
+    far = min(b, max(shape.memory - 1, 0))
+    first = far * m * e + state
+    used = first + driven
+    outputs = 2 * b * e + nodes * size
+    dense = (2 * size + outputs) * columns
+    inside, sequential = first * used, first * first
+    # a single system needs no second copy in another order
+    copies = 0 if width == 1 else first * driven + outputs * used
+    impulses = b * (3 * m * e + 2 * e + sizes.method.stages * e) * (3 * e + 2 * m * e + 3)
+    reach = min(b * (blocks.blocks - 1), max(shape.memory - 1, 0))
+    n_channels = len(shape.channels) if shape.memory > 1 else 0
+    strip = far * reach * m * m * n_channels
+    tail = (min(blocks.group, max(1, LARGEST_NEAR // (m * e))) * m) ** 2 * n_channels
+    own = width * (dense + inside + sequential + outputs * used + copies + impulses)
+    last = max(strip / max(n_channels, 1) + strip, strip + tail + tail / max(n_channels, 1))
+    making = own + max(width * outputs * (columns - used if width > 1 else columns), last)
+    kept = width * (inside + sequential + outputs * used + copies) + strip + tail
+    return making, kept
+
+
+def _newton_matrices(sizes: Sizes) -> tuple[float, float]:
+    shape, d, r = sizes.shape, sizes.scene.dimension, sizes.method.stages
+    b = newton_block(sizes.scene, shape.samples, sizes.n_steps) or 1
+    general = sizes.scene.lagrangian is not None
+    size, nodes = b * shape.samples * d, sizes.keeps_force
+    columns = size + 2 * d + shape.samples * d + 1 + b * (sizes.method.degree + 1) * d
+    points, outputs = b * r * d * (1 + general), (1 + nodes) * size + 2 * b * d
+    dense = (2 * size + nodes * size + points + 2 * b * d) * columns
+    frozen = points * columns + points**2 + outputs * columns
+    strip = 0.0
+    if shape.memory > 1:
+        near = min(b * BLOCKS_PER_GROUP, max(1, LARGEST_NEAR // (shape.samples * d)))
+        strip = size * size * BLOCKS_PER_GROUP + (near * shape.samples) ** 2
+    # every halved block has matrices of its own
+    kept = strip + dense + 1.33 * frozen
+    return strip + dense + frozen + 1.5 * outputs * columns, kept
+
+
+def _single_steps(sizes: Sizes) -> float:
+    """Every step on its own: its samples, forces and history are arrays of the whole run."""
+    shape, d, n = sizes.shape, sizes.scene.dimension, sizes.n_steps
+    m, s, r = shape.samples, sizes.method.degree, sizes.method.stages
+    numbers = 2.0 * _weights(sizes) + _known_in_advance(sizes) + (2 * d + 3 * m * d) * n
+    if sizes.route == "stepped":
+        numbers += m * d * n + _transform(sizes)
+    if sizes.route == "large steps":
+        numbers = _weights(sizes) + _known_in_advance(sizes) + 2 * d * n
+        numbers += sum(c.support * m * n for c in shape.channels) + 30 * s * s * d
+        widest = max((c.support for c in shape.channels), default=0)
+        numbers += 3.5 * widest * m * n if shape.memory > 1 else 0
+    elif d > 1 or sizes.scene.lagrangian is not None:
+        numbers += 3 * (s * d) ** 2
+    if sizes.scene.lagrangian is not None:
+        known = 4 * r * d * n if sizes.has_series else 0
+        numbers += known + (6 * d + 8 * d * d) * n
+    return numbers
+
+
+def _exponentials(sizes: Sizes) -> float:
+    """No more of the past than the states, and of the run what is kept."""
+    shape, d, n = sizes.shape, sizes.scene.dimension, sizes.n_steps
+    m, e, q = shape.samples, shape.coupled, shape.batch
+    kept = (2 + 3 * d) * (n / sizes.every + 3)
+    block = block_length(m * e, q) if sizes.scene.is_linear else block_length(m * d, 1)
+    channels = len(shape.channels)
+    states = sizes.n_states * (block * m * (channels + 1) * 1.5 + 2 * block + 2 * d + 8 * m)
+    chunk = min(CHUNK, n) * d * (6 + 3 * (sizes.method.degree + 1) + 2 * m)
+    if sizes.has_series:
+        chunk += min(CHUNK, n) * d * 25
+    if not sizes.scene.is_linear:
+        return max(kept + chunk, WEIGHTS_AT_WORK / 8) + states
+    size, state = block * m * e, 2 * e + m * e + 1
+    columns = size + state + block * (sizes.method.degree + 1) * e
+    first, outputs = size + state, 2 * block * e
+    dense = (2 * size + outputs) * columns + first * columns + 2 * outputs * columns
+    dense += first * columns
+    # what is kept comes when most of the set-up is gone
+    return states + max(kept + chunk + 0.5 * q * dense, q * dense)

@@ -1,0 +1,53 @@
+"""What a plan says in words about systems, history, start and forcing."""
+
+from __future__ import annotations
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.decoupling import Decoupling
+from fvi_cli.integrator.known_part import SeriesPlan
+from fvi_cli.integrator.method import Method
+from fvi_cli.planning.history_work import Shape
+
+
+def systems_in_words(shape: Shape, decoupling: Decoupling) -> str:
+    """How many systems there are, and what they are."""
+    if shape.batch == 1:
+        return "one system" if shape.coupled == 1 else f"{shape.coupled} coupled components"
+    kind = "modes" if decoupling.modes is not None and decoupling.modes.ndim == 2 else "components"
+    return f"{shape.batch} uncoupled {kind} side by side"
+
+
+def history_in_words(shape: Shape, group: int) -> str:
+    """How the memory is summed up; it is direct inside of `group` steps."""
+    if not shape.channels:
+        return "none: nothing is damped"
+    count = len(shape.channels)
+    sequences = f"{count} combined sequences of weights" if count > 1 else "one sequence of weights"
+    if shape.memory == 1:
+        return "none: derivatives of order 1 need no past"
+    if shape.memory <= group + 1 and shape.memory < 8:
+        return f"finite stencil of {shape.memory} weights, {sequences}"
+    return f"{sequences}, direct inside of {group} steps, FFT beyond"
+
+
+def series_in_words(scene: Scene, method: Method, plan: SeriesPlan) -> str:
+    """What becomes of a singular start."""
+    if method.start == "series":
+        return "; ".join(plan.remarks) or "no start series: nothing is singular for this method"
+    if method.start == "weights" and scene.active_damping:
+        return "starting weights"
+    return "nothing is done about the start"
+
+
+def forcing_in_words(scene: Scene, method: Method, plan: SeriesPlan) -> str:
+    """How the forcing enters."""
+    if scene.forcing is None and plan.known is None:
+        return "none"
+    if plan.known is not None:
+        return "what the known part leaves, at the points of the rule"
+    words = {
+        "galerkin": "at the points of the rule",
+        "exact": "moments to round-off",
+        "projected": "exact moments of the projection",
+    }
+    return words[method.forcing_quadrature]

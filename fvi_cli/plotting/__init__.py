@@ -1,0 +1,36 @@
+"""Figures from finished runs, made without pyplot and without any global state."""
+
+from fvi_cli.plotting.convergence import Study, convergence_figure
+from fvi_cli.plotting.cost import cost_figure
+from fvi_cli.plotting.drawn import compare_drawn, drawn_data
+from fvi_cli.plotting.interpolation import interpolation_figure
+from fvi_cli.plotting.planner import (
+    FIGURE_KINDS,
+    figure_kinds,
+    figures_for,
+    left_out,
+    sketches,
+)
+from fvi_cli.plotting.saturation import saturation_figure
+from fvi_cli.plotting.saving import drawn_text, save_figure
+from fvi_cli.plotting.time_series import energy_figure, error_figure, trajectory_figure
+
+__all__ = [
+    "FIGURE_KINDS",
+    "Study",
+    "compare_drawn",
+    "convergence_figure",
+    "cost_figure",
+    "drawn_data",
+    "drawn_text",
+    "energy_figure",
+    "error_figure",
+    "figure_kinds",
+    "figures_for",
+    "interpolation_figure",
+    "left_out",
+    "saturation_figure",
+    "save_figure",
+    "sketches",
+    "trajectory_figure",
+]

@@ -1,0 +1,200 @@
+"""Energies, works and momenta over time, with the defects of their balances."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.diagnostics import Diagnostics
+from fvi_cli.plotting.methods import series_styles
+from fvi_cli.plotting.style import (
+    COLOURS,
+    COLUMN_WIDTH,
+    INK,
+    LINE_STYLES,
+    journal_style,
+    legend_columns,
+    new_figure,
+)
+from fvi_cli.plotting.time_series import draw_series, select_runs
+from fvi_cli.studies.experiment import Experiment, FinishedRun
+
+Array = NDArray[np.float64]
+Curve = tuple[str, Array]
+
+_EPSILON = float(np.finfo(float).eps)
+_PANEL_DIGITS = 1e-6
+
+
+def balance_figure(
+    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
+) -> Figure:
+    """Draw energy, works and their sum of the most accurate run, and the defect of every method.
+
+    Parameters
+    ----------
+    experiment, finished
+        The experiment and its runs.
+    n_steps
+        Which step of the ladder to show; None: the finest that most methods have reached.
+
+    Raises
+    ------
+    ValueError
+        If no run has that many steps, or none has an energy balance.
+    """
+    having = [item for item in finished if has_balance(item)]
+    if not having:
+        raise ValueError("balance: no run has an energy balance; store it as a diagnostic")
+    shown = select_runs(having, n_steps)
+    best = most_accurate(shown)
+    energy, found = best.trajectory.energy, _diagnostics(best)
+    if energy is None or found.dissipated_work is None or found.forcing_work is None:
+        raise ValueError("balance: the run has no energy")  # pragma: no cover - chosen above
+    curves = [("energy $E$", energy), ("dissipated work $W_d$", found.dissipated_work)]
+    together = "$E + W_d$"
+    if np.any(found.forcing_work):
+        curves.append(("work of forcing $W_f$", found.forcing_work))
+        together = "$E + W_d - W_f$"
+    curves.append((together, energy + found.dissipated_work - found.forcing_work))
+    defects = [np.abs(_column(_diagnostics(item).energy_defect, 0)) for item in shown]
+    scale = float(max(np.abs(values).max() for _, values in curves))
+    return _two_panels(
+        experiment, shown, best, curves, defects, scale, ("energy and work", "defect")
+    )
+
+
+def momenta_figure(
+    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
+) -> Figure:
+    """Draw the momentum maps of the most accurate run, and their largest defect by method.
+
+    Parameters
+    ----------
+    experiment, finished, n_steps
+        As for :func:`balance_figure`.
+
+    Raises
+    ------
+    ValueError
+        If no run has that many steps, or none has a momentum map.
+    """
+    having = [item for item in finished if has_momenta(item)]
+    if not having:
+        raise ValueError("momenta: no run has a momentum map; store it as a diagnostic")
+    shown = select_runs(having, n_steps)
+    best = most_accurate(shown)
+    found = _diagnostics(best)
+    curves = [
+        (f"{name} momentum", _column(found.momentum_map, index))
+        for index, name in enumerate(found.map_names)
+    ]
+    defects = []
+    for item in shown:
+        values = _diagnostics(item).momentum_map_defect
+        defects.append(np.zeros(0) if values is None else np.abs(values).max(axis=1))
+    scale = float(max(np.abs(values).max() for _, values in curves))
+    return _two_panels(experiment, shown, best, curves, defects, scale, ("momentum map", "defect"))
+
+
+def has_balance(item: FinishedRun) -> bool:
+    """Whether a run was stored with its energy balance."""
+    found = item.trajectory.diagnostics
+    return found is not None and found.energy_defect is not None
+
+
+def has_momenta(item: FinishedRun) -> bool:
+    """Whether a run was stored with momentum maps."""
+    found = item.trajectory.diagnostics
+    return found is not None and bool(found.map_names)
+
+
+def most_accurate(shown: Sequence[FinishedRun]) -> FinishedRun:
+    """The run with the smallest error; the last one where none has an error."""
+    measured = [item for item in shown if np.isfinite(item.error)]
+    return min(measured, key=lambda item: item.error) if measured else shown[-1]
+
+
+def _diagnostics(item: FinishedRun) -> Diagnostics:
+    found = item.trajectory.diagnostics
+    return Diagnostics() if found is None else found
+
+
+def _column(values: Array | None, index: int) -> Array:
+    if values is None:
+        return np.zeros(0)
+    return values if values.ndim == 1 else values[:, index]
+
+
+def _two_panels(
+    experiment: Experiment,
+    shown: Sequence[FinishedRun],
+    best: FinishedRun,
+    curves: Sequence[Curve],
+    defects: Sequence[Array],
+    scale: float,
+    names: tuple[str, str],
+) -> Figure:
+    """Quantities of one run above, defects of all methods below on a logarithmic axis."""
+    styles = series_styles([item.run.method for item in shown])
+    with journal_style():
+        figure = new_figure(COLUMN_WIDTH, 3.7)
+        above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        time = best.trajectory.time
+        for index, (label, values) in enumerate(curves):
+            last = index == len(curves) - 1 and len(curves) > 1
+            above.plot(
+                time,
+                values,
+                label=label,
+                color=INK if last else COLOURS[index % len(COLOURS)],
+                linestyle=LINE_STYLES[3] if last else LINE_STYLES[index % 3],
+                linewidth=1.6 if last else 1.1,
+                # a sum that may be zero throughout has no digits of its own
+                gid=f"floor {_PANEL_DIGITS * scale:.1e}",
+            )
+        above.set_ylabel(names[0])
+        above.legend(
+            loc="lower center",
+            bbox_to_anchor=(0.5, 1.0),
+            ncols=legend_columns([label for label, _ in curves], COLUMN_WIDTH - 0.4),
+        )
+        _draw_defects(below, shown, defects, scale)
+        below.set_ylabel(names[1])
+        below.set_xlabel(f"time $t$ (step size $h = {best.run.step_size:.8g}$)")
+        below.set_xlim(0.0, experiment.problem.final_time)
+        labels = [styles[item.run.method.case].label for item in shown]
+        if len(shown) > 1:
+            below.legend(ncols=legend_columns(labels, COLUMN_WIDTH - 0.8), loc="lower right")
+    return figure
+
+
+def _draw_defects(
+    axes: Axes, shown: Sequence[FinishedRun], defects: Sequence[Array], scale: float
+) -> None:
+    """Absolute defects; below a unit of rounding they stand at it, for zero has no logarithm."""
+    styles = series_styles([item.run.method for item in shown])
+    least = _EPSILON * max(scale, 1e-300)
+    axes.set_yscale("log")
+    ends = [least]
+    for position, (item, values) in enumerate(zip(shown, defects, strict=True)):
+        values = np.maximum(values, least)
+        # the start is exact: nothing to show on this axis
+        values[0] = np.nan
+        draw_series(
+            axes,
+            item.trajectory.time,
+            values,
+            styles[item.run.method.case],
+            position,
+            floor=10 * least * np.sqrt(item.run.n_steps),
+        )
+        ends.append(float(np.nanmax(values, initial=least)))
+    axes.set_ylim(min(least / 2, min(ends) / 2), 5 * max(ends))
+    axes.yaxis.set_major_locator(LogLocator(numticks=6))
+    axes.yaxis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,182 @@
+"""What a figure draws, as rounded numbers, to tell a stale picture from another renderer."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import ArrayLike, NDArray
+
+from fvi_cli.plotting.guides import GUIDE
+
+Array = NDArray[np.float64]
+JsonValue = None | bool | int | float | str | Sequence["JsonValue"] | Mapping[str, "JsonValue"]
+
+SIGNIFICANT_DIGITS = 3
+MOST_POINTS = 257
+"""Longer lines are thinned evenly, first and last point kept."""
+
+_FLOOR = re.compile(r"floor (\S+)")
+_ABOVE_FLOOR = 100.0  # below this many times the floor the digits belong to the machine
+
+
+def drawn_data(figure: Figure) -> dict[str, JsonValue]:
+    """Titles, axis labels, texts and lines of a figure, numbers rounded to 3 significant digits.
+
+    On a linear axis the digits are counted from the largest number of a line. Reference slopes
+    are given by their slope only, since their place is a matter of layout.
+
+    Returns
+    -------
+    dict
+        JSON values: ``texts`` and ``panels``, each panel with ``title``, ``x``, ``y`` (label and
+        scale), ``texts`` and ``lines`` (``label`` and ``x``, ``y``, and ``noise`` where rounding
+        decides below a level; or ``slope``).
+    """
+    panels: list[JsonValue] = [_panel(axes) for axes in figure.axes if axes.axison]
+    texts: list[JsonValue] = [text.get_text() for text in figure.texts if text.get_text()]
+    legends = [*figure.legends, *(a.legend_ for a in figure.axes if a.legend_ is not None)]
+    names: list[JsonValue] = [text.get_text() for one in legends for text in one.get_texts()]
+    return {"texts": texts, "legend": names, "panels": panels}
+
+
+def _panel(axes: Axes) -> dict[str, JsonValue]:
+    lines: list[JsonValue] = [
+        _line(axes, line) for line in axes.lines if line.get_gid() != "decoration"
+    ]
+    return {
+        "title": axes.get_title(),
+        "x": {"label": axes.get_xlabel(), "scale": axes.get_xscale()},
+        "y": {"label": axes.get_ylabel(), "scale": axes.get_yscale()},
+        "texts": [text.get_text() for text in axes.texts],
+        "lines": lines,
+    }
+
+
+def _line(axes: Axes, line: Line2D) -> dict[str, JsonValue]:
+    label = str(line.get_label()).removeprefix("_")
+    x = np.asarray(line.get_xdata(orig=True), dtype=float)
+    y = np.asarray(line.get_ydata(orig=True), dtype=float)
+    gid = line.get_gid() or ""
+    if gid == GUIDE:
+        slope = np.diff(np.log(y))[0] / np.diff(np.log(x))[0]
+        return {"label": label, "slope": rounded([slope], logarithmic=True)[0]}
+    if x.size > MOST_POINTS:
+        kept = np.unique(np.linspace(0, x.size - 1, MOST_POINTS).round().astype(int))
+        x, y = x[kept], y[kept]
+    values: dict[str, JsonValue] = {
+        "label": label,
+        "x": rounded(x, logarithmic=axes.get_xscale() == "log"),
+    }
+    if gid == "failure":
+        return values
+    values["y"] = rounded(y, logarithmic=axes.get_yscale() == "log")
+    floor = _FLOOR.fullmatch(gid)
+    if floor is not None:
+        values["noise"] = float(f"{_ABOVE_FLOOR * float(floor[1]):.2g}")
+    return values
+
+
+def rounded(values: ArrayLike, *, logarithmic: bool) -> list[float | None]:
+    """Numbers to 3 significant digits, each its own or all of the largest; None if not finite."""
+    numbers = np.asarray(values, dtype=float)
+    finite = np.isfinite(numbers)
+    largest = float(np.abs(numbers[finite]).max(initial=0.0))
+    result: list[float | None] = []
+    for value, is_finite in zip(numbers.tolist(), finite.tolist(), strict=True):
+        if not is_finite:
+            result.append(None)
+            continue
+        scale = abs(value) if logarithmic else largest
+        if scale == 0:
+            result.append(0.0)
+            continue
+        digits = SIGNIFICANT_DIGITS - 1 - math.floor(math.log10(scale))
+        # adding zero makes a zero of either sign a plain one
+        result.append(round(value, digits) + 0.0)
+    return result
+
+
+def compare_drawn(committed: JsonValue, fresh: JsonValue) -> list[str]:
+    """Compare two results of :func:`drawn_data`.
+
+    One unit in the last kept digit is no difference, nor is anything between two values below
+    a line's ``noise``.
+
+    Returns
+    -------
+    list of str
+        One line for every difference, ``panels.0.lines.1.y.3: 0.5 is now 0.7``; empty when the
+        figures draw the same.
+    """
+    return _differences(committed, fresh, "", _LINEAR)
+
+
+_Scales = Mapping[str, bool]
+_LINEAR: _Scales = {"x": False, "y": False}  # whether the axis is logarithmic
+
+
+def _differences(old: JsonValue, new: JsonValue, place: str, scales: _Scales) -> list[str]:
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        found = []
+        scales = {
+            axis: _is_logarithmic(old.get(axis), inherited=scales[axis]) for axis in ("x", "y")
+        }
+        noise = max(_number(old.get("noise")), _number(new.get("noise")))
+        for key in [*old, *(key for key in new if key not in old)]:
+            here = f"{place}.{key}" if place else key
+            if key not in old or key not in new:
+                found.append(f"{here}: {'no longer there' if key in old else 'not there before'}")
+            elif key in scales and isinstance(old[key], list):
+                allowed = noise if key == "y" else 0.0
+                found += _number_differences(
+                    old[key], new[key], here, allowed, logarithmic=scales[key]
+                )
+            elif key != "noise":
+                found += _differences(old[key], new[key], here, scales)
+        return found
+    if isinstance(old, list) and isinstance(new, list):
+        if len(old) != len(new):
+            return [f"{place}: {len(old)} entries, now {len(new)}"]
+        return [
+            line
+            for position, (a, b) in enumerate(zip(old, new, strict=True))
+            for line in _differences(a, b, f"{place}.{position}", scales)
+        ]
+    if isinstance(old, float) and isinstance(new, float):
+        return _number_differences([old], [new], place, 0.0, logarithmic=True)
+    return [] if old == new else [f"{place}: {old!r} is now {new!r}"]
+
+
+def _is_logarithmic(axis: JsonValue, *, inherited: bool) -> bool:
+    return axis.get("scale") == "log" if isinstance(axis, Mapping) else inherited
+
+
+def _number(value: JsonValue) -> float:
+    return float(value) if isinstance(value, int | float) else 0.0
+
+
+def _number_differences(
+    old: JsonValue, new: JsonValue, place: str, noise: float, *, logarithmic: bool
+) -> list[str]:
+    if not isinstance(old, list) or not isinstance(new, list) or len(old) != len(new):
+        return [f"{place}: another number of points"]
+    largest = max((abs(_number(value)) for value in [*old, *new]), default=0.0)
+    found = []
+    for position, (a, b) in enumerate(zip(old, new, strict=True)):
+        if isinstance(a, int | float) and isinstance(b, int | float):
+            scale = max(abs(a), abs(b)) if logarithmic else largest
+            if a == b or max(abs(a), abs(b)) <= noise:
+                continue
+            unit = 10.0 ** (math.floor(math.log10(scale)) - SIGNIFICANT_DIGITS + 1)
+            if abs(a - b) < 1.5 * unit:
+                continue
+        elif a is None and b is None:
+            continue
+        found.append(f"{place}.{position}: {a!r} is now {b!r}")
+    return found

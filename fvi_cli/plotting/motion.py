@@ -1,0 +1,333 @@
+"""Where a scene goes: phase portraits, paths in space, and the shapes of chains and strings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from fvi_cli.plotting.balance import most_accurate
+from fvi_cli.plotting.methods import SeriesStyle, series_styles
+from fvi_cli.plotting.style import (
+    COLOURS,
+    COLUMN_WIDTH,
+    GUIDE_COLOUR,
+    INK,
+    LINE_STYLES,
+    SMALL_TEXT,
+    journal_style,
+    legend_columns,
+    new_figure,
+)
+from fvi_cli.plotting.time_series import select_runs
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.registry import coordinate_names
+from fvi_cli.studies.experiment import Experiment, FinishedRun
+
+Array = NDArray[np.float64]
+
+_MOST_COMPONENTS = 4
+_MOST_LINES = 24
+_FEW_LINES = 8
+_MOST_TICKS = 10
+_SHAPES = 17
+_POINTS = 201
+_MARKS = 9
+_DRAWN = 4001  # points of one curve
+WATERFALL_KINDS = ("chain", "frame", "string")
+
+
+def phase_figure(
+    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
+) -> Figure:
+    """Draw momentum against position of every method, a panel for every component (up to 4).
+
+    Parameters
+    ----------
+    experiment, finished
+        The experiment and its runs.
+    n_steps
+        Which step of the ladder to show; None: the finest that most methods have reached.
+
+    Raises
+    ------
+    ValueError
+        If no run has that many steps, or none has a momentum.
+    """
+    having = [item for item in finished if item.trajectory.momentum is not None]
+    if not having:
+        raise ValueError("phase: no method of the experiment has a momentum")
+    shown = select_runs(having, n_steps)
+    dimension = min(shown[0].trajectory.position.shape[1], _MOST_COMPONENTS)
+    columns = 1 if dimension == 1 else 2
+    rows = -(-dimension // columns)
+    names = _names(experiment, shown[0].trajectory.position.shape[1])
+    with journal_style():
+        figure = new_figure(COLUMN_WIDTH, 0.7 + (2.1 if columns == 1 else 1.6) * rows)
+        panels = figure.subplots(rows, columns, squeeze=False).ravel()
+        for component, axes in enumerate(panels[:dimension]):
+            for item, style, position in _styled(shown):
+                momentum = item.trajectory.momentum
+                if momentum is None:
+                    continue
+                place = item.trajectory.position[:, component]
+                _draw_curve(axes, place, momentum[:, component], style, position, len(shown))
+            _mark_start(axes, axes.lines[0])
+            axes.set_xlabel(f"position {names[component]}")
+            axes.set_ylabel(f"momentum {_momentum_name(names[component], len(names))}")
+        for axes in panels[dimension:]:
+            axes.set_axis_off()
+        _legend(figure, panels[0])
+    return figure
+
+
+def path_figure(
+    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
+) -> Figure:
+    """Draw the path in the plane of the first two coordinates; of a double pendulum, in space.
+
+    Parameters
+    ----------
+    experiment, finished, n_steps
+        As for :func:`phase_figure`.
+
+    Raises
+    ------
+    ValueError
+        If no run has that many steps, or the scene has one coordinate only.
+    """
+    shown = select_runs(finished, n_steps)
+    if shown[0].trajectory.position.shape[1] < 2:
+        raise ValueError("path: the scene has one coordinate only")
+    with journal_style():
+        if experiment.problem.kind == "double-pendulum":
+            return _pendulum_path(experiment, most_accurate(shown))
+        names = _names(experiment, shown[0].trajectory.position.shape[1])
+        figure = new_figure(COLUMN_WIDTH, 3.0)
+        axes = figure.subplots()
+        for item, style, position in _styled(shown):
+            place = item.trajectory.position
+            _draw_curve(axes, place[:, 0], place[:, 1], style, position, len(shown))
+        first = axes.lines[0]
+        if experiment.problem.kind == "kepler":
+            axes.plot([0.0], [0.0], "+", color=INK, markersize=8, label="centre", linestyle="none")
+        _mark_start(axes, first)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlabel(f"position {names[0]}")
+        axes.set_ylabel(f"position {names[1]}")
+        _legend(figure, axes)
+    return figure
+
+
+def waterfall_figure(
+    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
+) -> Figure:
+    """Draw the most accurate run of a chain, a frame or a string as lines one above the other.
+
+    Of chains and frames there is a line over time for every mass (for up to 24 of them), lifted to
+    its place; of a string there are its shapes, lifted to their times.
+
+    Parameters
+    ----------
+    experiment, finished, n_steps
+        As for :func:`phase_figure`.
+
+    Raises
+    ------
+    ValueError
+        If no run has that many steps, or the scene is of another kind.
+    """
+    kind = experiment.problem.kind
+    if kind not in WATERFALL_KINDS:
+        raise ValueError(f"waterfall: not for {kind}; only for {', '.join(WATERFALL_KINDS)}")
+    best = most_accurate(select_runs(finished, n_steps))
+    with journal_style():
+        figure = new_figure(COLUMN_WIDTH, 3.6)
+        axes = figure.subplots()
+        if kind == "string":
+            _draw_shapes(axes, experiment, best)
+        else:
+            _draw_masses(axes, experiment, best, "mass" if kind == "chain" else "storey")
+    return figure
+
+
+def _draw_masses(axes: Axes, experiment: Experiment, best: FinishedRun, what: str) -> None:
+    position, time = best.trajectory.position, best.trajectory.time
+    count = position.shape[1]
+    drawn = np.unique(np.linspace(0, count - 1, min(count, _MOST_LINES)).round().astype(int))
+    spacing = (count - 1) / max(drawn.size - 1, 1)
+    lift = _lift(position[:, drawn], (0.8 if count < _FEW_LINES else 1.8) * spacing)
+    for index in drawn[::-1]:
+        _draw_lifted(axes, time, position[:, index] * lift, float(index + 1), f"{what} {index + 1}")
+    axes.set_xlim(0.0, experiment.problem.final_time)
+    axes.set_xlabel(f"time $t$ (step size $h = {best.run.step_size:.8g}$)")
+    axes.set_ylabel(f"{what} $i$, displaced by $x_i(t)$")
+    axes.set_yticks(np.arange(1, count + 1, -(-count // _MOST_TICKS)))
+    _scale_bar(axes, lift, position[:, drawn])
+
+
+def _draw_shapes(axes: Axes, experiment: Experiment, best: FinishedRun) -> None:
+    position, time = best.trajectory.position, best.trajectory.time
+    length = float(experiment.problem_specification.get("length", 1.0))
+    place = np.linspace(0.0, length, _POINTS)
+    modes = np.sin(np.outer(np.arange(1, position.shape[1] + 1), np.pi * place / length))
+    picked = np.unique(np.linspace(0, time.size - 1, _SHAPES).round().astype(int))
+    shapes = position[picked] @ modes
+    lift = _lift(shapes, 1.1 * (time[picked[1]] - time[picked[0]]))
+    for index, shape in zip(picked[::-1], shapes[::-1], strict=True):
+        at = float(time[index])
+        _draw_lifted(axes, place, shape * lift, at, f"t = {at:.4g}")
+    axes.set_xlim(0.0, length)
+    axes.set_xlabel("place $s$")
+    axes.set_ylabel("time $t$, displaced by $u(s, t)$")
+    _scale_bar(axes, lift, shapes)
+
+
+def _lift(values: Array, height: float) -> float:
+    """Factor that makes the largest displacement `height`."""
+    largest = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+    return height / largest if largest > 0 else 1.0
+
+
+def _draw_lifted(axes: Axes, x: Array, values: Array, level: float, label: str) -> None:
+    """One line above its level, filled to it, so that it is read without colour."""
+    kept = np.unique(np.linspace(0, x.size - 1, min(x.size, _DRAWN)).round().astype(int))
+    x, values = x[kept], values[kept]
+    axes.fill_between(x, level, level + values, color=COLOURS[5], alpha=0.45, linewidth=0)
+    axes.plot(x, level + values, color=INK, linewidth=0.8, label=f"_{label}")
+
+
+def _scale_bar(axes: Axes, lift: float, values: Array) -> None:
+    """A bar beside the panel as long as a round displacement."""
+    largest = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
+    if largest == 0:
+        return
+    unit = 10.0 ** math.floor(math.log10(largest))
+    size = max(f * unit for f in (1, 2, 5) if f * unit <= largest * (1 + 1e-9))
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(bottom, top)
+    share = size * lift / (top - bottom)
+    axes.plot(
+        [1.03, 1.03],
+        [0.5 - share / 2, 0.5 + share / 2],
+        transform=axes.transAxes,
+        color=INK,
+        linewidth=2.0,
+        solid_capstyle="butt",
+        clip_on=False,
+        gid="decoration",
+        scalex=False,
+        scaley=False,
+    )
+    axes.text(
+        1.06,
+        0.5,
+        f"{size:g}",
+        transform=axes.transAxes,
+        va="center",
+        ha="left",
+        fontsize=SMALL_TEXT,
+    )
+
+
+def _pendulum_path(experiment: Experiment, best: FinishedRun) -> Figure:
+    """Paths of both masses of a double pendulum, with its rods at the start and at the end."""
+    angles = best.trajectory.position
+    first, second = (float(v) for v in experiment.problem_specification.get("lengths", (1.0, 1.0)))
+    inner = first * np.stack([np.sin(angles[:, 0]), -np.cos(angles[:, 0])], axis=1)
+    outer = inner + second * np.stack([np.sin(angles[:, 1]), -np.cos(angles[:, 1])], axis=1)
+    figure = new_figure(COLUMN_WIDTH, 3.3)
+    axes = figure.subplots()
+    axes.plot(*inner.T, color=COLOURS[1], linestyle=LINE_STYLES[1], label="first mass")
+    axes.plot(*outer.T, color=COLOURS[0], linewidth=0.9, label="second mass")
+    for when, label, marker in ((0, "at the start", "o"), (-1, "at the end", "s")):
+        rods = np.stack([np.zeros(2), inner[when], outer[when]])
+        axes.plot(
+            *rods.T,
+            color=INK if when else GUIDE_COLOUR,
+            linewidth=1.6,
+            marker=marker,
+            markerfacecolor="white" if when == 0 else INK,
+            label=label,
+            zorder=4,
+        )
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("horizontal position")
+    axes.set_ylabel("vertical position")
+    _legend(figure, axes)
+    return figure
+
+
+def _styled(shown: Sequence[FinishedRun]) -> list[tuple[FinishedRun, SeriesStyle, int]]:
+    styles = series_styles([item.run.method for item in shown])
+    return [(item, styles[item.run.method.case], k) for k, item in enumerate(shown)]
+
+
+def _draw_curve(
+    axes: Axes, x: Array, y: Array, style: SeriesStyle, position: int, curves: int
+) -> None:
+    """One curve; with marks, shifted from curve to curve, where there are several."""
+    every = max(1, x.size // _DRAWN)
+    x, y = x[::every], y[::every]
+    finite = np.isfinite(x) & np.isfinite(y)
+    properties = style.line_properties()
+    if curves == 1:
+        axes.plot(x[finite], y[finite], color=properties["color"], linewidth=0.9, label=style.label)
+        return
+    stride = max(1, x.size // _MARKS)
+    axes.plot(
+        x[finite],
+        y[finite],
+        markevery=(((2 * position + 1) * stride // 6) % stride, stride),
+        label=style.label,
+        zorder=3 + 0.01 * position,
+        **properties,
+    )
+
+
+def _mark_start(axes: Axes, line: Line2D) -> None:
+    x, y = (np.asarray(values) for values in line.get_data())
+    axes.plot(
+        x[:1],
+        y[:1],
+        marker="*",
+        markersize=9,
+        markerfacecolor="white",
+        markeredgecolor=INK,
+        linestyle="none",
+        label="start",
+        zorder=5,
+    )
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    handles, labels = axes.get_legend_handles_labels()
+    columns = legend_columns(labels, COLUMN_WIDTH)
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns)
+
+
+def _names(experiment: Experiment, dimension: int) -> list[str]:
+    """Coordinates as they stand beside an axis."""
+    problem = experiment.problem
+    given = experiment.problem_specification.get("coordinates")
+    if given is None and isinstance(problem, Problem):
+        given = coordinate_names(problem.kind, dimension)
+    return [_typeset(str(name)) for name in given or ["x"] * dimension]
+
+
+def _typeset(name: str) -> str:
+    stem = name.rstrip("0123456789")
+    index = name[len(stem) :]
+    greek = {"theta": r"\theta", "phi": r"\varphi", "psi": r"\psi"}
+    letter = greek.get(stem, stem if len(stem) == 1 else rf"\mathrm{{{stem}}}".replace("_", r"\_"))
+    return f"${letter}_{{{index}}}$" if index else f"${letter}$"
+
+
+def _momentum_name(name: str, components: int) -> str:
+    inner = name.strip("$")
+    return f"$p_{{{inner}}}$" if components > 1 else "$p$"

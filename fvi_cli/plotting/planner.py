@@ -1,0 +1,200 @@
+"""Which figures an experiment calls for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from fvi_cli.plotting.balance import (
+    balance_figure,
+    has_balance,
+    has_momenta,
+    momenta_figure,
+)
+from fvi_cli.plotting.convergence import Study, convergence_figure
+from fvi_cli.plotting.interpolation import interpolation_figure
+from fvi_cli.plotting.motion import (
+    WATERFALL_KINDS,
+    path_figure,
+    phase_figure,
+    waterfall_figure,
+)
+from fvi_cli.plotting.saturation import saturation_figure
+from fvi_cli.plotting.sweeps import sweep_convergence_figure, sweep_trajectory_figure
+from fvi_cli.plotting.time_series import energy_figure, error_figure, trajectory_figure
+from fvi_cli.scenes.problem import DerivativeProblem
+from fvi_cli.studies.experiment import Experiment, FinishedRun
+
+FIGURE_KINDS = (
+    "convergence",
+    "trajectory",
+    "energy",
+    "error",
+    "balance",
+    "momenta",
+    "phase",
+    "path",
+    "waterfall",
+)
+"""What ``Experiment.figures`` may name."""
+
+_OVER_TIME: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
+    "trajectory": trajectory_figure,
+    "energy": energy_figure,
+    "error": error_figure,
+    "balance": balance_figure,
+    "momenta": momenta_figure,
+    "phase": phase_figure,
+    "path": path_figure,
+    "waterfall": waterfall_figure,
+}
+_OF_MEMBERS: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
+    "convergence": sweep_convergence_figure,
+    "trajectory": sweep_trajectory_figure,
+}
+_LEAST_LADDER = 3
+
+
+def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[str, Figure]:
+    """Make every figure that the experiments of one configuration call for.
+
+    An experiment that names its figures gets these. Otherwise a ladder of three or more step
+    counts gets ``convergence``, a shorter one ``trajectory``, ``energy`` and ``error``, as far as
+    there are an energy and something to measure errors against. Of a sweep there are
+    ``convergence`` and ``trajectory`` only, in a figure of their own. Experiments of kind
+    ``fractional-derivative`` share one saturation figure.
+
+    Parameters
+    ----------
+    studies
+        Experiments with their finished runs.
+    name
+        Name of the configuration. With it all convergence panels stand in one figure
+        ``<name>-convergence``; without it every experiment has its own.
+
+    Returns
+    -------
+    dict
+        Figures by file name without suffix: ``<experiment>-trajectory`` and so on.
+
+    Raises
+    ------
+    ValueError
+        For a figure that does not exist.
+    """
+    figures: dict[str, Figure] = {}
+    derivatives = [study for study in studies if isinstance(study[0].problem, DerivativeProblem)]
+    if derivatives:
+        title = (name or _common_name(derivatives)).removesuffix("-saturation")
+        title = title if title == "saturation" else f"{title}-saturation"
+        figures[title] = saturation_figure(derivatives)
+    ladders = []
+    for experiment, finished in studies:
+        if isinstance(experiment.problem, DerivativeProblem) or not finished:
+            continue
+        for kind in figure_kinds(experiment, finished):
+            if experiment.members:
+                figures[f"{experiment.name}-{kind}"] = _OF_MEMBERS[kind](experiment, finished)
+                continue
+            if kind == "convergence":
+                ladders.append((experiment, finished))
+            else:
+                figures[f"{experiment.name}-{kind}"] = _OVER_TIME[kind](experiment, finished)
+    if name is not None and ladders:
+        figures[f"{name}-convergence"] = convergence_figure(ladders)
+    else:
+        for study in ladders:
+            figures[f"{study[0].name}-convergence"] = convergence_figure([study])
+    return figures
+
+
+def figure_kinds(experiment: Experiment, finished: Sequence[FinishedRun]) -> tuple[str, ...]:
+    """Kinds of figures of one experiment that its runs have the data for, in order of drawing.
+
+    Raises
+    ------
+    ValueError
+        For a figure that does not exist.
+    """
+    for kind in experiment.figures:
+        if kind not in FIGURE_KINDS:
+            raise ValueError(f"figures: {kind!r} is not one of {', '.join(FIGURE_KINDS)}")
+    obstacles = _obstacles(experiment, finished)
+    if experiment.figures:
+        wanted = experiment.figures
+    elif "convergence" not in obstacles and len({f.run.n_steps for f in finished}) >= _LEAST_LADDER:
+        wanted = ("convergence",)
+    else:
+        wanted = ("trajectory", "energy", "error")
+    return tuple(kind for kind in wanted if kind not in obstacles)
+
+
+def left_out(studies: Sequence[Study]) -> list[str]:
+    """One line for every figure that an experiment names but that cannot be drawn, with why."""
+    lines = []
+    for experiment, finished in studies:
+        if isinstance(experiment.problem, DerivativeProblem):
+            reason = "a fractional derivative has the figure of its orders only"
+            obstacles = {kind: reason for kind in FIGURE_KINDS if kind != "convergence"}
+        else:
+            obstacles = _obstacles(experiment, finished)
+        lines += [
+            f"{experiment.name}: no {kind} figure, since {obstacles[kind]}"
+            for kind in experiment.figures
+            if kind in obstacles
+        ]
+    return lines
+
+
+def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[str, str]:
+    """Why a kind of figure cannot be drawn, for those that cannot."""
+    if not finished:
+        return dict.fromkeys(FIGURE_KINDS, "no run was finished")
+    obstacles: dict[str, str] = {}
+    if experiment.members:
+        reason = f"of a sweep there are {' and '.join(_OF_MEMBERS)}"
+        obstacles = {kind: reason for kind in FIGURE_KINDS if kind not in _OF_MEMBERS}
+    compared = any(np.isfinite(item.error) for item in finished)
+    if not compared and all(item.status == "ok" for item in finished):
+        obstacles["convergence"] = f"there is no error: the reference is {finished[0].reference}"
+    elif experiment.members and not any(np.isfinite(f.error) and f.error > 0 for f in finished):
+        obstacles["convergence"] = "no member has an error, or one above 0"
+    moving = [item for item in finished if item.trajectory.time.size > 1]
+    if not moving:
+        reason = f"no run got beyond its start ({finished[-1].status})"
+        return {**obstacles, **dict.fromkeys(_OVER_TIME, reason)}
+    if all(item.trajectory.energy is None for item in moving):
+        obstacles["energy"] = "no method of the experiment has a momentum"
+        obstacles["phase"] = obstacles["energy"]
+    if not any(has_balance(item) for item in moving):
+        obstacles["balance"] = "it needs store: {diagnostics: [energy-balance]}"
+    if not any(has_momenta(item) for item in moving):
+        obstacles["momenta"] = "it needs store: {diagnostics: [momentum-maps]}"
+    if moving[0].trajectory.position.shape[1] < 2:
+        obstacles["path"] = "the scene has one coordinate only"
+    if experiment.problem.kind not in WATERFALL_KINDS:
+        obstacles["waterfall"] = f"it is made for {', '.join(WATERFALL_KINDS)}"
+    if experiment.problem.exact is None and not compared:
+        obstacles["error"] = f"there is no error: the reference is {finished[0].reference}"
+    return obstacles
+
+
+def sketches() -> dict[str, Figure]:
+    """Figures that need no runs, by file name."""
+    return {"interpolation": interpolation_figure()}
+
+
+def _common_name(studies: Sequence[Study]) -> str:
+    """The beginning that all names share, up to a ``-``."""
+    names = [experiment.name for experiment, _ in studies]
+    if len(set(names)) == 1:
+        return names[0]
+    parts = [name.split("-") for name in names]
+    common = []
+    for column in zip(*parts, strict=False):
+        if len(set(column)) > 1:
+            break
+        common.append(column[0])
+    return "-".join(common) or names[0]

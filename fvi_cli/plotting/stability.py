@@ -1,0 +1,387 @@
+"""Figures of stability: over the steps, over one or two parameters, and in the plane."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import TypedDict
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from fvi_cli.plotting.methods import SeriesStyle, series_styles
+from fvi_cli.plotting.stability_region import region_figures
+from fvi_cli.plotting.style import (
+    COLOURS,
+    GUIDE_COLOUR,
+    INK,
+    SMALL_TEXT,
+    TEXT_WIDTH,
+    journal_style,
+    legend_columns,
+    new_figure,
+)
+from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
+
+Array = NDArray[np.float64]
+
+STABLE_COLOUR = "#A8D3EE"
+UNSTABLE_COLOUR = "#F4C9AE"
+SLOW_COLOUR = "#FBEBDD"
+UNKNOWN_COLOUR = "#E6E6E6"
+_COLOURS = {
+    "predicted stable": STABLE_COLOUR,
+    "growth, too slow for this time": SLOW_COLOUR,
+    "unstable": UNSTABLE_COLOUR,
+    "not predicted": UNKNOWN_COLOUR,
+}
+MOST_PANELS = 12
+
+
+class Filling(TypedDict):
+    """Properties of a bar."""
+
+    facecolor: str
+    edgecolor: str
+    hatch: str
+
+
+def stability_figures(name: str, tables: Sequence[StabilityTable]) -> dict[str, Figure]:
+    """Every figure of a study, by the name of its files."""
+    figures: dict[str, Figure] = {}
+    for table in tables:
+        stem = table.experiment.name if len(tables) > 1 else name
+        figures |= region_figures(stem, table)
+        if table.experiment.members:
+            figures[f"{stem}-stability"] = parameter_figure(table)
+        elif len(table.experiment.steps) > 1:
+            figures[f"{stem}-stability"] = step_figure(table)
+    return figures
+
+
+def step_figure(table: StabilityTable) -> Figure:
+    """Stable steps of every method, and how fast the others grow."""
+    methods = table.experiment.methods
+    styles = series_styles(methods)
+    by_case = {case: [row for row in table.rows if row.run.method.case == case] for case in styles}
+    steps = sorted({row.run.step_size for row in table.rows})
+    low, high = steps[0] / 1.6, steps[-1] * 1.6
+    with journal_style():
+        figure = new_figure(TEXT_WIDTH, 1.5 + 0.19 * len(styles))
+        bars, growth = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
+        for place, rows in enumerate(by_case.values()):
+            _bar(bars, place, rows, low, high)
+        labels = [style.label for style in styles.values()]
+        bars.set_yticks(range(len(labels)), labels)
+        bars.tick_params(axis="y", length=0)
+        bars.set_ylim(len(labels) - 0.4, -0.6)
+        growth.set_yscale("log")
+        for case, rows in by_case.items():
+            _growth_line(growth, styles[case], rows)
+        growth.set_ylabel("growth of the worst mode per step, $\\log(1/|z|)$")
+        if any(row.prediction.growth_per_step > 0 for row in table.rows):
+            _name_lines(growth, styles, by_case)
+        else:
+            growth.set_ylim(1e-3, 1.0)
+            growth.text(0.5, 0.5, "no mode grows", transform=growth.transAxes, ha="center")
+        for axes in (bars, growth):
+            axes.set_xscale("log")
+            axes.set_xlim(low, high)
+            axes.xaxis.set_minor_formatter(NullFormatter())
+            axes.set_xlabel("step size $h$")
+        _legend(figure, _step_entries(table))
+    return figure
+
+
+_PARTS: tuple[Filling, ...] = (
+    {"facecolor": STABLE_COLOUR, "edgecolor": "white", "hatch": ""},
+    {"facecolor": SLOW_COLOUR, "edgecolor": "white", "hatch": ""},
+    {"facecolor": UNSTABLE_COLOUR, "edgecolor": "white", "hatch": "////"},
+)
+
+
+def _bar(axes: Axes, place: int, rows: Sequence[StabilityRow], low: float, high: float) -> None:
+    """Where steps are stable, with a mark for every step that was looked at."""
+    limit = rows[0].largest_stable_step
+    final_time = rows[0].run.experiment.problem.final_time
+    known = any(row.verdict != "unknown" for row in rows)
+    if not known:
+        axes.barh(place, high - low, left=low, height=0.62, color=UNKNOWN_COLOUR, linewidth=0)
+    else:
+        ends = [low]
+        for step in (rows[0].lasting_step, limit):
+            last = low if math.isnan(step) else min(high if step >= final_time else step, high)
+            ends.append(max(ends[-1], last))
+        ends.append(high)
+        for part, (begin, end) in zip(_PARTS, pairwise(ends), strict=True):
+            axes.barh(place, end - begin, left=begin, height=0.62, linewidth=0, **part)
+    for verdict, properties in _MARKS.items():
+        x = [row.run.step_size for row in rows if _seen(row) == verdict]
+        axes.plot(x, [place] * len(x), linestyle="none", label=f"_{verdict}", **properties)
+    x = [row.run.step_size for row in rows if _differs(row)]
+    axes.plot(x, [place] * len(x), linestyle="none", label="_differs", **_DIFFERENCE)
+
+
+class Mark(TypedDict):
+    """Properties of marks."""
+
+    marker: str
+    color: str
+    markerfacecolor: str
+    markersize: float
+    markeredgewidth: float
+
+
+def _mark(marker: str, colour: str, face: str, size: float, edge: float = 1.0) -> Mark:
+    return Mark(
+        marker=marker, color=colour, markerfacecolor=face, markersize=size, markeredgewidth=edge
+    )
+
+
+_MARKS = {
+    "stable": _mark("o", INK, "white", 4.5),
+    "unstable": _mark("x", INK, INK, 5.0),
+    "unknown": _mark("|", GUIDE_COLOUR, "none", 4.0),
+}
+_DIFFERENCE = _mark("s", COLOURS[1], "none", 9.0, 1.4)
+_SMALL_DIFFERENCE = _mark("s", COLOURS[1], "none", 5.0, 1.4)
+
+
+def _seen(row: StabilityRow) -> str:
+    return "unknown" if row.observation is None else row.observation.verdict
+
+
+def _differs(row: StabilityRow) -> bool:
+    return row.observation is not None and row.observation.agrees is False
+
+
+def _growth_line(axes: Axes, style: SeriesStyle, rows: Sequence[StabilityRow]) -> None:
+    """Predicted growth as a line, what was measured as marks."""
+    grown = sorted(
+        (row for row in rows if row.prediction.growth_per_step > 0),
+        key=lambda row: row.run.step_size,
+    )
+    x = np.array([row.run.step_size for row in grown])
+    y = np.array([row.prediction.growth_per_step for row in grown])
+    axes.plot(x, y, color=style.colour, linestyle=style.line_style, label=style.label)
+    seen = [row for row in grown if row.observation is not None]
+    axes.plot(
+        [row.run.step_size for row in seen],
+        [row.observation.growth_per_step for row in seen if row.observation is not None],
+        linestyle="none",
+        marker="x",
+        color=INK,
+        markersize=4.0,
+        label="_observed",
+    )
+
+
+def _name_lines(
+    axes: Axes, styles: Mapping[str, SeriesStyle], by_case: Mapping[str, Sequence[StabilityRow]]
+) -> None:
+    """Names at the right border, at the height of the last value, and apart from each other."""
+    low, high = np.log(axes.get_ylim())
+    ends = []
+    for case, rows in by_case.items():
+        coarsest = max(rows, key=lambda row: row.run.step_size)
+        if coarsest.prediction.growth_per_step > 0:
+            height = (math.log(coarsest.prediction.growth_per_step) - low) / (high - low)
+            ends.append((height, styles[case]))
+    ends.sort(key=lambda one: one[0])
+    gap = 0.058
+    heights = [height for height, _ in ends]
+    for index in range(1, len(heights)):
+        heights[index] = max(heights[index], heights[index - 1] + gap)
+    if heights and heights[-1] > 1.0:
+        heights[-1] = 1.0
+        for index in range(len(heights) - 2, -1, -1):
+            heights[index] = min(heights[index], heights[index + 1] - gap)
+    for height, (_, style) in zip(heights, ends, strict=True):
+        axes.text(
+            1.02,
+            height,
+            style.label,
+            transform=axes.transAxes,
+            va="center",
+            fontsize=SMALL_TEXT - 1,
+            color=style.colour,
+        )
+
+
+def _step_entries(table: StabilityTable) -> list[Patch | Line2D]:
+    observed = any(row.observation is not None for row in table.rows)
+    entries: list[Patch | Line2D] = [
+        Patch(facecolor=STABLE_COLOUR, label="predicted stable"),
+        Patch(facecolor=SLOW_COLOUR, label="growth, too slow for this time"),
+        Patch(facecolor=UNSTABLE_COLOUR, edgecolor="white", hatch="////", label="unstable"),
+    ]
+    if any(row.verdict == "unknown" for row in table.rows):
+        entries.append(Patch(facecolor=UNKNOWN_COLOUR, label="not predicted"))
+    if observed:
+        entries += [
+            Line2D([], [], linestyle="none", label=f"observed {verdict}", **_MARKS[verdict])
+            for verdict in ("stable", "unstable")
+        ]
+    if table.disagreements:
+        entries.append(Line2D([], [], linestyle="none", label="not as predicted", **_DIFFERENCE))
+    return entries
+
+
+def _legend(figure: Figure, entries: Sequence[Patch | Line2D]) -> None:
+    labels = [str(entry.get_label()) for entry in entries]
+    figure.legend(
+        handles=list(entries),
+        loc="outside lower center",
+        ncols=legend_columns(labels, TEXT_WIDTH),
+    )
+
+
+def parameter_figure(table: StabilityTable) -> Figure:
+    """Verdicts over one parameter and the step, or over two parameters, a panel per method."""
+    experiment = table.experiment
+    keys = _numeric_keys(table)
+    panels: list[tuple[str, list[StabilityRow]]] = []
+    styles = series_styles(experiment.methods)
+    steps = experiment.steps if len(keys) > 1 else (0,)
+    for case, style in styles.items():
+        own = [row for row in table.rows if row.run.method.case == case]
+        for n in steps:
+            rows = [row for row in own if n in (0, row.run.n_steps)]
+            panels.append((style.label if not n else f"{style.label}, $N={n}$", rows))
+    shown = panels[:MOST_PANELS]
+    columns = min(4 if len(shown) > 6 else 3, len(shown))
+    with journal_style():
+        lines = -(-len(shown) // columns)
+        figure = new_figure(TEXT_WIDTH, 0.8 + 1.75 * lines)
+        grid = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True)
+        for axes, (title, rows) in zip(grid.flat, shown, strict=False):
+            _verdict_panel(axes, keys, rows)
+            axes.set_title(title)
+        for axes in list(grid.flat)[len(shown) :]:
+            axes.set_axis_off()
+        for axes in grid[:, 0]:
+            axes.set_ylabel(keys[1] if len(keys) > 1 else "step size $h$")
+        for axes in grid[-1]:
+            axes.set_xlabel(keys[0])
+        if len(panels) > len(shown):
+            note = f"the first {len(shown)} of {len(panels)} panels; all are in the table"
+            figure.suptitle(note, fontsize=SMALL_TEXT)
+        _legend(figure, _parameter_entries(table, len(keys)))
+    return figure
+
+
+def _numeric_keys(table: StabilityTable) -> list[str]:
+    """The swept keys with numbers, at most two; the member's number where there is none."""
+    members = table.experiment.members
+    keys = [
+        key
+        for key in table.experiment.swept
+        if all(isinstance(member.values[key], int | float) for member in members)
+    ]
+    return keys[:2] or ["member"]
+
+
+def _coordinate(row: StabilityRow, key: str) -> float:
+    member = row.run.member
+    if member is None:
+        return 0.0
+    return float(member.number if key == "member" else member.values[key])
+
+
+def _verdict_panel(axes: Axes, keys: Sequence[str], rows: Sequence[StabilityRow]) -> None:
+    """Cells of verdicts, the largest stable step as a line, and what was observed otherwise."""
+    across = [_coordinate(row, keys[0]) for row in rows]
+    up = [_coordinate(row, keys[1]) if len(keys) > 1 else row.run.step_size for row in rows]
+    x, y = sorted(set(across)), sorted(set(up))
+    cells = np.full((len(y), len(x)), np.nan)
+    for row, a, b in zip(rows, across, up, strict=True):
+        cells[y.index(b), x.index(a)] = list(_COLOURS).index(_kind(row))
+    x_edges, x_scale = _edges(x)
+    y_edges, y_scale = _edges(y)
+    axes.set_xscale(x_scale)
+    axes.set_yscale(y_scale)
+    axes.pcolormesh(
+        x_edges,
+        y_edges,
+        cells,
+        cmap=ListedColormap(list(_COLOURS.values())),
+        vmin=-0.5,
+        vmax=len(_COLOURS) - 0.5,
+        rasterized=True,
+    )
+    if len(keys) == 1:
+        limits = {a: row.lasting_step for row, a in zip(rows, across, strict=True)}
+        line = np.array([limits[a] for a in x])
+        axes.plot(x, line, color=INK, linewidth=1.3, label="nothing grows below")
+    seen = [
+        (a, b)
+        for row, a, b in zip(rows, across, up, strict=True)
+        if row.observation is not None and row.observation.verdict == "unstable"
+    ]
+    axes.plot(
+        [a for a, _ in seen],
+        [b for _, b in seen],
+        linestyle="none",
+        marker=".",
+        markersize=1.8,
+        color=INK,
+        label="_unstable",
+    )
+    other = [(a, b) for row, a, b in zip(rows, across, up, strict=True) if _differs(row)]
+    axes.plot(
+        [a for a, _ in other],
+        [b for _, b in other],
+        linestyle="none",
+        label="_differs",
+        **_SMALL_DIFFERENCE,
+    )
+    axes.set_xlim(x_edges[0], x_edges[-1])
+    axes.set_ylim(y_edges[0], y_edges[-1])
+    for axis, scale in ((axes.xaxis, x_scale), (axes.yaxis, y_scale)):
+        if scale == "log":
+            axis.set_major_locator(LogLocator(numticks=5))
+            axis.set_minor_formatter(NullFormatter())
+
+
+def _kind(row: StabilityRow) -> str:
+    """Which of the fillings a cell has."""
+    kinds = list(_COLOURS)
+    if row.verdict == "stable":
+        return kinds[row.prediction.growth_per_step > row.prediction.exact_growth]
+    return kinds[2 if row.verdict == "unstable" else 3]
+
+
+def _edges(values: Sequence[float]) -> tuple[Array, str]:
+    """Borders of the cells round these values, and the scale on which they are even."""
+    points = np.array(values, dtype=float)
+    if points.size == 1:
+        return points[0] + np.array([-0.5, 0.5]) * (abs(points[0]) or 1.0), "linear"
+    is_log = points[0] > 0 and points[-1] / points[0] > 20
+    scaled = np.log(points) if is_log else points
+    middle = 0.5 * (scaled[1:] + scaled[:-1])
+    edges = np.concatenate([[2 * scaled[0] - middle[0]], middle, [2 * scaled[-1] - middle[-1]]])
+    return (np.exp(edges), "log") if is_log else (edges, "linear")
+
+
+def _parameter_entries(table: StabilityTable, number: int) -> list[Patch | Line2D]:
+    entries: list[Patch | Line2D] = [
+        Patch(facecolor=colour, label=kind)
+        for kind, colour in _COLOURS.items()
+        if any(_kind(row) == kind for row in table.rows)
+    ]
+    if number == 1:
+        entries.append(Line2D([], [], color=INK, linewidth=1.3, label="nothing grows below"))
+    if any(row.observation is not None for row in table.rows):
+        entries.append(
+            Line2D([], [], linestyle="none", marker=".", color=INK, label="observed unstable")
+        )
+    if table.disagreements:
+        entries.append(Line2D([], [], linestyle="none", label="not as predicted", **_DIFFERENCE))
+    return entries

@@ -1,0 +1,184 @@
+"""Members of a sweep: a line for each of a few, the median and bands for many."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.plotting.convergence import NORM_LABELS
+from fvi_cli.plotting.methods import series_styles
+from fvi_cli.plotting.style import (
+    COLOURS,
+    COLUMN_WIDTH,
+    LINE_STYLES,
+    MARKERS,
+    TEXT_WIDTH,
+    journal_style,
+    legend_columns,
+    logarithmic_ticks,
+    new_figure,
+)
+from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.members import Member, value_in_words
+
+Array = NDArray[np.float64]
+
+MOST_LINES = 6
+"""Members that have a line of their own."""
+
+_BANDS = ((0.0, 100.0, "all members", 0.15), (5.0, 95.0, "9 of 10 members", 0.3))
+
+
+def sweep_convergence_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw the errors of members against the step size, one panel for each method.
+
+    Up to :data:`MOST_LINES` members have a line each. Of more the median is drawn, and bands that
+    hold 9 of 10 members and all of them; runs without an error are left out of both.
+
+    Parameters
+    ----------
+    experiment
+        With members.
+    finished
+        Its finished runs.
+
+    Raises
+    ------
+    ValueError
+        If no run has an error.
+    """
+    having = [one for one in finished if np.isfinite(one.error) and one.error > 0]
+    if not having:
+        raise ValueError(f"error: no member of {experiment.name} has one")
+    methods = list(dict.fromkeys(one.run.method for one in having))
+    with journal_style():
+        figure, panels = _panels(methods)
+        for axes, method in zip(panels, methods, strict=True):
+            own = [one for one in having if one.run.method == method]
+            steps = sorted({one.run.step_size for one in own})
+            lines: dict[Member | None, Array] = {}
+            for one in own:
+                line = lines.setdefault(one.run.member, np.full(len(steps), np.nan))
+                line[steps.index(one.run.step_size)] = one.error
+            axes.set_xscale("log")
+            axes.set_yscale("log")
+            _draw(axes, np.array(steps), lines, with_markers=True)
+            logarithmic_ticks(axes, steps)
+            axes.set_xlabel("step size $h$")
+        panels[0].set_ylabel("error " + NORM_LABELS[experiment.norm])
+        _finish(figure, panels[0], experiment)
+    return figure
+
+
+def sweep_trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw the first coordinate of the members over time, on the finest grid.
+
+    One panel for each method; lines and bands as in :func:`sweep_convergence_figure`.
+
+    Parameters
+    ----------
+    experiment, finished
+        As there.
+
+    Raises
+    ------
+    ValueError
+        If no run got beyond its start.
+    """
+    moving = [one for one in finished if one.trajectory.time.size > 1]
+    if not moving:
+        raise ValueError(f"trajectory: no member of {experiment.name} got beyond its start")
+    finest = max(one.run.n_steps for one in moving)
+    moving = [one for one in moving if one.run.n_steps == finest]
+    methods = list(dict.fromkeys(one.run.method for one in moving))
+    time = max((one.trajectory.time for one in moving), key=len)
+    with journal_style():
+        figure, panels = _panels(methods)
+        for axes, method in zip(panels, methods, strict=True):
+            lines: dict[Member | None, Array] = {}
+            for one in moving:
+                if one.run.method == method:
+                    line = lines.setdefault(one.run.member, np.full(time.size, np.nan))
+                    values = one.trajectory.position[:, 0]
+                    count = min(values.size, time.size)
+                    line[:count] = values[:count]
+            _draw(axes, time, lines, with_markers=False)
+            axes.set_xlabel("time $t$")
+            axes.set_xlim(0.0, experiment.problem.final_time)
+        panels[0].set_ylabel("position $x(t)$")
+        _finish(figure, panels[0], experiment)
+    return figure
+
+
+def _panels(methods: Sequence[AnyMethod]) -> tuple[Figure, list[Axes]]:
+    """One panel for each method, sharing their axes, with the methods as titles."""
+    columns = min(3, len(methods))
+    rows = -(-len(methods) // columns)
+    figure = new_figure(COLUMN_WIDTH if columns == 1 else TEXT_WIDTH, 2.4 * rows + 0.4)
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    styles = series_styles(methods)
+    for axes, method in zip(grid.flat, methods, strict=False):
+        axes.set_title(styles[method.case].label)
+    for axes in grid.flat[len(methods) :]:
+        axes.set_axis_off()
+    return figure, list(grid.flat[: len(methods)])
+
+
+def _draw(
+    axes: Axes, abscissa: Array, lines: dict[Member | None, Array], *, with_markers: bool
+) -> None:
+    if len(lines) <= MOST_LINES:
+        for index, (member, values) in enumerate(lines.items()):
+            axes.plot(
+                abscissa,
+                values,
+                color=COLOURS[index % len(COLOURS)],
+                linestyle=LINE_STYLES[index % len(LINE_STYLES)],
+                marker=MARKERS[index % len(MARKERS)] if with_markers else "",
+                label=_label(member),
+            )
+        return
+    values = np.array(list(lines.values()))
+    # a place where no member has a value says nothing
+    shown = np.isfinite(values).any(axis=0)
+    kept, places = values[:, shown], abscissa[shown]
+    for low, high, label, alpha in _BANDS:
+        bottom, top = np.nanpercentile(kept, [low, high], axis=0)
+        axes.fill_between(
+            places, bottom, top, color=COLOURS[0], alpha=alpha, linewidth=0, label=label
+        )
+        # the edges carry the numbers that a stored figure is compared by
+        axes.plot(places, bottom, color=COLOURS[0], linewidth=0.5, label=f"_{label}, least")
+        axes.plot(places, top, color=COLOURS[0], linewidth=0.5, label=f"_{label}, greatest")
+    axes.plot(
+        places,
+        np.nanmedian(kept, axis=0),
+        color="#000000",
+        marker="o" if with_markers else "",
+        label="median",
+    )
+
+
+def _label(member: Member | None) -> str:
+    if member is None:
+        return ""
+    values = member.values
+    if len(values) == 1:
+        return value_in_words(next(iter(values.values())))
+    return ", ".join(
+        f"{key.rpartition('.')[2]} {value_in_words(value)}" for key, value in values.items()
+    )
+
+
+def _finish(figure: Figure, axes: Axes, experiment: Experiment) -> None:
+    """A legend below all panels, and above it what is swept where labels do not say it."""
+    handles, labels = axes.get_legend_handles_labels()
+    columns = legend_columns(labels, float(figure.get_size_inches()[0]))
+    keys = ", ".join(key.removeprefix("problem.") for key in experiment.swept)
+    title = f"{len(experiment.members)} members: {keys}"
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, title=title)

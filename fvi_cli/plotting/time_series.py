@@ -1,0 +1,253 @@
+"""Solutions, energies and errors over time: the exact ones against those of the methods."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from fvi_cli.plotting.methods import SeriesStyle, series_styles
+from fvi_cli.plotting.style import (
+    COLUMN_WIDTH,
+    INK,
+    journal_style,
+    legend_columns,
+    new_figure,
+)
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.study import reference_of
+
+Array = NDArray[np.float64]
+
+_FINE_POINTS = 2001
+_MARKS = 12  # marks on one curve
+_MOST_COMPONENTS = 4
+
+
+def trajectory_figure(
+    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
+) -> Figure:
+    """Draw the position of every method and the exact one, a panel for every component.
+
+    Parameters
+    ----------
+    experiment, finished
+        The experiment and its runs.
+    n_steps
+        Which step of the ladder to show; None: the finest that most methods have reached.
+
+    Raises
+    ------
+    ValueError
+        If no run has that many steps.
+    """
+    shown = select_runs(finished, n_steps)
+    dimension = min(shown[0].trajectory.position.shape[1], _MOST_COMPONENTS)
+    styles = series_styles([item.run.method for item in shown])
+    with journal_style():
+        figure = new_figure(COLUMN_WIDTH, 1.1 + 1.45 * dimension)
+        panels = figure.subplots(dimension, 1, squeeze=False, sharex=True)[:, 0]
+        for component, axes in enumerate(panels):
+            reference = _draw_exact(axes, experiment, component)
+            ranges = [reference] if reference is not None else []
+            for position, item in enumerate(shown):
+                trajectory = item.trajectory
+                values = trajectory.position[:, component]
+                style = styles[item.run.method.case]
+                draw_series(axes, trajectory.time, values, style, position)
+                ranges += [] if reference is not None else [values]
+            _limit(axes, ranges)
+            index = f"_{component + 1}" if dimension > 1 else ""
+            axes.set_ylabel(f"position $x{index}(t)$")
+        finish_figure(figure, panels[-1], shown, experiment)
+    return figure
+
+
+def energy_figure(
+    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
+) -> Figure:
+    """Draw the Hamiltonian without forcing of every method that has a momentum.
+
+    Parameters
+    ----------
+    experiment, finished, n_steps
+        As for :func:`trajectory_figure`.
+
+    Raises
+    ------
+    ValueError
+        If no run has that many steps, or none has an energy.
+    """
+    having = [item for item in finished if item.trajectory.energy is not None]
+    if not having:
+        raise ValueError(
+            "energy: no method of the experiment has a momentum, so none has an energy"
+        )
+    shown = select_runs(having, n_steps)
+    styles = series_styles([item.run.method for item in shown])
+    with journal_style():
+        figure = new_figure(COLUMN_WIDTH, 2.5)
+        axes = figure.subplots()
+        exact = exact_energy(experiment)
+        if exact is not None:
+            axes.plot(*exact, color=INK, linewidth=1.6, alpha=0.55, label="exact", zorder=2)
+        ranges = [exact[1]] if exact is not None else []
+        for position, item in enumerate(shown):
+            energy = item.trajectory.energy
+            if energy is None:
+                continue
+            draw_series(axes, item.trajectory.time, energy, styles[item.run.method.case], position)
+            ranges += [] if exact is not None else [energy]
+        _limit(axes, ranges)
+        axes.set_ylabel("energy $H(x, p)$")
+        finish_figure(figure, axes, shown, experiment)
+    return figure
+
+
+def error_figure(
+    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
+) -> Figure:
+    """Draw the absolute error over time, the largest over the components, logarithmically.
+
+    Where no exact solution is known, the error is measured against the refined run.
+
+    Parameters
+    ----------
+    experiment, finished, n_steps
+        As for :func:`trajectory_figure`.
+
+    Raises
+    ------
+    ValueError
+        If no run has that many steps, or there is nothing to measure against.
+    """
+    shown = select_runs(finished, n_steps)
+    reference = reference_of(shown[0].run)
+    if not reference.is_known:
+        raise ValueError(f"reference: {experiment.name} has {reference.source}")
+    styles = series_styles([item.run.method for item in shown])
+    with journal_style():
+        figure = new_figure(COLUMN_WIDTH, 2.5)
+        axes = figure.subplots()
+        axes.set_yscale("log")
+        positive = []
+        for position, item in enumerate(shown):
+            trajectory = item.trajectory
+            with np.errstate(over="ignore", invalid="ignore"):
+                error = np.abs(trajectory.position - reference.values(trajectory.time)).max(axis=1)
+            error = np.where(np.isfinite(error) & (error > 0), error, np.nan)
+            style = styles[item.run.method.case]
+            draw_series(axes, trajectory.time, error, style, position, floor=item.floor)
+            positive.append(error[np.isfinite(error)])
+        values = np.concatenate(positive)
+        if values.size:
+            high = min(values.max(), 1e3 * max(np.median(p) for p in positive if p.size))
+            # a zero crossing of the error is no reason to show sixteen decades
+            low = max(values.min(), 1e-3 * min(np.median(p) for p in positive if p.size))
+            axes.set_ylim(low / 2, high * 2)
+            if high / low > 1e2:
+                axes.yaxis.set_major_locator(LogLocator(numticks=8))
+                axes.yaxis.set_minor_formatter(NullFormatter())
+        several = shown[0].trajectory.position.shape[1] > 1
+        label = r"error $\max_i\,|x_i - x_i(t)|$" if several else "error $|x_k - x(t_k)|$"
+        axes.set_ylabel(
+            label if experiment.problem.exact is not None else "error against a refined run"
+        )
+        finish_figure(figure, axes, shown, experiment)
+    return figure
+
+
+def select_runs(finished: Sequence[FinishedRun], n_steps: int | None) -> list[FinishedRun]:
+    """Of every method the run with `n_steps` steps.
+
+    By default that is the finest step that as many methods as possible have reached.
+    """
+    usable = [item for item in finished if item.trajectory.time.size > 1]
+    there = sorted({item.run.n_steps for item in usable})
+    if not there or n_steps not in (None, *there):
+        listed = sorted({item.run.n_steps for item in finished})
+        raise ValueError(f"n_steps: {n_steps!r} is not one of the finished runs' {listed}")
+    if n_steps is None:
+        reached = [item.run.n_steps for item in usable if item.status in ("ok", "floor")]
+        n_steps = max(there, key=lambda n: (reached.count(n), n))
+    return [item for item in usable if item.run.n_steps == n_steps]
+
+
+def exact_energy(experiment: Experiment) -> tuple[Array, Array] | None:
+    """Time and energy of the exact solution; its velocity by finite differences on a fine grid."""
+    problem = experiment.problem
+    if not isinstance(problem, Problem) or problem.exact is None:
+        return None
+    if problem.scene.lagrangian is not None:
+        return None
+    time = np.linspace(0.0, problem.final_time, 4 * (_FINE_POINTS - 1) + 1)
+    position = problem.exact(time)
+    velocity = np.gradient(position, time[1], axis=0, edge_order=2)
+    momentum = velocity @ problem.scene.inertia.mass.T
+    return time[::4], problem.scene.energy(position, momentum)[::4]
+
+
+def _draw_exact(axes: Axes, experiment: Experiment, component: int) -> Array | None:
+    problem = experiment.problem
+    if problem.exact is None:
+        return None
+    time = np.linspace(0.0, problem.final_time, _FINE_POINTS)
+    values = problem.exact(time)[:, component]
+    axes.plot(time, values, color=INK, linewidth=1.6, alpha=0.55, label="exact", zorder=2)
+    return values
+
+
+def draw_series(
+    axes: Axes,
+    time: Array,
+    values: Array,
+    style: SeriesStyle,
+    position: int,
+    *,
+    floor: float = float("nan"),
+) -> None:
+    """One curve with a few marks, which are shifted from curve to curve."""
+    every = max(1, time.size // _FINE_POINTS)
+    time, values = time[::every], values[::every]
+    stride = max(1, time.size // _MARKS)
+    axes.plot(
+        time,
+        np.where(np.isfinite(values), values, np.nan),
+        markevery=(((2 * position + 1) * stride // 6) % stride, stride),
+        label=style.label,
+        gid=f"floor {floor:.1e}" if np.isfinite(floor) else None,
+        zorder=3 + 0.01 * position,
+        **style.line_properties(),
+    )
+
+
+def _limit(axes: Axes, ranges: Sequence[Array]) -> None:
+    """Keep curves that run away from pressing the others flat."""
+    finite = np.concatenate([values[np.isfinite(values)] for values in ranges] or [np.zeros(1)])
+    if finite.size == 0:
+        return
+    if len(ranges) > 1:
+        ends = sorted(float(np.abs(v[np.isfinite(v)]).max(initial=0.0)) for v in ranges)
+        finite = finite[np.abs(finite) <= 10 * ends[0]]
+    low, high = float(finite.min()), float(finite.max())
+    span = (high - low) or abs(high) or 1.0
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(max(bottom, low - 0.6 * span), min(top, high + 0.6 * span))
+
+
+def finish_figure(
+    figure: Figure, axes: Axes, shown: Sequence[FinishedRun], experiment: Experiment
+) -> None:
+    """Time axis, and one legend above all panels."""
+    sizes = {item.run.step_size for item in shown}
+    step = f" (step size $h = {sizes.pop():.8g}$)" if len(sizes) == 1 else ""
+    axes.set_xlabel(f"time $t${step}")
+    axes.set_xlim(0.0, experiment.problem.final_time)
+    handles, labels = axes.get_legend_handles_labels()
+    columns = legend_columns(labels, COLUMN_WIDTH)
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns)

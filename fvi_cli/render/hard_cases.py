@@ -1,0 +1,41 @@
+"""What ``fvi hard-cases`` measures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fvi_cli.errors import RequestError
+from fvi_cli.runner.progress import progress_bar
+from fvi_cli.studies.hard_cases.case import Finding, HardCaseReport, examine
+from fvi_cli.studies.hard_cases.suite import examined_methods, hard_cases
+
+
+def examine_named(
+    cases: Sequence[str], methods: Sequence[str], *, show_progress: bool
+) -> HardCaseReport:
+    """The named cases with the named methods; where nothing is named, all of them.
+
+    Raises
+    ------
+    RequestError
+        For names that do not exist, with those that do.
+    """
+    known = hard_cases()
+    named = {method.name: method for method in examined_methods()}
+    complaints = [
+        f"{option} {name!r} is not one of {', '.join(allowed)}"
+        for option, names, allowed in (("--case", cases, known), ("--method", methods, named))
+        for name in names
+        if name not in allowed
+    ]
+    if complaints:
+        raise RequestError(*complaints)
+    chosen = [case for name, case in known.items() if not cases or name in cases]
+    by = [method for name, method in named.items() if not methods or name in methods]
+    findings: list[Finding] = []
+    with progress_bar("hard cases", len(chosen) * len(by), wanted=show_progress) as advance:
+        for case in chosen:
+            for method in by:
+                findings += examine([case], [method])
+                advance(f"{case.name} {method.name}")
+    return HardCaseReport(cases=tuple(case.text for case in chosen), findings=tuple(findings))

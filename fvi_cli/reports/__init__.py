@@ -1,0 +1,22 @@
+"""Tables of orders as CSV, Markdown, LaTeX and JSON, and whether stored ones are up to date."""
+
+from fvi_cli.reports.check import compare_tables, compare_with_tables
+from fvi_cli.reports.files import (
+    FORMS,
+    rendered,
+    summary_text,
+    table_paths,
+    write_tables,
+)
+from fvi_cli.reports.json_table import from_json
+
+__all__ = [
+    "FORMS",
+    "compare_tables",
+    "compare_with_tables",
+    "from_json",
+    "rendered",
+    "summary_text",
+    "table_paths",
+    "write_tables",
+]

@@ -1,0 +1,185 @@
+"""Every error of an experiment, methods side by side."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+
+from fvi_cli.reports.document import (
+    Block,
+    Bullets,
+    Code,
+    Grid,
+    Heading,
+    Paragraph,
+    Words,
+)
+from fvi_cli.reports.naming import MethodName, number
+from fvi_cli.reports.summary import NORMS, expected_orders, steps_phrase
+from fvi_cli.studies.order import OrderCase, OrderRow, OrderTable
+
+_SOURCES: Mapping[str, str] = {
+    "expression": "the exact solution, an expression of the configuration",
+    "unknown": "a reference that is not stated",
+}
+
+
+def details(table: OrderTable, names: Mapping[str, MethodName]) -> list[Block]:
+    """Heading, equation, grids of errors and orders, remarks."""
+    blocks: list[Block] = [
+        Heading(level=2, words=table.experiment),
+        Paragraph(words=setting([table])),
+    ]
+    if not table.cases:
+        return [*blocks, Paragraph(words="No run is finished.")]
+    blocks.append(_grid(table.cases, names))
+    remarks = _remarks(table, names)
+    if remarks:
+        blocks.append(Bullets(items=tuple(remarks)))
+    return blocks
+
+
+def setting(tables: Sequence[OrderTable]) -> Words:
+    """Equation and norm of an experiment, which has a table for every member of a sweep."""
+    table = tables[0]
+    orders = table.gamma.replace(";", ", ")
+    if any(other.gamma != table.gamma for other in tables):
+        orders = "swept"
+    floors = [row.floor for one in tables for case in one.cases for row in case.rows]
+    return (
+        "Equation: ",
+        Code(table.equation or "not stated"),
+        f"; {f'gamma = {orders}; ' if orders else ''}T = {table.final_time:g}. Errors in the "
+        f"{NORMS[table.norm]}, against {_reference(table.reference)}{_floor(floors)}.",
+    )
+
+
+def _floor(floors: Sequence[float]) -> str:
+    found = [floor for floor in floors if math.isfinite(floor)]
+    if not found:
+        return ""
+    ends = dict.fromkeys(f"{end:.0e}" for end in (min(found), max(found)))
+    return f"; floor {' to '.join(ends)}"
+
+
+def _reference(source: str) -> str:
+    if source.startswith("refined run"):
+        return f"a {source}"
+    if source.startswith("N = "):
+        return source
+    return _SOURCES.get(source, f"the exact solution, {source}")
+
+
+def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
+    header = ["N", "h"]
+    for case in cases:
+        header += [names[case.method.case].label, "order"]
+    steps = sorted({row.n_steps for case in cases for row in case.rows})
+    found = [{row.n_steps: k for k, row in enumerate(case.rows)} for case in cases]
+    rows = []
+    for n_steps in steps:
+        sizes = [
+            case.rows[at[n_steps]].step_size
+            for case, at in zip(cases, found, strict=True)
+            if n_steps in at
+        ]
+        line = [str(n_steps), f"{sizes[0]:.4g}"]
+        for case, at in zip(cases, found, strict=True):
+            line += _entries(case, at[n_steps]) if n_steps in at else ["not computed", ""]
+        rows.append(tuple(line))
+    return Grid(
+        header=tuple(header),
+        rows=tuple(rows),
+        summary_rows=tuple(_summary_rows(cases)),
+        text_columns=0,
+        key_columns=2,
+        groups=(2,) * len(cases),
+    )
+
+
+def _entries(case: OrderCase, k: int) -> list[str]:
+    row = case.rows[k]
+    error = error_entry(row)
+    if k == 0 or math.isnan(row.pairwise_order):
+        return [error, ""]
+    order = f"{row.pairwise_order:.2f}"
+    both = row.used_in_fit and case.rows[k - 1].used_in_fit
+    return [error, order if both else f"({order})"]
+
+
+def error_entry(row: OrderRow) -> str:
+    """The error; in parentheses, with its status, where the slope does not use it."""
+    error = f"{row.error:.2e}" if math.isfinite(row.error) else ""
+    if row.used_in_fit:
+        return error
+    status = row.status if row.status != "ok" else "not used"
+    return f"({', '.join(filter(None, (error, status)))})"
+
+
+def _summary_rows(cases: Sequence[OrderCase]) -> list[tuple[str, ...]]:
+    lines = [
+        ("slope", [number(case.slope, ".2f") for case in cases]),
+        ("residual", [_residual(case) for case in cases]),
+        ("expected", [number(case.expected_order, ".3g") for case in cases]),
+    ]
+    if any(not math.isnan(case.claim) for case in cases):
+        lines.append(("stated", [number(case.claim, "g") for case in cases]))
+    rows = []
+    for title, values in lines:
+        row = [title, ""]
+        for value in values:
+            row += ["", value]
+        rows.append(tuple(row))
+    return rows
+
+
+def _residual(case: OrderCase) -> str:
+    # a line through two points has none, which says nothing
+    used = sum(row.used_in_fit for row in case.rows)
+    return number(case.fit_residual, ".3f") if used > 2 else "-"
+
+
+def _remarks(table: OrderTable, names: Mapping[str, MethodName]) -> list[Words]:
+    """Sentences below the grids; what is said of several methods is said once."""
+    sentences: list[Words] = []
+    if any(not row.used_in_fit for case in table.cases for row in case.rows):
+        sentences.append(
+            "Errors in parentheses are not used for the slope; floor: round-off, or ten times the "
+            "error of the reference."
+        )
+    said: dict[str, list[str]] = {}
+    for case in table.cases:
+        for sentence in _of_case(case):
+            said.setdefault(sentence, []).append(names[case.method.case].label)
+    sentences += [f"{'; '.join(labels)}: {sentence}." for sentence, labels in said.items()]
+    return sentences
+
+
+def _of_case(case: OrderCase) -> Iterator[str]:
+    steps = [row.n_steps for row in case.rows]
+    unstable = [row.n_steps for row in case.rows if row.predicted == "unstable"]
+    if unstable:
+        yield f"predicted unstable at {steps_phrase(steps, unstable)}"
+    if case.expected_failure:
+        yield "the configuration expects failures"
+    yield from expected_orders(case)
+    for told, text, is_example in _told(case):
+        example = f" (numbers of N = {told[0]})" if is_example else ""
+        yield f"{steps_phrase(steps, told)}: {text}{example}"
+
+
+def _told(case: OrderCase) -> list[tuple[list[int], str, bool]]:
+    """Remarks and messages with the N that they are about; those that differ in numbers once."""
+    found: dict[str, tuple[list[int], list[str]]] = {}
+    for row in case.rows:
+        for text in (*row.remarks, *((row.message,) if row.message else ())):
+            at, texts = found.setdefault(without_numbers(text), ([], []))
+            at.append(row.n_steps)
+            texts.append(text.rstrip("."))
+    return [(at, texts[0], len(set(texts)) > 1) for at, texts in found.values()]
+
+
+def without_numbers(text: str) -> str:
+    """The text with every number blotted out: two of these are the same but for numbers."""
+    return re.sub(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?", "#", text)

@@ -1,0 +1,75 @@
+"""Reports as Markdown (the dialect of GitHub, for its tables)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from fvi_cli.reports.document import (
+    Block,
+    Bullets,
+    Code,
+    Grid,
+    Heading,
+    Paragraph,
+    Words,
+    pieces,
+    split_wide,
+)
+
+_ACTIVE = re.compile(r"([\\`*_\[\]<>|~#$&])")
+
+
+WIDEST = 160
+"""Letters in a line of a table: what a browser shows side by side."""
+
+
+def to_markdown(blocks: Sequence[Block]) -> str:
+    """The blocks as Markdown, a blank line between them and a newline at the end."""
+    return "\n\n".join(_block(block) for block in blocks) + "\n"
+
+
+def _block(block: Block) -> str:
+    if isinstance(block, Heading):
+        return f"{'#' * block.level} {_inline(block.words)}"
+    if isinstance(block, Paragraph):
+        return _inline(block.words)
+    if isinstance(block, Bullets):
+        return "\n".join(f"- {_inline(item)}" for item in block.items)
+    return "\n\n".join(_grid(part) for part in split_wide(block, WIDEST))
+
+
+def _inline(words: Words) -> str:
+    return "".join(
+        _code(piece.text) if isinstance(piece, Code) else escape_markdown(piece)
+        for piece in pieces(words)
+    )
+
+
+def escape_markdown(text: str) -> str:
+    """Text in which nothing is taken for markup."""
+    return _ACTIVE.sub(r"\\\1", " ".join(text.splitlines()))
+
+
+def _code(text: str) -> str:
+    longest = max(map(len, re.findall(r"`+", text)), default=0)
+    fence = "`" * (longest + 1)
+    padding = " " if longest else ""
+    return f"{fence}{padding}{text}{padding}{fence}"
+
+
+def _grid(grid: Grid) -> str:
+    rows = [[escape_markdown(cell) for cell in row] for row in grid.lines]
+    widths = [max(3, *(len(row[k]) for row in rows)) for k in range(len(grid.header))]
+    rule = [
+        "-" * width if k < grid.text_columns else "-" * (width - 1) + ":"
+        for k, width in enumerate(widths)
+    ]
+    lines = []
+    for row in (rows[0], rule, *rows[1:]):
+        cells = [
+            cell.ljust(width) if k < grid.text_columns else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)

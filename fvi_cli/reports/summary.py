@@ -1,0 +1,321 @@
+"""The paper's layout: one row for a problem, one column for a method, an order in every cell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from fvi_cli.reports.document import Block, Bullets, Code, Grid, Paragraph, Words
+from fvi_cli.reports.naming import (
+    MethodName,
+    describe_method,
+    listing,
+    method_names,
+    number,
+)
+from fvi_cli.reports.sweeps import split_sweeps, sweep_summary
+from fvi_cli.studies.order import OrderCase, OrderTable
+
+NOTED_DIFFERENCE = 0.06
+"""A measured slope that is further from the stated order than this is pointed out."""
+
+ASYMPTOTIC_DIFFERENCE = 0.1
+"""A slope further than this from the finest pairwise order, or the expected one, is no order."""
+
+FAILURES = ("diverged", "failed", "refused")
+
+INTERPOLATED = "forcing: the interpolation"
+"""How the remark on a force from samples begins."""
+
+NORMS: Mapping[str, str] = {
+    "max": "maximum norm over components and grid points",
+    "final": "maximum norm over components at the final time",
+    "l2": "l2 norm over the grid, weighted by h",
+}
+
+
+def names_of(tables: Sequence[OrderTable]) -> dict[str, MethodName]:
+    """Names of all methods in `tables`, by case."""
+    return method_names([case.method for table in tables for case in table.cases])
+
+
+def short_titles(name: str, tables: Sequence[OrderTable]) -> dict[str, str]:
+    """Titles of the experiments, without words that repeat the beginning of `name`.
+
+    What is left of every title begins with a letter; otherwise all stay whole.
+    """
+    titles = [table.experiment for table in tables]
+    words = name.split("-")
+    # one title alone repeats nothing
+    for count in range(len(words) if len(titles) > 1 else 0, 0, -1):
+        prefix = "-".join(words[:count]) + "-"
+        short = {title: title.removeprefix(prefix) for title in titles}
+        if all(rest != title and rest[:1].isalpha() for title, rest in short.items()):
+            return short
+    return {title: title for title in titles}
+
+
+def summary(name: str, tables: Sequence[OrderTable]) -> list[Block]:
+    """Orders of all experiments side by side, with what a reader should know of them."""
+    names = names_of(tables)
+    single, swept = split_sweeps(tables)
+    titles = short_titles(name, single)
+    groups = _groups(single)
+    if not groups and not swept:
+        return [Paragraph(words="No run is finished.")]
+    blocks: list[Block] = [Paragraph(words=_explanation(tables))]
+    blocks += [_grid(group, names, titles) for group in groups]
+    for members in swept:
+        blocks += sweep_summary(members, names, order_entry)
+    remarks: list[Words] = []
+    for table in single:
+        remarks += _stated(table, names, titles)
+    for table in single:
+        remarks += _sampled(table, names, titles)
+    for table in single:
+        remarks += _failures(table, names, titles)
+    if remarks:
+        blocks.append(Bullets(items=tuple(remarks)))
+    return blocks
+
+
+def legend(tables: Sequence[OrderTable]) -> list[Block]:
+    """What every method is, and its case in the other files; what all share is said once."""
+    names = names_of(tables)
+    methods = {case.method.case: case.method for table in tables for case in table.cases}
+    if not methods:
+        return []
+    told = {case: describe_method(method) for case, method in methods.items()}
+    shared = [
+        phrase
+        for phrase in next(iter(told.values()))
+        if len(told) > 1 and all(phrase in phrases for phrases in told.values())
+    ]
+    items: list[Words] = []
+    for case, phrases in told.items():
+        own = ", ".join(phrase for phrase in phrases if phrase not in shared)
+        items.append((f"{names[case].label}: {own}{', ' if own else ''}case ", Code(case)))
+    title = f"Methods, all with {', '.join(shared)}:" if shared else "Methods:"
+    return [Paragraph(words=title), Bullets(items=tuple(items))]
+
+
+def _explanation(tables: Sequence[OrderTable]) -> str:
+    cases = [case for table in tables for case in table.cases]
+    if all(len(case.rows) == 1 for case in cases):
+        text = "Entries: the error on the only step size."
+    else:
+        text = (
+            "Entries: the least-squares slope of log(error) against log(h) over all rows that can "
+            "be used, then the order between the two finest of them. Where the two disagree, the "
+            "slope is not asymptotic."
+        )
+    if any(sum(row.used_in_fit for row in case.rows) == 2 for case in cases):
+        text += " One number alone comes from two rows."
+    if any(order_entry(case) == "floor" for case in cases):
+        text += " floor: all errors but one at most are below round-off."
+    norms = {table.norm for table in tables}
+    if len(norms) == 1:
+        text += f" Errors are measured in the {NORMS[norms.pop()]}."
+    if any(_has_claims(table) for table in tables):
+        text += " stated: the order that the source of the experiment states."
+    if any(row.status in FAILURES for case in cases for row in case.rows):
+        text += " A star marks methods that came to nothing on some step sizes."
+    return text
+
+
+def _groups(tables: Sequence[OrderTable]) -> list[list[OrderTable]]:
+    """Experiments with the same methods together, in the order of the configuration."""
+    groups: dict[tuple[str, ...], list[OrderTable]] = {}
+    for table in tables:
+        cases = tuple(case.method.case for case in table.cases)
+        if cases:
+            groups.setdefault(cases, []).append(table)
+    return list(groups.values())
+
+
+def _grid(
+    group: Sequence[OrderTable], names: Mapping[str, MethodName], titles: Mapping[str, str]
+) -> Grid:
+    own = [names[case.method.case] for case in group[0].cases]
+    families = list(dict.fromkeys(name.family for name in own))
+    variants = list(dict.fromkeys(name.variant for name in own))
+    if len(own) == len(families) * len(variants):
+        return _paper_layout(group, names, titles, families, variants)
+    return _method_layout(group, names, titles)
+
+
+def _paper_layout(
+    group: Sequence[OrderTable],
+    names: Mapping[str, MethodName],
+    titles: Mapping[str, str],
+    families: Sequence[str],
+    variants: Sequence[str],
+) -> Grid:
+    """Rows: problems, and what varies within a family; columns: families of methods."""
+    claimed = {
+        names[case.method.case].family
+        for table in group
+        for case in table.cases
+        if not math.isnan(case.claim)
+    }
+    with_variant = ["method"] if any(variants) else []
+    header = ["problem", *with_variant, "gamma", "N"]
+    key_columns = len(header)
+    for family in families:
+        header += [family, "stated"] if family in claimed else [family]
+    rows = []
+    for table in group:
+        found = {names[case.method.case].label: case for case in table.cases}
+        for variant in variants:
+            row = [titles[table.experiment], *([variant] if with_variant else [])]
+            row += [table.gamma or "-", _ladder(table)]
+            for family in families:
+                case = found[MethodName(family=family, variant=variant).label]
+                row.append(order_entry(case))
+                if family in claimed:
+                    row.append(number(case.claim, "g"))
+            rows.append(tuple(row))
+    return Grid(
+        header=tuple(header),
+        rows=tuple(rows),
+        text_columns=key_columns,
+        key_columns=key_columns,
+        groups=tuple(2 if family in claimed else 1 for family in families),
+    )
+
+
+def _method_layout(
+    group: Sequence[OrderTable], names: Mapping[str, MethodName], titles: Mapping[str, str]
+) -> Grid:
+    """Rows: methods; columns: problems. For methods that do not fill a rectangle."""
+    header = ["method"]
+    for table in group:
+        header += [titles[table.experiment], *(["stated"] if _has_claims(table) else [])]
+    rows = []
+    for k, first in enumerate(group[0].cases):
+        row = [names[first.method.case].label]
+        for table in group:
+            row.append(order_entry(table.cases[k]))
+            if _has_claims(table):
+                row.append(number(table.cases[k].claim, "g"))
+        rows.append(tuple(row))
+    return Grid(
+        header=tuple(header),
+        rows=tuple(rows),
+        groups=tuple(2 if _has_claims(table) else 1 for table in group),
+    )
+
+
+def _has_claims(table: OrderTable) -> bool:
+    return any(not math.isnan(case.claim) for case in table.cases)
+
+
+def _ladder(table: OrderTable) -> str:
+    steps = sorted({row.n_steps for case in table.cases for row in case.rows})
+    return str(steps[0]) if len(steps) == 1 else f"{steps[0]} to {steps[-1]}"
+
+
+def order_entry(case: OrderCase) -> str:
+    """Slope and finest order; a star where rows came to nothing."""
+    failures = [row.status for row in case.rows if row.status in FAILURES]
+    star = "*" if failures else ""
+    used = [row for row in case.rows if row.used_in_fit]
+    if len(used) > 2 and not math.isnan(case.last_order):
+        return f"{case.slope:.2f}, {case.last_order:.2f}{star}"
+    if len(used) >= 2:
+        return f"{case.slope:.2f}{star}"
+    if failures:
+        return f"{failures[0]}*"
+    if len(case.rows) == 1 and used:
+        return f"error {used[0].error:.1e}"
+    return "floor" if any(row.status == "floor" for row in case.rows) else "-"
+
+
+def _failures(
+    table: OrderTable, names: Mapping[str, MethodName], titles: Mapping[str, str]
+) -> list[Words]:
+    """One sentence on the rows of an experiment that came to nothing."""
+    parts = []
+    for case in table.cases:
+        for status in FAILURES:
+            count = sum(row.status == status for row in case.rows)
+            if count:
+                label = names[case.method.case].label
+                parts.append(f"{label} {status} in {count} of {len(case.rows)} rows")
+    return [f"* {titles[table.experiment]}: {'; '.join(parts)}."] if parts else []
+
+
+def _stated(
+    table: OrderTable, names: Mapping[str, MethodName], titles: Mapping[str, str]
+) -> list[Words]:
+    """Sentences on every stated order that is not met, or is no order."""
+    sentences: list[Words] = []
+    for case in table.cases:
+        if math.isnan(case.claim):
+            continue
+        parts = []
+        if math.isnan(case.slope):
+            parts.append(f"stated {case.claim:g}; too few rows can be used for a slope")
+        else:
+            if abs(case.slope - case.claim) > NOTED_DIFFERENCE:
+                parts.append(f"stated {case.claim:g}, measured {case.slope:.2f}")
+            if not_asymptotic := _not_asymptotic(case):
+                parts.append(not_asymptotic)
+        if parts:
+            title = f"{titles[table.experiment]}, {names[case.method.case].label}"
+            sentences.append(f"{title}: {'; '.join(parts)}.")
+    return sentences
+
+
+def _sampled(
+    table: OrderTable, names: Mapping[str, MethodName], titles: Mapping[str, str]
+) -> list[Words]:
+    """Where the interpolation of a sampled force sets the order."""
+    said: dict[str, list[str]] = {}
+    for case in table.cases:
+        limits = [text for row in case.rows for text in row.remarks if INTERPOLATED in text]
+        if not limits:
+            continue
+        told = [
+            f"{text}; where samples lie between two steps, the order is that of the interpolation"
+            for text in expected_orders(case)
+        ]
+        sets_order = f"allows order {case.expected_order:g} at most"
+        for text in told or [text for text in limits[:1] if text.endswith(sets_order)]:
+            said.setdefault(text, []).append(names[case.method.case].label)
+    title = titles[table.experiment]
+    return [f"{title}, {', '.join(labels)}: {text}." for text, labels in said.items()]
+
+
+def _not_asymptotic(case: OrderCase) -> str:
+    """Why the slope is not the order for small steps; empty when it may be."""
+    last, expected = case.last_order, case.expected_order
+    is_far = abs(case.slope - last) > ASYMPTOTIC_DIFFERENCE
+    misses = abs(case.slope - expected) > ASYMPTOTIC_DIFFERENCE
+    if not (is_far or misses):
+        return ""
+    used = [row.n_steps for row in case.rows if row.used_in_fit]
+    text = (
+        f"the slope {case.slope:.2f} is pre-asymptotic: the order between N = {used[-2]} and "
+        f"{used[-1]} is {last:.2f}"
+    )
+    if not math.isnan(expected):
+        text += f", {expected:g} is expected for small steps"
+    return text
+
+
+def expected_orders(case: OrderCase) -> list[str]:
+    """Where the expected order depends on the step size: without start series, or off samples."""
+    by_order: dict[str, list[int]] = {}
+    for row in case.rows:
+        by_order.setdefault(number(row.expected_order, ".3g", "not stated"), []).append(row.n_steps)
+    if len(by_order) == 1:
+        return []
+    steps = [row.n_steps for row in case.rows]
+    told = "; ".join(f"{order} at {steps_phrase(steps, at)}" for order, at in by_order.items())
+    return [f"expected order {told}"]
+
+
+def steps_phrase(ladder: Sequence[int], steps: Sequence[int]) -> str:
+    """Which rows of a ladder: ``every N``, or the N."""
+    return "every N" if list(ladder) == list(steps) else f"N = {listing(steps)}"

@@ -1,0 +1,1 @@
+"""Which runs a request asks for: planned, computed or recalled, and kept."""

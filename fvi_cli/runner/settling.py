@@ -1,0 +1,77 @@
+"""Experiments that ask for a tolerance: their runs are recalled, or chosen and computed."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+
+from fvi_cli.config.memory import machine_bytes
+from fvi_cli.runner.execution import Keep, Outcome, Settings, is_unexpected_failure
+from fvi_cli.studies.accurate_run import run_for_tolerance
+from fvi_cli.studies.experiment import Experiment, FinishedRun
+
+_logger = logging.getLogger(__name__)
+
+Chosen = Callable[[Experiment], FinishedRun | None]
+"""Gives back the run that was chosen earlier for the tolerance of an experiment, or None."""
+
+
+def none_chosen(experiment: Experiment) -> FinishedRun | None:
+    """Nothing was chosen earlier."""
+    return None
+
+
+def settle(
+    experiments: Sequence[Experiment],
+    settings: Settings,
+    *,
+    chosen: Chosen = none_chosen,
+    keep: Keep | None = None,
+) -> dict[Experiment, Outcome]:
+    """Recall or compute the run of every open experiment.
+
+    One after the other, in this process: every run of a search depends on those before it.
+
+    Parameters
+    ----------
+    experiments
+        All experiments of a configuration; those with a ladder are left alone.
+    settings
+        How.
+    chosen
+        Looks up what is stored.
+    keep
+        Is given every run that is computed, as soon as it is finished.
+    """
+    outcomes: dict[Experiment, Outcome] = {}
+    has_failed = False
+    for experiment in experiments:
+        if not experiment.is_open:
+            continue
+        if has_failed:
+            # nothing is begun after an unexpected failure (--fail-fast)
+            outcomes[experiment] = Outcome(experiment=experiment, finished=())
+            continue
+        finished = chosen(experiment)
+        if finished is None:
+            finished = _computed(experiment)
+            if keep is not None:
+                keep([finished])
+        else:
+            _logger.info("%s: stored", experiment.name)
+        outcomes[experiment] = Outcome(experiment=finished.run.experiment, finished=(finished,))
+        has_failed = settings.fail_fast and is_unexpected_failure(finished)
+    return outcomes
+
+
+def _computed(experiment: Experiment) -> FinishedRun:
+    def tell(line: str) -> None:
+        _logger.info("%s: %s", experiment.name, line)
+
+    finished = run_for_tolerance(experiment, available_bytes=machine_bytes(), tell=tell)
+    for remark in finished.trajectory.remarks:
+        if remark.startswith("stability:"):
+            _logger.warning("%s: %s", finished.run.title, remark)
+    if is_unexpected_failure(finished):
+        _logger.warning("%s: %s", experiment.name, finished.trajectory.message)
+    return finished

@@ -1,0 +1,131 @@
+"""What a run is identified by, and where numbers come from: versions, commit, platform, time."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import os
+import platform
+import shutil
+import subprocess
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+
+import fvi_cli
+from fvi_cli.studies.experiment import Run
+
+FORMAT = 1
+"""Number of the file format; a program reads files of its own number and below."""
+
+SOLVER_VERSION = 4
+"""To be raised whenever the same run gives other numbers; stored runs are then computed anew."""
+
+UNKNOWN = "unknown"
+
+_PACKAGES = ("numpy", "scipy", "h5py", "mpmath", "PyYAML", "matplotlib")
+_GIT_SECONDS = 10.0
+_GENERATED = ":(top,exclude)results"
+
+
+def canonical_json(value: object) -> str:
+    """JSON with sorted keys and without spaces: equal values give equal text.
+
+    Raises
+    ------
+    ValueError
+        For numbers that are not finite.
+    """
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def sha256(text: str) -> str:
+    """Hexadecimal SHA-256 of a text in UTF-8."""
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+def identity(run: Run) -> str:
+    """SHA-256 of what determines the numbers of a run, with format and version of the solver."""
+    return _identity(run.specification())
+
+
+def identity_otherwise_allowed(run: Run) -> str:
+    """Identity of the run if ``allow_unstable`` were the opposite of what it is.
+
+    It is the same run unless it is predicted to blow up: then one is computed, the other refused.
+    """
+    specification = run.specification()
+    return _identity({**specification, "allow_unstable": not specification["allow_unstable"]})
+
+
+def _identity(specification: Mapping[str, object]) -> str:
+    described = {"format": FORMAT, "solver": SOLVER_VERSION, "run": specification}
+    return sha256(canonical_json(described))
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of this package, of Python and of the libraries that calculate and write."""
+    versions = {"fvi-cli": fvi_cli.__version__, "python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            versions[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            versions[name] = UNKNOWN
+    return versions
+
+
+def platform_name() -> str:
+    """Operating system, processor and Python implementation; not the name of the machine."""
+    return f"{platform.system()} {platform.machine()}, {platform.python_implementation()}"
+
+
+@functools.cache
+def checkout(package: Path) -> tuple[str, str]:
+    """Commit, and ``yes`` or ``no`` for uncommitted changes, of the checkout that holds `package`.
+
+    Files under ``results/`` do not count: they are made by the program. Both are ``unknown`` for
+    an installed package and where there is no git.
+    """
+    # an installed copy may lie inside somebody else's checkout
+    if _git(package, "ls-files", "--error-unmatch", "__init__.py") is None:
+        return UNKNOWN, UNKNOWN
+    commit = _git(package, "rev-parse", "HEAD")
+    changes = _git(package, "status", "--porcelain", "--", ":(top)", _GENERATED)
+    is_dirty = UNKNOWN if changes is None else "yes" if changes.strip() else "no"
+    return (commit or UNKNOWN).strip(), is_dirty
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    """Standard output of a git command that changes nothing; None when it fails."""
+    program = shutil.which("git")
+    if program is None:
+        return None
+    # a caller's own GIT_DIR (as in a hook) would lead to another repository
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("GIT_")}
+    environment["GIT_OPTIONAL_LOCKS"] = "0"
+    try:
+        done = subprocess.run(  # noqa: S603 - fixed arguments, no shell
+            [program, "-C", str(folder), *arguments],
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=_GIT_SECONDS,
+            env=environment,
+        )
+    except (OSError, subprocess.SubprocessError, UnicodeDecodeError):
+        return None
+    return done.stdout
+
+
+def origin() -> dict[str, str]:
+    """Time in UTC, version and commit of what is computed now, as attributes of a file or run."""
+    commit, dirty = checkout(Path(fvi_cli.__file__).resolve().parent)
+    return {
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "fvi_version": fvi_cli.__version__,
+        "git_commit": commit,
+        "git_dirty": dirty,
+    }

@@ -1,0 +1,91 @@
+"""Runs that are computed, and stored, together: members of a sweep that share method and N."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fvi_cli.integrator.members import integrate_members
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+from fvi_cli.studies.members import members_at_a_time
+from fvi_cli.studies.study import (
+    assessed,
+    execute,
+    is_refused,
+    kept_on_the_way,
+    prediction_of,
+    references_of,
+    refused,
+    with_remark_on_thinning,
+)
+
+LARGEST_NONLINEAR_PACK = 8
+"""Members of nonlinear scenes are integrated one by one: a batch is what an interruption loses."""
+
+
+def batches_of(runs: Sequence[Run], *, workers: int = 1) -> list[tuple[Run, ...]]:
+    """The runs in the groups that are computed together.
+
+    A run that belongs to no sweep stands alone, in its place. Members of a sweep are dealt into
+    packs, so that a batch on the finest grid takes at most
+    :data:`fvi_cli.studies.members.BATCH_BYTES` of memory and every worker has a pack; a batch
+    is one pack with one method and one number of steps. The batches of a pack follow each other,
+    for they share what errors are measured against.
+
+    Parameters
+    ----------
+    runs
+        What to compute.
+    workers
+        How many batches are computed at a time.
+    """
+    packs: dict[tuple[object, ...], dict[tuple[object, ...], list[Run]]] = {}
+    sizes: dict[Experiment, int] = {}
+    for run in runs:
+        if run.member is None:
+            packs[(run,)] = {(): [run]}
+            continue
+        experiment = run.experiment
+        size = sizes.setdefault(experiment, pack_size(experiment, workers))
+        pack = packs.setdefault((experiment, run.member.number // size), {})
+        pack.setdefault((run.method, run.n_steps), []).append(run)
+    return [tuple(batch) for pack in packs.values() for batch in pack.values()]
+
+
+def pack_size(experiment: Experiment, workers: int) -> int:
+    """How many members of a sweep are computed together at most; 1 where nothing is swept."""
+    problem = experiment.problem
+    dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
+    share = -(-len(experiment.members) // max(1, workers))
+    if isinstance(problem, Problem) and not problem.scene.is_linear:
+        share = min(share, LARGEST_NONLINEAR_PACK)
+    return min(max(1, share), members_at_a_time(max(experiment.steps), dimension))
+
+
+def execute_batch(batch: tuple[Run, ...]) -> list[FinishedRun]:
+    """Compute every run of a batch and its error, in the order of the batch.
+
+    Members of a sweep are integrated together; one that diverges or is refused does not disturb
+    the others.
+    """
+    first = batch[0]
+    if first.member is None or not isinstance(first.problem, Problem):
+        return [execute(run) for run in batch]
+    members = tuple(run.member for run in batch if run.member is not None)
+    references = references_of(members, first.experiment.steps)
+    predictions = [prediction_of(run) for run in batch]
+    going = [
+        run
+        for run, prediction in zip(batch, predictions, strict=True)
+        if not is_refused(run, prediction)
+    ]
+    scenes = [run.problem.scene for run in going if isinstance(run.problem, Problem)]
+    computed = iter(
+        integrate_members(scenes, first.method, first.n_steps, every=kept_on_the_way(first))
+    )
+    return [
+        refused(run, prediction, reference)
+        if is_refused(run, prediction)
+        else assessed(run, with_remark_on_thinning(next(computed)), prediction, reference)
+        for run, prediction, reference in zip(batch, predictions, references, strict=True)
+    ]

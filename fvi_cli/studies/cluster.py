@@ -1,0 +1,211 @@
+"""Batches computed by the workers of a Dask scheduler."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import queue
+import threading
+from collections import deque
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from fvi_cli.errors import ExecutorError
+from fvi_cli.studies.executor import (
+    Batch,
+    ComputeBatch,
+    FinishedBatch,
+    PortableBatch,
+    PortableResults,
+    compute_portable,
+    longest_first,
+    lost_batch,
+    no_memory,
+    portable_batch,
+    returned_batch,
+)
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+_logger = logging.getLogger(__name__)
+
+CONNECTION_SECONDS = 10.0
+_SECONDS_BETWEEN_LOOKS = 5.0
+_BATCHES_AHEAD = 2
+_LEAST_AHEAD = 8
+_UNREADABLE = "deserialization of the task graph"
+
+_ALONE = threading.Lock()
+"""Held while a worker computes: threads of one process would share the precision of mpmath."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DaskCluster:
+    """Computes on the workers of an existing Dask scheduler.
+
+    No more batches are sent ahead than keep the workers busy, so that neither this process nor
+    the scheduler has to hold them all. A worker that dies is answered by the scheduler: it gives
+    its batches to other workers as often as its setting ``distributed.scheduler.allowed-failures``
+    says (3 unless it was changed). It cannot tell which of the batches that waited at that worker
+    was the reason; so one that is given up is sent once more from here, alone, after all others.
+    When its workers die again, it is lost.
+
+    Parameters
+    ----------
+    address
+        Of the scheduler, such as ``tcp://10.0.0.1:8786``.
+    """
+
+    address: str
+
+    def compute(
+        self, batches: Sequence[Batch], compute: ComputeBatch
+    ) -> Generator[FinishedBatch, None, None]:
+        """As :meth:`Executor.compute`; the longest batches first.
+
+        Raises
+        ------
+        ExecutorError
+            If `distributed` is not installed, the scheduler does not answer or ends, or its
+            workers cannot use what is sent to them.
+        """
+        if not batches:
+            return
+        with _connected(self.address) as client:
+            crowd = _Crowd(client=client, address=self.address, compute=compute)
+            waiting = iter(longest_first(batches))
+            try:
+                yield from crowd.answers(waiting)
+            finally:
+                crowd.leave()
+
+
+@dataclass(kw_only=True, eq=False)
+class _Crowd:
+    """The batches that are under way, by the future that stands for each."""
+
+    client: Client
+    address: str
+    compute: ComputeBatch
+    under_way: dict[Future[Any], Batch] = field(default_factory=dict)
+    suspects: deque[Batch] = field(default_factory=deque)
+    is_last_chance: bool = False
+    done: queue.SimpleQueue[Future[Any]] = field(default_factory=queue.SimpleQueue)
+    is_idle_told: bool = False
+
+    def answers(self, waiting: Iterator[Batch]) -> Iterator[FinishedBatch]:
+        """Every batch of `waiting` as soon as it is finished."""
+        ahead = self._ahead()
+        while True:
+            for batch in waiting:
+                self._send(batch)
+                if len(self.under_way) >= ahead:
+                    break
+            if not self.under_way:
+                if not self.suspects:
+                    return
+                self.is_last_chance = True
+                self._send(self.suspects.popleft())
+            try:
+                future = self.done.get(timeout=_SECONDS_BETWEEN_LOOKS)
+            except queue.Empty:
+                ahead = self._ahead()
+                continue
+            # of a batch that was given up meanwhile
+            if future not in self.under_way:
+                continue
+            answer = self._answer(future, self.under_way.pop(future))
+            if answer is not None:
+                yield answer
+
+    def _ahead(self) -> int:
+        """How many batches may be under way; says so when nobody is there to compute them."""
+        if self.client.status != "running":
+            raise ExecutorError(_lost_scheduler(self.address))
+        threads = self.client.nthreads()
+        if not threads and not self.is_idle_told:
+            _logger.warning("%s: the scheduler has no workers; waiting for them", self.address)
+        self.is_idle_told = not threads
+        return max(_LEAST_AHEAD, _BATCHES_AHEAD * len(threads))
+
+    def _send(self, batch: Batch) -> None:
+        future: Future[Any] = self.client.submit(
+            compute_alone, self.compute, portable_batch(batch), pure=False
+        )
+        self.under_way[future] = batch
+        future.add_done_callback(self.done.put)
+
+    def _answer(self, future: Future[Any], batch: Batch) -> FinishedBatch | None:
+        """What became of a batch; None if it is to be sent once more.
+
+        Raises
+        ------
+        Exception
+            What computing it has raised.
+        """
+        from distributed import CancelledError, KilledWorker
+        from distributed.comm.core import CommClosedError
+
+        try:
+            return returned_batch(batch, future.result())
+        except KilledWorker as error:
+            if not self.is_last_chance:
+                self.suspects.append(batch)
+                return None
+            deaths = 2 * (error.allowed_failures + 1)
+            return lost_batch(
+                batch, f"the worker that computed it died (out of memory?), {deaths} times"
+            )
+        except MemoryError as error:
+            return lost_batch(batch, no_memory(error))
+        except (CancelledError, CommClosedError):
+            raise ExecutorError(_lost_scheduler(self.address)) from None
+        except (ModuleNotFoundError, RuntimeError) as error:
+            if isinstance(error, RuntimeError) and _UNREADABLE not in str(error):
+                raise
+            raise ExecutorError(
+                f"{self.address}: scheduler and workers must have the same version of fvi "
+                f"installed as this process: {' '.join(str(error).split())}"
+            ) from None
+
+    def leave(self) -> None:
+        """Call back what is still under way."""
+        if self.under_way and self.client.status == "running":
+            self.client.cancel(list(self.under_way), force=True)
+
+
+def compute_alone(compute: ComputeBatch, portable: PortableBatch) -> PortableResults:
+    """Compute a batch on a worker, one at a time in each process."""
+    with _ALONE:
+        return compute_portable(compute, portable)
+
+
+@contextlib.contextmanager
+def _connected(address: str) -> Iterator[Client]:
+    """A connection to the scheduler."""
+    try:
+        from distributed import Client
+    except ModuleNotFoundError as error:
+        raise ExecutorError(
+            f"--dask needs the package {error.name}: install fvi-cli[dask]"
+        ) from None
+    # it prints tracebacks of connections that break; what matters of that is told from here
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    try:
+        client = Client(address, timeout=CONNECTION_SECONDS, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise ExecutorError(f"{address}: no Dask scheduler answers there: {error}") from None
+    try:
+        with client:
+            yield client
+    finally:
+        client.close(timeout=CONNECTION_SECONDS)
+
+
+def _lost_scheduler(address: str) -> str:
+    return (
+        f"{address}: the Dask scheduler is gone; finished runs are stored, "
+        "the same command goes on from there"
+    )

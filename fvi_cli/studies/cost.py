@@ -1,0 +1,298 @@
+"""What accuracy costs: time, memory and work of every method on every number of steps.
+
+Everything is measured in this process, one run after the other. What the package keeps between
+runs (rules, tableaux, expansions) is forgotten before every timed run, so that set-up is that of
+a first run; only the import of modules is not in it, since every method runs once before.
+"""
+
+from __future__ import annotations
+
+import functools
+import gc
+import math
+import statistics
+import sys
+import time
+import tracemalloc
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Norm, Observed, Run
+from fvi_cli.studies.study import execute, reference_of
+
+LONG_SECONDS = 2.0
+"""Runs that take longer are timed once."""
+
+LEAST_REPEATS = 5
+MOST_REPEATS = 25
+ENOUGH_SECONDS = 0.25
+"""Shorter runs are repeated until they have taken this long together."""
+
+WIDE_SPREAD = 0.1
+"""Spreads above are marked."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CostRow:
+    """One method on one number of steps.
+
+    Parameters
+    ----------
+    n_steps, step_size
+        N and h.
+    error, floor
+        In the experiment's norm; errors below the floor are round-off or the reference's own.
+    setup_seconds
+        Everything of a run but its steps (weights, start series, matrices): least of the repeats.
+    stepping_seconds_min, stepping_seconds_median
+        The steps.
+    storage_seconds
+        Time to write the run into a result file; nan where that was not asked for.
+    spread
+        Interquartile range of the stepping times over their median; nan for a single one.
+    repeats
+        Number of timed runs.
+    peak_memory_bytes
+        Traced peak of one more run.
+    history_operations, newton_iterations
+        Work as it was counted.
+    status, message
+        What was observed.
+    """
+
+    n_steps: int
+    step_size: float
+    error: float
+    floor: float
+    setup_seconds: float
+    stepping_seconds_min: float
+    stepping_seconds_median: float
+    storage_seconds: float
+    spread: float
+    repeats: int
+    peak_memory_bytes: int
+    history_operations: int
+    newton_iterations: int
+    status: Observed
+    message: str = ""
+
+    @property
+    def seconds(self) -> float:
+        """Set-up plus stepping: what the user waits for."""
+        return self.setup_seconds + self.stepping_seconds_min
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether the run reached an accuracy that is worth its time."""
+        return self.status in ("ok", "floor") and math.isfinite(self.error)
+
+    @property
+    def has_wide_spread(self) -> bool:
+        """Whether the repeats disagree by more than a tenth."""
+        return self.spread > WIDE_SPREAD
+
+
+@dataclass(frozen=True, kw_only=True)
+class CostCase:
+    """The rows of one method, steps increasing."""
+
+    method: AnyMethod
+    rows: tuple[CostRow, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CostTable:
+    """What the methods of one experiment cost.
+
+    Parameters
+    ----------
+    experiment, equation, reference
+        Name, equation of motion, and what errors are measured against.
+    gamma
+        Orders of the damping, joined by ``;``.
+    norm
+        Norm of the errors.
+    final_time
+        T.
+    cases
+        One per method, in the order of the configuration.
+    """
+
+    experiment: str
+    equation: str
+    reference: str
+    gamma: str
+    norm: Norm
+    final_time: float
+    cases: tuple[CostCase, ...]
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether the damping has a memory, and a method summed over it."""
+        orders = [] if self.gamma == "-" else [float(order) for order in self.gamma.split(";")]
+        return any(order != 1 for order in orders) and any(
+            row.history_operations for case in self.cases for row in case.rows
+        )
+
+
+Store = Callable[[FinishedRun], object]
+
+
+def measure_costs(experiment: Experiment, store: Store | None = None) -> Iterator[CostRow]:
+    """Every run of `experiment`, measured: method by method, steps increasing.
+
+    Parameters
+    ----------
+    experiment
+        What to do; it must have a scene, and no sweep.
+    store
+        Writes a run; its time is taken.
+
+    Raises
+    ------
+    ValueError
+        If there is nothing to integrate, or more than one scene.
+    """
+    if experiment.members:
+        raise ValueError(f"{experiment.name}: costs are measured on one scene, not on a sweep")
+    if not isinstance(experiment.problem, Problem):
+        raise ValueError(f"{experiment.name}: costs are measured of scenes, not of a derivative")
+    runs = experiment.runs()
+    reference_of(runs[0])
+    for method in experiment.methods:
+        # imports, and pages of memory that the process has not touched before
+        integrate(experiment.problem.scene, method, experiment.steps[0])
+    for run in runs:
+        yield measure_cost(run, store)
+
+
+def measure_cost(run: Run, store: Store | None = None) -> CostRow:
+    """Time, memory and work of one run."""
+    finished = execute(run)
+    trajectory = finished.trajectory
+    walls: list[float] = []
+    steppings: list[float] = []
+    peak = 0
+    if finished.status != "refused":
+        walls, steppings = _timed(run)
+        if not any(steppings):
+            # no step could be made
+            walls, steppings = [], []
+        peak = peak_bytes(lambda: _integrate(run))
+    setups = [wall - stepping for wall, stepping in zip(walls, steppings, strict=True)]
+    return CostRow(
+        n_steps=run.n_steps,
+        step_size=run.step_size,
+        error=finished.error,
+        floor=finished.floor,
+        setup_seconds=min(setups, default=math.nan),
+        stepping_seconds_min=min(steppings, default=math.nan),
+        stepping_seconds_median=statistics.median(steppings) if steppings else math.nan,
+        storage_seconds=math.nan if store is None else _seconds(lambda: store(finished)),
+        spread=_spread(steppings),
+        repeats=len(steppings),
+        peak_memory_bytes=peak,
+        history_operations=trajectory.history_operations,
+        newton_iterations=trajectory.newton.iterations,
+        status=finished.status,
+        message=trajectory.message,
+    )
+
+
+def cost_table(experiment: Experiment, rows: list[CostRow]) -> CostTable:
+    """The rows of :func:`measure_costs` by method."""
+    problem = experiment.problem
+    orders: tuple[float, ...] = ()
+    if isinstance(problem, Problem):
+        orders = tuple(term.order for term in problem.scene.active_damping)
+    count = len(experiment.steps)
+    return CostTable(
+        experiment=experiment.name,
+        equation=problem.equation,
+        reference=reference_of(experiment.runs()[0]).source,
+        gamma=";".join(f"{order:g}" for order in orders) or "-",
+        norm=experiment.norm,
+        final_time=problem.final_time,
+        cases=tuple(
+            CostCase(method=method, rows=tuple(rows[k * count : (k + 1) * count]))
+            for k, method in enumerate(experiment.methods)
+        ),
+    )
+
+
+def timed_run(action: Callable[[], Trajectory]) -> tuple[float, float]:
+    """Wall time of `action` from a cold start, and the stepping time that its result states."""
+    forget()
+    # what the last run left is young; a whole collection takes longer than many a run
+    gc.collect(1)
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        began = time.perf_counter()
+        trajectory = action()
+        return time.perf_counter() - began, trajectory.stepping_seconds
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
+def _timed(run: Run) -> tuple[list[float], list[float]]:
+    walls: list[float] = []
+    steppings: list[float] = []
+    while len(walls) < MOST_REPEATS:
+        wall, stepping = timed_run(lambda: _integrate(run))
+        walls.append(wall)
+        steppings.append(stepping)
+        if walls[0] > LONG_SECONDS:
+            break
+        if len(walls) >= LEAST_REPEATS and sum(walls) > ENOUGH_SECONDS:
+            break
+    return walls, steppings
+
+
+def _integrate(run: Run) -> Trajectory:
+    problem = run.problem
+    if not isinstance(problem, Problem):  # pragma: no cover - refused before
+        raise ValueError("cost: nothing is integrated")
+    return integrate(problem.scene, run.method, run.n_steps)
+
+
+def _seconds(action: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    action()
+    return time.perf_counter() - began
+
+
+def _spread(seconds: list[float]) -> float:
+    if len(seconds) < 2:
+        return math.nan
+    lower, middle, upper = statistics.quantiles(seconds, n=4, method="inclusive")
+    return (upper - lower) / middle
+
+
+def peak_bytes(action: Callable[[], object]) -> int:
+    """Traced peak memory of `action`."""
+    forget()
+    gc.collect()
+    tracemalloc.start()
+    try:
+        action()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+_FORGETFUL = ("fvi_cli.mathematics.", "fvi_cli.effects.", "fvi_cli.integrator.")
+
+
+def forget() -> None:
+    """Empty every cache of the floors that integrate: the next run begins cold."""
+    for name, module in list(sys.modules.items()):
+        if name.startswith(_FORGETFUL):
+            for kept in vars(module).values():
+                if isinstance(kept, functools._lru_cache_wrapper):
+                    kept.cache_clear()

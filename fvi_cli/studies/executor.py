@@ -1,0 +1,228 @@
+"""Batches of runs, computed wherever an executor does it: here, in processes, on a cluster."""
+
+from __future__ import annotations
+
+import functools
+import pickle
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
+
+import numpy as np
+
+import fvi_cli
+from fvi_cli.errors import ExecutorError
+from fvi_cli.integrator.advance import Watcher, watched
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.registry import build_problem
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+
+Batch = tuple[Run, ...]
+Watch = Callable[[Batch, int, int], None]
+"""Told now and then which batch is being computed, how many steps are done, and of how many."""
+ComputeBatch = Callable[[Batch], Sequence[FinishedRun]]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FinishedBatch:
+    """What became of one batch.
+
+    Parameters
+    ----------
+    finished
+        Its runs in the order of the batch.
+    is_lost
+        Whoever computed it died every time, or had not enough memory; its runs are ``failed`` and
+        say so. They tell nothing about the method and are not to be stored.
+    """
+
+    finished: tuple[FinishedRun, ...]
+    is_lost: bool = False
+
+
+class Executor(Protocol):
+    """Computes batches somewhere."""
+
+    def compute(
+        self, batches: Sequence[Batch], compute: ComputeBatch
+    ) -> Generator[FinishedBatch, None, None]:
+        """Compute every batch and yield each as soon as it is finished.
+
+        Closing the generator, or an exception in the loop that reads it, ends what was begun.
+        What `compute` raises is raised here.
+        """
+
+
+def compute_batches(
+    batches: Sequence[Batch], compute: ComputeBatch, *, executor: Executor
+) -> Generator[FinishedBatch, None, None]:
+    """Compute every batch and yield each as soon as it is finished.
+
+    Parameters
+    ----------
+    batches
+        What to compute; the runs of a batch share their experiment.
+    compute
+        Function of one batch, which gives its finished runs in the same order; unless `executor`
+        computes in this process it must be importable by name.
+    executor
+        Where.
+
+    Raises
+    ------
+    ValueError
+        If a batch is empty.
+    """
+    if not all(batches):
+        raise ValueError("batches: an empty batch is not allowed")
+    yield from executor.compute(batches, compute)
+
+
+@dataclass(frozen=True, kw_only=True)
+class InProcess:
+    """Computes in this process, one batch after the other, in their order.
+
+    Parameters
+    ----------
+    watch
+        Told how far a batch is; None: nobody wants to know.
+    """
+
+    watch: Watch | None = None
+
+    def compute(
+        self, batches: Sequence[Batch], compute: ComputeBatch
+    ) -> Generator[FinishedBatch, None, None]:
+        """As :meth:`Executor.compute`."""
+        for batch in batches:
+            try:
+                with watched(_of_batch(self.watch, batch)) if self.watch else nullcontext():
+                    finished = tuple(compute(batch))
+            except MemoryError as error:
+                yield lost_batch(batch, no_memory(error))
+            else:
+                yield FinishedBatch(finished=finished)
+
+
+def _of_batch(watch: Watch, batch: Batch) -> Watcher:
+    return lambda done, n_steps: watch(batch, done, n_steps)
+
+
+# --- how batches travel ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PortableBatch:
+    """A batch as it travels to another process: plain values, no functions.
+
+    Parameters
+    ----------
+    experiment
+        The experiment without its problem, pickled; the same text for all of its batches.
+    runs
+        The fields of every run, without the experiment.
+    version
+        Of the program that sends it.
+    """
+
+    experiment: bytes
+    runs: tuple[Mapping[str, Any], ...]
+    version: str = fvi_cli.__version__
+
+
+PortableResults = list[dict[str, Any]]
+"""The fields of finished runs, without the runs."""
+
+
+def longest_first(batches: Sequence[Batch]) -> list[Batch]:
+    """The batches with the longest in front, so that no single one is left for the end."""
+    return sorted(batches, key=lambda batch: -sum(run.n_steps for run in batch))
+
+
+def portable_batch(batch: Batch) -> PortableBatch:
+    """The batch for another process, where its problem is built anew from the specification."""
+    return PortableBatch(
+        experiment=_portable_experiment(batch[0].experiment),
+        runs=tuple(_fields_of(run, "experiment") for run in batch),
+    )
+
+
+@functools.lru_cache(maxsize=8)
+def _portable_experiment(experiment: Experiment) -> bytes:
+    return pickle.dumps(
+        {
+            name: dict(value) if isinstance(value, Mapping) else value
+            for name, value in _fields_of(experiment, "problem").items()
+            if name != "members"
+        }
+    )
+
+
+def _fields_of(value: Any, left_out: str) -> dict[str, Any]:
+    names = (field.name for field in fields(value))
+    return {name: getattr(value, name) for name in names if name != left_out}
+
+
+@functools.lru_cache(maxsize=8)
+def _revived(portable: bytes) -> Experiment:
+    """The experiment again, its problem built anew."""
+    description = pickle.loads(portable)  # noqa: S301 - made by the parent process
+    problem = build_problem(description["problem_specification"])
+    return Experiment(problem=problem, **description)
+
+
+def compute_portable(compute: ComputeBatch, portable: PortableBatch) -> PortableResults:
+    """Compute a batch that has travelled.
+
+    Raises
+    ------
+    ExecutorError
+        If it was sent by another version of the program, whose numbers may be others.
+    """
+    if portable.version != fvi_cli.__version__:
+        raise ExecutorError(
+            f"workers run fvi {fvi_cli.__version__}, this is fvi {portable.version}; "
+            "the same version must be installed on both sides"
+        )
+    experiment = _revived(portable.experiment)
+    batch = tuple(Run(experiment=experiment, **run) for run in portable.runs)
+    return [_fields_of(finished, "run") for finished in compute(batch)]
+
+
+def returned_batch(batch: Batch, results: PortableResults) -> FinishedBatch:
+    """The finished batch, its runs being those that were sent out."""
+    finished = tuple(
+        FinishedRun(run=run, **result) for run, result in zip(batch, results, strict=True)
+    )
+    return FinishedBatch(finished=finished)
+
+
+def lost_batch(batch: Batch, message: str) -> FinishedBatch:
+    """The batch as ``failed`` where nobody lived to tell its results."""
+    return FinishedBatch(finished=tuple(_lost(run, message) for run in batch), is_lost=True)
+
+
+def no_memory(error: MemoryError) -> str:
+    """Why a batch is lost for which there was no memory."""
+    return "not enough memory" + (f": {error}" if str(error) else "")
+
+
+def _lost(run: Run, message: str) -> FinishedRun:
+    problem = run.problem
+    start = problem.scene.initial_position if isinstance(problem, Problem) else np.zeros(1)
+    return FinishedRun(
+        run=run,
+        trajectory=Trajectory(
+            time=np.zeros(1),
+            position=start[None],
+            n_steps=run.n_steps,
+            step_size=run.step_size,
+            status="failed",
+            message=message,
+        ),
+        error=float("nan"),
+        floor=0.0,
+        status="failed",
+    )

@@ -1,0 +1,223 @@
+"""The experiment: what a configuration describes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, TypeVar
+
+from fvi_cli.integrator.diagnostics import NOTHING, Asked
+from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.scenes.problem import AnyProblem
+from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
+from fvi_cli.studies.members import Member
+from fvi_cli.studies.stability_settings import USUAL, StabilitySettings
+
+T = TypeVar("T")
+Norm = Literal["max", "final", "l2"]
+Observed = Literal["ok", "floor", "diverged", "failed", "refused"]
+Predicted = Literal["stable", "unstable", "unknown"]
+
+NEEDS_LADDER = (
+    "accuracy chooses one run; give a ladder, for example --set ladder.steps=[64,128,256]"
+)
+"""What is said where a tolerance does not do."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Experiment:
+    """One problem, several methods, a ladder of step counts.
+
+    Parameters
+    ----------
+    name
+        Used for files: letters, digits, ``-`` and ``_``.
+    problem
+        Scene and exact solution; of a sweep those of the first member.
+    problem_specification
+        The resolved mapping that made the problem (JSON values only); it enters the identity.
+    methods
+        Every combination, in the order of the configuration.
+    steps
+        Step counts N, increasing.
+    norm
+        Norm of the error.
+    expect
+        Failures that are known: case name, or its first part such as ``bdf5``, to
+        ``unstable``.
+    allow_unstable
+        Compute runs that are predicted to blow up.
+    store_every
+        Keep every n-th grid point in files.
+    claims
+        Orders that the source of the experiment claims, by case name or its first part.
+    figures
+        Which figures to draw: ``convergence``, ``trajectory``, ``energy``, ``error``.
+    members
+        The members of a sweep; none: the experiment has the one problem.
+    diagnostics
+        What is computed and stored beside every trajectory.
+    stability
+        What is looked at beside the runs where stability is studied.
+    accuracy
+        A tolerance in place of `steps`, which are empty until a method and a number of steps
+        are chosen; then these are the only ones.
+    """
+
+    name: str
+    problem: AnyProblem
+    problem_specification: Mapping[str, Any]
+    methods: tuple[AnyMethod, ...]
+    steps: tuple[int, ...]
+    norm: Norm = "max"
+    expect: Mapping[str, str] = field(default_factory=dict)
+    allow_unstable: bool = False
+    store_every: int = 1
+    claims: Mapping[str, float] = field(default_factory=dict)
+    figures: tuple[str, ...] = ()
+    members: tuple[Member, ...] = ()
+    stability: StabilitySettings = USUAL
+    diagnostics: Asked = NOTHING
+    accuracy: Accuracy | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether method and number of steps are still to be chosen for a tolerance."""
+        return self.accuracy is not None and not self.steps
+
+    def settled(self, method: AnyMethod, n_steps: int) -> Experiment:
+        """The experiment with what was chosen for its tolerance."""
+        return replace(self, methods=(method,), steps=(n_steps,))
+
+    @property
+    def swept(self) -> tuple[str, ...]:
+        """Key paths in which the members differ."""
+        return tuple(self.members[0].values) if self.members else ()
+
+    def runs(self) -> list[Run]:
+        """Every run, method by method, steps increasing, then member by member."""
+        return [
+            Run(experiment=self, method=method, n_steps=n, member=member)
+            for method in self.methods
+            for n in self.steps
+            for member in self.members or (None,)
+        ]
+
+    def expects_failure(self, method: AnyMethod) -> bool:
+        """Whether the configuration says that this method fails here."""
+        return lookup_case(self.expect, method) is not None
+
+    def claim(self, method: AnyMethod) -> float | None:
+        """The order that the source of the experiment claims for this method."""
+        return lookup_case(self.claims, method)
+
+
+def lookup_case(mapping: Mapping[str, T], method: AnyMethod) -> T | None:
+    """The entry whose key is the method's case or its beginning up to a ``-``; longest first."""
+    case = method.case
+    for key in sorted(mapping, key=len, reverse=True):
+        if case == key or case.startswith(key + "-"):
+            return mapping[key]
+    return None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run:
+    """One method with one number of steps, and one member where there is a sweep."""
+
+    experiment: Experiment
+    method: AnyMethod
+    n_steps: int
+    member: Member | None = None
+
+    @property
+    def problem(self) -> AnyProblem:
+        """Scene and exact solution of this run."""
+        return self.experiment.problem if self.member is None else self.member.problem
+
+    @property
+    def step_size(self) -> float:
+        """H = T / N; the final time is never swept."""
+        return self.experiment.problem.final_time / self.n_steps
+
+    @property
+    def title(self) -> str:
+        """The run in one line."""
+        title = f"{self.experiment.name} {self.method.case} N={self.n_steps}"
+        return title if self.member is None else f"{title} ({self.member.label})"
+
+    def specification(self) -> dict[str, Any]:
+        """What determines the numbers, as JSON values."""
+        method = self.method
+        fields = {key: value for key, value in vars(method).items() if key != "quadrature"}
+        quadrature = getattr(method, "quadrature", None)
+        if quadrature is not None:
+            fields["quadrature"] = quadrature.label
+        problem = self.experiment.problem_specification
+        if self.member is not None:
+            problem = self.member.specification
+        return {
+            "problem": json.loads(json.dumps(problem)),
+            "method": fields,
+            "n_steps": self.n_steps,
+            "norm": self.experiment.norm,
+            "store_every": self.experiment.store_every,
+            "allow_unstable": self.experiment.allow_unstable,
+            **_asked(self.experiment.diagnostics),
+            **_wanted(self.experiment.accuracy),
+        }
+
+
+def _asked(diagnostics: Asked) -> dict[str, Any]:
+    """The diagnostics as JSON values; nothing where none are asked for."""
+    if diagnostics.is_empty:
+        return {}
+    symmetries = [
+        {"name": one.name, "generator": one.generator.tolist(), "shift": one.shift.tolist()}
+        for one in diagnostics.symmetries
+    ]
+    return {"diagnostics": {"energy_balance": diagnostics.energy_balance, "symmetries": symmetries}}
+
+
+def _wanted(accuracy: Accuracy | None) -> dict[str, Any]:
+    """The tolerance as JSON values; nothing where numbers of steps are given."""
+    return {} if accuracy is None else {"accuracy": accuracy.specification()}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FinishedRun:
+    """A run with its trajectory and error.
+
+    Parameters
+    ----------
+    run
+        What was asked for.
+    trajectory
+        What came out.
+    error
+        In the experiment's norm; nan when it has no meaning.
+    floor
+        Errors below this are round-off or the reference's own error.
+    status
+        Observed: ``ok``, ``floor``, ``diverged``, ``failed`` or ``refused``.
+    predicted
+        ``stable``, ``unstable`` or ``unknown``.
+    expected_order
+        Order that theory expects on this scene in this norm; nan when none is stated.
+    reference
+        What the error is measured against.
+    assurance
+        Estimate and choice, of a run for a tolerance.
+    """
+
+    run: Run
+    trajectory: Trajectory
+    error: float
+    floor: float
+    status: Observed
+    predicted: Predicted = "unknown"
+    expected_order: float = float("nan")
+    reference: str = "unknown"
+    assurance: Assurance | None = None

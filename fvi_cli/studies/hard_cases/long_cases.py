@@ -1,0 +1,205 @@
+"""Long runs: the algebraic tail, a million steps without damping, resonance and beats."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+
+import mpmath
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.talbot import talbot_inverse
+from fvi_cli.scenes.linear_response import linear_response
+from fvi_cli.scenes.named import linear_oscillator
+from fvi_cli.studies.hard_cases.case import Claim, HardCase, Setting
+from fvi_cli.studies.hard_cases.judging import LAPLACE, accurate, largest_ratio
+from fvi_cli.studies.hard_cases.linear_cases import oscillator
+
+Array = NDArray[np.float64]
+
+TAIL_AT_1000 = {0.5: 0.0178323072601, 1.5: -8.92055356e-6}
+"""x(1000) of x'' + D^g x + x = 0, x(0) = 1: characteristic roots, checked by 150-digit Talbot."""
+
+
+def algebraic_tail() -> HardCase:
+    """The power of t that remains when the oscillation is gone."""
+    claims: list[Claim] = []
+    for order, value in TAIL_AT_1000.items():
+        setting = Setting(scene=oscillator(order, 1.0, 1e4, position=1.0), n_steps=40000)
+        claims += [
+            Claim(
+                quantity=f"relative error at t = 1000, g = {order:g}",
+                limit=1e-6,
+                settings=(setting,),
+                judge=_relative_error_at(1000.0, value),
+            ),
+            Claim(
+                quantity=f"relative error at t = 10000, g = {order:g}",
+                limit=1e-6,
+                settings=(setting,),
+                judge=_relative_error_at(1e4, _tail(order, 1e4)),
+            ),
+        ]
+    return HardCase(
+        name="algebraic-tail",
+        title="algebraic tail up to t = 10^4",
+        description="x'' + D^g x + x = 0, x(0) = 1; x ~ t^-g / Gamma(1 - g), negative for g = 1.5; "
+        "40,000 steps on [0, 10^4]",
+        reference=f"{LAPLACE}; at t = 1000 by Talbot's contour too",
+        claims=tuple(claims),
+    )
+
+
+def _tail(order: float, time: float) -> float:
+    response = linear_response(mass=1.0, stiffness=1.0, damping=((order, 1.0),), position=1.0)
+    return float(response(np.array([time]))[0])
+
+
+def _relative_error_at(time: float, exact: float) -> Callable[[Trajectory], float]:
+    def judge(trajectory: Trajectory) -> float:
+        index = round(time / trajectory.step_size)
+        return abs(float(trajectory.position[index, 0]) / exact - 1.0)
+
+    return judge
+
+
+def million_steps() -> HardCase:
+    """Nothing is lost and nothing is gained without damping."""
+    setting = Setting(
+        scene=linear_oscillator(final_time=5e4, initial_position=1.0), n_steps=1_000_000
+    )
+
+    def energy_drift(trajectory: Trajectory) -> float:
+        if trajectory.energy is None:
+            return math.nan
+        return largest_ratio(trajectory.energy - trajectory.energy[0], trajectory.energy[:1])
+
+    return HardCase(
+        name="million-steps",
+        title="10^6 steps without damping",
+        description="x'' + x = 0, x(0) = 1; 10^6 steps of 0.05",
+        reference="cos t",
+        claims=(
+            Claim(
+                quantity="largest change of the energy",
+                limit=1e-10,
+                settings=(setting,),
+                judge=energy_drift,
+            ),
+            accurate("error of the position", 1e-6, setting),
+        ),
+    )
+
+
+def resonance() -> HardCase:
+    """A force at the frequency at which the oscillator answers most."""
+    n_steps, final_time = 1600, 200.0
+    scene = linear_oscillator(
+        final_time=final_time, forcing=Forcing.from_text("cos(t)"), initial_position=0.0
+    )
+    claims = [
+        Claim(
+            quantity="relative error without damping",
+            limit=1e-7,
+            settings=(Setting(scene=scene, n_steps=n_steps),),
+            judge=_undamped_resonance,
+        )
+    ]
+    for order, frequency in ((0.5, 1.0177), (1.5, 0.9823)):
+        scene = linear_oscillator(
+            final_time=final_time,
+            damping=[FractionalDamping(order=order, coefficient=np.array([[0.05]]))],
+            forcing=Forcing.from_text(f"cos({frequency!r}*t)"),
+        )
+        claims.append(
+            Claim(
+                quantity=f"relative error, g = {order:g}",
+                limit=1e-7,
+                settings=(Setting(scene=scene, n_steps=n_steps),),
+                judge=functools.partial(_harmonic_error, order, 0.05, frequency),
+            )
+        )
+    return HardCase(
+        name="resonance",
+        title="resonance",
+        description="x'' + mu D^g x + x = cos(w t) from rest: mu = 0, w = 1; mu = 0.05, g = 0.5, "
+        "w = 1.0177; g = 1.5, w = 0.9823; 1600 steps on [0, 200]",
+        reference="t sin(t)/2; Talbot's contour with up to 470 digits, at 8 times",
+        claims=tuple(claims),
+    )
+
+
+def _undamped_resonance(trajectory: Trajectory) -> float:
+    exact = trajectory.time * np.sin(trajectory.time) / 2.0
+    return largest_ratio(trajectory.position[:, 0] - exact, exact)
+
+
+def _harmonic_error(
+    order: float, coefficient: float, frequency: float, trajectory: Trajectory
+) -> float:
+    n_steps = trajectory.time.size - 1
+    chosen = n_steps * np.arange(1, 9) // 8
+    exact = harmonic_response(
+        order, coefficient, frequency, tuple(map(float, trajectory.time[chosen]))
+    )
+    return largest_ratio(trajectory.position[chosen, 0] - exact, exact)
+
+
+@functools.lru_cache(maxsize=16)
+def harmonic_response(
+    order: float, coefficient: float, frequency: float, times: tuple[float, ...]
+) -> Array:
+    r"""Solution of :math:`x'' + \mu D^\gamma x + x = \cos \omega t` from rest, in many digits."""
+
+    def transform(s: mpmath.mpc) -> mpmath.mpc:
+        damped = s**2 + mpmath.mpf(coefficient) * s ** mpmath.mpf(order) + 1
+        return s / (s**2 + mpmath.mpf(frequency) ** 2) / damped
+
+    return talbot_inverse(transform, times, largest_frequency=1.02)
+
+
+def beats() -> HardCase:
+    """Weakly coupled oscillators that hand their energy to and fro; a force beside resonance."""
+    pair = Setting(scene=_weakly_coupled(0.5), n_steps=2048)
+    above = Setting(scene=_weakly_coupled(1.5), n_steps=2048)
+    forced = Setting(
+        scene=linear_oscillator(final_time=256.0, forcing=Forcing.from_text("cos(0.95*t)")),
+        n_steps=2048,
+    )
+    return HardCase(
+        name="beats",
+        title="beats",
+        description="two oscillators, x'' + D^g x/1000 + x + (x - y)/20 = 0 and the same for y, "
+        "x(0) = 1, y(0) = 0, g = 0.5, 1.5; x'' + x = cos(0.95 t) from rest; 2048 steps on [0, 256]",
+        reference=f"{LAPLACE}; elementary functions",
+        claims=(
+            accurate("relative error, g = 0.5", 1e-7, pair),
+            accurate("relative error, g = 1.5", 1e-7, above),
+            Claim(
+                quantity="relative error, forced", limit=1e-7, settings=(forced,), judge=_beat_error
+            ),
+        ),
+    )
+
+
+def _weakly_coupled(order: float) -> Scene:
+    return linear_oscillator(
+        final_time=256.0,
+        mass=np.eye(2),
+        stiffness=np.array([[1.05, -0.05], [-0.05, 1.05]]),
+        damping=[FractionalDamping(order=order, coefficient=1e-3 * np.eye(2))],
+        initial_position=[1.0, 0.0],
+        initial_velocity=[0.0, 0.0],
+    )
+
+
+def _beat_error(trajectory: Trajectory) -> float:
+    t = trajectory.time
+    exact = (np.cos(0.95 * t) - np.cos(t)) / (1.0 - 0.95**2)
+    return largest_ratio(trajectory.position[:, 0] - exact, exact)

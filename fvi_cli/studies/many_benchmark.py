@@ -1,0 +1,309 @@
+"""How long many oscillators take in terms of one alone."""
+
+from __future__ import annotations
+
+import gc
+import json
+import math
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+import numpy as np
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.method import Method
+from fvi_cli.scenes.chains import chain
+from fvi_cli.scenes.named import linear_oscillator
+from fvi_cli.studies.benchmark import answer_of_child
+
+Kind = Literal["members", "uncoupled", "dampers", "one damper"]
+
+COUNT = 1000
+"""Oscillators, or masses of a chain, with the usual exponent of 20."""
+LONGEST = 12
+"""They take at most 2 to this power steps."""
+ORDER, FINAL_TIME = 0.5, 20.0
+REPEATS_ALONE = 9
+
+
+@dataclass(frozen=True, kw_only=True)
+class ManyCase:
+    """Many components by one method, and how long they may take.
+
+    Parameters
+    ----------
+    name
+        In words.
+    kind
+        ``members``: scenes of their own in one batch; ``uncoupled``: the same as one scene;
+        ``dampers``: a chain with a damper beside every spring (modes); ``one damper``: a chain
+        with a damper at its free end (no modes).
+    start
+        The method's start.
+    largest_each
+        Time of each component over that of one alone, at most.
+    """
+
+    name: str
+    kind: Kind
+    start: Literal["none", "series"]
+    largest_each: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ManyRow:
+    """What was measured: set-up and steps together.
+
+    Parameters
+    ----------
+    name, n_steps, count
+        The case, N, and the number of components.
+    alone_seconds, together_seconds
+        One component alone, the least time of several runs; all of them, of two.
+    difference
+        Largest difference of a component from what another route gives, over the largest
+        position: members alone, chains with fewer steps by written-out sums.
+    history_operations
+        Multiply-adds spent on the memory of all components.
+    largest_each
+        The figure to meet.
+    """
+
+    name: str
+    n_steps: int
+    count: int
+    alone_seconds: float
+    together_seconds: float
+    difference: float
+    history_operations: int
+    largest_each: float
+
+    @property
+    def multiple(self) -> float:
+        """Time of all over that of one."""
+        return self.together_seconds / self.alone_seconds
+
+    @property
+    def is_met(self) -> bool:
+        """Whether the figure holds."""
+        return self.multiple <= self.largest_each * self.count
+
+
+@dataclass(frozen=True, kw_only=True)
+class ManyTable:
+    """The measured rows."""
+
+    rows: tuple[ManyRow, ...]
+
+    def to_markdown(self) -> str:
+        """The table."""
+        head = (
+            "case (Gauss2, gamma = 0.5)",
+            "components",
+            "N",
+            "one alone, ms",
+            "all, s",
+            "all / one",
+            "at most",
+            "difference",
+            "met",
+        )
+        lines = [
+            "Set-up and steps together, in one process; difference: of a component from what "
+            "another route gives, over the largest position.",
+            "",
+            "| " + " | ".join(head) + " |",
+            "|" + " --- |" * len(head),
+        ]
+        for row in self.rows:
+            cells = (
+                row.name,
+                str(row.count),
+                str(row.n_steps),
+                f"{1e3 * row.alone_seconds:.1f}",
+                f"{row.together_seconds:.2f}",
+                f"{row.multiple:.0f}",
+                f"{row.largest_each * row.count:.0f}" if math.isfinite(row.largest_each) else "-",
+                f"{row.difference:.1e}",
+                "yes" if row.is_met else "no",
+            )
+            lines.append("| " + " | ".join(cells) + " |")
+        return "\n".join(lines) + "\n"
+
+
+def many_cases() -> tuple[ManyCase, ...]:
+    """The figures: a batch at a quarter of the time of one by one, chains at most five times it."""
+    return (
+        ManyCase(name="oscillators, one batch", kind="members", start="none", largest_each=0.25),
+        ManyCase(
+            name="oscillators, one batch, start series",
+            kind="members",
+            start="series",
+            largest_each=0.25,
+        ),
+        ManyCase(name="oscillators, one scene", kind="uncoupled", start="none", largest_each=0.25),
+        ManyCase(
+            name="chain, a damper beside every spring",
+            kind="dampers",
+            start="none",
+            largest_each=5.0,
+        ),
+        ManyCase(
+            name="chain, one damper at its end", kind="one damper", start="none", largest_each=5.0
+        ),
+    )
+
+
+def run_many_benchmark(exponent: int = 20) -> ManyTable:
+    """Measure every case in a child process of its own.
+
+    Parameters
+    ----------
+    exponent
+        As for the linear cases of the other benchmarks; below 20 there are fewer components.
+
+    Raises
+    ------
+    ValueError
+        For exponents outside 4 to 24.
+    BenchmarkError
+        If a child process fails.
+    """
+    if not 4 <= exponent <= 24:
+        raise ValueError(f"exponent: {exponent} is not allowed; it must be 4 to 24")
+    count = min(COUNT, max(8, COUNT * 2**exponent // 2**20))
+    n_steps = 2 ** min(LONGEST, exponent)
+    rows = []
+    for index in range(len(many_cases())):
+        values = answer_of_child("fvi_cli.studies.many_benchmark", (index, count, n_steps))
+        rows.append(
+            ManyRow(
+                name=str(values["name"]),
+                n_steps=int(values["n_steps"]),
+                count=int(values["count"]),
+                alone_seconds=float(values["alone_seconds"]),
+                together_seconds=float(values["together_seconds"]),
+                difference=float(values["difference"]),
+                history_operations=int(values["history_operations"]),
+                largest_each=float(values["largest_each"]),
+            )
+        )
+    return ManyTable(rows=tuple(rows))
+
+
+def measure_many(case: ManyCase, count: int, n_steps: int) -> ManyRow:
+    """Measure one case in this process."""
+    method = Method(cq="gauss", degree=2, start=case.start)
+    members = oscillators(count)
+    alone = _least_seconds(lambda: integrate(members[0], method, n_steps), REPEATS_ALONE)
+    if case.kind == "members":
+        together = _least_seconds(lambda: integrate_members(members, method, n_steps), 2)
+        found = integrate_members(members, method, n_steps)
+        single = integrate(members[-1], method, n_steps).position
+        difference = _relative(found[-1].position, single)
+        operations = sum(one.history_operations for one in found)
+    else:
+        scene = joined(members) if case.kind == "uncoupled" else damped_chain(case.kind, count)
+        together = _least_seconds(lambda: integrate(scene, method, n_steps), 2)
+        whole = integrate(scene, method, n_steps)
+        operations = whole.history_operations
+        if case.kind == "uncoupled":
+            single = integrate(members[-1], method, n_steps).position
+            difference = _relative(whole.position[:, -1:], single)
+        else:
+            few = min(n_steps, 64)
+            usual = Method(cq="gauss", degree=2, start=case.start, history="fft")
+            direct = Method(cq="gauss", degree=2, start=case.start, history="direct")
+            difference = _relative(
+                integrate(scene, usual, few).position, integrate(scene, direct, few).position
+            )
+    return ManyRow(
+        name=case.name,
+        n_steps=n_steps,
+        count=count,
+        alone_seconds=alone,
+        together_seconds=together,
+        difference=difference,
+        history_operations=operations,
+        largest_each=case.largest_each,
+    )
+
+
+def oscillators(count: int) -> list[Scene]:
+    """Oscillators with stiffness, damping and start values of their own."""
+    rng = np.random.default_rng(0)
+    return [
+        linear_oscillator(
+            final_time=FINAL_TIME,
+            stiffness=rng.uniform(0.5, 4.0),
+            damping=[
+                FractionalDamping(order=ORDER, coefficient=rng.uniform(0.05, 1.0) * np.eye(1))
+            ],
+            initial_position=rng.normal(),
+            initial_velocity=rng.normal(),
+        )
+        for _ in range(count)
+    ]
+
+
+def joined(members: Sequence[Scene]) -> Scene:
+    """One scene of uncoupled components, each of them a member."""
+    stiffness = [
+        float(m.potential.hessian(m.initial_position)[0, 0]) for m in members if m.potential
+    ]
+    coefficients = [float(member.damping[0].coefficient[0, 0]) for member in members]
+    return linear_oscillator(
+        final_time=FINAL_TIME,
+        mass=np.eye(len(members)),
+        stiffness=np.diag(stiffness),
+        damping=[FractionalDamping(order=ORDER, coefficient=np.diag(coefficients))],
+        initial_position=np.concatenate([member.initial_position for member in members]),
+        initial_velocity=np.concatenate([member.initial_velocity for member in members]),
+    )
+
+
+def damped_chain(kind: Kind, masses: int) -> Scene:
+    """A chain between walls with a damper beside every spring, or with one at its last mass."""
+    shape = np.sin(np.pi * np.arange(1, masses + 1) / (masses + 1))
+    if kind == "dampers":
+        return chain(
+            final_time=FINAL_TIME, masses=masses, dampers=[(ORDER, 0.2)], initial_position=shape
+        )
+    coefficient = np.zeros((masses, masses))
+    coefficient[-1, -1] = 0.2
+    return chain(
+        final_time=FINAL_TIME,
+        masses=masses,
+        damping=[FractionalDamping(order=ORDER, coefficient=coefficient)],
+        initial_position=shape,
+    )
+
+
+def _relative(found: np.ndarray, expected: np.ndarray) -> float:
+    return float(np.abs(found - expected).max() / np.abs(expected).max())
+
+
+def _least_seconds(action: Callable[[], object], repeats: int) -> float:
+    least = math.inf
+    for _ in range(repeats):
+        gc.collect()
+        began = time.perf_counter()
+        action()
+        least = min(least, time.perf_counter() - began)
+    return least
+
+
+def _child(arguments: Sequence[str]) -> None:
+    index, count, n_steps = map(int, arguments)
+    row = measure_many(many_cases()[index], count, n_steps)
+    sys.stdout.write(json.dumps(asdict(row)))
+
+
+if __name__ == "__main__":
+    _child(sys.argv[1:])

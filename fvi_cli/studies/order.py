@@ -1,0 +1,261 @@
+"""Orders of convergence: pairwise, and by least squares over the rows that may be used."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from fvi_cli.integrator.method import AnyMethod, method_columns
+from fvi_cli.scenes.problem import DerivativeProblem
+from fvi_cli.scenes.registry import build_scene
+from fvi_cli.studies.experiment import (
+    Experiment,
+    FinishedRun,
+    Norm,
+    Observed,
+    Predicted,
+)
+from fvi_cli.studies.members import Member, values_in_words
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrderRow:
+    """One run in an order table.
+
+    Parameters
+    ----------
+    n_steps, step_size
+        N and h.
+    error
+        In the table's norm; nan where it has no meaning.
+    floor
+        Errors below are round-off or the reference's own.
+    pairwise_order
+        log(e_previous / e) / log(N / N_previous); nan in the first row and after rows without
+        an error.
+    used_in_fit
+        Whether the slope uses it.
+    status, predicted
+        Observed and predicted.
+    message, remarks
+        What happened, in words, and what the reader should know.
+    """
+
+    n_steps: int
+    step_size: float
+    error: float
+    floor: float
+    pairwise_order: float
+    used_in_fit: bool
+    status: Observed
+    predicted: Predicted
+    expected_order: float
+    message: str = ""
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrderCase:
+    """One method's rows with the slope through those that are used.
+
+    Parameters
+    ----------
+    method
+        The method.
+    rows
+        Steps increasing.
+    slope
+        Least-squares slope of log(error) against log(h); nan with fewer than two rows.
+    fit_residual
+        Root mean square of the residuals in log10(error).
+    claim
+        The order that the source of the experiment claims; nan where it claims none.
+    expected_failure
+        Whether the configuration expects this method to fail here.
+    """
+
+    method: AnyMethod
+    rows: tuple[OrderRow, ...]
+    slope: float
+    fit_residual: float
+    claim: float = math.nan
+    expected_failure: bool = False
+
+    @property
+    def last_order(self) -> float:
+        """Pairwise order between the last two neighbouring rows that are used; nan without."""
+        pairs = [
+            row.pairwise_order
+            for before, row in itertools.pairwise(self.rows)
+            if before.used_in_fit and row.used_in_fit
+        ]
+        return pairs[-1] if pairs else math.nan
+
+    @property
+    def expected_order(self) -> float:
+        """The order expected on the finest step."""
+        return self.rows[-1].expected_order if self.rows else math.nan
+
+    def columns(self) -> dict[str, str]:
+        """The columns ``cq, sampling, degree, quadrature, start``."""
+        return method_columns(self.method)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrderTable:
+    """The order table of one experiment.
+
+    Parameters
+    ----------
+    experiment
+        Its name.
+    equation
+        The equation of motion in plain text.
+    gamma
+        Orders of damping in the equation, joined by ``;``.
+    reference
+        What the errors are measured against.
+    norm, final_time
+        Norm of the error and T.
+    cases
+        One per method.
+    swept
+        Of a member of a sweep: its values by key path.
+    """
+
+    experiment: str
+    equation: str
+    gamma: str
+    reference: str
+    norm: Norm
+    final_time: float
+    cases: tuple[OrderCase, ...]
+    swept: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """The experiment, and the member where there is a sweep."""
+        return (
+            f"{self.experiment} ({values_in_words(self.swept)})"
+            if self.swept
+            else (self.experiment)
+        )
+
+
+def order_tables(experiment: Experiment, finished: Iterable[FinishedRun]) -> list[OrderTable]:
+    """The table of `experiment`; of a sweep, one for every member that has finished runs."""
+    if not experiment.members:
+        return [order_table(experiment, finished)]
+    by_member: dict[Member, list[FinishedRun]] = {}
+    for one in finished:
+        if one.run.member is not None:
+            by_member.setdefault(one.run.member, []).append(one)
+    return [
+        replace(
+            order_table(experiment, by_member[member]),
+            gamma=damping_orders(member),
+            swept=member.values,
+        )
+        for member in experiment.members
+        if member in by_member
+    ]
+
+
+def order_table(experiment: Experiment, finished: Iterable[FinishedRun]) -> OrderTable:
+    """The table of all finished runs of `experiment`, in the order of its methods."""
+    runs = list(finished)
+    cases = []
+    for method in experiment.methods:
+        own = [run for run in runs if run.run.method == method]
+        own.sort(key=lambda run: run.run.n_steps)
+        if own:
+            cases.append(_case(experiment, method, own))
+    problem = experiment.problem
+    return OrderTable(
+        experiment=experiment.name,
+        equation=problem.equation,
+        gamma=damping_orders(experiment),
+        reference=runs[0].reference if runs else problem.exact_source,
+        norm=experiment.norm,
+        final_time=problem.final_time,
+        cases=tuple(cases),
+    )
+
+
+def damping_orders(source: Experiment | Member) -> str:
+    """Orders of the damping terms, joined by ``;``."""
+    if isinstance(source, Member):
+        specification = source.specification
+        if specification["kind"] == "fractional-derivative":
+            return f"{specification['order']:.15g}"
+        # without the search for a closed form that comes with the problem
+        scene = build_scene(specification)
+    elif isinstance(source.problem, DerivativeProblem):
+        return f"{source.problem.order:.15g}"
+    else:
+        scene = source.problem.scene
+    return ";".join(f"{term.order:.15g}" for term in scene.damping)
+
+
+def pairwise_order(coarse: float, fine: float, n_coarse: int, n_fine: int) -> float:
+    """Order from two errors; nan where it has no meaning."""
+    if not (0 < coarse < math.inf and 0 < fine < math.inf) or n_coarse == n_fine:
+        return math.nan
+    return math.log(coarse / fine) / math.log(n_fine / n_coarse)
+
+
+def fit_slope(n_steps: Iterable[int], errors: Iterable[float]) -> tuple[float, float]:
+    """Least-squares slope of log(error) against log(1/N) and the rms residual in log10.
+
+    Nan, nan with fewer than two points.
+    """
+    abscissa = -np.log10(np.array(list(n_steps), dtype=float))
+    ordinate = np.log10(np.array(list(errors), dtype=float))
+    if abscissa.size < 2:
+        return math.nan, math.nan
+    slope, intercept = np.polyfit(abscissa, ordinate, 1)
+    residual = ordinate - (slope * abscissa + intercept)
+    return float(slope), float(np.sqrt(np.mean(residual**2)))
+
+
+def _case(experiment: Experiment, method: AnyMethod, runs: list[FinishedRun]) -> OrderCase:
+    rows = []
+    previous: FinishedRun | None = None
+    for run in runs:
+        pairwise = math.nan
+        if previous is not None:
+            pairwise = pairwise_order(
+                previous.error, run.error, previous.run.n_steps, run.run.n_steps
+            )
+        rows.append(
+            OrderRow(
+                n_steps=run.run.n_steps,
+                step_size=run.run.step_size,
+                error=run.error,
+                floor=run.floor,
+                pairwise_order=pairwise,
+                used_in_fit=run.status == "ok" and 0 < run.error < math.inf,
+                status=run.status,
+                predicted=run.predicted,
+                expected_order=run.expected_order,
+                message=run.trajectory.message,
+                remarks=run.trajectory.remarks,
+            )
+        )
+        previous = run
+    used = [row for row in rows if row.used_in_fit]
+    slope, residual = fit_slope([r.n_steps for r in used], [r.error for r in used])
+    claim = experiment.claim(method)
+    return OrderCase(
+        method=method,
+        rows=tuple(rows),
+        slope=slope,
+        fit_residual=residual,
+        claim=math.nan if claim is None else claim,
+        expected_failure=experiment.expects_failure(method),
+    )

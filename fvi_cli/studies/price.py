@@ -1,0 +1,263 @@
+"""Prices: how long a method takes to an accuracy, what one more digit costs, who is cheapest."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.studies.cost import CostCase, CostRow, CostTable
+from fvi_cli.studies.order import fit_slope
+
+Array = NDArray[np.float64]
+
+ACCURACIES = tuple(10.0**-k for k in range(2, 13, 2))
+"""The accuracies of a summary: 1e-2, 1e-4, ... 1e-12."""
+
+FINEST_ROWS = 4
+"""Orders and exponents are fitted to this many rows, the finest above the floor."""
+
+LEAST_DECREASE = 1.2
+"""Errors that fall less than this from row to row do not lead anywhere."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """One run on the plane of error and time."""
+
+    error: float
+    seconds: float
+    row: CostRow
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """The runs of one method that reached something, as points.
+
+    ``dop853`` chooses its own steps: its runs of all tolerances are one curve.
+
+    Parameters
+    ----------
+    key
+        Case of the method, or its name where tolerances make the curve.
+    methods
+        The methods on it.
+    points
+        In the order of N, or of falling errors where tolerances make the curve.
+    """
+
+    key: str
+    methods: tuple[AnyMethod, ...]
+    points: tuple[Point, ...]
+
+    @property
+    def is_baseline(self) -> bool:
+        """Whether the method is one for comparison."""
+        return isinstance(self.methods[0], Baseline)
+
+    @property
+    def is_by_tolerance(self) -> bool:
+        """Whether a tolerance, not N, leads along the curve."""
+        method = self.methods[0]
+        return isinstance(method, Baseline) and method.tolerance is not None
+
+    @property
+    def is_exact_by_chance(self) -> bool:
+        """Whether there is nothing but round-off from the coarsest of three runs or more on.
+
+        That says something of the solution. Such a method is not rated among the others.
+        """
+        return len(self.points) > 2 and all(p.row.status == "floor" for p in self.points)
+
+    def seconds_to(self, accuracy: float) -> float:
+        """Least set-up plus stepping time to an error of at most `accuracy`; nan: not reached.
+
+        Between two neighbouring runs it is interpolated, both logarithmic; where even the coarsest
+        run is better, it is that run's time.
+        """
+        reached = [point.seconds for point in self.points if point.error <= accuracy]
+        for first, second in itertools.pairwise(self.points):
+            if 0 < second.error <= accuracy < first.error:
+                share = math.log(first.error / accuracy) / math.log(first.error / second.error)
+                reached.append(first.seconds * (second.seconds / first.seconds) ** share)
+        return min(reached, default=math.nan)
+
+    def extrapolated_seconds(self, accuracy: float) -> float:
+        """Time to an accuracy that no run reached, along the finest rows; nan where that is vain.
+
+        A guess, and for methods with a sum over the past a low one: their time exponent still
+        grows towards 2.
+        """
+        last = self._finest()
+        if not last or accuracy >= min(point.error for point in self.points):
+            return math.nan
+        if any(b.error > a.error / LEAST_DECREASE for a, b in itertools.pairwise(last)):
+            return math.nan
+        price = self.price_of_a_digit
+        # time that does not rise yet cannot be continued
+        if not price > 1:
+            return math.nan
+        decades = math.log10(last[-1].error / accuracy)
+        return float(last[-1].seconds * price**decades)
+
+    def _finest(self) -> tuple[Point, ...]:
+        """The finest rows above the floor; none where there are less than three.
+
+        Where tolerances make the curve, only those that no other beats.
+        """
+        above = [point for point in self.points if point.row.status == "ok" and point.error > 0]
+        if self.is_by_tolerance:
+            above = [
+                one
+                for one in above
+                if not any(p.error <= one.error and p.seconds < one.seconds for p in above)
+            ]
+        return tuple(above[-FINEST_ROWS:]) if len(above) > 2 else ()
+
+    @property
+    def order(self) -> float:
+        """Slope of log error against log h over the finest rows; nan with less than three."""
+        if self.is_by_tolerance:
+            return math.nan
+        last = self._finest()
+        return fit_slope([p.row.n_steps for p in last], [p.error for p in last])[0]
+
+    @property
+    def time_exponent(self) -> float:
+        """Slope of log time against log N over the finest rows; nan with less than three."""
+        if self.is_by_tolerance:
+            return math.nan
+        last = self._finest()
+        return -fit_slope([p.row.n_steps for p in last], [p.seconds for p in last])[0]
+
+    @property
+    def price_of_a_digit(self) -> float:
+        """Factor in time for a tenth of the error, over the finest rows; nan with less."""
+        last = self._finest()
+        if not last:
+            return math.nan
+        errors = np.log10([point.error for point in last])
+        if np.ptp(errors) == 0:
+            return math.nan
+        slope = np.polyfit(-errors, np.log10([point.seconds for point in last]), 1)[0]
+        return float(10.0**slope)
+
+
+def cost_curves(table: CostTable) -> list[Curve]:
+    """One curve per method, dop853 in one; methods without a usable run are left out."""
+    grouped: dict[str, list[CostCase]] = {}
+    for case in table.cases:
+        method = case.method
+        key = method.case
+        if isinstance(method, Baseline) and method.tolerance is not None:
+            key = method.name
+        grouped.setdefault(key, []).append(case)
+    curves = []
+    for key, cases in grouped.items():
+        points = [
+            Point(error=row.error, seconds=row.seconds, row=row)
+            for case in cases
+            for row in case.rows
+            if row.is_usable
+        ]
+        if len(cases) > 1:
+            points.sort(key=lambda point: -point.error)
+        if points:
+            methods = tuple(case.method for case in cases)
+            curves.append(Curve(key=key, methods=methods, points=tuple(points)))
+    return curves
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cheapest:
+    """The cheapest method at one accuracy."""
+
+    accuracy: float
+    curve: Curve | None
+    seconds: float
+
+
+def cheapest_at(curves: Sequence[Curve], accuracy: float) -> Cheapest:
+    """Who reaches `accuracy` first; no curve where nobody does."""
+    times = [
+        (curve.seconds_to(accuracy), k)
+        for k, curve in enumerate(curves)
+        if not curve.is_exact_by_chance
+    ]
+    reached = [(seconds, k) for seconds, k in times if not math.isnan(seconds)]
+    if not reached:
+        return Cheapest(accuracy=accuracy, curve=None, seconds=math.nan)
+    seconds, k = min(reached)
+    return Cheapest(accuracy=accuracy, curve=curves[k], seconds=seconds)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Band:
+    """Accuracies from `coarse` down to `fine` at which one method is cheapest, and its times."""
+
+    coarse: float
+    fine: float
+    curve: Curve
+    least_seconds: float
+    most_seconds: float
+
+
+SAMPLES_PER_DECADE = 40
+
+TIE = 1.1
+"""Times that differ by less than this factor are taken for equal."""
+
+
+def cheapest_bands(curves: Sequence[Curve], coarse: float, fine: float) -> list[Band]:
+    """Who is cheapest between two accuracies, from the coarse to the fine end.
+
+    A method stays in its band until another one is quicker by a tenth: less is within what times
+    scatter.
+    """
+    count = max(2, round(SAMPLES_PER_DECADE * math.log10(coarse / fine)))
+    edges = np.geomspace(coarse, fine, count + 1)
+    bands: list[Band] = []
+    for left, right in itertools.pairwise(edges.tolist()):
+        accuracy = math.sqrt(left * right)
+        found = cheapest_at(curves, accuracy)
+        if found.curve is None:
+            continue
+        curve = found.curve
+        if bands and bands[-1].fine == left:
+            stays = bands[-1].curve.seconds_to(accuracy)
+            if stays <= TIE * found.seconds:
+                curve = bands[-1].curve
+                found = Cheapest(accuracy=accuracy, curve=curve, seconds=stays)
+        coarse_end, least, most = left, found.seconds, found.seconds
+        if bands and bands[-1].curve is curve and bands[-1].fine == left:
+            before = bands.pop()
+            coarse_end = before.coarse
+            least = min(least, before.least_seconds)
+            most = max(most, before.most_seconds)
+        bands.append(
+            Band(
+                coarse=coarse_end,
+                fine=right,
+                curve=curve,
+                least_seconds=least,
+                most_seconds=most,
+            )
+        )
+    return bands
+
+
+def pareto_front(curves: Sequence[Curve]) -> list[tuple[Curve, Point]]:
+    """The runs that no other run beats in both error and time, the quickest first."""
+    rated = [curve for curve in curves if not curve.is_exact_by_chance]
+    everything = [(curve, point) for curve in rated for point in curve.points]
+    everything.sort(key=lambda one: (one[1].seconds, one[1].error))
+    front: list[tuple[Curve, Point]] = []
+    for curve, point in everything:
+        if not front or point.error < front[-1][1].error:
+            front.append((curve, point))
+    return front

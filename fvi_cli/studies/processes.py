@@ -1,0 +1,255 @@
+"""Batches computed by processes of this machine, any of which may die."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+from collections import deque
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+from fvi_cli.integrator.advance import watched
+from fvi_cli.studies.executor import (
+    Batch,
+    ComputeBatch,
+    FinishedBatch,
+    PortableResults,
+    Watch,
+    compute_portable,
+    longest_first,
+    lost_batch,
+    no_memory,
+    portable_batch,
+    returned_batch,
+)
+
+ATTEMPTS = 2
+"""How often a batch is computed before it is given up."""
+
+_SECONDS_TO_LEAVE = 5.0
+
+
+@dataclass(kw_only=True, eq=False)
+class _Task:
+    """A batch, and how often a process has died of it."""
+
+    batch: Batch
+    deaths: int = 0
+
+
+@dataclass(kw_only=True, eq=False)
+class _Worker:
+    """A process, our end of the pipe to it, and what it computes."""
+
+    process: BaseProcess
+    connection: Connection
+    task: _Task | None = None
+
+    def obituary(self) -> str:
+        """How the process ended."""
+        self.process.join(_SECONDS_TO_LEAVE)
+        code = self.process.exitcode
+        if code is None or code >= 0:
+            return f"the process that computed it ended with code {code}"
+        name = signal.Signals(-code).name
+        hint = " (out of memory?)" if -code == signal.SIGKILL else ""
+        return f"the process that computed it was ended by {name}{hint}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalProcesses:
+    """Computes in several processes of this machine.
+
+    A process holds one batch at a time. When it dies, another one takes its place and the batch
+    is computed once more, after all others; when that dies as well, the batch is lost.
+
+    Parameters
+    ----------
+    workers
+        Number of processes.
+    watch
+        Told how far a batch is; None: nobody wants to know.
+
+    Raises
+    ------
+    ValueError
+        If `workers` is less than 1.
+    """
+
+    workers: int
+    watch: Watch | None = None
+
+    def __post_init__(self) -> None:
+        if self.workers < 1:
+            raise ValueError(f"workers: {self.workers} is not allowed; it must be at least 1")
+
+    def compute(
+        self, batches: Sequence[Batch], compute: ComputeBatch
+    ) -> Generator[FinishedBatch, None, None]:
+        """As :meth:`Executor.compute`; the longest batches first."""
+        waiting = deque(_Task(batch=batch) for batch in longest_first(batches))
+        size = min(self.workers, len(waiting))
+        crew = _Crew(compute=compute, size=size, watch=self.watch)
+        try:
+            while waiting or crew.busy:
+                while waiting and crew.has_room:
+                    crew.give(waiting.popleft())
+                for worker in crew.ready():
+                    received = crew.take(worker)
+                    if received is None:
+                        continue
+                    task, answer = received
+                    if isinstance(answer, str):
+                        yield lost_batch(task.batch, answer)
+                    elif answer is not None:
+                        yield returned_batch(task.batch, answer)
+                    elif task.deaths < ATTEMPTS:
+                        waiting.append(task)
+                    else:
+                        message = f"{worker.obituary()}, {task.deaths} times"
+                        yield lost_batch(task.batch, message)
+            crew.dismiss()
+        finally:
+            crew.kill()
+
+
+@dataclass(kw_only=True, eq=False)
+class _Crew:
+    """The processes that are alive, at most `size`."""
+
+    compute: ComputeBatch
+    size: int
+    watch: Watch | None = None
+    busy: dict[Connection, _Worker] = field(default_factory=dict)
+    idle: list[_Worker] = field(default_factory=list)
+
+    @property
+    def has_room(self) -> bool:
+        return len(self.busy) < self.size
+
+    def give(self, task: _Task) -> None:
+        """Hand a task to a process that is idle, or to a new one."""
+        worker = self.idle.pop() if self.idle else self._hired()
+        worker.task = task
+        self.busy[worker.connection] = worker
+        # a process that has just died is noticed when its answer is read
+        with contextlib.suppress(OSError):
+            worker.connection.send(portable_batch(task.batch))
+
+    def _hired(self) -> _Worker:
+        # spawn: a fork would copy the locks of threads that a linear algebra library may hold
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_serve, args=(theirs, self.compute, bool(self.watch)))
+        process.daemon = True
+        try:
+            process.start()
+        finally:
+            # the pipe must end with the process, so nobody else may hold its other end
+            theirs.close()
+        return _Worker(process=process, connection=ours)
+
+    def ready(self) -> list[_Worker]:
+        """Wait for processes that have answered or died."""
+        return [self.busy[connection] for connection in wait(list(self.busy))]  # type: ignore[index]
+
+    def take(self, worker: _Worker) -> tuple[_Task, PortableResults | str | None] | None:
+        """The task of a process with its results, with why there are none, or None if it died.
+
+        None in place of both if the process has only said how far it is.
+
+        Raises
+        ------
+        Exception
+            What computing the task has raised.
+        """
+        task = worker.task
+        if task is None:  # pragma: no cover - only busy processes are asked
+            raise ValueError("worker: it computes nothing")
+        try:
+            kind, answer = worker.connection.recv()
+        except (EOFError, OSError):
+            task.deaths += 1
+            del self.busy[worker.connection]
+            worker.connection.close()
+            return task, None
+        if kind == "progress":
+            if self.watch is not None:
+                self.watch(task.batch, *answer)
+            return None
+        del self.busy[worker.connection]
+        worker.task = None
+        self.idle.append(worker)
+        if kind == "error":
+            raise answer
+        return task, answer
+
+    def dismiss(self) -> None:
+        """Let idle processes end by themselves."""
+        for worker in self.idle:
+            worker.connection.close()
+        for worker in self.idle:
+            worker.process.join(_SECONDS_TO_LEAVE)
+
+    def kill(self) -> None:
+        """End every process, whatever it does."""
+        crew = [*self.idle, *self.busy.values()]
+        for worker in crew:
+            worker.connection.close()
+            worker.process.terminate()
+        for worker in crew:
+            worker.process.join(_SECONDS_TO_LEAVE)
+            if worker.process.is_alive():
+                worker.process.kill()
+                worker.process.join()
+
+
+def _serve(connection: Connection, compute: ComputeBatch, is_watched: object) -> None:
+    """Compute what comes through the pipe until its other end is closed."""
+
+    def tell(done: int, n_steps: int) -> None:
+        connection.send(("progress", (done, n_steps)))
+
+    # a Ctrl-C reaches every process of a terminal; only the parent answers it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    # the parent has gone: there is nobody to tell
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            portable = connection.recv()
+            with watched(tell) if is_watched else contextlib.nullcontext():
+                answer = _answer_to(portable, compute)
+            connection.send_bytes(answer)
+
+
+def _answer_to(portable: Any, compute: ComputeBatch) -> bytes:
+    try:
+        return pickle.dumps(("results", compute_portable(compute, portable)))
+    except MemoryError as error:
+        return pickle.dumps(("lost", no_memory(error)))
+    except Exception as error:
+        return _pickled_error(error)
+
+
+def _pickled_error(error: Exception) -> bytes:
+    try:
+        content = pickle.dumps(("error", error))
+        pickle.loads(content)  # noqa: S301 - just made; some errors only fail on the way back
+    except Exception:
+        return pickle.dumps(("error", RuntimeError(f"{type(error).__name__}: {error}")))
+    return content
+
+
+def _end_with_parent() -> None:
+    """End this process when its parent has, be it in the midst of a long batch."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

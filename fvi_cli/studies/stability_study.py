@@ -1,0 +1,285 @@
+"""Stability over steps and parameters: what is predicted, and what is seen.
+
+**Observed**: the scene without its forcing runs from random data for max(2000, 20 / growth) steps.
+It is unstable when the largest position in the last quarter of the steps exceeds that in the
+first a thousandfold, beside the growth of the exact scene between the two, and by a quarter more
+than that growth. A prediction for the same number of steps must say the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.engine import run as run_steps
+from fvi_cli.integrator.integrate import integrate, prepare
+from fvi_cli.integrator.linearisation import linearised_at_start
+from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.stability import (
+    RESOLVED,
+    TOLERATED_GROWTH,
+    StabilityPrediction,
+    Verdict,
+    predict_stability,
+)
+from fvi_cli.integrator.stability_limits import largest_stable_step
+from fvi_cli.integrator.stability_map import StabilityMap, stability_map
+from fvi_cli.integrator.step_patterns import has_patterns
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.studies.experiment import Experiment, Run
+
+Array = NDArray[np.float64]
+
+FEWEST_STEPS = 2000
+MOST_STEPS = 200_000
+"""Steps of an observation; modes that grow more slowly than that shows are left unknown."""
+
+MOST_VALUES = 4_000_000
+"""Positions of an observation: larger scenes are observed for fewer steps."""
+
+LASTING = 1000
+"""So many times the time of the scene is long enough for every mode that grows at all to show."""
+
+_TIMES_E = 20.0
+_LARGEST_LOGARITHM = 600.0
+_SEED = 20
+
+
+@dataclass(frozen=True, kw_only=True)
+class Observation:
+    """What a run from random data did.
+
+    Parameters
+    ----------
+    verdict
+        By the definition of this module.
+    n_steps
+        Number of steps of the run.
+    growth_per_step
+        Logarithm of the growth from the first to the last quarter, per step, up to where numbers
+        overflow.
+    predicted
+        The prediction for the same number of steps.
+    """
+
+    verdict: Verdict
+    n_steps: int
+    growth_per_step: float
+    predicted: Verdict
+
+    @property
+    def agrees(self) -> bool | None:
+        """Whether both say the same; None where one of them says nothing."""
+        if "unknown" in (self.verdict, self.predicted):
+            return None
+        return self.verdict == self.predicted
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StabilityRow:
+    """One method on one member with one step size.
+
+    Parameters
+    ----------
+    run
+        Experiment, method, number of steps and member.
+    prediction
+        For the run as it is configured.
+    largest_stable_step
+        Largest step of the method from which on smaller ones are stable, over the same time;
+        nan where there is none, or where nothing is predicted.
+    lasting_step
+        The same over a thousand times that time: up to it nothing grows, however slowly.
+    observation
+        None where it was not asked for, or cannot be made.
+    """
+
+    run: Run
+    prediction: StabilityPrediction
+    largest_stable_step: float
+    lasting_step: float
+    observation: Observation | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """The prediction, of a nonlinear scene that of its linearisation at the start."""
+        if self.prediction.verdict == "unknown":
+            return self.prediction.linearised_verdict
+        return self.prediction.verdict
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StabilityTable:
+    """Everything about one experiment."""
+
+    experiment: Experiment
+    rows: tuple[StabilityRow, ...]
+    regions: tuple[StabilityMap, ...] = ()
+
+    @property
+    def disagreements(self) -> tuple[StabilityRow, ...]:
+        """Rows in which prediction and observation differ."""
+        return tuple(
+            row
+            for row in self.rows
+            if row.observation is not None and row.observation.agrees is False
+        )
+
+
+def stability_rows(experiment: Experiment, *, with_observation: bool) -> Iterator[StabilityRow]:
+    """Every run of the experiment, looked at but not computed.
+
+    Raises
+    ------
+    ValueError
+        If nothing is integrated: a fractional derivative has no stability.
+    """
+    limits: dict[tuple[str, int], tuple[float, float]] = {}
+    for run in experiment.runs():
+        scene = _scene(run)
+        key = (run.method.case, run.member.number if run.member is not None else 0)
+        if key not in limits:
+            longer = replace(scene, final_time=LASTING * scene.final_time)
+            limits[key] = _limit(scene, run.method), _limit(longer, run.method)
+        observation = None
+        if with_observation:
+            observation = observe(scene, run.method, run.n_steps)
+        yield StabilityRow(
+            run=run,
+            prediction=predict_stability(scene, run.method, run.n_steps),
+            largest_stable_step=limits[key][0],
+            lasting_step=min(limits[key][1], scene.final_time),
+            observation=observation,
+        )
+
+
+def _scene(run: Run) -> Scene:
+    problem = run.problem
+    if not isinstance(problem, Problem):
+        raise ValueError(f"{run.experiment.name}: nothing is integrated, so nothing is unstable")
+    return problem.scene
+
+
+def _limit(scene: Scene, method: AnyMethod) -> float:
+    prediction = predict_stability(scene, method, 1)
+    if prediction.verdict == prediction.linearised_verdict == "unknown":
+        return math.nan
+    return largest_stable_step(scene, method) or math.nan
+
+
+def observe(scene: Scene, method: AnyMethod, n_steps: int) -> Observation | None:
+    """What random data do in steps of this size.
+
+    None for a scene that cannot be linearised, and where the equations of a step have no unique
+    solution.
+
+    Parameters
+    ----------
+    scene
+        Its forcing and start values do not matter; a nonlinear one is linearised at the start.
+    method
+        Any method.
+    n_steps
+        Number of steps over the scene's own time, which gives the step size.
+    """
+    h = scene.final_time / n_steps
+    try:
+        linear = linearised_at_start(scene)
+    except ValueError:
+        return None
+    rest = np.zeros(linear.dimension)
+    linear = replace(
+        linear, forcing=None, initial_position=rest, initial_velocity=rest, final_time=h
+    )
+    over = replace(linear, final_time=h * FEWEST_STEPS)
+    first = predict_stability(over, method, FEWEST_STEPS)
+    count = FEWEST_STEPS
+    if first.growth_per_step > first.exact_growth:
+        count = int(max(count, _TIMES_E / (first.growth_per_step - first.exact_growth)))
+    if first.exact_growth > 0:
+        # within the range of numbers
+        fastest = max(first.growth_per_step, first.exact_growth)
+        count = int(max(8, min(count, _LARGEST_LOGARITHM / fastest)))
+    count = min(count, MOST_STEPS, max(FEWEST_STEPS, MOST_VALUES // linear.dimension))
+    over = replace(linear, final_time=h * count)
+    predicted = predict_stability(over, method, count)
+    try:
+        sizes = _sizes_from_random_data(over, method, count)
+    except np.linalg.LinAlgError:
+        return None
+    growth = _growth_between_quarters(sizes)
+    excess = 0.75 * count * (growth - predicted.exact_growth)
+    resolved = RESOLVED * 0.75 * count * predicted.exact_growth
+    has_overflowed = sizes.size <= count
+    is_unstable = has_overflowed or excess > max(math.log(TOLERATED_GROWTH), resolved)
+    return Observation(
+        verdict="unstable" if is_unstable else "stable",
+        n_steps=count,
+        growth_per_step=growth,
+        predicted=predicted.verdict,
+    )
+
+
+def _sizes_from_random_data(scene: Scene, method: AnyMethod, n_steps: int) -> Array:
+    """Largest component at every time, up to the last that is a number."""
+    random = np.random.default_rng(_SEED)
+    position, velocity = random.standard_normal((2, scene.dimension))
+    with np.errstate(all="ignore"):
+        if isinstance(method, Method):
+            plain = replace(method, start="none", start_exponents=())
+            problem = prepare(scene, plain, n_steps).problem
+            problem = replace(problem, position=position, momentum=scene.inertia.mass @ velocity)
+            path = run_steps(problem, "auto").position
+        else:
+            moved = replace(scene, initial_position=position, initial_velocity=velocity)
+            trajectory = integrate(moved, method, n_steps)
+            if trajectory.status == "failed":
+                raise np.linalg.LinAlgError(trajectory.message)
+            path = trajectory.position
+        sizes = np.abs(path).max(axis=1)
+    finite = np.isfinite(sizes)
+    return np.asarray(sizes if finite.all() else sizes[: int(finite.argmin())])
+
+
+def _growth_between_quarters(sizes: Array) -> float:
+    """Logarithm of the growth of the largest value from the first to the last quarter, a step."""
+    quarter = max(1, sizes.size // 4)
+    first, last = sizes[:quarter].max(), sizes[-quarter:].max()
+    if sizes.size <= quarter or not first > 0:
+        return math.inf if last > 0 else 0.0
+    return float(np.log(max(last, 1e-300)) - np.log(first)) / (0.75 * sizes.size)
+
+
+def regions(
+    experiment: Experiment, advance: Callable[[str], object] = lambda doing: None
+) -> tuple[StabilityMap, ...]:
+    """The stability regions that the experiment asks for, one for every order and method."""
+    settings = experiment.stability
+    if settings.region is None:
+        return ()
+    region = settings.region
+    maps = []
+    for order in region.orders:
+        for method in distinct_regions(experiment.methods):
+            stiffness, damping = np.array(region.stiffness), np.array(region.damping)
+            maps.append(stability_map(method, order, stiffness, damping))
+            advance(f"region of {method.case}")
+    return tuple(maps)
+
+
+def distinct_regions(methods: Sequence[AnyMethod]) -> list[AnyMethod]:
+    """The methods without those that have the region of another: start and forcing do not count."""
+    found: dict[object, AnyMethod] = {}
+    for method in methods:
+        if not has_patterns(method):
+            continue
+        key: object = method
+        if isinstance(method, Method):
+            key = (method.cq, method.degree, method.rule, method.sampling)
+        found.setdefault(key, method)
+    return list(found.values())

@@ -1,0 +1,251 @@
+"""The study: a generator of finished runs."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.integrate import can_be_diagnosed, integrate
+from fvi_cli.integrator.interpolation_limit import interpolation_remarks
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.stability import (
+    StabilityPrediction,
+    predict_stability,
+    stability_along,
+)
+from fvi_cli.integrator.stability_limits import refusal
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.operators import left_operator
+from fvi_cli.planning.expected_order import expected_order
+from fvi_cli.scenes.problem import DerivativeProblem, Problem
+from fvi_cli.studies.experiment import (
+    NEEDS_LADDER,
+    Experiment,
+    FinishedRun,
+    Observed,
+    Run,
+)
+from fvi_cli.studies.members import Member
+from fvi_cli.studies.norms import error_norm
+from fvi_cli.studies.reference import Reference, find_reference, find_references
+
+Array = NDArray[np.float64]
+
+EPSILON = float(np.finfo(float).eps)
+DIVERGED_RATIO = 10.0
+
+
+def study(
+    experiment: Experiment, finished: Callable[[Run], FinishedRun | None] = lambda run: None
+) -> Iterator[FinishedRun]:
+    """Every run of `experiment`, method by method, steps increasing.
+
+    Parameters
+    ----------
+    experiment
+        What to do.
+    finished
+        Gives back a run that was computed before, or None.
+
+    Raises
+    ------
+    ValueError
+        If the experiment asks for a tolerance
+        (:func:`fvi_cli.studies.accurate_run.run_for_tolerance` is for these).
+    """
+    if experiment.is_open:
+        raise ValueError(f"{experiment.name}: {NEEDS_LADDER}")
+    for run in experiment.runs():
+        yield finished(run) or execute(run)
+
+
+def execute(run: Run) -> FinishedRun:
+    """Compute one run and its error, unless it is predicted to blow up and that is not wanted."""
+    problem, prediction = run.problem, prediction_of(run)
+    if is_refused(run, prediction):
+        return refused(run, prediction, reference_of(run))
+    if isinstance(problem, DerivativeProblem):
+        trajectory = _differentiate(problem, run)
+    else:
+        trajectory = _integrated(problem, run)
+    return assessed(run, trajectory, prediction, reference_of(run))
+
+
+def is_refused(run: Run, prediction: StabilityPrediction) -> bool:
+    """Whether the run is not to be computed, by what is predicted and what is wanted."""
+    return prediction.verdict == "unstable" and not run.experiment.allow_unstable
+
+
+def assessed(
+    run: Run, trajectory: Trajectory, prediction: StabilityPrediction, reference: Reference
+) -> FinishedRun:
+    """The run with its error against `reference`, and what is to be said of it."""
+    experiment = run.experiment
+    remarks = trajectory.remarks
+    if isinstance(run.problem, Problem):
+        remarks += interpolation_remarks(run.problem.scene, run.n_steps)
+    remarks += stability_remarks(run, trajectory, prediction)
+    trajectory = dataclasses.replace(trajectory, remarks=remarks)
+    exact = reference.values(trajectory.time)
+    compared = exact if reference.is_known else trajectory.position
+    # what an error of one everywhere comes to: an error in l2 grows with the length of the run, and
+    # is not to be held against a position without that
+    unit = float(np.sqrt(run.problem.final_time)) if experiment.norm == "l2" else 1.0
+    scale = unit * float(np.abs(compared).max(initial=0.0))
+    round_off = 100 * EPSILON * scale * float(np.sqrt(run.n_steps))
+    floor = max(round_off, 10 * unit * reference.error) if reference.is_known else round_off
+    spacing = trajectory.every * run.step_size
+    error = error_norm(trajectory.position, exact, spacing, experiment.norm)
+    return FinishedRun(
+        run=run,
+        trajectory=trajectory,
+        error=error if trajectory.status != "failed" else float("nan"),
+        floor=floor,
+        status=_observed(trajectory, error, floor, scale)
+        if reference.is_known
+        else trajectory.status,
+        predicted=prediction.verdict,
+        expected_order=_expected_order(run),
+        reference=reference.source,
+    )
+
+
+def stability_remarks(
+    run: Run, trajectory: Trajectory, prediction: StabilityPrediction
+) -> tuple[str, ...]:
+    """A warning where a nonlinear scene is unstable when it is linearised, now or later."""
+    if prediction.linearised_verdict == "unstable":
+        return (f"stability: {prediction.reason}",)
+    problem = run.problem
+    if not isinstance(problem, Problem) or problem.scene.is_linear:
+        return ()
+    worst = stability_along(problem.scene, run.method, run.n_steps, trajectory)
+    if worst is None or worst[1].verdict != "unstable":
+        return ()
+    time, there = worst
+    return (f"stability: nonlinear; linearised on the path at t = {time:.6g}: {there.reason}",)
+
+
+def _integrated(problem: Problem, run: Run) -> Trajectory:
+    """The whole trajectory, or the points that are stored where the method needs no others."""
+    every = kept_on_the_way(run)
+    asked = run.experiment.diagnostics
+    if asked.is_empty or can_be_diagnosed(run.method):
+        trajectory = integrate(
+            problem.scene, run.method, run.n_steps, every=every, diagnostics=asked
+        )
+    else:
+        trajectory = integrate(problem.scene, run.method, run.n_steps, every=every)
+        remark = "no diagnostics: the method keeps no increments of its steps"
+        trajectory = dataclasses.replace(trajectory, remarks=(*trajectory.remarks, remark))
+    return with_remark_on_thinning(trajectory)
+
+
+def kept_on_the_way(run: Run) -> int:
+    """n: every n-th point is in memory; 1 unless the method can do without the others."""
+    method = run.method
+    is_memory_free = isinstance(method, Method) and method.history == "exponentials"
+    return run.experiment.store_every if is_memory_free else 1
+
+
+def with_remark_on_thinning(trajectory: Trajectory) -> Trajectory:
+    """The trajectory, with a remark where points are missing from it."""
+    if trajectory.every == 1:
+        return trajectory
+    remark = f"errors are measured on the stored points: every {trajectory.every}th, and the last"
+    return dataclasses.replace(trajectory, remarks=(*trajectory.remarks, remark))
+
+
+def prediction_of(run: Run) -> StabilityPrediction:
+    """What is known of the run's stability before it is computed."""
+    problem = run.problem
+    if not isinstance(problem, Problem):
+        return StabilityPrediction(verdict="unknown", reason="nothing is integrated")
+    return predict_stability(problem.scene, run.method, run.n_steps)
+
+
+def refused(run: Run, prediction: StabilityPrediction, reference: Reference) -> FinishedRun:
+    """The run with its start and the reason why there is no more of it."""
+    problem = run.problem
+    if not isinstance(problem, Problem):  # pragma: no cover - only scenes are predicted
+        raise ValueError("run: a derivative has no stability")
+    scene = problem.scene
+    position = scene.initial_position[None]
+    momentum = (scene.inertia.mass @ scene.initial_velocity)[None]
+    return FinishedRun(
+        run=run,
+        trajectory=Trajectory(
+            time=np.zeros(1),
+            position=position,
+            momentum=momentum,
+            energy=scene.energy(position, momentum),
+            n_steps=run.n_steps,
+            step_size=run.step_size,
+            status="refused",
+            message=refusal(scene, run.method, run.n_steps, prediction),
+        ),
+        error=float("nan"),
+        floor=0.0,
+        status="refused",
+        predicted=prediction.verdict,
+        expected_order=_expected_order(run),
+        reference=reference.source,
+    )
+
+
+def reference_of(run: Run) -> Reference:
+    """What the error of `run` is measured against; made once for all runs of its problem."""
+    if run.member is not None:
+        return references_of((run.member,), run.experiment.steps)[0]
+    return _reference_of(run.experiment)
+
+
+@functools.lru_cache(maxsize=8)
+def references_of(members: tuple[Member, ...], steps: tuple[int, ...]) -> tuple[Reference, ...]:
+    """What the errors of members are measured against; made once for all of their runs."""
+    return tuple(find_references([member.problem for member in members], steps))
+
+
+@functools.lru_cache(maxsize=8)
+def _reference_of(experiment: Experiment) -> Reference:
+    return find_reference(experiment.problem, experiment.steps)
+
+
+def _observed(trajectory: Trajectory, error: float, floor: float, scale: float) -> Observed:
+    if trajectory.status != "ok":
+        return trajectory.status
+    # an error of ten times the whole solution is no approximation of it
+    if not np.isfinite(error) or error > DIVERGED_RATIO * scale > 0:
+        return "diverged"
+    return "floor" if error < floor else "ok"
+
+
+def _expected_order(run: Run) -> float:
+    problem = run.problem
+    if not isinstance(problem, Problem):
+        return float("nan")
+    return expected_order(problem.scene, run.method, run.experiment.norm, run.n_steps)
+
+
+def _differentiate(problem: DerivativeProblem, run: Run) -> Trajectory:
+    """Convolution quadrature of the known function on the grid."""
+    method = run.method
+    if not isinstance(method, Method) or method.is_runge_kutta:
+        raise ValueError("method: a fractional derivative is taken by BDF only")
+    h = run.step_size
+    grid = h * np.arange(run.n_steps + 1, dtype=float)
+    began = time.perf_counter()
+    values = left_operator(method.bdf_order, problem.order, h, problem.function(grid))
+    return Trajectory(
+        time=grid,
+        position=values,
+        n_steps=run.n_steps,
+        step_size=h,
+        history_operations=values.size * (run.n_steps + 2) // 2,
+        stepping_seconds=time.perf_counter() - began,
+    )

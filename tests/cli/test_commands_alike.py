@@ -1,0 +1,47 @@
+"""What commands have in common they do alike."""
+
+from __future__ import annotations
+
+import inspect
+
+import pytest
+from typer.testing import CliRunner
+
+from fvi_cli.cli import exits
+from fvi_cli.cli.app import COMMANDS, app
+
+QUICK = ("bagley-torvik-1-2", "--set", "ladder.steps=[4, 8]")
+
+
+@pytest.mark.parametrize("command", ["run", "convergence", "plot", "cost"])
+def test_a_dry_run_prints_plans_in_full_when_asked(command, tmp_path):
+    arguments = [command, *QUICK, "--dry-run", "--output", str(tmp_path)]
+    brief = CliRunner().invoke(app, arguments)
+    full = CliRunner().invoke(app, [*arguments, "-v"])
+    assert brief.exit_code == full.exit_code == 0
+    assert len(full.stdout.splitlines()) > len(brief.stdout.splitlines()) + 10
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "is_kept"),
+    [
+        ({"fresh": False}, True),
+        ({"fresh": False, "check": True}, False),
+        ({"fresh": False, "dry_run": True}, False),
+        ({}, False),  # cost, stability, hard-cases, benchmark: no runs are stored
+    ],
+)
+def test_runs_are_called_stored_only_where_they_are(options, is_kept, capsys):
+    def interrupted(**options: bool) -> int:
+        raise KeyboardInterrupt
+
+    with pytest.raises(exits.typer.Exit) as ended:
+        exits.guarded(interrupted)(**options)
+    assert ended.value.exit_code == exits.INTERRUPTED
+    assert ("finished runs are stored" in capsys.readouterr().err) == is_kept
+
+
+def test_the_commands_that_can_ignore_stored_runs_are_those_that_store_them():
+    with_fresh = {c.__name__ for c in COMMANDS if "fresh" in inspect.signature(c).parameters}
+    assert with_fresh == {"run", "convergence", "plot"}

@@ -1,0 +1,142 @@
+"""Members of a sweep, computed together: the same numbers as alone, whatever becomes of others."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from fvi_cli.config import parse_config
+from fvi_cli.studies import members as members_module
+from fvi_cli.studies.batches import batches_of, execute_batch
+from fvi_cli.studies.executor import InProcess, compute_batches
+from fvi_cli.studies.processes import LocalProcesses
+from fvi_cli.studies.reference import find_reference, find_references
+from fvi_cli.studies.study import execute
+
+OSCILLATORS = """\
+name: many
+problem:
+  kind: damped-oscillator
+  damping: [{order: 0.5, coefficient: 0.3}]
+  initial: {position: 1.0}
+  final_time: 4.0
+method: [{rk: gauss, degree: 2}, {bdf: 2, sampling: nodes}]
+ladder: {steps: [16, 32]}
+sweep: {problem.damping.0.order: [0.5, 1.5], problem.stiffness: [1, 2, 3]}
+"""
+PENDULUMS = """\
+name: many
+problem:
+  kind: pendulum
+  damping: [{order: 0.5, coefficient: 0.3}]
+  initial: {position: 1.0}
+  final_time: 2.0
+method: {rk: gauss, degree: 2}
+ladder: {steps: [16, 32]}
+sweep: {problem.initial.position: [0.5, 1.0, 2.0], problem.omega: [1, 2]}
+"""
+
+
+def experiment(text, *overrides):
+    return parse_config(text, "many.yaml", overrides=overrides).experiments[0]
+
+
+@pytest.mark.parametrize("text", [OSCILLATORS, PENDULUMS])
+def test_a_batch_gives_what_every_run_gives_alone(text):
+    (first, *_) = batches_of(experiment(text).runs())
+    together = execute_batch(first)
+    assert [one.run for one in together] == list(first)
+    for run, one in zip(first, together, strict=True):
+        alone = execute(run)
+        scale = np.abs(alone.trajectory.position).max()
+        np.testing.assert_allclose(
+            one.trajectory.position, alone.trajectory.position, rtol=0, atol=1e-12 * scale
+        )
+        assert one.error == pytest.approx(alone.error, rel=1e-6, abs=1e-11)
+        assert (one.status, one.predicted) == (alone.status, alone.predicted)
+        assert one.expected_order == alone.expected_order
+        assert one.reference == alone.reference
+    # a control: members differ from each other
+    finals = {float(one.trajectory.position[-1, 0]) for one in together}
+    assert len(finals) == len(first)
+
+
+def test_batches_hold_every_run_once_and_share_method_and_steps():
+    runs = experiment(OSCILLATORS).runs()
+    batches = batches_of(runs)
+    assert len(batches) == 4
+    assert {run for batch in batches for run in batch} == set(runs)
+    assert sum(map(len, batches)) == len(runs) == 24
+    for batch in batches:
+        assert len({(run.method, run.n_steps) for run in batch}) == 1
+
+
+def test_packs_follow_each_other_and_stay_below_the_bound_of_memory(monkeypatch):
+    one = experiment(OSCILLATORS)
+    each = 8 * members_module.DOUBLES_PER_STEP * 32
+    monkeypatch.setattr(members_module, "BATCH_BYTES", 4 * each)
+    batches = batches_of(one.runs())
+    assert [len(batch) for batch in batches] == [4] * 4 + [2] * 4
+    assert {run.member.number for batch in batches[:4] for run in batch} == {0, 1, 2, 3}
+    monkeypatch.setattr(members_module, "BATCH_BYTES", 10**12)
+    assert len(batches_of(one.runs())) == 4
+    assert [len(batch) for batch in batches_of(one.runs(), workers=3)] == [2] * 12
+
+
+def test_an_interruption_of_nonlinear_members_loses_few():
+    # they are integrated one by one: nothing is gained by keeping them together
+    override = "sweep.problem.omega={from: 1, to: 2, number: 20}"
+    sizes = {len(batch) for batch in batches_of(experiment(PENDULUMS, override).runs())}
+    assert sizes == {8, 4}
+    override = "sweep.problem.stiffness={from: 1, to: 2, number: 20}"
+    assert {len(batch) for batch in batches_of(experiment(OSCILLATORS, override).runs())} == {40}
+
+
+def test_runs_without_a_sweep_stand_alone_in_their_order():
+    runs = experiment(OSCILLATORS.replace("sweep:", "# sweep:")).runs()
+    assert batches_of(runs) == [(run,) for run in runs]
+
+
+def test_a_member_that_blows_up_or_is_refused_leaves_the_others_alone():
+    text = OSCILLATORS.replace("ladder: {steps: [16, 32]}", "ladder: {steps: [16]}")
+    stiff = text.replace("stiffness: [1, 2, 3]", "damping.0.coefficient: [0.1, 300]")
+    stiff = stiff.replace("[0.5, 1.5]", "[1.5]")
+    paper = experiment(stiff).methods[1]
+    for allow, expected in ((False, ["ok", "refused"]), (True, ["ok", "diverged"])):
+        one = experiment(stiff, f"allow_unstable={str(allow).lower()}")
+        runs = [run for run in one.runs() if run.method.case == paper.case]
+        (batch,) = batches_of(runs)
+        assert [finished.status for finished in execute_batch(batch)] == expected
+
+
+def test_references_of_members_are_those_that_they_have_alone():
+    problems = [member.problem for member in experiment(PENDULUMS).members]
+    times = np.linspace(0, 2, 33)
+    for problem, together in zip(problems, find_references(problems, (16, 32)), strict=True):
+        alone = find_reference(problem, (16, 32))
+        assert together.source.split(",")[0] == alone.source.split(",")[0]
+        np.testing.assert_allclose(together.values(times), alone.values(times), atol=1e-12)
+
+
+def test_a_member_travels_to_another_process_and_is_one_object_there():
+    member = experiment(OSCILLATORS).members[3]
+    first, again = (pickle.loads(pickle.dumps(member)) for _ in range(2))
+    assert first is again
+    assert first.specification == member.specification
+    assert first.number == 3
+
+
+@pytest.mark.slow
+def test_processes_give_the_same_members():
+    batches = batches_of(experiment(OSCILLATORS).runs(), workers=2)
+    found = {}
+    for executor in (InProcess(), LocalProcesses(workers=2)):
+        for batch in compute_batches(batches, execute_batch, executor=executor):
+            for one in batch.finished:
+                place = (one.run.method.case, one.run.n_steps, one.run.member.number)
+                found.setdefault(place, []).append(one.trajectory.position)
+    assert len(found) == 24
+    for here, there in found.values():
+        np.testing.assert_array_equal(here, there)

@@ -1,0 +1,171 @@
+"""Batches on a real Dask cluster are the same batches; workers that die do no harm."""
+
+import functools
+import os
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import cloudpickle
+import dask
+import numpy as np
+import pytest
+import test_executor as local
+from distributed import LocalCluster
+from typer.testing import CliRunner
+
+import fvi_cli
+from fvi_cli.cli.app import app
+from fvi_cli.errors import ExecutorError
+from fvi_cli.studies.batches import execute_batch
+from fvi_cli.studies.cluster import DaskCluster
+from fvi_cli.studies.executor import InProcess, compute_batches
+
+# the workers have the package, but not the tests
+cloudpickle.register_pickle_by_value(local)
+# what a cluster leaves to the garbage collector when its workers are killed is not ours
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
+
+
+def start_cluster(n_workers, failures):
+    with dask.config.set({"distributed.scheduler.allowed-failures": failures}):
+        return LocalCluster(
+            n_workers=n_workers,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=":0",  # any free port
+            silence_logs=50,
+        )
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    with start_cluster(2, 1) as cluster:
+        yield cluster
+
+
+def test_a_cluster_gives_the_same_numbers_to_the_last_bit(cluster):
+    runs = local.experiment().runs()
+    batches = local.batches_by_method(runs)
+    here = list(compute_batches(batches, execute_batch, executor=InProcess()))
+    executor = DaskCluster(address=cluster.scheduler_address)
+    there = list(compute_batches(batches, execute_batch, executor=executor))
+    assert local.numbers(here) == local.numbers(there)
+    assert {f.run for batch in there for f in batch.finished} == set(runs)
+    assert not any(batch.is_lost for batch in there)
+
+
+def test_the_command_computes_there_what_it_computes_here(cluster, tmp_path):
+    def run(folder, *options):
+        few = ("--set", "ladder.steps=[4, 8]", "-q", "--output", str(tmp_path / folder))
+        result = CliRunner().invoke(app, ["run", "bagley-torvik-1-2", *few, *options])
+        assert result.exit_code == 0, result.output
+        assert (tmp_path / folder / "bagley-torvik-1-2.h5").is_file()
+        return result.stdout.splitlines()[:-1]
+
+    there = run("there", "--dask", cluster.scheduler_address)
+    assert there == run("here")
+    assert len(there) > 4
+
+
+def test_a_worker_killed_in_the_midst_is_replaced(cluster, tmp_path):
+    dies_once = functools.partial(local.dies_once_of_sixteen, folder=str(tmp_path))
+    batches = local.singles(local.experiment().runs())
+    executor = DaskCluster(address=cluster.scheduler_address)
+    answers = list(compute_batches(batches, dies_once, executor=executor))
+    assert len(list(tmp_path.iterdir())) == 2  # each killed its worker once
+    assert not any(batch.is_lost for batch in answers)
+    here = compute_batches(batches, execute_batch, executor=InProcess())
+    assert local.numbers(answers) == local.numbers(here)
+
+
+def test_a_batch_that_no_worker_survives_is_reported_and_the_others_go_on(cluster):
+    batches = local.singles(local.experiment().runs()[:3])
+    executor = DaskCluster(address=cluster.scheduler_address)
+    answers = list(compute_batches(batches, local.dies_of_sixteen, executor=executor))
+    assert sorted((f.run.n_steps, f.status) for b in answers for f in b.finished) == [
+        (4, "ok"),
+        (8, "ok"),
+        (16, "failed"),
+    ]
+    (lost,) = (batch for batch in answers if batch.is_lost)
+    assert np.isnan(lost.finished[0].error)
+    assert lost.finished[0].trajectory.message == (
+        "the worker that computed it died (out of memory?), 4 times"
+    )
+
+
+def test_where_the_scheduler_forgives_nothing_a_batch_is_sent_once_more_all_the_same(tmp_path):
+    dies_once = functools.partial(local.dies_once_of_sixteen, folder=str(tmp_path))
+    batches = local.singles(local.experiment().runs()[2:3])
+    with start_cluster(1, 0) as strict:
+        executor = DaskCluster(address=strict.scheduler_address)
+        (answer,) = compute_batches(batches, dies_once, executor=executor)
+        assert not answer.is_lost
+        (answer,) = compute_batches(batches, local.dies_of_sixteen, executor=executor)
+        assert answer.is_lost
+
+
+def test_what_goes_wrong_on_a_worker_is_raised_here(cluster):
+    batches = local.singles(local.experiment().runs()[:1])
+    executor = DaskCluster(address=cluster.scheduler_address)
+    with pytest.raises(local.AwkwardError, match="this and that"):
+        list(compute_batches(batches, local.raise_awkward, executor=executor))
+
+
+def unused_address():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp://127.0.0.1:{probe.getsockname()[1]}"
+
+
+def test_a_scheduler_that_is_not_there_is_told(monkeypatch):
+    monkeypatch.setattr("fvi_cli.studies.cluster.CONNECTION_SECONDS", 0.5)
+    batches = local.singles(local.experiment().runs())
+    for address in (unused_address(), "nonsense://1", "tcp://256.0.0.1:1"):
+        with pytest.raises(ExecutorError, match=re.escape(address) + ": no Dask scheduler"):
+            list(compute_batches(batches, execute_batch, executor=DaskCluster(address=address)))
+
+
+SCHEDULER = """
+from distributed import LocalCluster
+
+if __name__ == "__main__":
+    cluster = LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50
+    )
+    print(cluster.scheduler_address, flush=True)
+    input()
+"""
+
+
+def test_a_scheduler_that_is_killed_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("fvi_cli.studies.cluster.CONNECTION_SECONDS", 1.0)
+    script = tmp_path / "scheduler.py"
+    script.write_text(SCHEDULER)
+    search = os.pathsep.join(str(Path(f).parent) for f in (__file__, fvi_cli.__path__[0]))
+    environment = {**os.environ, "PYTHONPATH": search}
+    scheduler = subprocess.Popen(
+        [sys.executable, str(script)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+    with scheduler:
+        executor = DaskCluster(address=scheduler.stdout.readline().strip())
+        batches = local.singles(local.experiment().runs()[:2])
+        stream = compute_batches(batches, local.sleeps_at_four, executor=executor)
+        assert [f.run.n_steps for f in next(stream).finished] == [8]
+        scheduler.kill()
+        with pytest.raises(ExecutorError, match="scheduler is gone"):
+            next(stream)
+
+
+def test_a_missing_package_is_told(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    batches = local.singles(local.experiment().runs())
+    with pytest.raises(ExecutorError, match=r"--dask needs the package distributed: install fvi"):
+        list(compute_batches(batches, execute_batch, executor=DaskCluster(address="tcp://x:1")))

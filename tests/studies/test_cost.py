@@ -1,0 +1,152 @@
+"""Measured costs: what is counted, that set-up is cold, what is stored and what is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+
+from fvi_cli.config import parse_config
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.quadrature import gauss_rule
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.studies import cost
+from fvi_cli.studies.cost import (
+    cost_table,
+    forget,
+    measure_cost,
+    measure_costs,
+    peak_bytes,
+    timed_run,
+)
+from fvi_cli.studies.experiment import Experiment
+
+TEXT = """\
+name: small
+problem:
+  kind: bagley-torvik
+  damping: [{order: 1.5, coefficient: 1.0}]
+  forcing: 15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5
+  final_time: 1.0
+  exact: t**2.5
+method:
+  - {rk: gauss, degree: 2}
+  - {baseline: gruenwald-letnikov}
+ladder: {steps: [8, 16, 32]}
+"""
+
+
+def experiment(text: str = TEXT) -> Experiment:
+    (found,) = parse_config(text, "small.yaml").experiments
+    return found
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch):
+    monkeypatch.setattr(cost, "ENOUGH_SECONDS", 0.0)
+
+
+def test_every_run_is_measured_and_counted():
+    one = experiment()
+    assert isinstance(one.problem, Problem)
+    stored = []
+    table = cost_table(one, list(measure_costs(one, stored.append)))
+    assert [finished.run.n_steps for finished in stored] == [8, 16, 32, 8, 16, 32]
+    assert [case.method.case for case in table.cases] == ["gauss-s2-series", "gruenwald-letnikov"]
+    assert table.gamma == "1.5"
+    for case in table.cases:
+        for row in case.rows:
+            trajectory = integrate(one.problem.scene, case.method, row.n_steps)
+            assert row.history_operations == trajectory.history_operations > 0
+            assert row.newton_iterations == trajectory.newton.iterations
+            assert row.repeats == cost.LEAST_REPEATS
+            assert 0 < row.setup_seconds < row.seconds
+            assert row.stepping_seconds_min <= row.stepping_seconds_median
+            assert row.storage_seconds > 0
+            assert row.spread >= 0
+            assert row.peak_memory_bytes > 8 * row.n_steps
+            assert row.status == "ok"
+    errors = [row.error for row in table.cases[0].rows]
+    assert errors == sorted(errors, reverse=True)
+
+
+def test_long_runs_are_timed_once(monkeypatch):
+    monkeypatch.setattr(cost, "LONG_SECONDS", 0.0)
+    row = measure_cost(experiment().runs()[0])
+    assert row.repeats == 1
+    assert math.isnan(row.spread)
+    assert not row.has_wide_spread
+    assert math.isnan(row.storage_seconds)
+
+
+def test_a_wide_spread_is_marked():
+    row = measure_cost(experiment().runs()[0])
+    assert dataclasses.replace(row, spread=0.11).has_wide_spread
+    assert not dataclasses.replace(row, spread=0.09).has_wide_spread
+
+
+def test_every_timed_run_begins_cold():
+    gauss_rule(3)
+    assert gauss_rule.cache_info().currsize > 0
+    forget()
+    assert gauss_rule.cache_info().currsize == 0
+    seen = []
+
+    def action() -> Trajectory:
+        seen.append(gauss_rule.cache_info().currsize)
+        problem = experiment().problem
+        assert isinstance(problem, Problem)
+        return integrate(problem.scene, Method(cq="gauss", degree=2), 4)
+
+    for _ in range(2):
+        wall, stepping = timed_run(action)
+        assert wall > stepping > 0
+    assert seen == [0, 0]
+
+
+def test_the_peak_is_that_of_the_run():
+    assert 8e6 < peak_bytes(lambda: bytearray(8_000_000)) < 9e6
+
+
+def test_what_is_refused_has_a_row_without_times():
+    text = TEXT.replace("{rk: gauss, degree: 2}", "{bdf: 6, sampling: nodes}")
+    row = measure_cost(experiment(text).runs()[0])
+    assert row.status == "refused"
+    assert row.repeats == row.peak_memory_bytes == 0
+    assert math.isnan(row.seconds)
+    assert not row.is_usable
+
+
+def test_steps_without_a_solution_have_a_row_without_times():
+    text = """\
+name: singular
+problem: {kind: bagley-torvik, stiffness: -1.0, initial: {position: 1.0}, final_time: 2.0}
+method: {rk: gauss, degree: 1}
+ladder: {steps: [1, 2]}
+allow_unstable: true
+"""
+    singular, solved = (measure_cost(run) for run in experiment(text).runs())
+    assert (singular.status, singular.repeats) == ("failed", 0)
+    assert math.isnan(singular.seconds)
+    assert (solved.status, solved.repeats > 0) == ("ok", True)
+
+
+def test_a_sweep_has_no_one_price():
+    text = TEXT + "sweep: {problem.stiffness: [1.0, 2.0]}\n"
+    text = text.replace("  exact: t**2.5\n", "")
+    with pytest.raises(ValueError, match="not on a sweep"):
+        next(measure_costs(experiment(text)))
+
+
+def test_a_derivative_is_no_scene():
+    text = """\
+name: derivative
+problem: {kind: fractional-derivative, order: 0.5, function: t**2, final_time: 1.0}
+method: {bdf: 2}
+ladder: {steps: [4]}
+"""
+    with pytest.raises(ValueError, match="not of a derivative"):
+        next(measure_costs(experiment(text)))

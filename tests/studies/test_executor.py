@@ -1,0 +1,244 @@
+"""Batches computed here and in other processes are the same batches; who dies is replaced."""
+
+import functools
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fvi_cli
+from fvi_cli.errors import ExecutorError
+from fvi_cli.integrator.method import Method
+from fvi_cli.scenes.registry import build_problem
+from fvi_cli.studies import executor as executor_module
+from fvi_cli.studies.batches import execute_batch
+from fvi_cli.studies.executor import InProcess, compute_batches
+from fvi_cli.studies.experiment import Experiment
+from fvi_cli.studies.processes import LocalProcesses
+
+
+def experiment(**changes):
+    specification = {
+        "kind": "bagley-torvik",
+        "damping": [{"order": 1.5, "coefficient": 1.0}],
+        "forcing": "15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5",
+        "final_time": 1.0,
+        "exact": "t**2.5",
+        **changes,
+    }
+    return Experiment(
+        name="quick",
+        problem=build_problem(specification),
+        problem_specification=specification,
+        methods=tuple(Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in (1, 2)),
+        steps=(4, 8, 16),
+    )
+
+
+def numbers(batches):
+    return {
+        (f.run.method.case, f.run.n_steps): (f.error, f.status, f.trajectory.position.tolist())
+        for batch in batches
+        for f in batch.finished
+    }
+
+
+def batches_by_method(runs):
+    return [tuple(run for run in runs if run.method.cq == f"bdf{p}") for p in (1, 2)]
+
+
+def singles(runs):
+    return [(run,) for run in runs]
+
+
+TWO = LocalProcesses(workers=2)
+
+
+def test_several_processes_give_the_same_numbers_to_the_last_bit():
+    runs = experiment().runs()
+    batches = batches_by_method(runs)
+    here = list(compute_batches(batches, execute_batch, executor=InProcess()))
+    there = list(compute_batches(batches, execute_batch, executor=TWO))
+    assert numbers(here) == numbers(there)
+    assert len(numbers(here)) == 6
+    # a batch comes back whole, in its order, with the very runs that were handed in
+    for answers in (here, there):
+        assert {tuple(id(f.run) for f in batch.finished) for batch in answers} == {
+            tuple(id(run) for run in batch) for batch in batches
+        }
+        assert not any(batch.is_lost for batch in answers)
+    # control: another problem gives other numbers
+    other = singles(experiment(stiffness=2.0).runs())
+    assert numbers(compute_batches(other, execute_batch, executor=InProcess())) != numbers(here)
+
+
+def test_one_process_computes_when_asked_and_in_order():
+    batches = batches_by_method(experiment().runs())
+    computed = []
+
+    def compute(batch):
+        computed.append(batch)
+        return execute_batch(batch)
+
+    stream = compute_batches(batches, compute, executor=InProcess())
+    assert computed == []
+    first = next(stream)
+    assert computed == batches[:1]
+    assert [f.run for f in first.finished] == list(batches[0])
+    stream.close()
+    assert computed == batches[:1]
+
+
+def test_leaving_early_ends_the_processes():
+    before = set(multiprocessing.active_children())
+    stream = compute_batches(singles(experiment().runs()), execute_batch, executor=TWO)
+    first = next(stream)
+    assert np.isfinite(first.finished[0].error)
+    assert set(multiprocessing.active_children()) > before
+    stream.close()
+    assert set(multiprocessing.active_children()) <= before
+
+
+def test_what_goes_wrong_in_a_process_is_raised_here():
+    run = experiment().runs()[0]
+    broken = [run, run.__class__(experiment=run.experiment, method=run.method, n_steps=0)]
+    with pytest.raises((ValueError, ZeroDivisionError)):
+        list(compute_batches(singles(broken), execute_batch, executor=TWO))
+    assert not multiprocessing.active_children()
+
+
+class AwkwardError(Exception):
+    """Cannot be made again from what pickle keeps of it."""
+
+    def __init__(self, one, two):
+        super().__init__(f"{one} and {two}")
+
+
+def raise_awkward(batch):
+    raise AwkwardError("this", "that")
+
+
+def test_an_error_that_does_not_travel_is_told_in_words():
+    with pytest.raises(RuntimeError, match="AwkwardError: this and that"):
+        list(compute_batches(singles(experiment().runs()), raise_awkward, executor=TWO))
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize("workers", [0, -1])
+def test_the_number_of_workers_is_checked(workers):
+    with pytest.raises(ValueError, match=f"workers: {workers} is not allowed"):
+        LocalProcesses(workers=workers)
+
+
+def test_an_empty_batch_is_refused():
+    with pytest.raises(ValueError, match="an empty batch"):
+        list(compute_batches([()], execute_batch, executor=InProcess()))
+
+
+# --- processes that die ---------------------------------------------------------------------------
+
+
+def dies_of_sixteen(batch):
+    """No process survives N = 16."""
+    if any(run.n_steps == 16 for run in batch):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return execute_batch(batch)
+
+
+def dies_once_of_sixteen(batch, folder):
+    """The first process that meets N = 16 of a method dies, the next one does not."""
+    for run in batch:
+        mark = Path(folder) / f"{run.method.case}-{run.n_steps}"
+        if run.n_steps == 16 and not mark.exists():
+            mark.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+    return execute_batch(batch)
+
+
+def test_a_batch_whose_process_died_is_computed_once_more(tmp_path):
+    compute = functools.partial(dies_once_of_sixteen, folder=str(tmp_path))
+    batches = singles(experiment().runs())
+    answers = list(compute_batches(batches, compute, executor=TWO))
+    assert len(list(tmp_path.iterdir())) == 2  # both have died once
+    assert not any(batch.is_lost for batch in answers)
+    here = compute_batches(batches, execute_batch, executor=InProcess())
+    assert numbers(answers) == numbers(here)
+
+
+def test_a_batch_of_which_every_process_dies_is_reported_and_the_others_go_on():
+    batches = singles(experiment().runs())
+    answers = list(compute_batches(batches, dies_of_sixteen, executor=TWO))
+    assert len(answers) == 6
+    lost = [batch for batch in answers if batch.is_lost]
+    assert [f.run.n_steps for batch in lost for f in batch.finished] == [16, 16]
+    for (finished,) in (batch.finished for batch in lost):
+        assert finished.status == "failed"
+        assert np.isnan(finished.error)
+        assert finished.trajectory.message == (
+            "the process that computed it was ended by SIGKILL (out of memory?), 2 times"
+        )
+    assert {f.status for b in answers if not b.is_lost for f in b.finished} == {"ok"}
+    assert not multiprocessing.active_children()
+
+
+ORPHANS = """
+import sys, time
+sys.path.insert(0, {tests!r})
+import test_executor as t
+
+if __name__ == "__main__":
+    stream = t.compute_batches(t.singles(t.experiment().runs()), t.sleeps, executor=t.TWO)
+    next(stream)
+"""
+
+
+def sleeps(batch):
+    os.write(1, f"{os.getpid()}\n".encode())
+    time.sleep(600)
+    return []
+
+
+def sleeps_at_four(batch):
+    if batch[0].n_steps == 4:
+        time.sleep(600)
+    return execute_batch(batch)
+
+
+def is_alive(process_id):
+    try:
+        return Path(f"/proc/{process_id}/stat").read_text().split()[2] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes in /proc")
+def test_processes_end_with_a_parent_that_was_killed(tmp_path):
+    script = tmp_path / "orphans.py"
+    script.write_text(ORPHANS.format(tests=str(Path(__file__).parent)))
+    package = str(Path(fvi_cli.__file__).parents[1])
+    environment = {**os.environ, "PYTHONPATH": package}
+    parent = subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, text=True, env=environment
+    )
+    with parent:
+        children = [int(parent.stdout.readline()) for _ in range(2)]
+        assert all(map(is_alive, children))
+        parent.kill()
+    deadline = time.monotonic() + 30
+    while any(map(is_alive, children)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(map(is_alive, children))
+
+
+def test_workers_of_another_version_are_refused(monkeypatch):
+    (portable,) = map(executor_module.portable_batch, singles(experiment().runs()[:1]))
+    assert len(executor_module.compute_portable(execute_batch, portable)) == 1
+    monkeypatch.setattr(fvi_cli, "__version__", "0.0.1")
+    with pytest.raises(ExecutorError, match=r"workers run fvi 0\.0\.1"):
+        executor_module.compute_portable(execute_batch, portable)

@@ -1,0 +1,178 @@
+"""Order fits on errors that are known."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.scenes.registry import build_problem
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed
+from fvi_cli.studies.norms import error_norm
+from fvi_cli.studies.order import fit_slope, order_table, pairwise_order
+from fvi_cli.studies.reference import find_reference
+from fvi_cli.studies.study import study
+
+SPECIFICATION = {
+    "kind": "bagley-torvik",
+    "damping": [{"order": 0.5, "coefficient": 1.0}],
+    "forcing": "6*t + 6/gamma(3.5)*t**2.5 + t**3",
+    "final_time": 1.0,
+    "exact": "t**3",
+}
+METHOD = Method(cq="bdf2", degree=1, sampling="nodes")
+
+
+def experiment(steps: tuple[int, ...] = (4, 8, 16, 32), **keywords: object) -> Experiment:
+    values = {
+        "name": "sample",
+        "problem": build_problem(SPECIFICATION),
+        "problem_specification": SPECIFICATION,
+        "methods": (METHOD,),
+        "steps": steps,
+        **keywords,
+    }
+    return Experiment(**values)
+
+
+def made_up(errors: list[float], statuses: list[Observed] | None = None) -> list[FinishedRun]:
+    own = experiment(tuple(4 * 2**j for j in range(len(errors))))
+    trajectory = Trajectory(time=np.zeros(1), position=np.zeros((1, 1)), n_steps=4, step_size=0.25)
+    return [
+        FinishedRun(run=run, trajectory=trajectory, error=e, floor=1e-14, status=s)
+        for run, e, s in zip(own.runs(), errors, statuses or ["ok"] * len(errors), strict=True)
+    ]
+
+
+@pytest.mark.parametrize("order", [0.5, 1.0, 2.0, 6.0])
+def test_slope_of_a_pure_power_is_its_order(order: float) -> None:
+    runs = made_up([0.3 * 2.0 ** (-order * j) for j in range(5)])
+    (case,) = order_table(runs[0].run.experiment, runs).cases
+    assert case.slope == pytest.approx(order, abs=1e-12)
+    assert case.fit_residual < 1e-12
+    assert case.last_order == pytest.approx(order, abs=1e-12)
+    assert math.isnan(case.rows[0].pairwise_order)
+    assert all(r.pairwise_order == pytest.approx(order, abs=1e-12) for r in case.rows[1:])
+
+
+def test_one_wrong_error_shows_in_slope_and_residual() -> None:
+    runs = made_up([0.3, 0.075, 0.01875, 0.3 * 4.0**-3 * 1.3])
+    (case,) = order_table(runs[0].run.experiment, runs).cases
+    assert abs(case.slope - 2) > 0.05
+    assert case.fit_residual > 0.02
+
+
+def test_only_observed_trouble_leaves_the_fit_and_no_row_is_dropped() -> None:
+    statuses: list[Observed] = ["diverged", "ok", "failed", "ok", "refused", "ok", "floor"]
+    errors = [1e30, 1 / 4, math.nan, 1 / 64, math.nan, 1 / 1024, 1e-16]
+    runs = made_up(errors, statuses)
+    (case,) = order_table(runs[0].run.experiment, runs).cases
+    assert [row.status for row in case.rows] == statuses
+    assert [row.used_in_fit for row in case.rows] == [s == "ok" for s in statuses]
+    assert case.slope == pytest.approx(2, abs=1e-12)
+    # no two of the used rows are neighbours
+    assert math.isnan(case.last_order)
+
+
+def test_too_few_rows_have_no_slope() -> None:
+    assert all(math.isnan(x) for x in fit_slope([4], [0.1]))
+    assert math.isnan(pairwise_order(0.0, 0.1, 2, 4))
+    assert math.isnan(pairwise_order(math.inf, 0.1, 2, 4))
+
+
+def test_norms() -> None:
+    position = np.array([[0.0, 0.0], [1.0, -3.0], [0.5, 1.0]])
+    exact = np.zeros((3, 2))
+    assert error_norm(position, exact, 0.5, "max") == 3.0
+    assert error_norm(position, exact, 0.5, "final") == 1.0
+    assert error_norm(position, exact, 0.5, "l2") == pytest.approx(np.sqrt(0.5 * 11.25))
+    # scales that overflow when squared
+    assert error_norm(1e200 * position, exact, 0.5, "l2") == pytest.approx(
+        1e200 * np.sqrt(0.5 * 11.25)
+    )
+    assert math.isnan(error_norm(np.array([[np.nan]]), np.zeros((1, 1)), 1.0, "max"))
+    with pytest.raises(ValueError, match="shapes differ"):
+        error_norm(position, exact[:2], 0.5, "max")
+    with pytest.raises(ValueError, match="not one of max, final, l2"):
+        error_norm(position, exact, 0.5, "mean")  # type: ignore[arg-type]
+
+
+def test_a_study_yields_every_run_in_order_and_takes_finished_ones() -> None:
+    own = experiment(methods=(METHOD, Baseline(name="implicit-euler")))
+    first = list(study(own))
+    assert [(r.run.method.case, r.run.n_steps) for r in first] == [
+        (m.case, n) for m in own.methods for n in own.steps
+    ]
+    known = {(r.run.method.case, r.run.n_steps): r for r in first[:3]}
+    second = list(study(own, lambda run: known.get((run.method.case, run.n_steps))))
+    assert all(a is b for a, b in zip(first[:3], second[:3], strict=True))
+    assert [r.error for r in first] == [r.error for r in second]
+    table = order_table(own, first)
+    assert table.cases[0].slope == pytest.approx(2, abs=0.1)
+    assert table.cases[1].slope == pytest.approx(1, abs=0.1)
+    assert table.gamma == "0.5"
+
+
+def test_claims_and_expected_failures_are_looked_up_by_case_or_its_beginning() -> None:
+    own = experiment(claims={"bdf2": 1.9}, expect={"bdf2-nodes-s1": "unstable"})
+    assert own.claim(METHOD) == 1.9
+    assert own.expects_failure(METHOD)
+    other = Method(cq="bdf3", degree=1, sampling="nodes")
+    assert own.claim(other) is None
+    assert not own.expects_failure(other)
+
+
+def pendulum(**keywords: object) -> dict[str, object]:
+    return {
+        "kind": "pendulum",
+        "damping": [{"order": 0.5, "coefficient": 0.3}],
+        "initial": {"position": 1.0, "velocity": 0.0},
+        "final_time": 4.0,
+        **keywords,
+    }
+
+
+def test_a_refined_reference_states_its_error() -> None:
+    problem = build_problem(pendulum())
+    reference = find_reference(problem, (16, 32, 48))
+    assert "refined run" in reference.source
+    assert reference.error < 1e-12
+    times = np.linspace(0, 4, 49)
+    assert reference.values(times).shape == (49, 1)
+    finer = find_reference(problem, (1024,))
+    assert np.abs(finer.values(times[::3]) - reference.values(times[::3])).max() < 1e-12
+
+
+def test_ladders_without_a_common_grid_get_a_reference_for_each() -> None:
+    problem = build_problem(pendulum())
+    apart = find_reference(problem, (127, 131))
+    assert "for every grid of its own" in apart.source
+    for n_steps in (127, 131):
+        times = np.linspace(0, 4, n_steps + 1)
+        together = find_reference(problem, (n_steps,))
+        assert np.abs(apart.values(times) - together.values(times)).max() < 1e-12
+
+
+def test_a_reference_that_fails_costs_the_errors_but_not_the_runs() -> None:
+    """Negative damping that blows up before the end: runs are kept, their errors are unknown."""
+    specification = pendulum(
+        damping=[{"order": 1.5, "coefficient": -60.0}], final_time=40.0, omega=3.0
+    )
+    own = Experiment(
+        name="runaway",
+        problem=build_problem(specification),
+        problem_specification=specification,
+        methods=(Method(cq="gauss", degree=1),),
+        steps=(4, 8),
+        allow_unstable=True,
+    )
+    reference = find_reference(own.problem, own.steps)
+    assert not reference.is_known
+    assert "refined run" in reference.source
+    runs = list(study(own))
+    assert len(runs) == 2
+    assert all(math.isnan(run.error) for run in runs)
+    assert all(not row.used_in_fit for row in order_table(own, runs).cases[0].rows)

@@ -1,0 +1,253 @@
+"""Prices: times to accuracies, orders, who is cheapest, on curves that are known."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.studies.cost import CostCase, CostRow, CostTable
+from fvi_cli.studies.cost_goals import cost_goals
+from fvi_cli.studies.price import (
+    Curve,
+    Point,
+    cheapest_at,
+    cheapest_bands,
+    cost_curves,
+    pareto_front,
+)
+
+GAUSS = Method(cq="gauss", degree=2, start="series")
+COUNTS = (10, 20, 40, 80, 160)
+
+
+def row(n_steps: int, error: float, seconds: float, status: str = "ok") -> CostRow:
+    return CostRow(
+        n_steps=n_steps,
+        step_size=1 / n_steps,
+        error=error,
+        floor=1e-15,
+        setup_seconds=seconds / 4,
+        stepping_seconds_min=3 * seconds / 4,
+        stepping_seconds_median=seconds,
+        storage_seconds=math.nan,
+        spread=0.01,
+        repeats=5,
+        peak_memory_bytes=8 * n_steps,
+        history_operations=n_steps * n_steps,
+        newton_iterations=0,
+        status=status,  # type: ignore[arg-type]
+    )
+
+
+def curve(key: str, rows: list[CostRow], method: AnyMethod = GAUSS) -> Curve:
+    points = tuple(Point(error=r.error, seconds=r.seconds, row=r) for r in rows)
+    return Curve(key=key, methods=(method,), points=points)
+
+
+def power_law(key: str, order: float, exponent: float, scale: float = 1e-4) -> Curve:
+    return curve(key, [row(n, n**-order, scale * n**exponent) for n in COUNTS])
+
+
+def table(*cases: CostCase, name: str = "one") -> CostTable:
+    return CostTable(
+        experiment=name,
+        equation="x'' + x = 0",
+        reference="closed form",
+        gamma="0.5",
+        norm="max",
+        final_time=1.0,
+        cases=cases,
+    )
+
+
+@pytest.mark.parametrize(("order", "exponent"), [(1, 1.2), (2, 2), (6, 1)])
+def test_power_laws_are_found_again(order, exponent):
+    law = power_law("law", order, exponent)
+    assert law.order == pytest.approx(order)
+    assert law.time_exponent == pytest.approx(exponent)
+    assert law.price_of_a_digit == pytest.approx(10 ** (exponent / order))
+    between = 55.0
+    accuracy = between**-order
+    assert law.seconds_to(accuracy) == pytest.approx(1e-4 * between**exponent)
+    beyond = 1000.0
+    assert math.isnan(law.seconds_to(beyond**-order))
+    assert law.extrapolated_seconds(beyond**-order) == pytest.approx(1e-4 * beyond**exponent)
+    # what was reached is not extrapolated
+    assert math.isnan(law.extrapolated_seconds(accuracy))
+
+
+def test_the_coarsest_run_is_enough_for_less():
+    law = power_law("law", 2, 1)
+    assert law.seconds_to(0.5) == pytest.approx(1e-3)
+
+
+def test_a_quicker_run_that_is_good_enough_counts():
+    # the third run is no better but slower than the fourth
+    rows = [row(10, 1e-2, 1.0), row(20, 1e-4, 5.0), row(40, 1e-6, 2.0)]
+    assert curve("odd", rows).seconds_to(1e-4) == pytest.approx(2.0)
+
+
+def test_no_error_at_all_is_reached_by_its_own_run_only():
+    exact = curve("exact", [row(10, 1e-2, 1.0), row(20, 0.0, 2.0, "floor")])
+    assert exact.seconds_to(1e-4) == 2.0
+    assert exact.seconds_to(1e-1) == 1.0
+
+
+def test_rows_at_the_floor_have_no_order():
+    rows = [row(n, max(n**-4.0, 1e-7), 1e-4 * n) for n in COUNTS]
+    spoiled = curve("spoiled", rows).order
+    marked = [dataclasses.replace(r, status="floor") if r.error == 1e-7 else r for r in rows]
+    assert spoiled < 3.5
+    assert curve("marked", marked).order == pytest.approx(4.0)
+
+
+def test_what_stalls_is_not_continued():
+    stalled = curve("stalled", [row(n, 1e-3 + n**-2.0, 1e-4 * n) for n in (100, 200, 400, 800)])
+    assert math.isnan(stalled.extrapolated_seconds(1e-6))
+    two = curve("two", [row(10, 1e-2, 1.0), row(20, 1e-3, 2.0)])
+    assert math.isnan(two.extrapolated_seconds(1e-6))
+    assert math.isnan(two.order)
+
+
+def test_the_bands_change_where_the_curves_cross():
+    # the coarsest run of the second takes 9e-4 sqrt(10), the first needs 1e-4 / e
+    first = curve("first", [row(n, 1 / n, 1e-4 * n) for n in COUNTS])
+    second = curve("second", [row(n, n**-2.0, 9e-4 * n**0.5) for n in COUNTS])
+    crossing = 1e-4 / (9e-4 * math.sqrt(10))
+    bands = cheapest_bands([first, second], 1 / 10, 1 / 1000)
+    assert [band.curve.key for band in bands] == ["first", "second"]
+    # a tenth later, for less is a tie
+    assert bands[0].fine == bands[1].coarse == pytest.approx(crossing / 1.1, rel=0.06)
+    assert bands[0].least_seconds == pytest.approx(1e-3, rel=0.06)
+    assert bands[1].most_seconds == pytest.approx(9e-4 * 1000**0.25, rel=0.06)
+    assert cheapest_at([first, second], 2 * crossing).curve is first
+    assert cheapest_at([first, second], crossing / 2).curve is second
+
+
+def test_nobody_is_cheapest_where_nobody_comes():
+    law = power_law("law", 2, 1)
+    assert cheapest_at([law], 1e-12).curve is None
+    assert cheapest_bands([law], 1e-8, 1e-12) == []
+
+
+pairs = st.tuples(st.floats(1e-12, 1.0), st.floats(1e-4, 10.0))
+
+
+@given(st.lists(st.lists(pairs, min_size=1, max_size=6), min_size=1, max_size=4))
+def test_the_front_holds_what_nobody_beats(values):
+    curves = [
+        curve(f"c{k}", [row(n + 1, e, s) for n, (e, s) in enumerate(one)])
+        for k, one in enumerate(values)
+    ]
+    front = {(p.error, p.seconds) for _, p in pareto_front(curves)}
+    everything = {(p.error, p.seconds) for c in curves for p in c.points}
+    best = {
+        (e, s)
+        for e, s in everything
+        if not any((a <= e and b <= s and (a, b) != (e, s)) for a, b in everything)
+    }
+    assert front == best
+
+
+def test_tolerances_make_one_curve():
+    cases = [
+        CostCase(
+            method=Baseline(name="dop853", tolerance=tolerance),
+            rows=tuple(row(n, 3 * tolerance, seconds) for n in (10, 20)),
+        )
+        for tolerance, seconds in ((1e-9, 2.0), (1e-6, 1.0))
+    ]
+    (found,) = cost_curves(table(*cases))
+    assert found.key == "dop853"
+    assert found.is_by_tolerance
+    assert [point.error for point in found.points] == sorted(
+        (point.error for point in found.points), reverse=True
+    )
+    assert math.isnan(found.order)
+    assert 1.0 < found.seconds_to(1e-7) < 2.0
+
+
+def test_what_is_exact_by_chance_is_not_rated():
+    lucky = curve("lucky", [row(n, 1e-16, 1e-5 * n, "floor") for n in COUNTS])
+    other = power_law("other", 2, 1)
+    assert lucky.is_exact_by_chance
+    assert not other.is_exact_by_chance
+    # one of two runs at the floor may be due to its accuracy
+    assert not curve("short", [row(10, 1e-16, 1.0, "floor")]).is_exact_by_chance
+    assert cheapest_at([lucky, other], 1e-3).curve is other
+    assert {found.key for found, _ in pareto_front([lucky, other])} == {"other"}
+
+
+def test_runs_that_failed_are_on_no_curve():
+    rows = (row(10, math.inf, 1.0, "diverged"), row(20, 1e-3, 2.0))
+    (found,) = cost_curves(table(CostCase(method=GAUSS, rows=rows)))
+    assert len(found.points) == 1
+    assert cost_curves(table(CostCase(method=GAUSS, rows=rows[:1]))) == []
+
+
+class TestGoals:
+    def pendulum(self, slow: float) -> CostTable:
+        direct = dataclasses.replace(GAUSS, history="direct")
+        law = [row(n, 10.0 * n**-6.0, 1e-3) for n in COUNTS]
+        return table(
+            CostCase(method=GAUSS, rows=tuple(law)),
+            CostCase(
+                method=direct,
+                rows=tuple(
+                    dataclasses.replace(
+                        r, setup_seconds=slow / 4e3, stepping_seconds_min=slow * 3 / 4e3
+                    )
+                    for r in law
+                ),
+            ),
+            CostCase(
+                method=Baseline(name="gruenwald-letnikov"),
+                rows=tuple(row(n, 1e-3 / n, 1e-4 * n) for n in COUNTS),
+            ),
+            name="cost-pendulum",
+        )
+
+    def test_ratios_are_read_off_the_curves(self):
+        goals = cost_goals([self.pendulum(slow=3.0)], 1e-2)
+        theirs, direct, alone, other = goals
+        # 1e-3 / N = 1e-9 at N = 1e6: 100 s
+        assert theirs.measured == pytest.approx(100 / 1e-3)
+        assert theirs.is_met
+        assert "extrapolated" in theirs.how
+        assert (direct.measured, alone.measured) == pytest.approx((3.0, 3.0))
+        assert direct.is_met
+        assert other.measured == pytest.approx(1e4 * 1e-4 / 1e-3)
+
+    def test_what_is_too_slow_is_not_met(self):
+        assert not cost_goals([self.pendulum(slow=1.5)], 1e-2)[1].is_met
+
+    def test_the_transform_is_the_yardstick(self):
+        rows = (row(100, 1e-8, 1e-3), row(200, 1e-10, 4e-2))
+        step = table(CostCase(method=GAUSS, rows=rows), name="cost-step-forced")
+        stepping, whole = cost_goals([step], 1e-2)
+        assert stepping.measured == pytest.approx(3.0)
+        assert whole.measured == pytest.approx(4.0)
+        assert not stepping.is_met
+        assert whole.is_met
+
+    def test_nothing_reached_is_not_met(self):
+        step = table(CostCase(method=GAUSS, rows=(row(100, 1e-3, 1e-3),)), name="cost-step-forced")
+        assert not any(goal.is_met for goal in cost_goals([step], 1e-2))
+
+    def test_the_oscillator_is_compared_on_the_same_grid(self):
+        ours = CostCase(method=GAUSS, rows=(row(10, 1e-10, 1.0), row(20, 1e-12, 3.0)))
+        others = [
+            CostCase(
+                method=Baseline(name="dop853", tolerance=tolerance),
+                rows=(row(10, tolerance, 0.5), row(20, tolerance, 0.5)),
+            )
+            for tolerance in (1e-8, 1e-10)
+        ]
+        (goal,) = cost_goals([table(ours, *others, name="cost-damped-oscillator")], 1e-2)
+        assert goal.measured == pytest.approx(6.0)
+        assert not goal.is_met

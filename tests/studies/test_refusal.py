@@ -1,0 +1,156 @@
+"""Runs that are predicted to blow up are refused, unless they are wanted; others stop early."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from fvi_cli.integrator.growth_bound import TOLERATED_FACTOR, cut_at_bound, growth_bound
+from fvi_cli.integrator.integrate import integrate, prepare
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.stability import predict_stability
+from fvi_cli.integrator.stepping import run_steps
+from fvi_cli.scenes.registry import build_problem
+from fvi_cli.studies.experiment import Experiment
+from fvi_cli.studies.order import order_table
+from fvi_cli.studies.study import execute, prediction_of, study
+
+NODES = Method(cq="bdf6", degree=1, sampling="nodes")
+
+
+def experiment(*, kind="bagley-torvik", method=NODES, steps=(4, 256), allow=False, **changes):
+    specification = {
+        "kind": kind,
+        "damping": [{"order": 1.5, "coefficient": 1.0}],
+        "initial": {"position": 1.0, "velocity": 0.0},
+        "final_time": 1.0,
+        **changes,
+    }
+    return Experiment(
+        name="quick",
+        problem=build_problem(specification),
+        problem_specification=specification,
+        methods=(method,),
+        steps=steps,
+        allow_unstable=allow,
+    )
+
+
+def test_a_run_that_would_blow_up_is_refused_with_advice():
+    calm, refused = study(experiment())
+    assert (calm.predicted, calm.status) == ("stable", "ok")
+    assert (refused.predicted, refused.status) == ("unstable", "refused")
+    assert refused.trajectory.status == "refused"
+    assert refused.trajectory.position.tolist() == [[1.0]]
+    assert math.isnan(refused.error)
+    message = refused.trajectory.message
+    assert "unstable" in message
+    assert "per step" in message
+    assert "gauss of degree 1 is stable" in message
+    # the step that is named is stable, and a larger one is not
+    n_steps = int(message.split("(N = ")[1].split(")")[0])
+    scene = refused.run.experiment.problem.scene
+    assert predict_stability(scene, NODES, n_steps).verdict == "stable"
+    assert predict_stability(scene, NODES, n_steps * 99 // 100).verdict == "unstable"
+    # the method that is named runs
+    gauss = experiment(method=Method(cq="gauss", degree=1, start="series"), steps=(256,))
+    assert next(study(gauss)).status == "ok"
+
+
+def test_the_table_keeps_the_row():
+    quick = experiment()
+    rows = order_table(quick, study(quick)).cases[0].rows
+    assert [row.status for row in rows] == ["ok", "refused"]
+    assert [row.predicted for row in rows] == ["stable", "unstable"]
+    assert [row.used_in_fit for row in rows] == [True, False]
+    assert "unstable" in rows[1].message
+
+
+def test_a_wanted_run_is_computed_and_stops_early():
+    finished = execute(experiment(allow=True).runs()[1])
+    assert (finished.predicted, finished.status) == ("unstable", "diverged")
+    trajectory = finished.trajectory
+    assert trajectory.status == "diverged"
+    assert 1 < trajectory.time.size < 257
+    assert np.isfinite(trajectory.position).all()
+    step, time = trajectory.time.size - 2, trajectory.time[-1]
+    assert f"after step {step}, t = {time:.6g}" in trajectory.message
+    assert np.abs(trajectory.position[:-1]).max() <= TOLERATED_FACTOR * 2
+    assert abs(trajectory.position[-1, 0]) > TOLERATED_FACTOR
+
+
+@pytest.mark.parametrize("history", ["direct", "fft"])
+def test_both_routes_stop_at_the_same_step(history):
+    scene = experiment(final_time=16.0).problem.scene
+    method = Method(cq="bdf6", degree=1, sampling="nodes", history=history)
+    stopped = integrate(scene, method, 5000)
+    assert stopped.status == "diverged"
+    other = integrate(scene, dataclasses.replace(method, history="auto"), 5000)
+    assert stopped.position.shape == other.position.shape
+    assert np.allclose(stopped.position[:20], other.position[:20], rtol=1e-6)
+    assert stopped.momentum is not None
+    assert stopped.momentum.shape == stopped.position.shape
+
+
+def test_the_steps_themselves_end():
+    scene = experiment(final_time=16.0).problem.scene
+    problem = prepare(scene, NODES, 5000).problem
+    bound = growth_bound(problem)
+    whole = run_steps(dataclasses.replace(problem, n_steps=400))
+    short = run_steps(dataclasses.replace(problem, n_steps=400, stop_beyond=bound.size))
+    assert short.position.shape[0] < whole.position.shape[0]
+    cut = cut_at_bound(problem, whole, bound)
+    assert cut.position.shape == short.position.shape
+    assert cut.failure.startswith("diverged")
+
+
+@pytest.mark.parametrize("n_steps", [600, 6000])
+def test_true_growth_is_not_stopped(n_steps):
+    # exp(0.1 t) over t = 600: a factor 1e26, and the truth
+    negative = experiment(
+        method=Method(cq="gauss", degree=3),
+        steps=(n_steps,),
+        damping=[{"order": 1.0, "coefficient": -0.2}],
+        final_time=600.0,
+    )
+    finished = execute(negative.runs()[0])
+    assert (finished.predicted, finished.status) == ("stable", "ok")
+    assert np.abs(finished.trajectory.position).max() > 1e24
+    # control: without that growth in the bound the run would have ended
+    problem = prepare(negative.problem.scene, negative.methods[0], n_steps).problem
+    bound = dataclasses.replace(growth_bound(problem), rate=0.0)
+    assert cut_at_bound(problem, run_steps(problem), bound).failure
+
+
+def test_sound_runs_stay_within_their_bound_whatever_their_scale():
+    for scale in (1e-150, 1.0, 1e150):
+        tiny = experiment(
+            method=Method(cq="gauss", degree=2),
+            initial={"position": scale, "velocity": 3 * scale},
+            final_time=40.0,
+        )
+        trajectory = integrate(tiny.problem.scene, tiny.methods[0], 256)
+        assert (trajectory.status, trajectory.time.size) == ("ok", 257)
+
+
+def test_from_rest_under_a_force():
+    forced = experiment(
+        initial={"position": 0.0, "velocity": 0.0}, forcing="t**2", allow=True, steps=(256,)
+    )
+    stopped = execute(forced.runs()[0])
+    assert stopped.status == "diverged"
+    calm = integrate(forced.problem.scene, Method(cq="gauss", degree=2), 256)
+    assert calm.status == "ok"
+
+
+def test_nonlinear_scenes_are_warned_about_and_computed():
+    swinging = experiment(kind="pendulum", steps=(256,))
+    run = swinging.runs()[0]
+    assert prediction_of(run).linearised_verdict == "unstable"
+    finished = execute(run)
+    assert finished.predicted == "unknown"
+    assert finished.status != "refused"
+    assert any("linearised at the start" in remark for remark in finished.trajectory.remarks)
+    calm = experiment(kind="pendulum", method=Method(cq="gauss", degree=2), steps=(64,))
+    assert not any("linearised" in remark for remark in execute(calm.runs()[0]).trajectory.remarks)
