@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+
+from fvi_cli.errors import StorageError
+
+UNFINISHED = ".part"
+"""Ending of files that are being written; what is left of them after a crash is of no use."""
 
 
 def replace_file(path: Path, content: bytes) -> None:
@@ -15,17 +23,64 @@ def replace_file(path: Path, content: bytes) -> None:
     OSError
         If the folder does not exist or cannot be written; nothing is left behind.
     """
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    with replacement(path) as handle, os.fdopen(os.dup(handle), "wb") as stream:
+        stream.write(content)
+
+
+@contextlib.contextmanager
+def replacement(path: Path) -> Iterator[int]:
+    """Descriptor of a new file beside `path` that takes its place when the block has ended.
+
+    It is open for reading and writing. On any failure `path` stays as it was, and nothing is left.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=UNFINISHED)
+    temporary = Path(name)
     try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
+        try:
+            yield handle
+            os.fsync(handle)
+        finally:
+            # some systems rename no file that is open
+            os.close(handle)
         # mkstemp gives the file to its owner alone; a result is as readable as other files
         mask = os.umask(0)
         os.umask(mask)
-        Path(temporary).chmod(0o666 & ~mask)
-        Path(temporary).replace(path)
+        temporary.chmod(0o666 & ~mask)
+        temporary.replace(path)
+        _flush_folder(path.parent)
     except BaseException:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
+
+
+def _flush_folder(path: Path) -> None:
+    """Make a renaming last through a loss of power, where the file system can."""
+    if not hasattr(os, "O_DIRECTORY"):  # Windows opens no folders
+        return
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
+    finally:
+        os.close(handle)
+
+
+@contextlib.contextmanager
+def told(path: Path) -> Iterator[None]:
+    """Turn an error of the operating system into one that names `path` and the reason."""
+    try:
+        yield
+    except OSError as error:
+        raise StorageError(f"{path}: cannot be written: {reason(error)}") from error
+
+
+def reason(error: OSError) -> str:
+    """The reason of the operating system, without what libraries add."""
+    return os.strerror(error.errno) if error.errno else str(error)

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
-import os
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,14 +10,12 @@ from pathlib import Path
 import h5py
 
 from fvi_cli.errors import StorageError
+from fvi_cli.storage.atomic import reason, replacement, told
 from fvi_cli.storage.provenance import FORMAT
 from fvi_cli.storage.seal import append_seal, is_broken
 from fvi_cli.storage.stream import SafeStream
 
 CREATOR = "fvi-cli"
-
-UNFINISHED = ".part"
-"""Ending of files that are being written; what is left of them after a crash is of no use."""
 
 
 @contextlib.contextmanager
@@ -134,7 +129,7 @@ def replacing(path: Path) -> Iterator[NewFile]:
     StorageError
         If it cannot be written, with the reason of the operating system.
     """
-    with told(path), _temporary(path) as (handle, temporary):
+    with told(path), replacement(path) as handle:
         stream = SafeStream(handle)
         with h5py.File(stream, "w", track_order=True) as file:
             file.attrs["creator"] = CREATOR
@@ -142,46 +137,3 @@ def replacing(path: Path) -> Iterator[NewFile]:
             yield NewFile(file=file, check=stream.check)
         stream.check()
         append_seal(handle)
-        os.fsync(handle)
-        temporary.replace(path)
-        _flush_folder(path.parent)
-
-
-@contextlib.contextmanager
-def _temporary(path: Path) -> Iterator[tuple[int, Path]]:
-    """A file beside `path` that is gone afterwards, unless it was renamed."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=UNFINISHED)
-    try:
-        mask = os.umask(0)
-        os.umask(mask)
-        os.fchmod(handle, 0o666 & ~mask)
-        yield handle, Path(name)
-    finally:
-        os.close(handle)
-        Path(name).unlink(missing_ok=True)
-
-
-def _flush_folder(path: Path) -> None:
-    """Make a renaming last through a loss of power, where the file system can."""
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
-            raise
-    finally:
-        os.close(handle)
-
-
-@contextlib.contextmanager
-def told(path: Path) -> Iterator[None]:
-    """Turn an error of the operating system into one that names `path` and the reason."""
-    try:
-        yield
-    except OSError as error:
-        raise StorageError(f"{path}: cannot be written: {reason(error)}") from error
-
-
-def reason(error: OSError) -> str:
-    """The reason of the operating system, without what the library adds."""
-    return os.strerror(error.errno) if error.errno else str(error)

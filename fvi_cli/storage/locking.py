@@ -1,25 +1,24 @@
-"""A lock on a folder that ends with the process, whatever ends it."""
+"""A lock on a result file that ends with the process, whatever ends it."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import os
 from collections.abc import Iterator
 from pathlib import Path
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.files import told
+from fvi_cli.storage.atomic import told
 
-LOCK_NAME = ".lock"
+_WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
 
 
 @contextlib.contextmanager
-def folder_lock(folder: Path) -> Iterator[None]:
-    """Hold the folder, which is made when it is missing, for one process alone.
+def file_lock(path: Path) -> Iterator[None]:
+    """Hold a result file, which need not exist, for one process alone.
 
-    The lock is the kernel's (``flock``) on the file ``.lock`` in it. The file stays: removing it
+    The lock is the kernel's, on the file ``.<name>.lock`` beside it. That file stays: removing it
     would let two processes hold locks on two files of that name.
 
     Raises
@@ -27,25 +26,29 @@ def folder_lock(folder: Path) -> Iterator[None]:
     StorageError
         If another process holds it, or the folder cannot be made or written.
     """
-    with told(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    path = folder / LOCK_NAME
-    with told(path):
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    from filelock import FileLock, Timeout
+
+    with told(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    # a lock that is a mere file, as is done where there are no others, would outlive a death
+    lock = FileLock(path.with_name(f".{path.name}.lock"), timeout=0, fallback_to_soft=False)
     try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
-                raise StorageError(
-                    f"{path}: cannot be locked: {os.strerror(error.errno or 0)}; on a file system "
-                    "without locks (some network folders) two commands could destroy each "
-                    "other's results: choose a folder on another one with --output"
-                ) from None
+        lock.acquire()
+    except Timeout:
+        raise StorageError(
+            f"{path}: another fvi is writing it; wait until it has ended, or choose another "
+            "folder with --output"
+        ) from None
+    except OSError as error:
+        if error.errno in _WITHOUT_LOCKS:
             raise StorageError(
-                f"{folder}: another fvi is writing there; wait until it has ended, or choose "
-                "another folder with --output"
+                f"{lock.lock_file}: cannot be locked: {os.strerror(error.errno)}; on a file system "
+                "without locks (some network folders) two commands could destroy each other's "
+                "results: choose a folder on another one with --output"
             ) from None
+        with told(path):
+            raise
+    try:
         yield
     finally:
-        os.close(handle)
+        lock.release()

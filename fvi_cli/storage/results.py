@@ -11,6 +11,7 @@ from typing import Any
 
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.assurance_records import asked_for_tolerance
+from fvi_cli.storage.atomic import UNFINISHED, told
 from fvi_cli.storage.batch_reading import MemberReader
 from fvi_cli.storage.batch_records import (
     block_of,
@@ -19,9 +20,9 @@ from fvi_cli.storage.batch_records import (
     write_batch,
 )
 from fvi_cli.storage.consolidation import Configuration, described, write_root, write_runs
-from fvi_cli.storage.files import UNFINISHED, damage_told, reading, replacing, told
+from fvi_cli.storage.files import damage_told, reading, replacing
 from fvi_cli.storage.locations import Location, index, located
-from fvi_cli.storage.locking import folder_lock
+from fvi_cli.storage.locking import file_lock
 from fvi_cli.storage.provenance import (
     identity,
     identity_otherwise_allowed,
@@ -276,7 +277,7 @@ class Results(StoredRuns):
 def open_results(directory: Path, name: str, *, fresh: bool = False) -> Iterator[Results]:
     """Open ``<name>.h5`` in `directory` for reading and for new runs.
 
-    The folder is held by a lock of the kernel until the block ends.
+    The file is held by a lock of the kernel until the block ends.
 
     Parameters
     ----------
@@ -290,12 +291,12 @@ def open_results(directory: Path, name: str, *, fresh: bool = False) -> Iterator
     Raises
     ------
     StorageError
-        If another process writes there, the folder cannot be used, or a file of that name cannot
+        If another process writes it, the folder cannot be used, or a file of that name cannot
         be read or is not ours.
     """
     path = directory / f"{name}{SUFFIX}"
     parts = directory / f"{name}{PARTS_SUFFIX}"
-    with folder_lock(directory):
+    with file_lock(path):
         _sweep(path, parts)
         results = Results(path=path, parts=parts, is_fresh=fresh)
         results._learn(_all_locations(path, parts))

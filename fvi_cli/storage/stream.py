@@ -63,7 +63,8 @@ class SafeStream:
         count = max(0, min(len(view), self._size - begin))
         content = bytearray(count)
         try:
-            found = os.pread(self._handle, count, begin)
+            os.lseek(self._handle, begin, os.SEEK_SET)
+            found = _read_all(self._handle, count)
         except BaseException as error:
             self._failure = self._failure or error
             found = b""
@@ -96,8 +97,14 @@ class SafeStream:
 
 
 def _write_all(handle: int, content: bytes, place: int) -> None:
+    os.lseek(handle, place, os.SEEK_SET)
     remaining = memoryview(content)
     while remaining:
-        written = os.pwrite(handle, remaining, place)
-        place += written
-        remaining = remaining[written:]
+        remaining = remaining[os.write(handle, remaining) :]
+
+
+def _read_all(handle: int, count: int) -> bytes:
+    found = b""
+    while len(found) < count and (more := os.read(handle, count - len(found))):
+        found += more
+    return found

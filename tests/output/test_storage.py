@@ -31,7 +31,7 @@ from fvi_cli.integrator.method import AnyMethod, Baseline, Method, RuleSpecifica
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage import (
-    files,
+    atomic,
     list_runs,
     open_results,
     provenance,
@@ -132,7 +132,7 @@ def tree(folder: Path) -> dict[str, str]:
     return {
         str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest()
         for p in sorted(folder.rglob("*"))
-        if p.is_file() and p.name != ".lock"
+        if p.is_file() and not p.name.endswith(".lock")
     }
 
 
@@ -661,7 +661,7 @@ def test_a_folder_that_may_not_be_written_is_told(
         raise PermissionError(13, "Permission denied")
 
     with open_results(path.parent, "sample", fresh=True) as results:
-        monkeypatch.setattr(files.tempfile, "mkstemp", refuse)
+        monkeypatch.setattr(atomic.tempfile, "mkstemp", refuse)
         with pytest.raises(StorageError, match=r"\.h5: cannot be written: Permission denied"):
             results.add(runs[0])
     monkeypatch.undo()
@@ -833,7 +833,7 @@ def test_an_interrupt_in_the_midst_of_writing_leaves_what_was_there(
     path: Path, runs: list[FinishedRun], monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:
     before = tree(path.parent)
-    real = os.pwrite
+    real = os.write
     calls = 0
 
     def interrupted(*arguments: Any) -> int:
@@ -843,7 +843,7 @@ def test_an_interrupt_in_the_midst_of_writing_leaves_what_was_there(
             raise KeyboardInterrupt
         return real(*arguments)
 
-    monkeypatch.setattr(stream_module.os, "pwrite", interrupted)
+    monkeypatch.setattr(stream_module.os, "write", interrupted)
     with open_results(path.parent, "sample") as results:
         changed = SimpleNamespace(**{**vars(CONFIGURATION), "text": "another"})
         with pytest.raises(KeyboardInterrupt):
@@ -861,13 +861,13 @@ HOLD = """
     import sys, time
     from pathlib import Path
     import test_storage as t
-    with t.open_results(Path(sys.argv[1]), "other"):
+    with t.open_results(Path(sys.argv[1]), "sample"):
         print("held", flush=True)
         sys.stdin.read()
 """
 
 
-def test_a_folder_is_held_by_one_process_until_it_ends_in_whatever_way(
+def test_a_file_is_held_by_one_process_until_it_ends_in_whatever_way(
     tmp_path: Path, runs: list[FinishedRun]
 ) -> None:
     package = str(Path(fvi_cli.__file__).parents[1])
@@ -882,21 +882,23 @@ def test_a_folder_is_held_by_one_process_until_it_ends_in_whatever_way(
         assert holder.stdout is not None
         assert holder.stdout.readline() == "held\n"
         with (
-            pytest.raises(StorageError, match=r"another fvi is writing there.*--output"),
+            pytest.raises(StorageError, match=r"sample\.h5: another fvi is writing it.*--output"),
             open_results(tmp_path, "sample"),
         ):
             pass
-        # another folder is free
+        # another file of the folder is free, and another folder
+        with open_results(tmp_path, "other"):
+            pass
         store(tmp_path / "elsewhere", runs[:1])
         holder.kill()
     store(tmp_path, runs[:1])
 
 
-def test_a_folder_is_held_once_in_a_process_and_free_after_an_error(tmp_path: Path) -> None:
+def test_a_file_is_held_once_in_a_process_and_free_after_an_error(tmp_path: Path) -> None:
     def fail() -> None:
         with open_results(tmp_path, "sample"):
             with pytest.raises(StorageError, match="another fvi"):
-                open_results(tmp_path, "other").__enter__()
+                open_results(tmp_path, "sample").__enter__()
             raise RuntimeError
 
     with pytest.raises(RuntimeError):

@@ -86,7 +86,7 @@ def kill_and_resume(folder, chance, *options):
     assert resumed.exit_code == 0, resumed.output
     assert f"quick: {N_RUNS} runs, {len(found)} of them stored" in resumed.stderr
     assert len(complete_runs(stored)) == N_RUNS
-    assert sorted(p.name for p in stored.parent.iterdir()) == [".lock", "quick.h5"]
+    assert sorted(p.name for p in stored.parent.iterdir()) == [".quick.h5.lock", "quick.h5"]
     return len(found), resumed.stdout
 
 
@@ -131,7 +131,7 @@ def test_interrupted_it_stores_what_is_finished_and_exits_130(folder, number):
     assert "interrupted" in rest
     assert "Traceback" not in rest
     # consolidated, and no part left
-    assert sorted(p.name for p in (folder / "results").iterdir()) == [".lock", "quick.h5"]
+    assert sorted(p.name for p in (folder / "results").iterdir()) == [".quick.h5.lock", "quick.h5"]
     assert len(complete_runs(folder / "results" / "quick.h5")) == 2
 
 
@@ -271,20 +271,23 @@ def test_in_a_folder_of_somebody_else_it_says_so(folder):
 # --- two at a time --------------------------------------------------------------------------------
 
 
-def test_two_commands_on_one_folder_do_not_meet(folder):
+def test_two_commands_on_one_file_do_not_meet(folder):
     first = started(folder, "run", "slow.yaml", "-v")
     with first:
         first_finished(first)
         second = fvi(folder, "run", "quick.yaml")
         assert second.returncode == 2
         assert second.stderr == (
-            "fvi: results: another fvi is writing there; wait until it has ended, or choose "
+            "fvi: results/quick.h5: another fvi is writing it; wait until it has ended, or choose "
             "another folder with --output\n"
         )
         assert second.stdout == ""
-        # neither looking nor another folder is forbidden
+        # neither looking nor another folder is forbidden, nor another file of the same folder
         assert fvi(folder, "run", "quick.yaml", "--dry-run").returncode == 0
         assert fvi(folder, "run", "quick.yaml", "--output", "other", "-q").returncode == 0
+        (folder / "beside.yaml").write_text(QUICK.replace("name: quick", "name: beside"))
+        assert fvi(folder, "run", "beside.yaml", "-q").returncode == 0
+        assert len(complete_runs(folder / "results" / "beside.h5")) == N_RUNS
         first.kill()
     assert here("run", "quick.yaml").exit_code == 0
 
@@ -300,7 +303,7 @@ def test_a_file_system_without_locks_is_told(folder, monkeypatch, number):
     assert "cannot be locked" in result.stderr
     assert "file system without locks" in result.stderr
     assert "--output" in result.stderr
-    assert [p.name for p in (folder / "results").iterdir()] == [".lock"]
+    assert [p.name for p in (folder / "results").iterdir()] == [".quick.h5.lock"]
 
 
 # --- files that are not what they should be -------------------------------------------------------
