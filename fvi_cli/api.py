@@ -66,11 +66,12 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.stability import StabilityPrediction, predict_stability
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.render import runs as reports
-from fvi_cli.render.results import as_text, compare, figures, write
-from fvi_cli.runner import campaign
-from fvi_cli.runner.campaign import Outcome, Plan
-from fvi_cli.runner.requests import allowing_unstable
+from fvi_cli.render.results import as_text, compare, figures, order_tables, write
+from fvi_cli.runner.outcome import Outcome
+from fvi_cli.runner.plan import PlannedRun, plan_runs
+from fvi_cli.runner.request import Request, allowing_unstable, gather
+from fvi_cli.runner.run import run_request
+from fvi_cli.runner.settings import Settings
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
@@ -99,7 +100,7 @@ __all__ = [
     "Method",
     "OrderTable",
     "Outcome",
-    "Plan",
+    "PlannedRun",
     "Problem",
     "QuadraticPotential",
     "RequestError",
@@ -204,7 +205,7 @@ def run(
         One for every experiment, with its finished runs; a run that failed is among them with its
         status, not an exception.
     """
-    settings = campaign.Settings(
+    settings = Settings(
         output=Path(output or "."),
         workers=workers,
         dask=dask,
@@ -213,15 +214,15 @@ def run(
         show_progress=False,
         keep=output is not None,
     )
-    return campaign.answer(_request(source, allow_unstable=allow_unstable), settings)
+    return run_request(_request(source, allow_unstable=allow_unstable), settings)
 
 
 def plan(
     source: Source, *, output: Path | str = "results", allow_unstable: bool = False
-) -> list[Plan]:
+) -> list[PlannedRun]:
     """What :func:`run` would do with every run, why, and what is predicted; nothing is written."""
-    settings = campaign.Settings(output=Path(output))
-    return campaign.plan([_request(source, allow_unstable=allow_unstable)], settings)
+    settings = Settings(output=Path(output))
+    return plan_runs([_request(source, allow_unstable=allow_unstable)], settings)
 
 
 def recall(path: Path | str) -> list[Outcome]:
@@ -232,8 +233,8 @@ def recall(path: Path | str) -> list[Outcome]:
     StorageError
         If it cannot be read.
     """
-    (request,) = campaign.gather([str(path)])
-    return campaign.answer(request, campaign.Settings(output=Path(path).parent))
+    (request,) = gather([str(path)])
+    return run_request(request, Settings(output=Path(path).parent))
 
 
 def contents(path: Path | str) -> StoredFile:
@@ -244,11 +245,6 @@ def contents(path: Path | str) -> StoredFile:
 def configuration(path: Path | str) -> StoredConfiguration:
     """The configuration that made a result file, word for word, with its overrides."""
     return read_configuration(Path(path))
-
-
-def order_tables(outcomes: Sequence[Outcome]) -> list[OrderTable]:
-    """Tables of orders, one for every experiment, as ``fvi convergence`` makes them."""
-    return reports.order_tables(outcomes)
 
 
 def stability(
@@ -271,10 +267,10 @@ def stability(
     RequestError
         For an experiment in which nothing is integrated.
     """
-    from fvi_cli.render import stability as stability_reports
+    from fvi_cli.runner.stability import ranges, study_stability
 
-    request = _request(load(source, overrides=stability_reports.ranges(over)))
-    return stability_reports.study_stability(request, is_observed=observe, show_progress=False)
+    request = _request(load(source, overrides=ranges(over)))
+    return study_stability(request, is_observed=observe, show_progress=False)
 
 
 def cost(source: Source, *, peers: bool = False) -> list[CostTable]:
@@ -294,14 +290,14 @@ def cost(source: Source, *, peers: bool = False) -> list[CostTable]:
     RequestError
         For a sweep, and where nothing is integrated.
     """
-    from fvi_cli.render import cost as cost_reports
+    from fvi_cli.runner.cost import measure_request, refuse_what_has_no_price, with_peers
 
     requests = [_request(source)]
-    cost_reports.refuse_what_has_no_price(requests)
+    refuse_what_has_no_price(requests)
     if peers:
-        requests = cost_reports.with_peers(requests)
-    settings = campaign.Settings(output=Path(), fresh=True, show_progress=False, keep=False)
-    return cost_reports.measured(requests[0], settings)
+        requests = with_peers(requests)
+    settings = Settings(output=Path(), fresh=True, show_progress=False, keep=False)
+    return measure_request(requests[0], settings)
 
 
 def hard_cases(*, cases: Sequence[str] = (), methods: Sequence[str] = ()) -> HardCaseReport:
@@ -317,14 +313,16 @@ def hard_cases(*, cases: Sequence[str] = (), methods: Sequence[str] = ()) -> Har
     RequestError
         For names that do not exist.
     """
-    from fvi_cli.render.hard_cases import examine_named
+    from fvi_cli.runner.hard_cases import examine_named
 
     return examine_named(cases, methods, show_progress=False)
 
 
 def benchmark(output: Path | str, *, exponent: int = 20) -> Path:
     """Measure the engine on 2^exponent steps and write ``benchmark.md``, as ``fvi benchmark``."""
-    return reports.write_benchmark(Path(output), exponent)[1]
+    from fvi_cli.render.runs import write_benchmark
+
+    return write_benchmark(Path(output), exponent)[1]
 
 
 def export(path: Path | str, form: str, directory: Path | str) -> list[Path]:
@@ -334,9 +332,9 @@ def export(path: Path | str, form: str, directory: Path | str) -> list[Path]:
     return export_file(Path(path), form, Path(directory))
 
 
-def _request(source: Source, *, allow_unstable: bool = False) -> campaign.Request:
+def _request(source: Source, *, allow_unstable: bool = False) -> Request:
     """What a command would be asked for."""
     loaded = load(source)
     if allow_unstable:
         loaded = allowing_unstable(loaded)
-    return campaign.Request(name=loaded.name, loaded=loaded)
+    return Request(name=loaded.name, loaded=loaded)

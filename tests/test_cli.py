@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import fvi_cli
 from fvi_cli.cli.app import app
-from fvi_cli.runner import campaign
+from fvi_cli.runner import request
 from fvi_cli.storage.provenance import SOLVER_VERSION
 from fvi_cli.studies.benchmark import standard_cases
 from fvi_cli.studies.memory_benchmark import memory_cases
@@ -80,7 +80,7 @@ def test_the_command_line_loads_nothing_heavy():
     heavy = {"numpy", "scipy", "matplotlib", "h5py", "yaml", "sympy", "mpmath"}
     assert not heavy & modules_after("import fvi_cli.cli.app")
     # control: the same look at a module that does need NumPy
-    assert "numpy" in modules_after("import fvi_cli.runner.campaign")
+    assert "numpy" in modules_after("import fvi_cli.runner.run")
 
 
 ASK_FOR_HELP = """
@@ -105,7 +105,7 @@ def test_help_loads_few_modules():
     bare, of_help, of_numpy = count("pass"), count(ASK_FOR_HELP), count("import numpy")
     assert of_help - bare < 2 * (of_numpy - bare)
     # control: what a command needs is much more
-    assert count("import fvi_cli.runner.campaign") - bare > 2 * (of_numpy - bare)
+    assert count("import fvi_cli.runner.run") - bare > 2 * (of_numpy - bare)
 
 
 def test_help_names_every_command_and_version_the_version():
@@ -261,8 +261,8 @@ def test_runs_of_another_problem_are_not_replaced_in_silence(folder):
 
 
 def test_a_configuration_is_not_shown_as_results(folder):
-    for request in (["show", "quick.yaml"], ["export", "quick.yaml", "--to", "csv"]):
-        result = fvi(*request)
+    for arguments in (["show", "quick.yaml"], ["export", "quick.yaml", "--to", "csv"]):
+        result = fvi(*arguments)
         assert result.exit_code == 2
         assert "is not a result file of fvi; `fvi check` and `fvi run` take" in result.stderr
     result = fvi("show", "quick")
@@ -344,7 +344,7 @@ def test_a_dry_run_tells_half_runs_older_solvers_and_refusals(folder, monkeypatc
     assert found == [("compute", "incomplete"), ("compute", "new")] + 6 * [("reuse", "stored")]
     told = fvi("run", "quick.yaml").stderr
     assert "quick: computed again: 1 runs, incomplete" in told
-    for module in ("output.provenance", "output.storage.records", "output.storage.reasons"):
+    for module in ("storage.provenance", "storage.records", "storage.reasons"):
         monkeypatch.setattr(f"fvi_cli.{module}.SOLVER_VERSION", SOLVER_VERSION + 1)
     changed = fvi("run", "quick.yaml", "--dry-run", "--set", "problem.stiffness=2.0")
     assert reasons(changed) == 8 * [("compute", "changed: problem.stiffness; older solver")]
@@ -549,7 +549,7 @@ def test_an_unexpected_error_shows_its_traceback_only_when_asked(folder, monkeyp
     def broken(*arguments):
         raise RuntimeError("the moon is full")
 
-    monkeypatch.setattr(campaign, "gather", broken)
+    monkeypatch.setattr(request, "gather", broken)
     result = fvi("check", "quick.yaml")
     assert result.exit_code == 1
     assert "the moon is full" in result.stderr

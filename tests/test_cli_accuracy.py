@@ -52,7 +52,7 @@ def stored(tmp_path):
 def test_the_usual_candidates_are_those_of_the_configuration():
     (experiment,) = parse_config(CONFIG, "tuned.yaml").experiments
     assert experiment.accuracy.candidates == USUAL_CANDIDATES == experiment.methods
-    assert experiment.is_open
+    assert experiment.needs_search
     assert experiment.runs() == []
 
 
@@ -128,4 +128,4 @@ def test_starter_files_show_the_key(fvi):
     ladder = text[text.index("\nladder: ") :].split("\n")[1]
     changed = text.replace(ladder, "").replace("# accuracy:", "accuracy:")
     (experiment,) = parse_config(changed, "mine.yaml").experiments
-    assert experiment.is_open
+    assert experiment.needs_search

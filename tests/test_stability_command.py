@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fvi_cli.cli.app import app
-from fvi_cli.render.stability import ranges
+from fvi_cli.runner.stability import ranges
 from fvi_cli.studies import stability_study
 
 CONFIG = """

@@ -27,7 +27,7 @@ def benchmark(
     verbose: Verbose = False,
 ) -> int:
     """Measure time, error and memory of the engine on this machine, beside the figures to meet."""
-    from fvi_cli.render import runs as reports
+    from fvi_cli.render.runs import write_benchmark
 
-    print(*reports.write_benchmark(output, exponent), sep="\n")
+    print(*write_benchmark(output, exponent), sep="\n")
     return DONE

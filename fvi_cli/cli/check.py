@@ -14,10 +14,10 @@ def check(
     verbose: Verbose = False,
 ) -> int:
     """Validate configurations and compute nothing."""
-    from fvi_cli.runner import campaign
+    from fvi_cli.runner.request import gather
 
-    for request in campaign.gather(configs, overrides or ()):
-        runs = sum(1 if e.is_open else len(e.runs()) for e in request.loaded.experiments)
+    for request in gather(configs, overrides or ()):
+        runs = sum(1 if e.needs_search else len(e.runs()) for e in request.loaded.experiments)
         experiments = len(request.loaded.experiments)
         what = f"{_counted(experiments, 'experiment')}, {_counted(runs, 'run')}"
         print(f"{request.loaded.path}: valid, {what}")

@@ -23,7 +23,7 @@ from fvi_cli.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from fvi_cli.runner.campaign import Outcome
+    from fvi_cli.runner.outcome import Outcome
 
 DEFAULT_TABLES = ("table-1", "table-2", "full-order")
 
@@ -47,12 +47,14 @@ def convergence(
     verbose: Verbose = False,
 ) -> int:
     """Make tables of orders; without argument those of the paper and of full order."""
-    from fvi_cli import reports as tables
-    from fvi_cli.render import runs as reports
-    from fvi_cli.runner import campaign
+    from fvi_cli.render.plans import plans_as_text
+    from fvi_cli.render.results import as_text, compare, order_tables, write
+    from fvi_cli.runner.plan import plan_runs
+    from fvi_cli.runner.request import gather
+    from fvi_cli.runner.run import run_requests
+    from fvi_cli.runner.settings import Settings
 
-    directory = output / "tables"
-    settings = campaign.Settings(
+    settings = Settings(
         output=output,
         workers=workers,
         dask=dask,
@@ -61,23 +63,20 @@ def convergence(
         show_progress=not quiet,
         keep=not check,
     )
-    requests = campaign.gather(
-        sources or DEFAULT_TABLES, overrides or (), allow_unstable=allow_unstable
-    )
+    requests = gather(sources or DEFAULT_TABLES, overrides or (), allow_unstable=allow_unstable)
     if dry_run:
-        print(reports.plans_as_text(campaign.plan(requests, settings), in_full=verbose))
+        print(plans_as_text(plan_runs(requests, settings), in_full=verbose))
         return DONE
     outcomes: list[Outcome] = []
     differences: list[str] = []
-    for request in requests:
-        computed = campaign.answer(request, settings)
+    for request, computed in run_requests(requests, settings):
         outcomes += computed
         if stops(settings, computed):
             break
-        made = reports.order_tables(computed)
+        tables = order_tables(computed)
         if check:
-            differences += tables.compare_with_tables(directory, request.name, made)
+            differences += compare(tables, output, name=request.name)
         else:
-            written = tables.write_tables(directory, request.name, made)
-            print(tables.summary_text(request.name, made), *written, "", sep="\n")
+            written = write(tables, output, name=request.name)
+            print(as_text(tables, name=request.name), *written, "", sep="\n")
     return (verdict(differences) if check else DONE) or exit_code(outcomes)

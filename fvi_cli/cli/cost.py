@@ -49,31 +49,33 @@ def cost(
     verbose: Verbose = False,
 ) -> int:
     """Measure error, time, memory and work of every method; without argument make the page."""
-    from fvi_cli.render import cost as cost_reports
-    from fvi_cli.render import runs as reports
-    from fvi_cli.runner import campaign
+    from fvi_cli.render.cost import write_page
+    from fvi_cli.render.plans import plans_as_text
+    from fvi_cli.render.results import as_text, write
+    from fvi_cli.runner import cost as runner
+    from fvi_cli.runner.plan import plan_runs
+    from fvi_cli.runner.request import gather
+    from fvi_cli.runner.settings import Settings
     from fvi_cli.studies.cost_goals import GOAL_CONFIGS
 
-    settings = campaign.Settings(
+    settings = Settings(
         output=output, fresh=True, fail_fast=fail_fast, show_progress=not quiet, keep=False
     )
-    requests = campaign.gather(
-        configs or GOAL_CONFIGS, overrides or (), allow_unstable=allow_unstable
-    )
-    cost_reports.refuse_what_has_no_price(requests)
+    requests = gather(configs or GOAL_CONFIGS, overrides or (), allow_unstable=allow_unstable)
+    runner.refuse_what_has_no_price(requests)
     if peers:
-        requests = cost_reports.with_peers(requests)
+        requests = runner.with_peers(requests)
     if dry_run:
-        print(reports.plans_as_text(campaign.plan(requests, settings), in_full=verbose))
+        print(plans_as_text(plan_runs(requests, settings), in_full=verbose))
         return DONE
     failures: list[str] = []
     finished: dict[str, list[CostTable]] = {}
     for request in requests:
-        tables = cost_reports.measured(request, settings)
+        tables = runner.measure_request(request, settings)
         finished[request.name] = tables
-        print(cost_reports.costs_as_text(request.name, tables), end="\n\n")
-        print(*cost_reports.write_costs(output, request.name, tables), "", sep="\n")
-        lines = cost_reports.unexpected(request, tables)
+        print(as_text(tables, name=request.name), end="\n\n")
+        print(*write(tables, output, name=request.name), "", sep="\n")
+        lines = runner.unexpected(request, tables)
         for line in lines:
             _logger.warning("%s", line)
         failures += lines
@@ -81,7 +83,7 @@ def cost(
             break
     else:
         if not configs:
-            print(cost_reports.write_page(output, finished))
+            print(write_page(output, finished))
     if failures:
         _logger.error("%d runs failed and their configuration did not expect it", len(failures))
     return RUN_FAILED if failures else DONE

@@ -20,7 +20,8 @@ import typer
 from fvi_cli.errors import FviError, RequestError
 
 if TYPE_CHECKING:
-    from fvi_cli.runner.campaign import Outcome, Settings
+    from fvi_cli.runner.outcome import Outcome
+    from fvi_cli.runner.settings import Settings
 
 DONE, RUN_FAILED, WRONG_REQUEST, CHECK_FAILED, BROKEN_PIPE, INTERRUPTED = 0, 1, 2, 3, 141, 130
 

@@ -35,13 +35,14 @@ def hard_cases(
     verbose: Verbose = False,
 ) -> int:
     """Measure every method on hard cases, and tell what holds; Gauss3 must hold everywhere."""
-    from fvi_cli.render.hard_cases import examine_named
-    from fvi_cli.reports import hard_cases as tables
+    from fvi_cli.render.results import as_text, compare, write
+    from fvi_cli.reports.hard_cases import failures
+    from fvi_cli.runner.hard_cases import examine_named
 
     report = examine_named(case or (), method or (), show_progress=not quiet)
     if check:
-        return verdict([*tables.compare_with_report(output, report), *tables.failures(report)])
-    print(tables.report_text(report))
+        return verdict([*compare(report, output), *failures(report)])
+    print(as_text(report))
     if not (case or method):
-        print("", *tables.write_report(output, report), sep="\n")
-    return CHECK_FAILED if tables.failures(report) else DONE
+        print("", *write(report, output), sep="\n")
+    return CHECK_FAILED if failures(report) else DONE

@@ -26,7 +26,7 @@ def new(
     verbose: Verbose = False,
 ) -> int:
     """Write a commented configuration NAME.yaml to start from, and the schema for editors."""
-    from fvi_cli.render import runs as reports
+    from fvi_cli.render.starter import write_starter
 
-    print(reports.write_starter(name, kind))
+    print(write_starter(name, kind))
     return DONE

@@ -27,7 +27,7 @@ from fvi_cli.cli.options import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from fvi_cli.runner.campaign import Outcome
+    from fvi_cli.runner.outcome import Outcome
 
 _logger = logging.getLogger("fvi_cli")
 
@@ -62,10 +62,14 @@ def plot(
 ) -> int:
     """Draw figures, from stored runs where there are any; without argument those of the paper."""
     from fvi_cli import plotting
-    from fvi_cli.render import runs as reports
-    from fvi_cli.runner import campaign
+    from fvi_cli.render.plans import plans_as_text
+    from fvi_cli.render.results import figures, studies
+    from fvi_cli.runner.plan import plan_runs
+    from fvi_cli.runner.request import gather
+    from fvi_cli.runner.run import run_requests
+    from fvi_cli.runner.settings import Settings
 
-    settings = campaign.Settings(
+    settings = Settings(
         output=output,
         workers=workers,
         dask=dask,
@@ -75,35 +79,30 @@ def plot(
         keep=not check,
         may_replace=False,
     )
-    requests = campaign.gather(
-        sources or DEFAULT_FIGURES, overrides or (), allow_unstable=allow_unstable
-    )
+    requests = gather(sources or DEFAULT_FIGURES, overrides or (), allow_unstable=allow_unstable)
     if dry_run:
-        print(reports.plans_as_text(campaign.plan(requests, settings), in_full=verbose))
+        print(plans_as_text(plan_runs(requests, settings), in_full=verbose))
         return DONE
     outcomes: list[Outcome] = []
     differences: list[str] = []
     if not sources:
         differences += _draw(plotting.sketches(), output, check=check)
-    for request in requests:
-        computed = campaign.answer(request, settings)
+    for request, computed in run_requests(requests, settings):
         outcomes += computed
         if stops(settings, computed):
             break
-        studies = reports.studies(computed)
-        for line in plotting.left_out(studies):
+        for line in plotting.left_out(studies(computed)):
             _logger.warning("%s", line)
-        drawn = plotting.figures_for(studies, name=request.name)
-        differences += _draw(drawn, output, check=check)
+        differences += _draw(figures(computed, name=request.name), output, check=check)
     return (verdict(differences) if check else DONE) or exit_code(outcomes)
 
 
 def _draw(figures: dict[str, Figure], output: Path, *, check: bool) -> list[str]:
     """Write figures and print their paths, or tell in what the stored ones differ."""
-    from fvi_cli.render import runs as reports
+    from fvi_cli.render.figures import compare_figures, write_figures
 
     if check:
-        return reports.compare_figures(figures, output)
-    for path in reports.write_figures(figures, output):
+        return compare_figures(figures, output)
+    for path in write_figures(figures, output):
         print(path)
     return []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fvi_cli.cli.exits import DONE, exit_code, guarded, stops
+from fvi_cli.cli.exits import DONE, exit_code, guarded
 from fvi_cli.cli.options import (
     RESULTS,
     AllowUnstable,
@@ -21,7 +21,7 @@ from fvi_cli.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from fvi_cli.runner.campaign import Outcome
+    from fvi_cli.runner.outcome import Outcome
 
 
 @guarded
@@ -39,10 +39,14 @@ def run(
     verbose: Verbose = False,
 ) -> int:
     """Compute every method of a configuration on every step size; store what comes out."""
-    from fvi_cli.render import runs as reports
-    from fvi_cli.runner import campaign
+    from fvi_cli.render.plans import plans_as_text
+    from fvi_cli.render.runs import runs_as_text
+    from fvi_cli.runner.plan import plan_runs
+    from fvi_cli.runner.request import gather
+    from fvi_cli.runner.run import run_requests
+    from fvi_cli.runner.settings import Settings
 
-    settings = campaign.Settings(
+    settings = Settings(
         output=output,
         workers=workers,
         dask=dask,
@@ -50,16 +54,13 @@ def run(
         fail_fast=fail_fast,
         show_progress=not quiet,
     )
-    requests = campaign.gather(configs, overrides or (), allow_unstable=allow_unstable)
+    requests = gather(configs, overrides or (), allow_unstable=allow_unstable)
     if dry_run:
-        print(reports.plans_as_text(campaign.plan(requests, settings), in_full=verbose))
+        print(plans_as_text(plan_runs(requests, settings), in_full=verbose))
         return DONE
     outcomes: list[Outcome] = []
-    for request in requests:
-        computed = campaign.answer(request, settings)
+    for request, computed in run_requests(requests, settings):
         outcomes += computed
-        print(reports.runs_as_text(computed, every_member=verbose))
+        print(runs_as_text(computed, every_member=verbose))
         print(settings.path_of(request))
-        if stops(settings, computed):
-            break
     return exit_code(outcomes)

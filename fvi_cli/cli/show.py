@@ -23,16 +23,17 @@ def show(
     verbose: Verbose = False,
 ) -> int:
     """List what a result file holds, or print the configuration that made it."""
-    from fvi_cli.render import runs as reports
-    from fvi_cli.runner import campaign
+    from fvi_cli.render.plans import machinery_as_text
+    from fvi_cli.render.runs import contents_as_text
+    from fvi_cli.runner.request import gather
     from fvi_cli.storage import list_runs, read_configuration
 
     if not config:
-        print(reports.contents_as_text(list_runs(file)))
+        print(contents_as_text(list_runs(file)))
         if verbose:
-            (request,) = campaign.gather([str(file)], ())
+            (request,) = gather([str(file)], ())
             runs = [run for one in request.loaded.experiments for run in one.runs()]
-            print(f"\n{reports.machinery_as_text(runs)}")
+            print(f"\n{machinery_as_text(runs)}")
         return DONE
     configuration = read_configuration(file)
     print(configuration.text, end="")

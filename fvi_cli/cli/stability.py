@@ -44,19 +44,18 @@ def stability(
 
     Exit code 3 when a prediction is not what is observed.
     """
-    from fvi_cli.render import stability as stability_reports
+    from fvi_cli.render.results import as_text, compare, write
+    from fvi_cli.runner.stability import gather_over, study_stability
 
-    requests = stability_reports.gather_over(configs, overrides or (), over or ())
+    requests = gather_over(configs, overrides or (), over or ())
     failed = 0
     differences: list[str] = []
     for request in requests:
-        tables = stability_reports.study_stability(
-            request, is_observed=observe, show_progress=not quiet
-        )
+        tables = study_stability(request, is_observed=observe, show_progress=not quiet)
         if check:
-            differences += stability_reports.compare(request.name, tables, output)
+            differences += compare(tables, output, name=request.name)
         else:
-            text, paths = stability_reports.write(request.name, tables, output)
-            print(text, *paths, "", sep="\n")
+            paths = write(tables, output, name=request.name)
+            print(as_text(tables, name=request.name), *paths, "", sep="\n")
         failed += sum(len(table.disagreements) for table in tables)
     return (verdict(differences) if check else DONE) or (CHECK_FAILED if failed else DONE)

@@ -1,18 +1,12 @@
-"""What ``fvi cost`` measures and writes."""
+"""What is printed and written of what accuracy costs."""
 
 from __future__ import annotations
 
-import dataclasses
-import logging
 import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from fvi_cli.errors import RequestError, StorageError
-from fvi_cli.integrator.baselines import baseline_objection
-from fvi_cli.integrator.method import PEER_NAMES, Baseline
-from fvi_cli.integrator.peers import PEER_LIMITS, peers_objection
+from fvi_cli.errors import StorageError
 from fvi_cli.plotting import save_figure
 from fvi_cli.plotting.cost import cost_figure
 from fvi_cli.reports.cost import (
@@ -27,123 +21,13 @@ from fvi_cli.reports.latex import to_latex
 from fvi_cli.reports.markdown import to_markdown
 from fvi_cli.reports.naming import number
 from fvi_cli.reports.plain_text import to_text
-from fvi_cli.runner.campaign import Request, Settings
-from fvi_cli.runner.progress import progress_bar
-from fvi_cli.scenes.problem import Problem
-from fvi_cli.storage import open_results
 from fvi_cli.storage.atomic import replace_file
 from fvi_cli.storage.provenance import package_versions, platform_name
 from fvi_cli.studies.benchmark import yardstick_seconds
-from fvi_cli.studies.cost import CostTable, cost_table, measure_costs
+from fvi_cli.studies.cost import CostTable
 from fvi_cli.studies.cost_goals import YARDSTICK_STEPS, Goal, cost_goals
-from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment, lookup_case
-
-_logger = logging.getLogger(__name__)
 
 PAGE = "cost.md"
-
-
-def refuse_what_has_no_price(requests: Sequence[Request]) -> None:
-    """Complain of everything among `requests` that cannot be measured, before anything is.
-
-    Raises
-    ------
-    RequestError
-        With one line for each.
-    """
-    complaints = []
-    for request in requests:
-        if request.stored is not None:
-            complaints.append(
-                f"{request.stored}: costs are measured anew; name the configuration instead"
-            )
-            continue
-        for experiment in request.loaded.experiments:
-            if experiment.members:
-                complaints.append(f"{experiment.name}: a sweep has no one price; leave out sweep")
-            if experiment.is_open:
-                complaints.append(f"{experiment.name}: {NEEDS_LADDER}")
-            if not isinstance(experiment.problem, Problem):
-                complaints.append(f"{experiment.name}: a fractional derivative is no scene")
-    if complaints:
-        raise RequestError(*complaints)
-
-
-def with_peers(requests: Sequence[Request]) -> list[Request]:
-    """The requests with the methods of other packages beside their own.
-
-    Raises
-    ------
-    RequestError
-        Where the package is not installed.
-    """
-    missing = peers_objection()
-    if missing:
-        raise RequestError(f"--peers: {missing}")
-    _logger.info("%s", PEER_LIMITS)
-    return [
-        dataclasses.replace(
-            request,
-            loaded=dataclasses.replace(
-                request.loaded, experiments=tuple(map(_beside_peers, request.loaded.experiments))
-            ),
-        )
-        for request in requests
-    ]
-
-
-def _beside_peers(experiment: Experiment) -> Experiment:
-    added = []
-    for name in PEER_NAMES:
-        peer = Baseline(name=name)
-        problem = experiment.problem
-        reason = baseline_objection(problem.scene, peer) if isinstance(problem, Problem) else ""
-        if reason:
-            _logger.warning("%s: %s; left out", experiment.name, reason)
-        else:
-            added.append(peer)
-    return dataclasses.replace(experiment, methods=(*experiment.methods, *added))
-
-
-def measured(request: Request, settings: Settings) -> list[CostTable]:
-    """The tables of a request, every run measured in this process, one after the other.
-
-    Writing is measured on a result file in a temporary folder.
-    """
-    experiments = request.loaded.experiments
-    total = sum(len(experiment.runs()) for experiment in experiments)
-    tables = []
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        open_results(Path(folder), request.name) as results,
-        progress_bar(request.name, total, wanted=settings.show_progress) as advance,
-    ):
-        for experiment in experiments:
-            rows = []
-            for run, row in zip(
-                experiment.runs(), measure_costs(experiment, results.add), strict=True
-            ):
-                rows.append(row)
-                advance(run.title)
-                _logger.debug("%s: %s, %.3g s", run.title, row.status, row.seconds)
-            tables.append(cost_table(experiment, rows))
-    return tables
-
-
-def unexpected(request: Request, tables: Sequence[CostTable]) -> list[str]:
-    """One line for every run that came to nothing although the configuration did not say so."""
-    lines = []
-    for experiment, table in zip(request.loaded.experiments, tables, strict=True):
-        for case in table.cases:
-            if lookup_case(experiment.expect, case.method) is not None:
-                continue
-            lines += [
-                f"{experiment.name} {case.method.case} N={row.n_steps}: {row.status}"
-                + (f" ({row.message})" if row.message else "")
-                for row in case.rows
-                if row.status not in ("ok", "floor")
-            ]
-    return lines
 
 
 def write_costs(output: Path, name: str, tables: Sequence[CostTable]) -> list[Path]:

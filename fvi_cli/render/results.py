@@ -1,4 +1,4 @@
-"""What the commands print, write and compare, for whatever kind of result."""
+"""What is printed, drawn, written and compared of results of whatever kind."""
 
 from __future__ import annotations
 
@@ -6,24 +6,32 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
-from fvi_cli import reports as tables
+from fvi_cli import reports
 from fvi_cli.errors import RequestError
-from fvi_cli.render import cost as cost_reports
-from fvi_cli.render import runs as reports
-from fvi_cli.render import stability as stability_reports
-from fvi_cli.reports import hard_cases as hard_case_tables
-from fvi_cli.reports.stability import stability_text
-from fvi_cli.runner.campaign import Outcome, Plan
+from fvi_cli.render.cost import costs_as_text, write_costs
+from fvi_cli.render.figures import compare_figures, write_figures
+from fvi_cli.render.plans import plans_as_text
+from fvi_cli.render.runs import contents_as_text, runs_as_text
+from fvi_cli.reports import hard_cases
+from fvi_cli.reports.stability import (
+    compare_stability_tables,
+    stability_text,
+    write_stability_tables,
+)
+from fvi_cli.runner.outcome import Outcome
+from fvi_cli.runner.plan import PlannedRun
 from fvi_cli.storage import StoredFile
 from fvi_cli.studies.cost import CostTable
+from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.hard_cases.case import HardCaseReport
 from fvi_cli.studies.order import OrderTable
+from fvi_cli.studies.order import order_tables as tables_of_orders
 from fvi_cli.studies.stability_study import StabilityTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Result: TypeAlias = Outcome | OrderTable | StabilityTable | CostTable | Plan
+Result: TypeAlias = Outcome | OrderTable | StabilityTable | CostTable | PlannedRun
 Results: TypeAlias = Sequence[Result] | HardCaseReport
 Kind = TypeVar("Kind")
 
@@ -45,20 +53,20 @@ def as_text(results: Results | StoredFile, *, name: str | None = None) -> str:
         If there is more than one experiment and no name.
     """
     if isinstance(results, HardCaseReport):
-        return hard_case_tables.report_text(results)
+        return hard_cases.report_text(results)
     if isinstance(results, StoredFile):
-        return reports.contents_as_text(results)
+        return contents_as_text(results)
     if outcomes := _of(results, Outcome):
-        return reports.runs_as_text(outcomes)
-    if plans := _of(results, Plan):
-        return reports.plans_as_text(plans)
+        return runs_as_text(outcomes)
+    if plans := _of(results, PlannedRun):
+        return plans_as_text(plans)
     title = name or _only_name(results)
     if orders := _of(results, OrderTable):
-        return tables.summary_text(title, orders)
+        return reports.summary_text(title, orders)
     if stabilities := _of(results, StabilityTable):
         return stability_text(title, stabilities)
     if costs := _of(results, CostTable):
-        return cost_reports.costs_as_text(title, costs)
+        return costs_as_text(title, costs)
     raise RequestError("there is nothing to show")
 
 
@@ -82,7 +90,7 @@ def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
         if outcomes := _of(results, Outcome):
             from fvi_cli.plotting import figures_for
 
-            return figures_for(reports.studies(outcomes), name=title)
+            return figures_for(studies(outcomes), name=title)
         if stabilities := _of(results, StabilityTable):
             from fvi_cli.plotting.stability import stability_figures
 
@@ -120,17 +128,18 @@ def write(results: Results, output: Path | str, *, name: str | None = None) -> l
     """
     folder = Path(output)
     if isinstance(results, HardCaseReport):
-        return hard_case_tables.write_report(folder, results)
+        return hard_cases.write_report(folder, results)
     title = name or _only_name(results)
     if outcomes := _of(results, Outcome):
-        written = tables.write_tables(folder / "tables", title, reports.order_tables(outcomes))
-        return written + reports.write_figures(figures(outcomes, name=title), folder)
+        written = reports.write_tables(folder / "tables", title, order_tables(outcomes))
+        return written + write_figures(figures(outcomes, name=title), folder)
     if orders := _of(results, OrderTable):
-        return tables.write_tables(folder / "tables", title, orders)
+        return reports.write_tables(folder / "tables", title, orders)
     if stabilities := _of(results, StabilityTable):
-        return stability_reports.write(title, stabilities, folder)[1]
+        written = write_stability_tables(folder / "tables", title, stabilities)
+        return written + write_figures(figures(stabilities, name=title), folder)
     if costs := _of(results, CostTable):
-        return cost_reports.write_costs(folder, title, costs)
+        return write_costs(folder, title, costs)
     raise RequestError("plans, and nothing at all, are not written")
 
 
@@ -152,16 +161,17 @@ def compare(results: Results, output: Path | str, *, name: str | None = None) ->
     """
     folder = Path(output)
     if isinstance(results, HardCaseReport):
-        return hard_case_tables.compare_with_report(folder, results)
+        return hard_cases.compare_with_report(folder, results)
     title = name or _only_name(results)
     if outcomes := _of(results, Outcome):
-        made = reports.order_tables(outcomes)
-        differences = tables.compare_with_tables(folder / "tables", title, made)
-        return differences + reports.compare_figures(figures(outcomes, name=title), folder)
+        made = order_tables(outcomes)
+        differences = reports.compare_with_tables(folder / "tables", title, made)
+        return differences + compare_figures(figures(outcomes, name=title), folder)
     if orders := _of(results, OrderTable):
-        return tables.compare_with_tables(folder / "tables", title, orders)
+        return reports.compare_with_tables(folder / "tables", title, orders)
     if stabilities := _of(results, StabilityTable):
-        return stability_reports.compare(title, stabilities, folder)
+        differences = compare_stability_tables(folder / "tables", title, stabilities)
+        return differences + compare_figures(figures(stabilities, name=title), folder)
     raise RequestError("times are never the same twice, and plans are not kept: nothing to compare")
 
 
@@ -184,7 +194,7 @@ def _only_name(results: Results) -> str:
     """The name of the only experiment."""
     names: set[str] = set()
     for one in [] if isinstance(results, HardCaseReport) else results:
-        owner = one.run if isinstance(one, Plan) else one
+        owner = one.run if isinstance(one, PlannedRun) else one
         experiment = owner.experiment
         names.add(experiment if isinstance(experiment, str) else experiment.name)
     if len(names) != 1:
@@ -194,3 +204,16 @@ def _only_name(results: Results) -> str:
             else "name: needed, there is nothing that has one"
         )
     return names.pop()
+
+
+def order_tables(outcomes: Sequence[Outcome]) -> list[OrderTable]:
+    """Tables of orders as ``fvi convergence`` makes them, one for every experiment.
+
+    Of a sweep one for every member.
+    """
+    return [table for one in outcomes for table in tables_of_orders(one.experiment, one.finished)]
+
+
+def studies(outcomes: Sequence[Outcome]) -> list[tuple[Experiment, tuple[FinishedRun, ...]]]:
+    """Experiments with their finished runs."""
+    return [(outcome.experiment, outcome.finished) for outcome in outcomes]

@@ -1,36 +1,15 @@
-"""What the commands print and write, once runs are finished."""
+"""What is printed of runs that are finished, and of what a result file holds."""
 
 from __future__ import annotations
 
-import json
-import logging
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from fvi_cli.config import SCHEMA_FILE, SCHEMA_TITLE, schema_text, starter_config
-from fvi_cli.config.experiment_keys import is_name
-from fvi_cli.errors import RequestError
-from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
+from fvi_cli.runner.outcome import Outcome
+from fvi_cli.storage import StoredFile
 from fvi_cli.storage.atomic import replace_file
-from fvi_cli.studies.order import OrderTable
-from fvi_cli.studies.order import order_tables as tables_of_orders
 from fvi_cli.studies.sweep_summary import sweep_lines
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from fvi_cli.planning.plan import Plan as Machinery
-    from fvi_cli.runner.campaign import Outcome, Plan
-    from fvi_cli.storage import StoredFile
-    from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
-    from fvi_cli.studies.order import OrderTable
-
-MOST_ALIKE = 1024
-"""Members of a sweep among which those are looked for that are computed with the first."""
-
-_logger = logging.getLogger(__name__)
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:
@@ -110,118 +89,6 @@ def _members_as_text(outcome: Outcome) -> str:
     return aligned(rows)
 
 
-def plans_as_text(plans: Sequence[Plan], *, in_full: bool = False) -> str:
-    """One line for every run: what would be done with it, why, which effects it has, what it takes.
-
-    Members of a sweep with which the same would be done share a line, which has the effects of the
-    first of them and what each takes.
-
-    Parameters
-    ----------
-    plans
-        What would be done.
-    in_full
-        Add the machinery of every run below, the same one once.
-    """
-    header = ("experiment", "case", "n_steps", "step_size", "action", "predicted", "effects")
-    rows = [(*header, "operations", "memory", "time", "reason")]
-    for alike in _alike(plans):
-        plan = alike[0]
-        run = plan.run
-        own = planned(run, _members_with([one.run for one in alike[:MOST_ALIKE]]).get(run, 1))
-        rows.append(
-            (
-                run.experiment.name,
-                run.method.case,
-                str(run.n_steps),
-                f"{run.step_size:.6g}",
-                plan.action if run.member is None else f"{plan.action} {len(alike)} members",
-                plan.predicted,
-                ", ".join(effects_of(run.problem)),
-                *_costs(own),
-                plan.reason,
-            )
-        )
-    text = aligned(rows)
-    return f"{text}\n\n{machinery_as_text([p.run for p in plans])}" if in_full else text
-
-
-def _alike(plans: Sequence[Plan]) -> list[list[Plan]]:
-    """Every plan by itself, but those of members that differ in their members only."""
-    groups: dict[tuple[object, ...], list[Plan]] = {}
-    for plan in plans:
-        run = plan.run
-        shared = (run.experiment, run.method, run.n_steps, plan.action, plan.predicted, plan.reason)
-        groups.setdefault((run,) if run.member is None else shared, []).append(plan)
-    return list(groups.values())
-
-
-def machinery_as_text(runs: Sequence[Run]) -> str:
-    """How every run is done, in a paragraph each; runs that are done alike share one."""
-    paragraphs: dict[str, list[str]] = {}
-    together = _members_with(runs)
-    for run in runs:
-        own = planned(run, together.get(run, 1))
-        if own is not None:
-            lines = "\n".join(f"  {line}" for line in own.lines())
-            name = f"{run.experiment.name} {run.method.case} N={run.n_steps}"
-            paragraphs.setdefault(lines, []).append(name)
-    return "\n".join(
-        f"{', '.join(dict.fromkeys(names))}\n{lines}" for lines, names in paragraphs.items()
-    )
-
-
-def planned(run: Run, members: int = 1) -> Machinery | None:
-    """The plan of a run that is one of so many together; None where nothing is integrated."""
-    from fvi_cli.planning.plan import plan_run
-
-    if isinstance(run.problem, DerivativeProblem):
-        return None
-    return plan_run(
-        run.problem.scene,
-        run.method,
-        run.n_steps,
-        every=run.experiment.store_every,
-        members=members,
-        diagnosed=not run.experiment.diagnostics.is_empty,
-    )
-
-
-def _members_with(runs: Sequence[Run]) -> dict[Run, int]:
-    """With how many members, itself among them, every run of a sweep is integrated."""
-    from fvi_cli.integrator.members import companions
-    from fvi_cli.studies.batches import batches_of
-
-    found: dict[Run, int] = {}
-    for batch in batches_of([run for run in runs if run.member is not None]):
-        problems = [run.problem for run in batch]
-        scenes = [one.scene for one in problems if not isinstance(one, DerivativeProblem)]
-        if len(scenes) == len(batch):
-            counts = companions(scenes, batch[0].method, batch[0].n_steps)
-            found.update(zip(batch, counts, strict=True))
-    return found
-
-
-def _costs(plan: Machinery | None) -> tuple[str, str, str]:
-    if plan is None:
-        return ("-", "-", "-")
-    count = plan.history_operations
-    return (
-        "-" if count is None else str(count),
-        f"{plan.memory_bytes / 1e6:.3g} MB",
-        f"about {plan.seconds:.1g} s" if plan.seconds < 10 else f"about {plan.seconds:.0f} s",
-    )
-
-
-def effects_of(problem: AnyProblem) -> list[str]:
-    """Names of what is simulated; what is absent costs nothing."""
-    if isinstance(problem, DerivativeProblem):
-        return [f"derivative of order {problem.order:g}"]
-    from fvi_cli.planning.plan import effects_of_scene
-
-    return list(effects_of_scene(problem.scene))
-
-
 def contents_as_text(stored: StoredFile) -> str:
     """Where a result file comes from, and one line for every run in it."""
     lines = [f"{name}: {value}" for name, value in stored.provenance.items()]
@@ -245,20 +112,6 @@ def contents_as_text(stored: StoredFile) -> str:
         if run.members
     )
     return "\n".join([text, *(["", *swept] if swept else [])])
-
-
-def studies(outcomes: Sequence[Outcome]) -> list[tuple[Experiment, tuple[FinishedRun, ...]]]:
-    """Experiments with their finished runs."""
-    return [(outcome.experiment, outcome.finished) for outcome in outcomes]
-
-
-def order_tables(outcomes: Sequence[Outcome]) -> list[OrderTable]:
-    """A table of orders for every experiment, and for every member of a sweep."""
-    return [
-        table
-        for outcome in outcomes
-        for table in tables_of_orders(outcome.experiment, outcome.finished)
-    ]
 
 
 def write_benchmark(output: Path, exponent: int) -> tuple[str, Path]:
@@ -304,78 +157,3 @@ def _load() -> str:
     """How many processes want a processor, on average over a minute."""
     # not every system tells
     return f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
-
-
-def write_figures(figures: Mapping[str, Figure], output: Path) -> list[Path]:
-    """Write figures under ``figures/`` in `output`; returns the paths."""
-    from fvi_cli.plotting import save_figure
-
-    written: list[Path] = []
-    for name, figure in figures.items():
-        written += save_figure(figure, output / "figures", name)
-    return written
-
-
-def compare_figures(figures: Mapping[str, Figure], output: Path) -> list[str]:
-    """One line for everything that the stored figures show differently."""
-    from fvi_cli.plotting import compare_drawn, drawn_text
-
-    differences = []
-    for name, figure in figures.items():
-        path = output / "figures" / f"{name}.json"
-        missing = [
-            str(other)
-            for other in (path, path.with_suffix(".pdf"), path.with_suffix(".png"))
-            if not other.is_file()
-        ]
-        differences += [f"{other}: missing" for other in missing]
-        if not path.is_file():
-            continue
-        try:
-            stored = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError:
-            differences.append(f"{path}: cannot be read")
-            continue
-        fresh = json.loads(drawn_text(figure))
-        differences += [f"{path}: {line}" for line in compare_drawn(stored, fresh)]
-    return differences
-
-
-def write_starter(name: str, kind: str) -> Path:
-    """Write a commented configuration into the current folder; it must not be there yet.
-
-    The JSON schema for editors is put beside it, or brought up to date; a file of that name that
-    is no schema of ours is left alone.
-
-    Raises
-    ------
-    RequestError
-        For an unknown kind, a name that is not allowed, or a file that exists.
-    """
-    if not is_name(name):
-        raise RequestError(f"{name!r} is not allowed as a name; use letters, digits, - and _")
-    path = Path(f"{name}.yaml")
-    text = starter_config(kind, name=name)
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise RequestError(f"{path}: exists already; it is left as it is") from None
-    except OSError as error:
-        raise RequestError(f"{path}: cannot be written: {error.strerror}") from None
-    _write_schema(Path(SCHEMA_FILE))
-    return path
-
-
-def _write_schema(path: Path) -> None:
-    """Write the schema unless it is there already, or another file is."""
-    fresh = schema_text()
-    try:
-        stored = path.read_text(encoding="utf-8") if path.exists() else ""
-        if stored == fresh or (stored and f'"{SCHEMA_TITLE}"' not in stored):
-            return
-        replace_file(path, fresh.encode())
-    except (OSError, UnicodeDecodeError) as error:
-        _logger.warning("%s: not written: %s", path, error)
-    else:
-        _logger.info("%s: for editors", path)

@@ -50,5 +50,5 @@ def asked_for_tolerance(experiment: Experiment, attributes: Mapping[str, Any]) -
     method = next((one for one in accuracy.candidates if one.case == case), None)
     if method is None or float(attributes["tolerance"]) != accuracy.tolerance:
         return None
-    (run,) = experiment.settled(method, n_steps).runs()
+    (run,) = experiment.with_choice(method, n_steps).runs()
     return run

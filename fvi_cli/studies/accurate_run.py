@@ -52,8 +52,8 @@ def run_for_tolerance(
     Returns
     -------
     FinishedRun
-        Of the settled experiment, with an assurance. Status ``refused`` where the tolerance is
-        below the floor or cannot be reached.
+        Of the experiment with what was chosen, with an assurance. Status ``refused`` where the
+        tolerance is below the floor or cannot be reached.
     """
     accuracy, problem = _wanted(experiment)
     reached = reach_tolerance(
@@ -65,8 +65,8 @@ def run_for_tolerance(
         allow_unstable=experiment.allow_unstable,
         tell=tell,
     )
-    settled = experiment.settled(reached.method, reached.n_steps)
-    (run,) = settled.runs()
+    chosen = experiment.with_choice(reached.method, reached.n_steps)
+    (run,) = chosen.runs()
     assurance = Assurance(
         tolerance=accuracy.tolerance,
         estimate=reached.estimate,

@@ -83,11 +83,11 @@ class Experiment:
     accuracy: Accuracy | None = None
 
     @property
-    def is_open(self) -> bool:
+    def needs_search(self) -> bool:
         """Whether method and number of steps are still to be chosen for a tolerance."""
         return self.accuracy is not None and not self.steps
 
-    def settled(self, method: AnyMethod, n_steps: int) -> Experiment:
+    def with_choice(self, method: AnyMethod, n_steps: int) -> Experiment:
         """The experiment with what was chosen for its tolerance."""
         return replace(self, methods=(method,), steps=(n_steps,))
 

@@ -58,7 +58,7 @@ def study(
         If the experiment asks for a tolerance
         (:func:`fvi_cli.studies.accurate_run.run_for_tolerance` is for these).
     """
-    if experiment.is_open:
+    if experiment.needs_search:
         raise ValueError(f"{experiment.name}: {NEEDS_LADDER}")
     for run in experiment.runs():
         yield finished(run) or execute(run)

@@ -17,7 +17,7 @@ from fvi_cli.integrator import peers
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.plotting.cost import BASELINE_COLOUR, cost_figure
 from fvi_cli.plotting.drawn import drawn_data
-from fvi_cli.render import cost as cost_reports
+from fvi_cli.render.cost import write_page
 from fvi_cli.reports.cost import (
     SUMMARY_COLUMNS,
     cost_csv,
@@ -27,6 +27,7 @@ from fvi_cli.reports.cost import (
 )
 from fvi_cli.reports.latex import to_latex
 from fvi_cli.reports.markdown import to_markdown
+from fvi_cli.runner import cost as cost_runner
 from fvi_cli.studies import cost
 from fvi_cli.studies.cost import CostCase, CostTable
 
@@ -213,13 +214,13 @@ class TestCommand:
         assert (tmp_path / "results/tables/bad-cost.csv").read_text().count(",ok") == 3
 
     def test_peers_that_are_not_there(self, monkeypatch):
-        monkeypatch.setattr(cost_reports, "peers_objection", lambda: "pycaputo is not installed")
+        monkeypatch.setattr(cost_runner, "peers_objection", lambda: "pycaputo is not installed")
         result = self.run("small.yaml", "--peers")
         assert result.exit_code == 2
         assert "--peers: pycaputo is not installed" in result.stderr
 
     def test_peers_are_put_beside(self, monkeypatch):
-        monkeypatch.setattr(cost_reports, "peers_objection", lambda: "")
+        monkeypatch.setattr(cost_runner, "peers_objection", lambda: "")
         monkeypatch.setattr(peers, "peers_objection", lambda: "")
         result = self.run("small.yaml", "--peers", "--dry-run")
         assert result.exit_code == 0
@@ -234,7 +235,7 @@ class TestCommand:
         assert not (tmp_path / "results").exists()
 
     def test_the_page_shows_the_figures_to_meet(self, tmp_path):
-        path = cost_reports.write_page(tmp_path, {"one": [measured()]})
+        path = write_page(tmp_path, {"one": [measured()]})
         text = path.read_text()
         assert "## Figures to meet" in text
         assert "![Error against time and work](figures/one-cost.png)" in text

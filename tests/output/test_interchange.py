@@ -12,8 +12,8 @@ import pytest
 import xarray as xr
 
 from fvi_cli.config import parse_config
-from fvi_cli.runner import campaign
-from fvi_cli.runner.execution import carry_out
+from fvi_cli.runner.compute import compute_runs
+from fvi_cli.runner.settings import Settings
 from fvi_cli.storage import open_results
 
 OSCILLATOR = """
@@ -56,11 +56,11 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """The file of results, and the parts in which they are kept until it is written."""
     folder = tmp_path_factory.mktemp("interchange")
     loaded = parse_config(CONFIG, "everything.yaml")
-    settings = campaign.Settings(output=folder, show_progress=False)
+    settings = Settings(output=folder, show_progress=False)
     kept = folder / "kept"
     kept.mkdir()
     with open_results(folder, loaded.name) as results:
-        carry_out(loaded.experiments, settings, title="all", keep=results.add_batch)
+        compute_runs(loaded.experiments, settings, title="all", keep=results.add_batch)
         for part in (folder / "everything.parts").glob("*.h5"):
             (kept / part.name).write_bytes(part.read_bytes())
         results.consolidate(loaded)

@@ -11,9 +11,9 @@ import pytest
 
 from fvi_cli.config import parse_config
 from fvi_cli.errors import StorageError
+from fvi_cli.runner.executors.batches import batches_of, execute_batch
 from fvi_cli.storage import batch_reading, list_runs, open_results, read_results
 from fvi_cli.storage.provenance import identity
-from fvi_cli.studies.batches import batches_of, execute_batch
 
 CONFIG = """\
 name: many

@@ -21,7 +21,7 @@ from fvi_cli.reports import (
     write_tables,
 )
 from fvi_cli.reports.csv_table import COLUMNS
-from fvi_cli.studies.batches import batches_of, execute_batch
+from fvi_cli.runner.executors.batches import batches_of, execute_batch
 from fvi_cli.studies.order import order_tables
 from fvi_cli.studies.sweep_summary import sweep_lines
 

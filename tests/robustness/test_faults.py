@@ -30,7 +30,7 @@ from typer.testing import CliRunner
 from fvi_cli.cli.app import app
 from fvi_cli.config import load_config
 from fvi_cli.config.memory import run_bytes
-from fvi_cli.studies.batches import execute_batch
+from fvi_cli.runner.executors.batches import execute_batch
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks into /proc")
 
@@ -162,7 +162,7 @@ def dies_of_64(batch):
 
 
 def test_a_run_that_no_worker_survives_is_reported_and_computed_the_next_time(folder, monkeypatch):
-    monkeypatch.setattr("fvi_cli.runner.execution.execute_batch", dies_of_64)
+    monkeypatch.setattr("fvi_cli.runner.compute.execute_batch", dies_of_64)
     result = here("run", "quick.yaml", "--workers", "2")
     assert result.exit_code == 1
     failed = [row.split() for row in result.stdout.splitlines() if "failed" in row]
@@ -364,7 +364,7 @@ def test_runs_for_which_there_is_no_memory_are_refused_before_anything_is_comput
     sizes = [run_bytes(experiment.problem.scene, m, n) for m in methods for n in experiment.steps]
     largest = sorted(sizes, reverse=True)
     room = (sum(largest[:2]) + sum(largest[:3])) // 2
-    monkeypatch.setattr("fvi_cli.runner.campaign.machine_bytes", lambda: room)
+    monkeypatch.setattr("fvi_cli.runner.plan.machine_bytes", lambda: room)
     arguments = ("run", "quick.yaml", "--set", steps)
     result = here(*arguments, "--workers", "3")
     assert result.exit_code == 2

@@ -306,7 +306,7 @@ def test_the_command_fails_when_gauss3_does_not_hold(
     strict = dataclasses.replace(
         case, claims=tuple(dataclasses.replace(claim, limit=1e-20) for claim in case.claims)
     )
-    monkeypatch.setattr("fvi_cli.render.hard_cases.hard_cases", lambda: {case.name: strict})
+    monkeypatch.setattr("fvi_cli.runner.hard_cases.hard_cases", lambda: {case.name: strict})
     result = CliRunner().invoke(
         app, ["hard-cases", "--method", "Gauss3", "--output", str(tmp_path)]
     )

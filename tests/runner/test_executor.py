@@ -15,12 +15,12 @@ import pytest
 import fvi_cli
 from fvi_cli.errors import ExecutorError
 from fvi_cli.integrator.method import Method
+from fvi_cli.runner.executors import executor as executor_module
+from fvi_cli.runner.executors.batches import execute_batch
+from fvi_cli.runner.executors.executor import InProcess, compute_batches
+from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.scenes.registry import build_problem
-from fvi_cli.studies import executor as executor_module
-from fvi_cli.studies.batches import execute_batch
-from fvi_cli.studies.executor import InProcess, compute_batches
 from fvi_cli.studies.experiment import Experiment
-from fvi_cli.studies.processes import LocalProcesses
 
 
 def experiment(**changes):

@@ -5,128 +5,28 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
-from fvi_cli.errors import RequestError
+from fvi_cli.runner.executors.batches import batches_of, execute_batch
+from fvi_cli.runner.executors.executor import Batch, Watch, compute_batches
+from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
 from fvi_cli.runner.progress import RunBar, run_bar
-from fvi_cli.runner.requests import STORED_SUFFIX, Request
+from fvi_cli.runner.settings import Settings
+from fvi_cli.runner.stored import FRESH, Known, Why, no_run
 from fvi_cli.storage import NEW
-from fvi_cli.studies.batches import batches_of, execute_batch
-from fvi_cli.studies.cluster import DaskCluster
-from fvi_cli.studies.executor import Batch, Executor, InProcess, Watch, compute_batches
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
-from fvi_cli.studies.processes import LocalProcesses
 
 _logger = logging.getLogger(__name__)
 
-FRESH = "--fresh"
-
-Known = Callable[[Run], FinishedRun | None]
-Why = Callable[[Run], str]
 Keep = Callable[[Sequence[FinishedRun]], object]
+"""Is given the runs that are computed together, as soon as they are finished."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Settings:
-    """What the options of a command ask for.
-
-    Parameters
-    ----------
-    output
-        Folder of results.
-    workers
-        Number of processes of this machine.
-    dask
-        Address of a Dask scheduler whose workers compute in their place.
-    fresh
-        Ignore stored runs.
-    fail_fast
-        Stop at the first unexpected failure.
-    show_progress
-        Draw a progress bar where there is a terminal.
-    keep
-        Write what is computed; otherwise nothing at all is written.
-    may_replace
-        Keep runs even where that replaces stored runs of another problem.
-
-    Raises
-    ------
-    RequestError
-        If processes and a scheduler are given at the same time.
-    """
-
-    output: Path
-    workers: int = 1
-    dask: str | None = None
-    fresh: bool = False
-    fail_fast: bool = False
-    show_progress: bool = True
-    keep: bool = True
-    may_replace: bool = True
-
-    def __post_init__(self) -> None:
-        if self.dask is not None and self.workers > 1:
-            raise RequestError("--workers and --dask: give one of them; a scheduler has its own")
-
-    def executor(self, watch: Watch | None = None) -> Executor:
-        """Where runs are computed; `watch` is told how far they are, on this machine."""
-        if self.dask is not None:
-            return DaskCluster(address=self.dask)
-        if self.workers > 1:
-            return LocalProcesses(workers=self.workers, watch=watch)
-        return InProcess(watch=watch)
-
-    def path_of(self, request: Request) -> Path:
-        """Where the runs of `request` are, or would be, stored."""
-        return request.stored or self.output / f"{request.name}{STORED_SUFFIX}"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Outcome:
-    """What became of one experiment.
-
-    Parameters
-    ----------
-    experiment
-        What was asked for.
-    finished
-        Finished runs in the order of the experiment's own list.
-    """
-
-    experiment: Experiment
-    finished: tuple[FinishedRun, ...]
-
-    @property
-    def unexpected(self) -> tuple[FinishedRun, ...]:
-        """Runs that came to nothing although the configuration did not say so."""
-        return tuple(f for f in self.finished if is_unexpected_failure(f))
-
-    @property
-    def missing(self) -> int:
-        """Number of runs that were not computed."""
-        asked = 1 if self.experiment.is_open else len(self.experiment.runs())
-        return asked - len(self.finished)
-
-
-def is_unexpected_failure(finished: FinishedRun) -> bool:
-    """Whether the run failed and its configuration did not expect that."""
-    if finished.status in ("ok", "floor"):
-        return False
-    return not finished.run.experiment.expects_failure(finished.run.method)
-
-
-def never(run: Run) -> FinishedRun | None:
-    """No run is known."""
-    return None
-
-
-def carry_out(
+def compute_runs(
     experiments: Sequence[Experiment],
     settings: Settings,
     *,
     title: str,
-    known: Known = never,
+    known: Known = no_run,
     keep: Keep | None = None,
     why: Why | None = None,
 ) -> list[Outcome]:

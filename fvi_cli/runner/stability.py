@@ -1,20 +1,13 @@
-"""What ``fvi stability`` computes, prints and writes."""
+"""Studies of stability that a request asks for."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from pathlib import Path
 
 from fvi_cli.errors import RequestError
-from fvi_cli.render.runs import compare_figures, write_figures
-from fvi_cli.reports.stability import (
-    compare_stability_tables,
-    stability_text,
-    write_stability_tables,
-)
-from fvi_cli.runner.campaign import Request, gather
 from fvi_cli.runner.progress import progress_bar
+from fvi_cli.runner.request import Request, gather
 from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment
 from fvi_cli.studies.stability_study import (
     StabilityTable,
@@ -61,7 +54,7 @@ def gather_over(
     Raises
     ------
     RequestError
-        As :func:`fvi_cli.runner.campaign.gather`; what is wrong with a range is said of ``--over``.
+        As :func:`fvi_cli.runner.request.gather`; what is wrong with a range is said of ``--over``.
     """
     try:
         return gather(configs, (*overrides, *ranges(over)))
@@ -92,7 +85,7 @@ def study_stability(
 def _study(
     experiment: Experiment, *, is_observed: bool | None, show_progress: bool
 ) -> StabilityTable:
-    if experiment.is_open:
+    if experiment.needs_search:
         raise RequestError(f"{experiment.name}: {NEEDS_LADDER}")
     settings = experiment.stability
     wanted = settings.is_observed if is_observed is None else is_observed
@@ -112,20 +105,3 @@ def _study(
     for row in table.disagreements:
         _logger.error("%s: predicted and observed differ: %s", row.run.title, row.observation)
     return table
-
-
-def write(name: str, tables: Sequence[StabilityTable], output: Path) -> tuple[str, list[Path]]:
-    """Write tables and figures; returns the text for the terminal and the paths."""
-    from fvi_cli.plotting.stability import stability_figures
-
-    paths = write_stability_tables(output / "tables", name, tables)
-    paths += write_figures(stability_figures(name, tables), output)
-    return stability_text(name, tables), paths
-
-
-def compare(name: str, tables: Sequence[StabilityTable], output: Path) -> list[str]:
-    """One line for everything in which the stored tables and figures say something else."""
-    from fvi_cli.plotting.stability import stability_figures
-
-    differences = compare_stability_tables(output / "tables", name, tables)
-    return differences + compare_figures(stability_figures(name, tables), output)

@@ -19,9 +19,9 @@ from typer.testing import CliRunner
 import fvi_cli
 from fvi_cli.cli.app import app
 from fvi_cli.errors import ExecutorError
-from fvi_cli.studies.batches import execute_batch
-from fvi_cli.studies.cluster import DaskCluster
-from fvi_cli.studies.executor import InProcess, compute_batches
+from fvi_cli.runner.executors.batches import execute_batch
+from fvi_cli.runner.executors.cluster import DaskCluster
+from fvi_cli.runner.executors.executor import InProcess, compute_batches
 
 # the workers have the package, but not the tests
 cloudpickle.register_pickle_by_value(local)
@@ -122,7 +122,7 @@ def unused_address():
 
 
 def test_a_scheduler_that_is_not_there_is_told(monkeypatch):
-    monkeypatch.setattr("fvi_cli.studies.cluster.CONNECTION_SECONDS", 0.5)
+    monkeypatch.setattr("fvi_cli.runner.executors.cluster.CONNECTION_SECONDS", 0.5)
     batches = local.singles(local.experiment().runs())
     for address in (unused_address(), "nonsense://1", "tcp://256.0.0.1:1"):
         with pytest.raises(ExecutorError, match=re.escape(address) + ": no Dask scheduler"):
@@ -142,7 +142,7 @@ if __name__ == "__main__":
 
 
 def test_a_scheduler_that_is_killed_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr("fvi_cli.studies.cluster.CONNECTION_SECONDS", 1.0)
+    monkeypatch.setattr("fvi_cli.runner.executors.cluster.CONNECTION_SECONDS", 1.0)
     script = tmp_path / "scheduler.py"
     script.write_text(SCHEDULER)
     search = os.pathsep.join(str(Path(f).parent) for f in (__file__, fvi_cli.__path__[0]))

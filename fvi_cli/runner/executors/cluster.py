@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from fvi_cli.errors import ExecutorError
-from fvi_cli.studies.executor import (
+from fvi_cli.runner.executors.executor import (
     Batch,
     ComputeBatch,
     FinishedBatch,
@@ -74,16 +74,16 @@ class DaskCluster:
         if not batches:
             return
         with _connected(self.address) as client:
-            crowd = _Crowd(client=client, address=self.address, compute=compute)
+            jobs = _Jobs(client=client, address=self.address, compute=compute)
             waiting = iter(longest_first(batches))
             try:
-                yield from crowd.answers(waiting)
+                yield from jobs.finished(waiting)
             finally:
-                crowd.leave()
+                jobs.leave()
 
 
 @dataclass(kw_only=True, eq=False)
-class _Crowd:
+class _Jobs:
     """The batches that are under way, by the future that stands for each."""
 
     client: Client
@@ -95,7 +95,7 @@ class _Crowd:
     done: queue.SimpleQueue[Future[Any]] = field(default_factory=queue.SimpleQueue)
     is_idle_told: bool = False
 
-    def answers(self, waiting: Iterator[Batch]) -> Iterator[FinishedBatch]:
+    def finished(self, waiting: Iterator[Batch]) -> Iterator[FinishedBatch]:
         """Every batch of `waiting` as soon as it is finished."""
         ahead = self._ahead()
         while True:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from fvi_cli.config import parse_config
+from fvi_cli.runner.executors.batches import batches_of, execute_batch
+from fvi_cli.runner.executors.executor import InProcess, compute_batches
+from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.studies import members as members_module
-from fvi_cli.studies.batches import batches_of, execute_batch
-from fvi_cli.studies.executor import InProcess, compute_batches
-from fvi_cli.studies.processes import LocalProcesses
 from fvi_cli.studies.reference import find_reference, find_references
 from fvi_cli.studies.study import execute
 

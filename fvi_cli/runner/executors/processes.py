@@ -16,7 +16,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from fvi_cli.integrator.advance import watched
-from fvi_cli.studies.executor import (
+from fvi_cli.runner.executors.executor import (
     Batch,
     ComputeBatch,
     FinishedBatch,
@@ -52,7 +52,7 @@ class _Worker:
     connection: Connection
     task: _Task | None = None
 
-    def obituary(self) -> str:
+    def exit_reason(self) -> str:
         """How the process ended."""
         self.process.join(_SECONDS_TO_LEAVE)
         code = self.process.exitcode
@@ -96,13 +96,13 @@ class LocalProcesses:
         """As :meth:`Executor.compute`; the longest batches first."""
         waiting = deque(_Task(batch=batch) for batch in longest_first(batches))
         size = min(self.workers, len(waiting))
-        crew = _Crew(compute=compute, size=size, watch=self.watch)
+        pool = _Pool(compute=compute, size=size, watch=self.watch)
         try:
-            while waiting or crew.busy:
-                while waiting and crew.has_room:
-                    crew.give(waiting.popleft())
-                for worker in crew.ready():
-                    received = crew.take(worker)
+            while waiting or pool.busy:
+                while waiting and pool.has_room:
+                    pool.give(waiting.popleft())
+                for worker in pool.ready():
+                    received = pool.receive(worker)
                     if received is None:
                         continue
                     task, answer = received
@@ -113,15 +113,15 @@ class LocalProcesses:
                     elif task.deaths < ATTEMPTS:
                         waiting.append(task)
                     else:
-                        message = f"{worker.obituary()}, {task.deaths} times"
+                        message = f"{worker.exit_reason()}, {task.deaths} times"
                         yield lost_batch(task.batch, message)
-            crew.dismiss()
+            pool.dismiss()
         finally:
-            crew.kill()
+            pool.kill()
 
 
 @dataclass(kw_only=True, eq=False)
-class _Crew:
+class _Pool:
     """The processes that are alive, at most `size`."""
 
     compute: ComputeBatch
@@ -136,14 +136,14 @@ class _Crew:
 
     def give(self, task: _Task) -> None:
         """Hand a task to a process that is idle, or to a new one."""
-        worker = self.idle.pop() if self.idle else self._hired()
+        worker = self.idle.pop() if self.idle else self._started()
         worker.task = task
         self.busy[worker.connection] = worker
         # a process that has just died is noticed when its answer is read
         with contextlib.suppress(OSError):
             worker.connection.send(portable_batch(task.batch))
 
-    def _hired(self) -> _Worker:
+    def _started(self) -> _Worker:
         # spawn: a fork would copy the locks of threads that a linear algebra library may hold
         context = multiprocessing.get_context("spawn")
         ours, theirs = context.Pipe()
@@ -160,7 +160,7 @@ class _Crew:
         """Wait for processes that have answered or died."""
         return [self.busy[connection] for connection in wait(list(self.busy))]  # type: ignore[index]
 
-    def take(self, worker: _Worker) -> tuple[_Task, PortableResults | str | None] | None:
+    def receive(self, worker: _Worker) -> tuple[_Task, PortableResults | str | None] | None:
         """The task of a process with its results, with why there are none, or None if it died.
 
         None in place of both if the process has only said how far it is.
@@ -200,11 +200,11 @@ class _Crew:
 
     def kill(self) -> None:
         """End every process, whatever it does."""
-        crew = [*self.idle, *self.busy.values()]
-        for worker in crew:
+        pool = [*self.idle, *self.busy.values()]
+        for worker in pool:
             worker.connection.close()
             worker.process.terminate()
-        for worker in crew:
+        for worker in pool:
             worker.process.join(_SECONDS_TO_LEAVE)
             if worker.process.is_alive():
                 worker.process.kill()

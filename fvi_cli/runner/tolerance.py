@@ -3,32 +3,27 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from fvi_cli.config.memory import machine_bytes
-from fvi_cli.runner.execution import Keep, Outcome, Settings, is_unexpected_failure
+from fvi_cli.runner.compute import Keep
+from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
+from fvi_cli.runner.settings import Settings
+from fvi_cli.runner.stored import Chosen, no_choice
 from fvi_cli.studies.accurate_run import run_for_tolerance
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
 _logger = logging.getLogger(__name__)
 
-Chosen = Callable[[Experiment], FinishedRun | None]
-"""Gives back the run that was chosen earlier for the tolerance of an experiment, or None."""
 
-
-def none_chosen(experiment: Experiment) -> FinishedRun | None:
-    """Nothing was chosen earlier."""
-    return None
-
-
-def settle(
+def run_tolerance_searches(
     experiments: Sequence[Experiment],
     settings: Settings,
     *,
-    chosen: Chosen = none_chosen,
+    chosen: Chosen = no_choice,
     keep: Keep | None = None,
 ) -> dict[Experiment, Outcome]:
-    """Recall or compute the run of every open experiment.
+    """Recall or compute the run of every experiment with a tolerance.
 
     One after the other, in this process: every run of a search depends on those before it.
 
@@ -46,7 +41,7 @@ def settle(
     outcomes: dict[Experiment, Outcome] = {}
     has_failed = False
     for experiment in experiments:
-        if not experiment.is_open:
+        if not experiment.needs_search:
             continue
         if has_failed:
             # nothing is begun after an unexpected failure (--fail-fast)

@@ -1,0 +1,53 @@
+"""The configuration to start from, and the schema for editors, as files."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from fvi_cli.config import SCHEMA_FILE, SCHEMA_TITLE, schema_text, starter_config
+from fvi_cli.config.experiment_keys import is_name
+from fvi_cli.errors import RequestError
+from fvi_cli.storage.atomic import replace_file
+
+_logger = logging.getLogger(__name__)
+
+
+def write_starter(name: str, kind: str) -> Path:
+    """Write a commented configuration into the current folder; it must not be there yet.
+
+    The JSON schema for editors is put beside it, or brought up to date; a file of that name that
+    is no schema of ours is left alone.
+
+    Raises
+    ------
+    RequestError
+        For an unknown kind, a name that is not allowed, or a file that exists.
+    """
+    if not is_name(name):
+        raise RequestError(f"{name!r} is not allowed as a name; use letters, digits, - and _")
+    path = Path(f"{name}.yaml")
+    text = starter_config(kind, name=name)
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise RequestError(f"{path}: exists already; it is left as it is") from None
+    except OSError as error:
+        raise RequestError(f"{path}: cannot be written: {error.strerror}") from None
+    _write_schema(Path(SCHEMA_FILE))
+    return path
+
+
+def _write_schema(path: Path) -> None:
+    """Write the schema unless it is there already, or another file is."""
+    fresh = schema_text()
+    try:
+        stored = path.read_text(encoding="utf-8") if path.exists() else ""
+        if stored == fresh or (stored and f'"{SCHEMA_TITLE}"' not in stored):
+            return
+        replace_file(path, fresh.encode())
+    except (OSError, UnicodeDecodeError) as error:
+        _logger.warning("%s: not written: %s", path, error)
+    else:
+        _logger.info("%s: for editors", path)

@@ -1,0 +1,139 @@
+"""What would be done with every run of a request, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from fvi_cli.config.memory import in_gigabytes, machine_bytes, predicted_bytes, run_bytes
+from fvi_cli.errors import RequestError
+from fvi_cli.runner.executors.batches import pack_size
+from fvi_cli.runner.request import Request
+from fvi_cli.runner.settings import Settings
+from fvi_cli.runner.stored import Known, Why, chosen_runs, is_kept, reasons, stored_runs
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.studies.accurate_run import choices_for
+from fvi_cli.studies.experiment import Experiment, Predicted, Run
+from fvi_cli.studies.study import prediction_of
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlannedRun:
+    """What would be done with one run.
+
+    Parameters
+    ----------
+    run
+        The run.
+    action
+        ``reuse`` a stored result, ``compute``, ``refuse``, or ``leave out``: a result file was
+        named, from which nothing is computed. For a tolerance: ``try first`` for the method that
+        would be begun with, ``candidate`` for the others.
+    reason
+        Why: ``stored``; ``new``, ``incomplete``, ``older solver``, ``changed: problem.stiffness``
+        (see :class:`fvi_cli.storage.Reasons`) or ``--fresh``; ``refused:`` and what is
+        predicted; ``not in the file``.
+    predicted
+        ``stable``, ``unstable`` or ``unknown``.
+    """
+
+    run: Run
+    action: str
+    reason: str
+    predicted: Predicted
+
+
+def plan_runs(requests: Sequence[Request], settings: Settings) -> list[PlannedRun]:
+    """Tell for every run of `requests` what would be done with it; nothing is written."""
+    plans = []
+    for request in requests:
+        check_memory(request, settings)
+        is_kept(request, settings)
+        with stored_runs(request, settings) as known, reasons(request, settings) as why:
+            for experiment in request.loaded.experiments:
+                plans += [_planned(run, known, why, request) for run in experiment.runs()]
+                plans += _choices_for_tolerance(experiment, request, settings)
+    return plans
+
+
+def _choices_for_tolerance(
+    experiment: Experiment, request: Request, settings: Settings
+) -> list[PlannedRun]:
+    """What would be tried for a tolerance: every method with the steps it is thought to take."""
+    accuracy = experiment.accuracy
+    if accuracy is None or not experiment.needs_search:
+        return []
+    with chosen_runs(request, settings) as chosen:
+        earlier = chosen(experiment)
+    if earlier is not None:
+        return [
+            PlannedRun(
+                run=earlier.run, action="reuse", reason="stored", predicted=earlier.predicted
+            )
+        ]
+    plans: list[PlannedRun] = []
+    for choice in choices_for(experiment, available_bytes=machine_bytes()):
+        (run,) = experiment.with_choice(choice.method, choice.n_steps).runs()
+        action = "candidate" if plans else "try first"
+        if request.stored is not None:
+            action = "leave out"
+        plans.append(
+            PlannedRun(
+                run=run,
+                action=action,
+                reason=f"thought to reach {accuracy.tolerance:g}; N/2 is run as well",
+                predicted=prediction_of(run).verdict,
+            )
+        )
+    if not plans:
+        (run,) = experiment.with_choice(accuracy.candidates[0], 1).runs()
+        reason = f"no method is thought to reach {accuracy.tolerance:g}"
+        plans.append(PlannedRun(run=run, action="refuse", reason=reason, predicted="unknown"))
+    return plans
+
+
+def _planned(run: Run, known: Known, why: Why, request: Request) -> PlannedRun:
+    earlier = known(run)
+    if earlier is not None:
+        return PlannedRun(run=run, action="reuse", reason="stored", predicted=earlier.predicted)
+    prediction = prediction_of(run)
+    if request.stored is not None:
+        action, reason = "leave out", "not in the file"
+    elif prediction.verdict == "unstable" and not run.experiment.allow_unstable:
+        action, reason = "refuse", f"refused: {prediction.reason}"
+    else:
+        action, reason = "compute", why(run)
+    return PlannedRun(run=run, action=action, reason=reason, predicted=prediction.verdict)
+
+
+def check_memory(request: Request, settings: Settings) -> None:
+    """The longest runs must have room at the same time; one alone was looked at before."""
+    available = machine_bytes()
+    if settings.workers == 1 or request.stored is not None or available is None:
+        return
+    sizes = []
+    for experiment in request.loaded.experiments:
+        problem = experiment.problem
+        if not isinstance(problem, Problem):
+            sizes += [predicted_bytes(n, 1) for n in experiment.steps]
+            continue
+        together = pack_size(experiment, settings.workers) if experiment.members else 1
+        sizes += [
+            run_bytes(
+                problem.scene,
+                method,
+                n,
+                every=experiment.store_every,
+                members=together,
+                diagnosed=not experiment.diagnostics.is_empty,
+            )
+            for method in experiment.methods
+            for n in experiment.steps
+        ]
+    needed = sum(sorted(sizes)[-settings.workers :])
+    if needed > available:
+        raise RequestError(
+            f"--workers {settings.workers}: the longest runs of {request.name} need about "
+            f"{in_gigabytes(needed)} of memory at the same time, this machine has "
+            f"{in_gigabytes(available)}; fewer processes need less"
+        )

@@ -1,0 +1,104 @@
+"""The runs of a request: recalled or computed, and kept if that is wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+from fvi_cli.runner.compute import compute_runs
+from fvi_cli.runner.outcome import Outcome
+from fvi_cli.runner.plan import check_memory
+from fvi_cli.runner.request import Request
+from fvi_cli.runner.settings import Settings
+from fvi_cli.runner.stored import (
+    chosen_runs,
+    is_kept,
+    no_choice,
+    no_run,
+    reasons,
+    recall,
+    stored_runs,
+)
+from fvi_cli.runner.tolerance import run_tolerance_searches
+from fvi_cli.storage import open_results
+from fvi_cli.studies.experiment import Experiment
+
+
+def run_requests(
+    requests: Sequence[Request], settings: Settings
+) -> Iterator[tuple[Request, list[Outcome]]]:
+    """Run one request after the other; none after an unexpected failure if that ends the command.
+
+    Yields
+    ------
+    tuple of Request and list of Outcome
+        As soon as its runs are finished.
+    """
+    for request in requests:
+        outcomes = run_request(request, settings)
+        yield request, outcomes
+        if settings.fail_fast and any(outcome.unexpected for outcome in outcomes):
+            return
+
+
+def run_request(request: Request, settings: Settings) -> list[Outcome]:
+    """Recall or compute every run of one request; keep what is computed if that is wanted.
+
+    Raises
+    ------
+    StorageError
+        If results cannot be read or written.
+    RequestError
+        If as many runs as there are processes would take more memory than there is.
+    """
+    check_memory(request, settings)
+    experiments = request.loaded.experiments
+    if request.stored is not None:
+        return recall(experiments, request.stored)
+    if not is_kept(request, settings):
+        with (
+            stored_runs(request, settings) as known,
+            chosen_runs(request, settings) as chosen,
+        ):
+            searched = run_tolerance_searches(experiments, settings, chosen=chosen)
+            return _all_outcomes(
+                experiments,
+                searched,
+                lambda rest: compute_runs(rest, settings, title=request.name, known=known),
+            )
+    with (
+        open_results(settings.output, request.name, fresh=settings.fresh) as results,
+        reasons(request, settings) as why,
+    ):
+        try:
+            searched = run_tolerance_searches(
+                experiments,
+                settings,
+                chosen=no_choice if settings.fresh else results.chosen,
+                keep=results.add_batch,
+            )
+            return _all_outcomes(
+                experiments,
+                searched,
+                lambda rest: compute_runs(
+                    rest,
+                    settings,
+                    title=request.name,
+                    known=no_run if settings.fresh else results.finished,
+                    why=why,
+                    keep=results.add_batch,
+                ),
+            )
+        finally:
+            # also on Ctrl-C: what is finished is there for the next time
+            results.consolidate(request.loaded)
+
+
+def _all_outcomes(
+    experiments: Sequence[Experiment],
+    searched: Mapping[Experiment, Outcome],
+    computed: Callable[[Sequence[Experiment]], list[Outcome]],
+) -> list[Outcome]:
+    """Outcomes in the order of the experiments; nothing more is begun after a failed search."""
+    rest = [experiment for experiment in experiments if experiment not in searched]
+    others = iter(computed(rest) if rest else [])
+    return [searched[e] if e in searched else next(others) for e in experiments]

@@ -1,0 +1,67 @@
+"""How the runs of a request are computed: what the options of a command say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from fvi_cli.errors import RequestError
+from fvi_cli.runner.executors.cluster import DaskCluster
+from fvi_cli.runner.executors.executor import Executor, InProcess, Watch
+from fvi_cli.runner.executors.processes import LocalProcesses
+from fvi_cli.runner.request import STORED_SUFFIX, Request
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What the options of a command ask for.
+
+    Parameters
+    ----------
+    output
+        Folder of results.
+    workers
+        Number of processes of this machine.
+    dask
+        Address of a Dask scheduler whose workers compute in their place.
+    fresh
+        Ignore stored runs.
+    fail_fast
+        Stop at the first unexpected failure.
+    show_progress
+        Draw a progress bar where there is a terminal.
+    keep
+        Write what is computed; otherwise nothing at all is written.
+    may_replace
+        Keep runs even where that replaces stored runs of another problem.
+
+    Raises
+    ------
+    RequestError
+        If processes and a scheduler are given at the same time.
+    """
+
+    output: Path
+    workers: int = 1
+    dask: str | None = None
+    fresh: bool = False
+    fail_fast: bool = False
+    show_progress: bool = True
+    keep: bool = True
+    may_replace: bool = True
+
+    def __post_init__(self) -> None:
+        if self.dask is not None and self.workers > 1:
+            raise RequestError("--workers and --dask: give one of them; a scheduler has its own")
+
+    def executor(self, watch: Watch | None = None) -> Executor:
+        """Where runs are computed; `watch` is told how far they are, on this machine."""
+        if self.dask is not None:
+            return DaskCluster(address=self.dask)
+        if self.workers > 1:
+            return LocalProcesses(workers=self.workers, watch=watch)
+        return InProcess(watch=watch)
+
+    def path_of(self, request: Request) -> Path:
+        """Where the runs of `request` are, or would be, stored."""
+        return request.stored or self.output / f"{request.name}{STORED_SUFFIX}"
