@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 import fvi_cli
 from fvi_cli.cli.app import app
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.runner import request
 from fvi_cli.storage.provenance import SOLVER_VERSION
 from fvi_cli.studies.benchmark import standard_cases
@@ -135,6 +136,43 @@ def test_run_stores_results_and_prints_them_on_stdout(folder):
     assert len(table) == 1 + 8
     assert "quick: 8 runs, 0 of them stored" in result.stderr
     assert "runs" not in result.stdout
+
+
+MISTAKEN = """\
+name: mistaken
+experiments:
+  - name: bad
+    problem:
+      kind: bagley-torvik
+      damping: [{order: 0.5, coefficient: 1.0}]
+      initial: {position: 11.0, velocity: 0.0}
+      final_time: 1.0
+    ladder: {steps: [4, 8]}
+  - name: good
+    problem: {kind: pendulum, initial: {position: 1.0, velocity: 0.0}, final_time: 1.0}
+    ladder: {steps: [4, 8]}
+"""
+
+
+@pytest.mark.parametrize("key", ["ladder: {steps: [4, 8]}", "accuracy: {tolerance: 1e-3}"])
+def test_a_mistake_of_the_program_costs_the_run_that_it_happens_in(folder, monkeypatch, key):
+    def mistaken(scene, *arguments, **options):
+        if scene.initial_position.max() > 10:
+            raise ZeroDivisionError("made up")
+        return integrate(scene, *arguments, **options)
+
+    for module in ("study", "accuracy"):
+        monkeypatch.setattr(f"fvi_cli.studies.{module}.integrate", mistaken)
+    (folder / "mistaken.yaml").write_text(MISTAKEN.replace("ladder: {steps: [4, 8]}", key, 1))
+    result = fvi("run", "mistaken.yaml")
+    assert result.exit_code == 1
+    assert "bad" in result.stderr
+    assert "unexpected ZeroDivisionError" in result.stderr
+    assert "made up; this is a mistake of the program, please report it" in result.stderr
+    assert re.search(r"^bad .* failed$", result.stdout, re.MULTILINE)
+    # the others are stored; the mistake is not, so that it is tried again
+    told = fvi("run", "mistaken.yaml", "--dry-run").stdout
+    assert [line.split()[0] for line in told.splitlines() if "reuse" in line] == ["good", "good"]
 
 
 def test_what_is_stored_is_used_again_unless_fresh(folder):

@@ -6,6 +6,7 @@ The rest of the project is imported inside the commands, so that ``--help`` is q
 from __future__ import annotations
 
 import signal
+import warnings
 from typing import Annotated, NoReturn
 
 import typer
@@ -56,6 +57,8 @@ for command in COMMANDS:
 def main() -> None:
     """Entry point of the command ``fvi``."""
     signal.signal(signal.SIGTERM, _interrupt)
+    # what overflows on the way is told by the status of a run
+    warnings.filterwarnings("ignore", category=RuntimeWarning)
     app(prog_name="fvi")
 
 

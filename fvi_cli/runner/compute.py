@@ -69,8 +69,8 @@ def compute_runs(
     ):
         for batch in computed:
             # what a dead worker did not tell is no result: the next time it is computed again
-            if keep is not None and not batch.is_lost:
-                keep(batch.finished)
+            if keep is not None and batch.results:
+                keep(batch.results)
             for finished in batch.finished:
                 done[finished.run] = finished
                 bar.finished(finished.run.title, batch.finished[0].run, finished.run.n_steps)

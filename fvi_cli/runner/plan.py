@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from fvi_cli.config.memory import in_gigabytes, machine_bytes, predicted_bytes, run_bytes
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.executors.batches import pack_size
+from fvi_cli.runner.executors.executor import crash
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import Known, Why, chosen_runs, is_kept, reasons, stored_runs
@@ -96,7 +97,11 @@ def _planned(run: Run, known: Known, why: Why, request: Request) -> PlannedRun:
     earlier = known(run)
     if earlier is not None:
         return PlannedRun(run=run, action="reuse", reason="stored", predicted=earlier.predicted)
-    prediction = prediction_of(run)
+    try:
+        prediction = prediction_of(run)
+    except Exception as error:
+        reason = f"{why(run)}; nothing is predicted: {crash(error).message}"
+        return PlannedRun(run=run, action="compute", reason=reason, predicted="unknown")
     if request.stored is not None:
         action, reason = "leave out", "not in the file"
     elif prediction.verdict == "unstable" and not run.experiment.allow_unstable:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from fvi_cli.config.memory import machine_bytes
 from fvi_cli.runner.compute import Keep
+from fvi_cli.runner.executors.executor import crash, lost_run, no_memory
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import Chosen, no_choice
@@ -49,8 +50,8 @@ def run_tolerance_searches(
             continue
         finished = chosen(experiment)
         if finished is None:
-            finished = _computed(experiment)
-            if keep is not None:
+            finished, is_result = _searched(experiment)
+            if keep is not None and is_result:
                 keep([finished])
         else:
             _logger.info("%s: stored", experiment.name)
@@ -59,14 +60,32 @@ def run_tolerance_searches(
     return outcomes
 
 
-def _computed(experiment: Experiment) -> FinishedRun:
+def _searched(experiment: Experiment) -> tuple[FinishedRun, bool]:
+    """The run that a search comes to, and whether that is a result which is to be kept."""
+
     def tell(line: str) -> None:
         _logger.info("%s: %s", experiment.name, line)
 
-    finished = run_for_tolerance(experiment, available_bytes=machine_bytes(), tell=tell)
+    is_result = True
+    try:
+        finished = run_for_tolerance(experiment, available_bytes=machine_bytes(), tell=tell)
+    except MemoryError as error:
+        finished, is_result = _lost(experiment, no_memory(error)), False
+    except Exception as error:
+        told = crash(error)
+        _logger.debug("%s: %s", experiment.name, told.trace)
+        finished, is_result = _lost(experiment, told.message), False
     for remark in finished.trajectory.remarks:
         if remark.startswith("stability:"):
             _logger.warning("%s: %s", finished.run.title, remark)
     if is_unexpected_failure(finished):
         _logger.warning("%s: %s", experiment.name, finished.trajectory.message)
-    return finished
+    return finished, is_result
+
+
+def _lost(experiment: Experiment, message: str) -> FinishedRun:
+    """The run that would have been tried first in place of the one that was not found."""
+    if experiment.accuracy is None:
+        raise ValueError(f"{experiment.name}: it has a ladder")
+    (run,) = experiment.with_choice(experiment.accuracy.candidates[0], 1).runs()
+    return lost_run(run, message)

@@ -54,7 +54,7 @@ def test_a_cluster_gives_the_same_numbers_to_the_last_bit(cluster):
     there = list(compute_batches(batches, execute_batch, executor=executor))
     assert local.numbers(here) == local.numbers(there)
     assert {f.run for batch in there for f in batch.finished} == set(runs)
-    assert not any(batch.is_lost for batch in there)
+    assert not any(batch.lost for batch in there)
 
 
 def test_the_command_computes_there_what_it_computes_here(cluster, tmp_path):
@@ -76,7 +76,7 @@ def test_a_worker_killed_in_the_midst_is_replaced(cluster, tmp_path):
     executor = DaskCluster(address=cluster.scheduler_address)
     answers = list(compute_batches(batches, dies_once, executor=executor))
     assert len(list(tmp_path.iterdir())) == 2  # each killed its worker once
-    assert not any(batch.is_lost for batch in answers)
+    assert not any(batch.lost for batch in answers)
     here = compute_batches(batches, execute_batch, executor=InProcess())
     assert local.numbers(answers) == local.numbers(here)
 
@@ -90,7 +90,7 @@ def test_a_batch_that_no_worker_survives_is_reported_and_the_others_go_on(cluste
         (8, "ok"),
         (16, "failed"),
     ]
-    (lost,) = (batch for batch in answers if batch.is_lost)
+    (lost,) = (batch for batch in answers if batch.lost)
     assert np.isnan(lost.finished[0].error)
     assert lost.finished[0].trajectory.message == (
         "the worker that computed it died (out of memory?), 4 times"
@@ -103,16 +103,18 @@ def test_where_the_scheduler_forgives_nothing_a_batch_is_sent_once_more_all_the_
     with start_cluster(1, 0) as strict:
         executor = DaskCluster(address=strict.scheduler_address)
         (answer,) = compute_batches(batches, dies_once, executor=executor)
-        assert not answer.is_lost
+        assert not answer.lost
         (answer,) = compute_batches(batches, local.dies_of_sixteen, executor=executor)
-        assert answer.is_lost
+        assert answer.lost
 
 
-def test_what_goes_wrong_on_a_worker_is_raised_here(cluster):
-    batches = local.singles(local.experiment().runs()[:1])
+def test_an_exception_on_a_worker_is_the_result_of_its_run(cluster):
+    batches = local.singles(local.experiment().runs())
     executor = DaskCluster(address=cluster.scheduler_address)
-    with pytest.raises(local.AwkwardError, match="this and that"):
-        list(compute_batches(batches, local.raise_awkward, executor=executor))
+    answers = list(compute_batches(batches, local.awkward_at_sixteen, executor=executor))
+    lost = [run for batch in answers for run in batch.lost]
+    assert [run.n_steps for run in lost] == [16, 16]
+    assert len(answers) == len(batches)
 
 
 def unused_address():

@@ -3,6 +3,7 @@
 import functools
 import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import pytest
 import fvi_cli
 from fvi_cli.errors import ExecutorError
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.stability import predict_stability
 from fvi_cli.runner.executors import executor as executor_module
 from fvi_cli.runner.executors.batches import execute_batch
 from fvi_cli.runner.executors.executor import InProcess, compute_batches
@@ -72,7 +74,7 @@ def test_several_processes_give_the_same_numbers_to_the_last_bit():
         assert {tuple(id(f.run) for f in batch.finished) for batch in answers} == {
             tuple(id(run) for run in batch) for batch in batches
         }
-        assert not any(batch.is_lost for batch in answers)
+        assert not any(batch.lost for batch in answers)
     # control: another problem gives other numbers
     other = singles(experiment(stiffness=2.0).runs())
     assert numbers(compute_batches(other, execute_batch, executor=InProcess())) != numbers(here)
@@ -105,14 +107,6 @@ def test_leaving_early_ends_the_processes():
     assert set(multiprocessing.active_children()) <= before
 
 
-def test_what_goes_wrong_in_a_process_is_raised_here():
-    run = experiment().runs()[0]
-    broken = [run, run.__class__(experiment=run.experiment, method=run.method, n_steps=0)]
-    with pytest.raises((ValueError, ZeroDivisionError)):
-        list(compute_batches(singles(broken), execute_batch, executor=TWO))
-    assert not multiprocessing.active_children()
-
-
 class AwkwardError(Exception):
     """Cannot be made again from what pickle keeps of it."""
 
@@ -120,14 +114,40 @@ class AwkwardError(Exception):
         super().__init__(f"{one} and {two}")
 
 
-def raise_awkward(batch):
-    raise AwkwardError("this", "that")
+def awkward_at_sixteen(batch):
+    if any(run.n_steps == 16 for run in batch):
+        raise AwkwardError("this", "that")
+    return execute_batch(batch)
 
 
-def test_an_error_that_does_not_travel_is_told_in_words():
-    with pytest.raises(RuntimeError, match="AwkwardError: this and that"):
-        list(compute_batches(singles(experiment().runs()), raise_awkward, executor=TWO))
-    assert not multiprocessing.active_children()
+@pytest.mark.parametrize("executor", [InProcess(), TWO])
+def test_an_exception_is_the_result_of_the_run_that_raises_it(executor):
+    """Be it alone or together with others; what does not travel is told in words."""
+    runs = experiment().runs()
+    batches = [tuple(runs[:3]), *singles(runs[3:])]
+    assert 16 in {run.n_steps for run in batches[0]}
+    answers = list(compute_batches(batches, awkward_at_sixteen, executor=executor))
+    finished = [f for batch in answers for f in batch.finished]
+    assert len(finished) == len(runs)
+    assert {f.run.n_steps for f in finished if f.status == "failed"} == {16}
+    kept = [f for batch in answers for f in batch.results]
+    assert {f.status for f in kept} == {"ok"}
+    assert len(kept) == len(runs) - 2
+    (message,) = {f.trajectory.message for f in finished if f.status == "failed"}
+    assert message.startswith("unexpected AwkwardError")
+    assert "this and that; this is a mistake of the program, please report it" in message
+
+
+def test_the_place_of_a_mistake_is_told_without_the_folder_of_the_installation(caplog):
+    def mistaken(batch):
+        return [predict_stability(batch[0].problem.scene, batch[0].method, 0)]
+
+    batches = singles(experiment().runs()[:1])
+    with caplog.at_level("DEBUG", logger="fvi_cli"):
+        (batch,) = compute_batches(batches, mistaken, executor=InProcess())
+    (finished,) = batch.finished
+    assert re.search(r"in fvi_cli/\w+/\w+\.py:\d+: ", finished.trajectory.message)
+    assert "Traceback" in caplog.text
 
 
 @pytest.mark.parametrize("workers", [0, -1])
@@ -166,7 +186,7 @@ def test_a_batch_whose_process_died_is_computed_once_more(tmp_path):
     batches = singles(experiment().runs())
     answers = list(compute_batches(batches, compute, executor=TWO))
     assert len(list(tmp_path.iterdir())) == 2  # both have died once
-    assert not any(batch.is_lost for batch in answers)
+    assert not any(batch.lost for batch in answers)
     here = compute_batches(batches, execute_batch, executor=InProcess())
     assert numbers(answers) == numbers(here)
 
@@ -175,7 +195,7 @@ def test_a_batch_of_which_every_process_dies_is_reported_and_the_others_go_on():
     batches = singles(experiment().runs())
     answers = list(compute_batches(batches, dies_of_sixteen, executor=TWO))
     assert len(answers) == 6
-    lost = [batch for batch in answers if batch.is_lost]
+    lost = [batch for batch in answers if batch.lost]
     assert [f.run.n_steps for batch in lost for f in batch.finished] == [16, 16]
     for (finished,) in (batch.finished for batch in lost):
         assert finished.status == "failed"
@@ -183,7 +203,7 @@ def test_a_batch_of_which_every_process_dies_is_reported_and_the_others_go_on():
         assert finished.trajectory.message == (
             "the process that computed it was ended by SIGKILL (out of memory?), 2 times"
         )
-    assert {f.status for b in answers if not b.is_lost for f in b.finished} == {"ok"}
+    assert {f.status for b in answers if not b.lost for f in b.finished} == {"ok"}
     assert not multiprocessing.active_children()
 
 

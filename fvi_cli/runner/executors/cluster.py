@@ -142,8 +142,8 @@ class _Jobs:
 
         Raises
         ------
-        Exception
-            What computing it has raised.
+        ExecutorError
+            If the scheduler is gone, or another version of the program is installed there.
         """
         from distributed import CancelledError, KilledWorker
         from distributed.comm.core import CommClosedError

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import functools
+import logging
 import pickle
+import traceback
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,6 +21,8 @@ from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+
+_logger = logging.getLogger(__name__)
 
 Batch = tuple[Run, ...]
 Watch = Callable[[Batch, int, int], None]
@@ -33,13 +38,35 @@ class FinishedBatch:
     ----------
     finished
         Its runs in the order of the batch.
-    is_lost
-        Whoever computed it died every time, or had not enough memory; its runs are ``failed`` and
-        say so. They tell nothing about the method and are not to be stored.
+    lost
+        Those of which nothing was computed: whoever computed them died every time or had not
+        enough memory, or the program made a mistake. They are ``failed`` and say why, tell nothing
+        about the method, and are not to be stored.
     """
 
     finished: tuple[FinishedRun, ...]
-    is_lost: bool = False
+    lost: frozenset[Run] = frozenset()
+
+    @property
+    def results(self) -> tuple[FinishedRun, ...]:
+        """What is to be stored."""
+        return tuple(one for one in self.finished if one.run not in self.lost)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Crash:
+    """An exception that nobody expected while one run was computed.
+
+    Parameters
+    ----------
+    message
+        What it says, where it happened, and what to do about it.
+    trace
+        Its traceback.
+    """
+
+    message: str
+    trace: str
 
 
 class Executor(Protocol):
@@ -51,7 +78,7 @@ class Executor(Protocol):
         """Compute every batch and yield each as soon as it is finished.
 
         Closing the generator, or an exception in the loop that reads it, ends what was begun.
-        What `compute` raises is raised here.
+        What `compute` raises is the result of the run that is to blame, and of no other.
         """
 
 
@@ -99,15 +126,61 @@ class InProcess:
         for batch in batches:
             try:
                 with watched(_of_batch(self.watch, batch)) if self.watch else nullcontext():
-                    finished = tuple(compute(batch))
+                    results = attempt(batch, compute)
             except MemoryError as error:
                 yield lost_batch(batch, no_memory(error))
             else:
-                yield FinishedBatch(finished=finished)
+                yield finished_batch(batch, results)
 
 
 def _of_batch(watch: Watch, batch: Batch) -> Watcher:
     return lambda done, n_steps: watch(batch, done, n_steps)
+
+
+def attempt(batch: Batch, compute: ComputeBatch) -> list[FinishedRun | Crash]:
+    """Compute a batch; where that raises an exception, every run by itself.
+
+    Raises
+    ------
+    MemoryError
+        If there is not enough memory: that is the fault of none of the runs.
+    """
+    try:
+        return list(compute(batch))
+    except MemoryError:
+        raise
+    except Exception as error:
+        if len(batch) == 1:
+            return [crash(error)]
+        return [one for run in batch for one in attempt((run,), compute)]
+
+
+def crash(error: Exception) -> Crash:
+    """What is told of an exception: its words, and the last line of this package on the way."""
+    package = Path(fvi_cli.__file__).parent
+    place = "".join(
+        f" in {Path(frame.filename).relative_to(package.parent).as_posix()}:{frame.lineno}"
+        for frame in traceback.extract_tb(error.__traceback__)
+        if package in Path(frame.filename).parents
+    ).rpartition(" in ")[2]
+    return Crash(
+        message=f"unexpected {type(error).__name__}{f' in {place}' if place else ''}: {error}; "
+        "this is a mistake of the program, please report it with the configuration",
+        trace="".join(traceback.format_exception(error)),
+    )
+
+
+def finished_batch(batch: Batch, results: Sequence[FinishedRun | Crash]) -> FinishedBatch:
+    """The batch with what became of each of its runs."""
+    finished, lost = [], []
+    for run, result in zip(batch, results, strict=True):
+        if isinstance(result, Crash):
+            _logger.debug("%s: %s", run.title, result.trace)
+            finished.append(lost_run(run, result.message))
+            lost.append(run)
+        else:
+            finished.append(result)
+    return FinishedBatch(finished=tuple(finished), lost=frozenset(lost))
 
 
 # --- how batches travel ---------------------------------------------------------------------------
@@ -132,7 +205,7 @@ class PortableBatch:
     version: str = fvi_cli.__version__
 
 
-PortableResults = list[dict[str, Any]]
+PortableResults = list[dict[str, Any] | Crash]
 """The fields of finished runs, without the runs."""
 
 
@@ -188,20 +261,27 @@ def compute_portable(compute: ComputeBatch, portable: PortableBatch) -> Portable
         )
     experiment = _revived(portable.experiment)
     batch = tuple(Run(experiment=experiment, **run) for run in portable.runs)
-    return [_fields_of(finished, "run") for finished in compute(batch)]
+    return [
+        result if isinstance(result, Crash) else _fields_of(result, "run")
+        for result in attempt(batch, compute)
+    ]
 
 
 def returned_batch(batch: Batch, results: PortableResults) -> FinishedBatch:
     """The finished batch, its runs being those that were sent out."""
-    finished = tuple(
-        FinishedRun(run=run, **result) for run, result in zip(batch, results, strict=True)
+    return finished_batch(
+        batch,
+        [
+            result if isinstance(result, Crash) else FinishedRun(run=run, **result)
+            for run, result in zip(batch, results, strict=True)
+        ],
     )
-    return FinishedBatch(finished=finished)
 
 
 def lost_batch(batch: Batch, message: str) -> FinishedBatch:
     """The batch as ``failed`` where nobody lived to tell its results."""
-    return FinishedBatch(finished=tuple(_lost(run, message) for run in batch), is_lost=True)
+    finished = tuple(lost_run(run, message) for run in batch)
+    return FinishedBatch(finished=finished, lost=frozenset(batch))
 
 
 def no_memory(error: MemoryError) -> str:
@@ -209,7 +289,8 @@ def no_memory(error: MemoryError) -> str:
     return "not enough memory" + (f": {error}" if str(error) else "")
 
 
-def _lost(run: Run, message: str) -> FinishedRun:
+def lost_run(run: Run, message: str) -> FinishedRun:
+    """The run as ``failed``: of it there is nothing but its start, and why."""
     problem = run.problem
     start = problem.scene.initial_position if isinstance(problem, Problem) else np.zeros(1)
     return FinishedRun(

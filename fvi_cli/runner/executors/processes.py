@@ -8,6 +8,7 @@ import os
 import pickle
 import signal
 import threading
+import warnings
 from collections import deque
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
@@ -164,11 +165,6 @@ class _Pool:
         """The task of a process with its results, with why there are none, or None if it died.
 
         None in place of both if the process has only said how far it is.
-
-        Raises
-        ------
-        Exception
-            What computing the task has raised.
         """
         task = worker.task
         if task is None:  # pragma: no cover - only busy processes are asked
@@ -187,8 +183,6 @@ class _Pool:
         del self.busy[worker.connection]
         worker.task = None
         self.idle.append(worker)
-        if kind == "error":
-            raise answer
         return task, answer
 
     def dismiss(self) -> None:
@@ -220,6 +214,8 @@ def _serve(connection: Connection, compute: ComputeBatch, is_watched: object) ->
     # a Ctrl-C reaches every process of a terminal; only the parent answers it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    # as in the process that asks
+    warnings.filterwarnings("ignore", category=RuntimeWarning)
     # the parent has gone: there is nobody to tell
     with contextlib.suppress(EOFError, OSError):
         while True:
@@ -234,17 +230,6 @@ def _answer_to(portable: Any, compute: ComputeBatch) -> bytes:
         return pickle.dumps(("results", compute_portable(compute, portable)))
     except MemoryError as error:
         return pickle.dumps(("lost", no_memory(error)))
-    except Exception as error:
-        return _pickled_error(error)
-
-
-def _pickled_error(error: Exception) -> bytes:
-    try:
-        content = pickle.dumps(("error", error))
-        pickle.loads(content)  # noqa: S301 - just made; some errors only fail on the way back
-    except Exception:
-        return pickle.dumps(("error", RuntimeError(f"{type(error).__name__}: {error}")))
-    return content
 
 
 def _end_with_parent() -> None:
