@@ -13,7 +13,6 @@ command             call
 ``fvi stability``   :func:`stability`
 ``fvi cost``        :func:`cost`
 ``fvi hard-cases``  :func:`hard_cases`
-``fvi benchmark``   :func:`benchmark`
 ``fvi export``      :func:`export`
 ``fvi new``         :func:`starter_config`
 ``fvi schema``      :func:`json_schema`
@@ -113,7 +112,6 @@ __all__ = [
     "StoredFile",
     "Trajectory",
     "as_text",
-    "benchmark",
     "build_problem",
     "compare",
     "configuration",
@@ -316,13 +314,6 @@ def hard_cases(*, cases: Sequence[str] = (), methods: Sequence[str] = ()) -> Har
     from fvi_cli.runner.hard_cases import examine_named
 
     return examine_named(cases, methods, show_progress=False)
-
-
-def benchmark(output: Path | str, *, exponent: int = 20) -> Path:
-    """Measure the engine on 2^exponent steps and write ``benchmark.md``, as ``fvi benchmark``."""
-    from fvi_cli.render.runs import write_benchmark
-
-    return write_benchmark(Path(output), exponent)[1]
 
 
 def export(path: Path | str, form: str, directory: Path | str) -> list[Path]:

@@ -19,8 +19,6 @@ from fvi_cli.cli.app import app
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.runner import request
 from fvi_cli.storage.provenance import SOLVER_VERSION
-from fvi_cli.studies.benchmark import standard_cases
-from fvi_cli.studies.memory_benchmark import memory_cases
 
 QUICK = """\
 name: quick
@@ -481,24 +479,6 @@ def test_plot_draws_and_checks_figures(folder):
 
 
 # --- the other commands ---------------------------------------------------------------------------
-
-
-def test_benchmark_measures_and_writes(folder, monkeypatch):
-    few = standard_cases(8)[:1], memory_cases(10, 2441)[:1]
-    # child processes count from the first case: BDF2 on the nodes, BDF4 at the points
-    monkeypatch.setattr("fvi_cli.studies.benchmark.standard_cases", lambda exponent: few[0])
-    monkeypatch.setattr(
-        "fvi_cli.studies.memory_benchmark.memory_cases", lambda exponent, steps: few[1]
-    )
-    result = fvi("benchmark", "--exponent", 8, "--output", "there")
-    assert result.exit_code == 0, result.output
-    text = (folder / "there" / "benchmark.md").read_text(encoding="utf-8")
-    assert result.stdout == f"{text}\n{Path('there') / 'benchmark.md'}\n"
-    assert "Made by `fvi benchmark --exponent 8`" in text
-    rows = [line for line in text.splitlines() if line.startswith("| linear, gamma = 1.5, ")]
-    assert ["| 2^8 |" in row for row in rows] == [True, False]
-    assert ["| 1024 |" in row for row in rows] == [False, True]
-    assert fvi("benchmark", "--exponent", 40).exit_code == 2
 
 
 def test_check_validates_and_writes_nothing(folder):

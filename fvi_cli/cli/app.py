@@ -12,7 +12,6 @@ from typing import Annotated, NoReturn
 import typer
 
 import fvi_cli
-from fvi_cli.cli.benchmark import benchmark
 from fvi_cli.cli.check import check
 from fvi_cli.cli.convergence import convergence
 from fvi_cli.cli.cost import cost
@@ -36,7 +35,6 @@ COMMANDS = (
     show,
     export,
     hard_cases,
-    benchmark,
     schema,
     new,
 )

@@ -49,19 +49,18 @@ def cost(
     verbose: Verbose = False,
 ) -> int:
     """Measure error, time, memory and work of every method; without argument make the page."""
-    from fvi_cli.render.cost import write_page
+    from fvi_cli.render.cost import PAGE_CONFIGS, write_page
     from fvi_cli.render.plans import plans_as_text
     from fvi_cli.render.results import as_text, write
     from fvi_cli.runner import cost as runner
     from fvi_cli.runner.plan import plan_runs
     from fvi_cli.runner.request import gather
     from fvi_cli.runner.settings import Settings
-    from fvi_cli.studies.cost_goals import GOAL_CONFIGS
 
     settings = Settings(
         output=output, fresh=True, fail_fast=fail_fast, show_progress=not quiet, keep=False
     )
-    requests = gather(configs or GOAL_CONFIGS, overrides or (), allow_unstable=allow_unstable)
+    requests = gather(configs or PAGE_CONFIGS, overrides or (), allow_unstable=allow_unstable)
     runner.refuse_what_has_no_price(requests)
     if peers:
         requests = runner.with_peers(requests)

@@ -16,18 +16,17 @@ from fvi_cli.reports.cost import (
     cost_summary,
     cost_summary_csv,
 )
-from fvi_cli.reports.document import Block, Bullets, Code, Grid, Heading, Paragraph
+from fvi_cli.reports.document import Block, Code, Heading, Paragraph
 from fvi_cli.reports.latex import to_latex
 from fvi_cli.reports.markdown import to_markdown
-from fvi_cli.reports.naming import number
 from fvi_cli.reports.plain_text import to_text
 from fvi_cli.storage.atomic import replace_file
 from fvi_cli.storage.provenance import package_versions, platform_name
-from fvi_cli.studies.benchmark import yardstick_seconds
 from fvi_cli.studies.cost import CostTable
-from fvi_cli.studies.cost_goals import YARDSTICK_STEPS, Goal, cost_goals
 
 PAGE = "cost.md"
+PAGE_CONFIGS = ("cost-paper", "cost-step-forced", "cost-pendulum")
+"""Shipped configurations that the page is about."""
 
 
 def write_costs(output: Path, name: str, tables: Sequence[CostTable]) -> list[Path]:
@@ -68,9 +67,7 @@ def costs_as_text(name: str, tables: Sequence[CostTable]) -> str:
 
 
 def write_page(output: Path, measured_tables: Mapping[str, Sequence[CostTable]]) -> Path:
-    """Write ``cost.md``: the figures to meet and the summaries of all configurations."""
-    everything = [table for tables in measured_tables.values() for table in tables]
-    goals = cost_goals(everything, yardstick_seconds(YARDSTICK_STEPS))
+    """Write ``cost.md``: the summaries of all configurations."""
     versions = package_versions()
     made_by = ", ".join(f"{name} {versions[name]}" for name in ("python", "numpy", "scipy"))
     load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
@@ -86,8 +83,6 @@ def write_page(output: Path, measured_tables: Mapping[str, Sequence[CostTable]])
                 ". Times mean little where others compute as well.",
             )
         ),
-        Heading(level=2, words="Figures to meet"),
-        *goal_blocks(goals),
     ]
     for index, (name, tables) in enumerate(measured_tables.items()):
         blocks.append(Heading(level=2, words=name))
@@ -102,24 +97,3 @@ def write_page(output: Path, measured_tables: Mapping[str, Sequence[CostTable]])
     output.mkdir(parents=True, exist_ok=True)
     replace_file(path, text.encode("utf-8"))
     return path
-
-
-def goal_blocks(goals: Sequence[Goal]) -> list[Block]:
-    """The figures to meet as a table, and what went into each."""
-    if not goals:
-        return [Paragraph(words="None of them concerns these configurations.")]
-    return [
-        Grid(
-            header=("what", "measured", "bound", "met"),
-            rows=tuple(
-                (
-                    goal.name,
-                    number(goal.measured, ".3g"),
-                    f"at {'least' if goal.is_least else 'most'} {goal.bound:g}",
-                    "yes" if goal.is_met else "no",
-                )
-                for goal in goals
-            ),
-        ),
-        Bullets(items=tuple(f"{goal.name}: {goal.how}" for goal in goals)),
-    ]

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from pathlib import Path
 
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import StoredFile
-from fvi_cli.storage.atomic import replace_file
 from fvi_cli.studies.sweep_summary import sweep_lines
 
 
@@ -112,48 +109,3 @@ def contents_as_text(stored: StoredFile) -> str:
         if run.members
     )
     return "\n".join([text, *(["", *swept] if swept else [])])
-
-
-def write_benchmark(output: Path, exponent: int) -> tuple[str, Path]:
-    """Measure the engine, write ``benchmark.md`` in `output`; returns the text and the path."""
-    from fvi_cli.storage.provenance import package_versions, platform_name
-    from fvi_cli.studies.benchmark import run_benchmark
-    from fvi_cli.studies.many_benchmark import run_many_benchmark
-    from fvi_cli.studies.memory_benchmark import run_memory_benchmark
-
-    before = _load()
-    times = run_benchmark(exponent=exponent)
-    many = run_many_benchmark(exponent)
-    # with the usual 2^20: 2^22 steps that are kept, and ten millions of which a few are
-    memory = run_memory_benchmark(exponent=exponent + 2, long_steps=10**7 * 2**exponent // 2**20)
-    versions = package_versions()
-    made_by = ", ".join(f"{name} {versions[name]}" for name in ("python", "numpy", "scipy"))
-    text = "\n".join(
-        (
-            "# What the engine takes",
-            "",
-            f"Made by `fvi benchmark --exponent {exponent}` on one core: {platform_name()}, "
-            f"{made_by}; runnable processes before and after: {before} and {_load()} on "
-            f"{os.cpu_count()} processors. Times mean little where others compute as well.",
-            "",
-            "## Time and error",
-            "",
-            times.to_markdown(),
-            "## Many oscillators",
-            "",
-            many.to_markdown(),
-            "## Memory",
-            "",
-            memory.to_markdown(),
-        )
-    )
-    path = output / "benchmark.md"
-    output.mkdir(parents=True, exist_ok=True)
-    replace_file(path, text.encode())
-    return text, path
-
-
-def _load() -> str:
-    """How many processes want a processor, on average over a minute."""
-    # not every system tells
-    return f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"

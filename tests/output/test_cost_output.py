@@ -8,8 +8,8 @@ import json
 import math
 
 import pytest
+from cost_tables import row, table
 from matplotlib.colors import to_hex
-from test_price import row, table
 from typer.testing import CliRunner
 
 from fvi_cli.cli.app import app
@@ -234,8 +234,9 @@ class TestCommand:
         assert "swept: a sweep has no one price" in result.stderr
         assert not (tmp_path / "results").exists()
 
-    def test_the_page_shows_the_figures_to_meet(self, tmp_path):
+    def test_the_page_shows_every_configuration(self, tmp_path):
         path = write_page(tmp_path, {"one": [measured()]})
         text = path.read_text()
-        assert "## Figures to meet" in text
+        assert "## one" in text
+        assert "one more digit" in text
         assert "![Error against time and work](figures/one-cost.png)" in text

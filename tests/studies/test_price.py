@@ -6,12 +6,12 @@ import dataclasses
 import math
 
 import pytest
+from cost_tables import COUNTS, GAUSS, row, table
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.studies.cost import CostCase, CostRow, CostTable
-from fvi_cli.studies.cost_goals import cost_goals
+from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.studies.cost import CostCase, CostRow
 from fvi_cli.studies.price import (
     Curve,
     Point,
@@ -21,28 +21,6 @@ from fvi_cli.studies.price import (
     pareto_front,
 )
 
-GAUSS = Method(cq="gauss", degree=2, start="series")
-COUNTS = (10, 20, 40, 80, 160)
-
-
-def row(n_steps: int, error: float, seconds: float, status: str = "ok") -> CostRow:
-    return CostRow(
-        n_steps=n_steps,
-        step_size=1 / n_steps,
-        error=error,
-        floor=1e-15,
-        setup_seconds=seconds / 4,
-        stepping_seconds_min=3 * seconds / 4,
-        stepping_seconds_median=seconds,
-        storage_seconds=math.nan,
-        spread=0.01,
-        repeats=5,
-        peak_memory_bytes=8 * n_steps,
-        history_operations=n_steps * n_steps,
-        newton_iterations=0,
-        status=status,  # type: ignore[arg-type]
-    )
-
 
 def curve(key: str, rows: list[CostRow], method: AnyMethod = GAUSS) -> Curve:
     points = tuple(Point(error=r.error, seconds=r.seconds, row=r) for r in rows)
@@ -51,18 +29,6 @@ def curve(key: str, rows: list[CostRow], method: AnyMethod = GAUSS) -> Curve:
 
 def power_law(key: str, order: float, exponent: float, scale: float = 1e-4) -> Curve:
     return curve(key, [row(n, n**-order, scale * n**exponent) for n in COUNTS])
-
-
-def table(*cases: CostCase, name: str = "one") -> CostTable:
-    return CostTable(
-        experiment=name,
-        equation="x'' + x = 0",
-        reference="closed form",
-        gamma="0.5",
-        norm="max",
-        final_time=1.0,
-        cases=cases,
-    )
 
 
 @pytest.mark.parametrize(("order", "exponent"), [(1, 1.2), (2, 2), (6, 1)])
@@ -188,66 +154,3 @@ def test_runs_that_failed_are_on_no_curve():
     (found,) = cost_curves(table(CostCase(method=GAUSS, rows=rows)))
     assert len(found.points) == 1
     assert cost_curves(table(CostCase(method=GAUSS, rows=rows[:1]))) == []
-
-
-class TestGoals:
-    def pendulum(self, slow: float) -> CostTable:
-        direct = dataclasses.replace(GAUSS, history="direct")
-        law = [row(n, 10.0 * n**-6.0, 1e-3) for n in COUNTS]
-        return table(
-            CostCase(method=GAUSS, rows=tuple(law)),
-            CostCase(
-                method=direct,
-                rows=tuple(
-                    dataclasses.replace(
-                        r, setup_seconds=slow / 4e3, stepping_seconds_min=slow * 3 / 4e3
-                    )
-                    for r in law
-                ),
-            ),
-            CostCase(
-                method=Baseline(name="gruenwald-letnikov"),
-                rows=tuple(row(n, 1e-3 / n, 1e-4 * n) for n in COUNTS),
-            ),
-            name="cost-pendulum",
-        )
-
-    def test_ratios_are_read_off_the_curves(self):
-        goals = cost_goals([self.pendulum(slow=3.0)], 1e-2)
-        theirs, direct, alone, other = goals
-        # 1e-3 / N = 1e-9 at N = 1e6: 100 s
-        assert theirs.measured == pytest.approx(100 / 1e-3)
-        assert theirs.is_met
-        assert "extrapolated" in theirs.how
-        assert (direct.measured, alone.measured) == pytest.approx((3.0, 3.0))
-        assert direct.is_met
-        assert other.measured == pytest.approx(1e4 * 1e-4 / 1e-3)
-
-    def test_what_is_too_slow_is_not_met(self):
-        assert not cost_goals([self.pendulum(slow=1.5)], 1e-2)[1].is_met
-
-    def test_the_transform_is_the_yardstick(self):
-        rows = (row(100, 1e-8, 1e-3), row(200, 1e-10, 4e-2))
-        step = table(CostCase(method=GAUSS, rows=rows), name="cost-step-forced")
-        stepping, whole = cost_goals([step], 1e-2)
-        assert stepping.measured == pytest.approx(3.0)
-        assert whole.measured == pytest.approx(4.0)
-        assert not stepping.is_met
-        assert whole.is_met
-
-    def test_nothing_reached_is_not_met(self):
-        step = table(CostCase(method=GAUSS, rows=(row(100, 1e-3, 1e-3),)), name="cost-step-forced")
-        assert not any(goal.is_met for goal in cost_goals([step], 1e-2))
-
-    def test_the_oscillator_is_compared_on_the_same_grid(self):
-        ours = CostCase(method=GAUSS, rows=(row(10, 1e-10, 1.0), row(20, 1e-12, 3.0)))
-        others = [
-            CostCase(
-                method=Baseline(name="dop853", tolerance=tolerance),
-                rows=(row(10, tolerance, 0.5), row(20, tolerance, 0.5)),
-            )
-            for tolerance in (1e-8, 1e-10)
-        ]
-        (goal,) = cost_goals([table(ours, *others, name="cost-damped-oscillator")], 1e-2)
-        assert goal.measured == pytest.approx(6.0)
-        assert not goal.is_met

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import gc
-import json
-import math
-import sys
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from benchmarks.measuring import in_own_process, least_seconds, number, table, yes_or_no
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
@@ -20,7 +16,6 @@ from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.chains import chain
 from fvi_cli.scenes.named import linear_oscillator
-from fvi_cli.studies.benchmark import answer_of_child
 
 Kind = Literal["members", "uncoupled", "dampers", "one damper"]
 
@@ -95,15 +90,12 @@ class ManyRow:
         return self.multiple <= self.largest_each * self.count
 
 
-@dataclass(frozen=True, kw_only=True)
-class ManyTable:
-    """The measured rows."""
-
-    rows: tuple[ManyRow, ...]
-
-    def to_markdown(self) -> str:
-        """The table."""
-        head = (
+def many_table(rows: Sequence[ManyRow]) -> str:
+    """The table."""
+    return table(
+        "Set-up and steps together, in one process; difference: of a component from what another "
+        "route gives, over the largest position.",
+        (
             "case (Gauss2, gamma = 0.5)",
             "components",
             "N",
@@ -113,28 +105,22 @@ class ManyTable:
             "at most",
             "difference",
             "met",
-        )
-        lines = [
-            "Set-up and steps together, in one process; difference: of a component from what "
-            "another route gives, over the largest position.",
-            "",
-            "| " + " | ".join(head) + " |",
-            "|" + " --- |" * len(head),
-        ]
-        for row in self.rows:
-            cells = (
+        ),
+        [
+            (
                 row.name,
                 str(row.count),
                 str(row.n_steps),
                 f"{1e3 * row.alone_seconds:.1f}",
                 f"{row.together_seconds:.2f}",
                 f"{row.multiple:.0f}",
-                f"{row.largest_each * row.count:.0f}" if math.isfinite(row.largest_each) else "-",
+                number(row.largest_each * row.count, ".0f"),
                 f"{row.difference:.1e}",
-                "yes" if row.is_met else "no",
+                yes_or_no(row.is_met),
             )
-            lines.append("| " + " | ".join(cells) + " |")
-        return "\n".join(lines) + "\n"
+            for row in rows
+        ],
+    )
 
 
 def many_cases() -> tuple[ManyCase, ...]:
@@ -160,57 +146,27 @@ def many_cases() -> tuple[ManyCase, ...]:
     )
 
 
-def run_many_benchmark(exponent: int = 20) -> ManyTable:
-    """Measure every case in a child process of its own.
-
-    Parameters
-    ----------
-    exponent
-        As for the linear cases of the other benchmarks; below 20 there are fewer components.
-
-    Raises
-    ------
-    ValueError
-        For exponents outside 4 to 24.
-    BenchmarkError
-        If a child process fails.
-    """
-    if not 4 <= exponent <= 24:
-        raise ValueError(f"exponent: {exponent} is not allowed; it must be 4 to 24")
+def run_many(exponent: int) -> list[ManyRow]:
+    """Measure every case in a process of its own; below 2^20 steps with fewer components."""
     count = min(COUNT, max(8, COUNT * 2**exponent // 2**20))
     n_steps = 2 ** min(LONGEST, exponent)
-    rows = []
-    for index in range(len(many_cases())):
-        values = answer_of_child("fvi_cli.studies.many_benchmark", (index, count, n_steps))
-        rows.append(
-            ManyRow(
-                name=str(values["name"]),
-                n_steps=int(values["n_steps"]),
-                count=int(values["count"]),
-                alone_seconds=float(values["alone_seconds"]),
-                together_seconds=float(values["together_seconds"]),
-                difference=float(values["difference"]),
-                history_operations=int(values["history_operations"]),
-                largest_each=float(values["largest_each"]),
-            )
-        )
-    return ManyTable(rows=tuple(rows))
+    return [in_own_process(measure_many, case, count, n_steps) for case in many_cases()]
 
 
 def measure_many(case: ManyCase, count: int, n_steps: int) -> ManyRow:
     """Measure one case in this process."""
     method = Method(cq="gauss", degree=2, start=case.start)
     members = oscillators(count)
-    alone = _least_seconds(lambda: integrate(members[0], method, n_steps), REPEATS_ALONE)
+    alone = least_seconds(lambda: integrate(members[0], method, n_steps), REPEATS_ALONE)
     if case.kind == "members":
-        together = _least_seconds(lambda: integrate_members(members, method, n_steps), 2)
+        together = least_seconds(lambda: integrate_members(members, method, n_steps), 2)
         found = integrate_members(members, method, n_steps)
         single = integrate(members[-1], method, n_steps).position
         difference = _relative(found[-1].position, single)
         operations = sum(one.history_operations for one in found)
     else:
         scene = joined(members) if case.kind == "uncoupled" else damped_chain(case.kind, count)
-        together = _least_seconds(lambda: integrate(scene, method, n_steps), 2)
+        together = least_seconds(lambda: integrate(scene, method, n_steps), 2)
         whole = integrate(scene, method, n_steps)
         operations = whole.history_operations
         if case.kind == "uncoupled":
@@ -287,23 +243,3 @@ def damped_chain(kind: Kind, masses: int) -> Scene:
 
 def _relative(found: np.ndarray, expected: np.ndarray) -> float:
     return float(np.abs(found - expected).max() / np.abs(expected).max())
-
-
-def _least_seconds(action: Callable[[], object], repeats: int) -> float:
-    least = math.inf
-    for _ in range(repeats):
-        gc.collect()
-        began = time.perf_counter()
-        action()
-        least = min(least, time.perf_counter() - began)
-    return least
-
-
-def _child(arguments: Sequence[str]) -> None:
-    index, count, n_steps = map(int, arguments)
-    row = measure_many(many_cases()[index], count, n_steps)
-    sys.stdout.write(json.dumps(asdict(row)))
-
-
-if __name__ == "__main__":
-    _child(sys.argv[1:])

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import json
 import math
-import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.measuring import in_own_process, number, peak_doubles, table, yes_or_no
+from benchmarks.stepping import quartic_scene
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine import run
 from fvi_cli.integrator.integrate import integrate, prepare
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.named import linear_oscillator
-from fvi_cli.studies.benchmark import answer_of_child, peak_doubles, quartic_scene
 
 LONG_RUN = 10**8
 """The number of steps to which a long run is extrapolated."""
@@ -92,15 +91,12 @@ class MemoryRow:
         return within and self.doubles_per_step <= self.largest_doubles
 
 
-@dataclass(frozen=True, kw_only=True)
-class MemoryTable:
-    """The measured rows."""
-
-    rows: tuple[MemoryRow, ...]
-
-    def to_markdown(self) -> str:
-        """The table."""
-        head = (
+def memory_table(rows: Sequence[MemoryRow]) -> str:
+    """The table."""
+    return table(
+        "Doubles are the traced peak of set-up and steps; with `exponentials` of the finished "
+        "trajectory (time, position, momentum, energy) as well.",
+        (
             "case",
             "N",
             "points kept",
@@ -111,33 +107,23 @@ class MemoryTable:
             "at 10^8 steps, MB",
             "at most",
             "met",
-        )
-        lines = [
-            "Doubles are the traced peak of set-up and steps; with `exponentials` of the finished "
-            "trajectory (time, position, momentum, energy) as well.",
-            "",
-            "| " + " | ".join(head) + " |",
-            "|" + " --- |" * len(head),
-        ]
-        for row in self.rows:
-            cells = (
+        ),
+        [
+            (
                 row.name,
                 str(row.n_steps),
                 "all" if row.every == 1 else f"every {row.every}th",
                 f"{1e6 * row.seconds_per_step:.2f}",
                 f"{row.doubles_per_step:.3g}",
-                _number(row.largest_doubles),
+                number(row.largest_doubles, ".0f"),
                 f"{row.process_bytes / 1e6:.0f}",
-                _number(row.extrapolated_bytes / 1e6),
-                _number(row.largest_bytes / 1e6),
-                "yes" if row.is_met else "no",
+                number(row.extrapolated_bytes / 1e6, ".0f"),
+                number(row.largest_bytes / 1e6, ".0f"),
+                yes_or_no(row.is_met),
             )
-            lines.append("| " + " | ".join(cells) + " |")
-        return "\n".join(lines) + "\n"
-
-
-def _number(value: float) -> str:
-    return f"{value:.0f}" if math.isfinite(value) else "-"
+            for row in rows
+        ],
+    )
 
 
 def memory_cases(exponent: int = 22, long_steps: int = 10**7) -> tuple[MemoryCase, ...]:
@@ -171,50 +157,28 @@ def memory_cases(exponent: int = 22, long_steps: int = 10**7) -> tuple[MemoryCas
     return tuple(cases)
 
 
-def run_memory_benchmark(*, exponent: int = 22, long_steps: int = 10**7) -> MemoryTable:
-    """Measure every case in a child process of its own.
+def run_memory(exponent: int) -> list[MemoryRow]:
+    """Measure every case in a process of its own.
 
-    Raises
-    ------
-    ValueError
-        For an exponent outside 4 to 26, or less than 1000 steps of the long run.
-    BenchmarkError
-        If a child process fails.
+    With the usual 2^20: 2^22 steps that are kept, and ten millions of which a few are.
     """
-    if not 4 <= exponent <= 26:
-        raise ValueError(f"exponent: {exponent} is not allowed; it must be 4 to 26")
-    if long_steps < 1000:
-        raise ValueError(f"long_steps: {long_steps} is not allowed; it must be at least 1000")
-    rows = []
-    for index, case in enumerate(memory_cases(exponent, long_steps)):
-        row = _row(index, exponent, long_steps)
-        if case.every > 1:
-            shorter = _row(index, exponent, long_steps // 10)
-            slope = (row.process_bytes - shorter.process_bytes) / (row.n_steps - shorter.n_steps)
-            far = row.process_bytes + max(slope, 0.0) * (LONG_RUN - row.n_steps)
-            row = MemoryRow(**{**asdict(row), "extrapolated_bytes": far})
-        rows.append(row)
-    return MemoryTable(rows=tuple(rows))
+    cases = memory_cases(exponent + 2, max(1000, 10**7 * 2**exponent // 2**20))
+    return [_extrapolated(case) for case in cases]
 
 
-def _row(index: int, exponent: int, long_steps: int) -> MemoryRow:
-    values = answer_of_child("fvi_cli.studies.memory_benchmark", (index, exponent, long_steps))
-    numbers = {
-        key: float(value)
-        for key, value in values.items()
-        if key not in ("name", "n_steps", "every")
-    }
-    return MemoryRow(
-        name=str(values["name"]),
-        n_steps=int(values["n_steps"]),
-        every=int(values["every"]),
-        **numbers,
-    )
+def _extrapolated(case: MemoryCase) -> MemoryRow:
+    row = in_own_process(measure_memory, case)
+    if case.every == 1:
+        return row
+    shorter = in_own_process(measure_memory, replace(case, n_steps=case.n_steps // 10))
+    slope = (row.process_bytes - shorter.process_bytes) / (row.n_steps - shorter.n_steps)
+    far = row.process_bytes + max(slope, 0.0) * (LONG_RUN - row.n_steps)
+    return replace(row, extrapolated_bytes=far)
 
 
 def measure_memory(case: MemoryCase) -> MemoryRow:
     """Measure one case in this process."""
-    # not there on every system, and only the child process asks for it
+    # not there on every system, and only this benchmark asks for it
     import resource
 
     scene, method, n_steps = _scene(case), case.method, case.n_steps
@@ -246,13 +210,3 @@ def _scene(case: MemoryCase) -> Scene:
         return quartic_scene(1.5)
     damping = [FractionalDamping(order=0.5, coefficient=0.1 * np.eye(1))]
     return linear_oscillator(final_time=0.1 * case.n_steps, damping=damping, initial_position=1.0)
-
-
-def _child(arguments: Sequence[str]) -> None:
-    index, exponent, long_steps = map(int, arguments)
-    row = measure_memory(memory_cases(exponent, long_steps)[index])
-    sys.stdout.write(json.dumps(asdict(row)))
-
-
-if __name__ == "__main__":
-    _child(sys.argv[1:])

@@ -1,4 +1,4 @@
-"""The figures to meet: what accuracy may cost, read off the measured tables."""
+"""What accuracy may cost, read off the tables that ``fvi cost`` measures."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from benchmarks.measuring import number, table, yardstick_seconds, yes_or_no
+from fvi_cli.api import cost, load
 from fvi_cli.integrator.method import Method
+from fvi_cli.render.cost import PAGE_CONFIGS
 from fvi_cli.studies.cost import CostRow, CostTable
 from fvi_cli.studies.price import Curve, cheapest_at, cost_curves
-
-GOAL_CONFIGS = ("cost-paper", "cost-step-forced", "cost-pendulum")
-"""Shipped configurations that hold what the goals look at."""
 
 YARDSTICK_STEPS = 2**19
 """Half the length of the transform that times are compared with."""
@@ -47,6 +47,30 @@ class Goal:
         if self.is_least:
             return self.measured >= self.bound
         return self.measured <= self.bound
+
+
+def run_accuracy(configs: Sequence[str] = PAGE_CONFIGS) -> list[Goal]:
+    """Measure the configurations and the yardstick, all in this process."""
+    tables = [table for name in configs for table in cost(load(name))]
+    return cost_goals(tables, yardstick_seconds(YARDSTICK_STEPS))
+
+
+def accuracy_table(goals: Sequence[Goal]) -> str:
+    """The figures to meet, and below them what went into each."""
+    measured = table(
+        "Ratios of seconds until a run with that error is done (`fvi cost` measures them).",
+        ("what", "measured", "bound", "met"),
+        [
+            (
+                goal.name,
+                number(goal.measured, ".3g"),
+                f"at {'least' if goal.is_least else 'most'} {goal.bound:g}",
+                yes_or_no(goal.is_met),
+            )
+            for goal in goals
+        ],
+    )
+    return "\n".join([measured, *(f"- {goal.name}: {goal.how}" for goal in goals), ""])
 
 
 def cost_goals(tables: Sequence[CostTable], yardstick: float) -> list[Goal]:

@@ -1,0 +1,67 @@
+"""``python -m benchmarks``: measure the engine, write ``results/benchmark.md``."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from benchmarks.accuracy import accuracy_table, run_accuracy
+from benchmarks.many import many_table, run_many
+from benchmarks.memory import memory_table, run_memory
+from benchmarks.stepping import run_stepping, stepping_table
+from fvi_cli.storage.provenance import package_versions, platform_name
+
+SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
+    "stepping": ("Time and error", lambda exponent: stepping_table(run_stepping(exponent))),
+    "many": ("Many oscillators", lambda exponent: many_table(run_many(exponent))),
+    "memory": ("Memory", lambda exponent: memory_table(run_memory(exponent))),
+    "accuracy": ("What accuracy costs", lambda exponent: accuracy_table(run_accuracy())),
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure the named sections, or all, and write the page."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("sections", nargs="*", metavar="SECTION", help=", ".join(SECTIONS))
+    parser.add_argument(
+        "--exponent",
+        type=int,
+        choices=range(4, 23),
+        default=20,
+        metavar="E",
+        help="linear scenes take 2^E steps (default 20); fewer than 2^20 are a trial",
+    )
+    parser.add_argument("--output", type=Path, default=Path("results"), help="folder of the page")
+    asked = parser.parse_args(arguments)
+    unknown = set(asked.sections) - set(SECTIONS)
+    if unknown:
+        parser.error(f"no such section: {', '.join(sorted(unknown))} ({', '.join(SECTIONS)})")
+    before = _load()
+    measured = [
+        f"## {SECTIONS[name][0]}\n\n{SECTIONS[name][1](asked.exponent)}"
+        for name in asked.sections or SECTIONS
+    ]
+    versions = package_versions()
+    made_by = ", ".join(f"{name} {versions[name]}" for name in ("python", "numpy", "scipy"))
+    head = (
+        f"Made by `python -m benchmarks --exponent {asked.exponent}` on one core: "
+        f"{platform_name()}, {made_by}; runnable processes before and after: {before} and "
+        f"{_load()} on {os.cpu_count()} processors. Times mean little where others compute as well."
+    )
+    text = "\n".join(["# What the engine takes", "", head, "", *measured])
+    asked.output.mkdir(parents=True, exist_ok=True)
+    path = asked.output / "benchmark.md"
+    path.write_text(text, encoding="utf-8")
+    print(text, path, sep="\n")
+
+
+def _load() -> str:
+    """How many processes want a processor, on average over a minute."""
+    # not every system tells
+    return f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
+
+
+if __name__ == "__main__":
+    main()

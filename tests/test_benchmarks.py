@@ -1,0 +1,197 @@
+"""The benchmarks measure, count and say what they measured; no time is asserted."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+
+import pytest
+from cost_tables import COUNTS, GAUSS, row, table
+
+from benchmarks import __main__ as page
+from benchmarks.accuracy import accuracy_table, cost_goals
+from benchmarks.many import many_cases, many_table, measure_many
+from benchmarks.measuring import in_own_process
+from benchmarks.memory import LONG_RUN, measure_memory, memory_cases, memory_table, run_memory
+from benchmarks.stepping import measure_stepping, stepping_cases, stepping_table
+from fvi_cli.integrator.method import Baseline
+from fvi_cli.studies.cost import CostCase, CostTable
+
+
+def columns(text: str) -> dict[str, list[str]]:
+    """The cells of a table in Markdown below the words of its head."""
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    head, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
+    assert all(len(cells) == len(head) for cells in rows)
+    return dict(zip(head, map(list, zip(*rows, strict=True)), strict=True))
+
+
+class TestStepping:
+    def test_every_case_at_a_small_size(self):
+        cases = stepping_cases(6)
+        rows = [measure_stepping(case, 1) for case in cases]
+        for case, measured in zip(cases, rows, strict=True):
+            assert measured.n_steps == 2**case.exponent
+            assert measured.stepping_seconds > 0 < measured.yardstick_seconds
+            assert math.isnan(measured.error) if case.scene == "pendulum" else measured.error < 1e-3
+            assert (measured.history_operations > 0) or case.order == 1
+            assert measured.doubles_per_step > 0 < measured.speed_up
+        assert columns(stepping_table(rows))["N"] == ["2^6"] * len(rows)
+
+    def test_a_figure_that_is_missed_is_said(self):
+        case = dataclasses.replace(stepping_cases(6)[0], largest_error=0.0)
+        missed = measure_stepping(case, 1)
+        held = dataclasses.replace(missed, largest_error=1.0, largest_multiple=math.inf)
+        slow = dataclasses.replace(held, largest_multiple=0.0)
+        met = columns(stepping_table([missed, held, slow]))["met"]
+        assert met == ["no", "yes", "no"]
+
+    def test_growth_is_that_of_the_times(self):
+        measured = measure_stepping(stepping_cases(15)[4], 1)
+        assert math.isfinite(measured.growth_exponent)
+        assert math.isnan(measured.speed_up)
+
+
+class TestMany:
+    def test_every_case_at_a_small_size(self):
+        rows = [measure_many(case, 12, 256) for case in many_cases()]
+        for measured in rows:
+            assert measured.alone_seconds > 0 < measured.together_seconds
+            assert measured.difference <= 1e-12
+        members, series, uncoupled, dampers, one_damper = (r.history_operations for r in rows)
+        # counted: components of a batch cost what they cost alone; in a chain the damped ones count
+        assert members == series == uncoupled == dampers
+        assert one_damper < members / 2
+        assert columns(many_table(rows))["components"] == ["12"] * len(rows)
+
+    def test_a_figure_that_is_missed_is_said(self):
+        measured = measure_many(many_cases()[0], 8, 64)
+        rows = [dataclasses.replace(measured, largest_each=bound) for bound in (1e9, 1e-9)]
+        assert columns(many_table(rows))["met"] == ["yes", "no"]
+
+
+class TestMemory:
+    def test_the_whole_trajectory_by_exponentials_is_all_there_is(self):
+        """Time, position, momentum, energy are four doubles; the fixed part is the difference."""
+
+        def added(case, exponent):
+            shorter, longer = (
+                measure_memory(dataclasses.replace(case, n_steps=2**power)).doubles_per_step
+                for power in (exponent, exponent + 1)
+            )
+            return 2 * longer - shorter
+
+        _, by_fft, _, by_exponentials, _ = memory_cases(15)
+        assert by_exponentials.name.endswith("exponentials")
+        assert added(by_exponentials, 16) == pytest.approx(4.0, abs=0.1)
+        # control: what the history by FFT adds
+        assert added(by_fft, 14) > 10
+
+    def test_long_runs_are_extrapolated_and_rated(self, monkeypatch):
+        """From the run and one of a tenth, on a line."""
+        measured = measure_memory(memory_cases(6, 1000)[-1])
+        assert 1e7 < measured.process_bytes < 1e11
+        assert math.isnan(measured.extrapolated_bytes)
+
+        def on_a_line(action, case):
+            return dataclasses.replace(
+                measured,
+                n_steps=case.n_steps,
+                process_bytes=5e7 + 2.0 * case.n_steps,
+                largest_doubles=case.largest_doubles,
+            )
+
+        monkeypatch.setattr("benchmarks.memory.in_own_process", on_a_line)
+        rows = run_memory(10)
+        assert rows[-1].extrapolated_bytes == pytest.approx(5e7 + 2.0 * LONG_RUN)
+        rows.append(dataclasses.replace(rows[-1], extrapolated_bytes=1e8))
+        rows.append(dataclasses.replace(rows[-1], largest_doubles=0.0))
+        assert columns(memory_table(rows))["met"][-3:] == ["yes", "yes", "no"]
+
+
+class TestAccuracy:
+    def pendulum(self, slow: float) -> CostTable:
+        direct = dataclasses.replace(GAUSS, history="direct")
+        law = [row(n, 10.0 * n**-6.0, 1e-3) for n in COUNTS]
+        return table(
+            CostCase(method=GAUSS, rows=tuple(law)),
+            CostCase(
+                method=direct,
+                rows=tuple(
+                    dataclasses.replace(
+                        r, setup_seconds=slow / 4e3, stepping_seconds_min=slow * 3 / 4e3
+                    )
+                    for r in law
+                ),
+            ),
+            CostCase(
+                method=Baseline(name="gruenwald-letnikov"),
+                rows=tuple(row(n, 1e-3 / n, 1e-4 * n) for n in COUNTS),
+            ),
+            name="cost-pendulum",
+        )
+
+    def test_ratios_are_read_off_the_curves(self):
+        goals = cost_goals([self.pendulum(slow=3.0)], 1e-2)
+        theirs, direct, alone, other = goals
+        # 1e-3 / N = 1e-9 at N = 1e6: 100 s
+        assert theirs.measured == pytest.approx(100 / 1e-3)
+        assert theirs.is_met
+        assert "extrapolated" in theirs.how
+        assert (direct.measured, alone.measured) == pytest.approx((3.0, 3.0))
+        assert direct.is_met
+        assert other.measured == pytest.approx(1e4 * 1e-4 / 1e-3)
+
+    def test_what_is_too_slow_is_not_met(self):
+        assert not cost_goals([self.pendulum(slow=1.5)], 1e-2)[1].is_met
+
+    def test_the_transform_is_the_yardstick(self):
+        rows = (row(100, 1e-8, 1e-3), row(200, 1e-10, 4e-2))
+        step = table(CostCase(method=GAUSS, rows=rows), name="cost-step-forced")
+        stepping, whole = cost_goals([step], 1e-2)
+        assert stepping.measured == pytest.approx(3.0)
+        assert whole.measured == pytest.approx(4.0)
+        assert not stepping.is_met
+        assert whole.is_met
+
+    def test_nothing_reached_is_not_met(self):
+        step = table(CostCase(method=GAUSS, rows=(row(100, 1e-3, 1e-3),)), name="cost-step-forced")
+        assert not any(goal.is_met for goal in cost_goals([step], 1e-2))
+
+    def test_the_oscillator_is_compared_on_the_same_grid(self):
+        ours = CostCase(method=GAUSS, rows=(row(10, 1e-10, 1.0), row(20, 1e-12, 3.0)))
+        others = [
+            CostCase(
+                method=Baseline(name="dop853", tolerance=tolerance),
+                rows=(row(10, tolerance, 0.5), row(20, tolerance, 0.5)),
+            )
+            for tolerance in (1e-8, 1e-10)
+        ]
+        (goal,) = cost_goals([table(ours, *others, name="cost-damped-oscillator")], 1e-2)
+        assert goal.measured == pytest.approx(6.0)
+        assert not goal.is_met
+        assert columns(accuracy_table([goal]))["met"] == ["no"]
+
+
+def test_the_page_has_the_sections_that_are_asked_for(tmp_path, capsys, monkeypatch):
+    few = stepping_cases(6)[:1]
+    monkeypatch.setattr("benchmarks.stepping.stepping_cases", lambda exponent: few)
+    monkeypatch.setattr(
+        page, "run_accuracy", lambda: cost_goals([TestAccuracy().pendulum(slow=3.0)], 1e-2)
+    )
+    page.main(["stepping", "accuracy", "--exponent", "6", "--output", str(tmp_path)])
+    text = (tmp_path / "benchmark.md").read_text(encoding="utf-8")
+    assert "Made by `python -m benchmarks --exponent 6`" in text
+    assert [line for line in text.splitlines() if line.startswith("## ")] == [
+        "## Time and error",
+        "## What accuracy costs",
+    ]
+    assert text in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        page.main(["no-such-section", "--output", str(tmp_path)])
+
+
+def test_a_process_of_its_own_has_one_core():
+    assert in_own_process(os.getenv, "OMP_NUM_THREADS") == "1"
+    assert in_own_process(os.getpid) != os.getpid()
