@@ -1,0 +1,1 @@
+"""Fractional integrals and derivatives on any mesh: powers of the mesh's integration matrix."""

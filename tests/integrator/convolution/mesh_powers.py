@@ -1,0 +1,115 @@
+"""Powers of the integration matrix of a mesh, in as many digits as they need."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_DIGITS = 40
+_APART = 24
+
+
+def gauss_method(m: int) -> tuple[mp.matrix, list[mp.mpf], list[mp.mpf]]:
+    """Matrix, weights and nodes of the Gauss method in the working precision."""
+    # monomial coefficients of the Legendre polynomial on [0, 1]
+    shifted = [
+        (-1) ** (m + k) * mp.binomial(m, k) * mp.binomial(m + k, k) for k in range(m, -1, -1)
+    ]
+    nodes = sorted(mp.polyroots(shifted, maxsteps=500, extraprec=20 * m + 200), key=mp.re)
+    nodes = [mp.re(c) for c in nodes]
+    matrix, weights = mp.matrix(m), []
+    for j in range(m):
+        poly = [mp.mpf(1)]
+        for i in range(m):
+            if i != j:
+                gap = nodes[j] - nodes[i]
+                poly = [
+                    (poly[k] if k < len(poly) else 0) / gap
+                    - (nodes[i] * poly[k - 1] / gap if k else 0)
+                    for k in range(len(poly) + 1)
+                ]
+        integral = [c / (len(poly) - k) for k, c in enumerate(poly)] + [mp.mpf(0)]
+        weights.append(mp.polyval(integral, 1))
+        for i in range(m):
+            matrix[i, j] = mp.polyval(integral, nodes[i])
+    return matrix, weights, nodes
+
+
+def local_power(m: int, theta: float) -> Array:
+    """The power of the matrix of the Gauss method, by its eigenvectors."""
+    with mp.workdps(_DIGITS + 4 * m):
+        values, vectors = mp.eig(gauss_method(m)[0])
+        power = vectors * mp.diag([v ** mp.mpf(theta) for v in values]) * mp.inverse(vectors)
+        return _rounded(power)
+
+
+def mesh_power(steps: Array, m: int, theta: float) -> Array:
+    """The matrix ``I^theta`` of the mesh with these steps, shape ``(N m, N m)``.
+
+    In the eigenvectors of A the matrix is lower triangular, and Parlett's recurrence (Higham,
+    *Functions of Matrices*, section 4.6) has its power. Steps that are equal are taken apart by
+    parts in 10^24, and the digits that the recurrence loses to that are added.
+    """
+    n = len(steps)
+    equal = max(int(np.sum(np.abs(steps - h) < 1e-6 * h)) for h in steps)
+    with mp.workdps(_DIGITS + 4 * m + 2 * n + _APART * equal):
+        matrix, weights, _ = gauss_method(m)
+        values, vectors = mp.eig(matrix)
+        inverse = mp.inverse(vectors)
+        h = [mp.mpf(float(s)) * (1 + k * mp.mpf(10) ** -_APART) for k, s in enumerate(steps)]
+        ones = [mp.fsum(inverse[i, j] for j in range(m)) for i in range(m)]
+        rows = [mp.fsum(weights[i] * vectors[i, j] for i in range(m)) for j in range(m)]
+        diagonal = [h[k] * values[i] for k in range(n) for i in range(m)]
+        size = n * m
+        entry = [
+            [ones[i % m] * h[j // m] * rows[j % m] if j // m < i // m else mp.mpf(0)
+             for j in range(size)]
+            for i in range(size)
+        ]  # fmt: skip
+        power = [[mp.mpf(0)] * size for _ in range(size)]
+        theta_ = mp.mpf(theta)
+        for i in range(size):
+            power[i][i] = diagonal[i] ** theta_
+        for gap in range(1, size):
+            for j in range(size - gap):
+                i = j + gap
+                if i // m == j // m:
+                    continue
+                total = entry[i][j] * (power[i][i] - power[j][j])
+                # blocks on the diagonal are diagonal
+                inner = range((j // m + 1) * m, (i // m) * m)
+                total += mp.fsum(
+                    power[i][k] * entry[k][j] - entry[i][k] * power[k][j] for k in inner
+                )
+                power[i][j] = total / (diagonal[i] - diagonal[j])
+        result = np.empty((size, size))
+        for row in range(n):
+            for column in range(n):
+                block = mp.matrix(m)
+                for i in range(m):
+                    for j in range(m):
+                        block[i, j] = power[row * m + i][column * m + j]
+                result[row * m : row * m + m, column * m : column * m + m] = _rounded(
+                    vectors * block * inverse
+                )
+        return result
+
+
+def _rounded(matrix: mp.matrix) -> Array:
+    return np.array(
+        [[float(mp.re(matrix[i, j])) for j in range(matrix.cols)] for i in range(matrix.rows)]
+    )
+
+
+def meshes(n: int) -> dict[str, Array]:
+    """Steps of one mesh of each kind, n of them."""
+    random = np.random.default_rng(3)
+    return {
+        "uniform": np.full(n, 0.37),
+        "random": 10.0 ** random.uniform(-3.2, 0.0, n),
+        "alternating": np.tile([1.0, 0.01], -(-n // 2))[:n],
+        "geometric": 10.0 ** np.linspace(-8.0, 0.0, n),
+    }
