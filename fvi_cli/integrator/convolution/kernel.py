@@ -28,7 +28,7 @@ _CACHED_KERNELS = 256
 # With log x = u - exp(first - u) + exp(u - last) the ends begin where x T respectively its
 # counterpart K N / (h x) is this; the integrand grows by exp(this) beside the real axis.
 _ONSET = 1.0
-_END_ERROR = 10.0
+_END_ERROR = 20.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
