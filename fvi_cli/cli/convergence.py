@@ -77,6 +77,6 @@ def convergence(
         if check:
             differences += compare(tables, output, name=request.name)
         else:
-            written = write(tables, output, name=request.name)
+            written = write(tables, output, name=request.name, anew=fresh)
             print(as_text(tables, name=request.name), *written, "", sep="\n")
     return (verdict(differences) if check else DONE) or exit_code(outcomes)

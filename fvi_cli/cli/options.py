@@ -37,7 +37,9 @@ Overrides = Annotated[
 DryRun = Annotated[
     bool, typer.Option("--dry-run", help="List every run and what would be done with it; no more.")
 ]
-Fresh = Annotated[bool, typer.Option("--fresh", help="Compute again what is stored already.")]
+Fresh = Annotated[
+    bool, typer.Option("--fresh", help="Compute and write again what is stored already.")
+]
 FailFast = Annotated[
     bool, typer.Option("--fail-fast", help="Stop at the first run that fails unexpectedly.")
 ]

@@ -86,23 +86,24 @@ def plot(
     outcomes: list[Outcome] = []
     differences: list[str] = []
     if not sources:
-        differences += _draw(plotting.sketches(), output, check=check)
+        differences += _draw(plotting.sketches(), output, check=check, anew=fresh)
     for request, computed in run_requests(requests, settings):
         outcomes += computed
         if stops(settings, computed):
             break
         for line in plotting.left_out(studies(computed)):
             _logger.warning("%s", line)
-        differences += _draw(figures(computed, name=request.name), output, check=check)
+        drawn = figures(computed, name=request.name)
+        differences += _draw(drawn, output, check=check, anew=fresh)
     return (verdict(differences) if check else DONE) or exit_code(outcomes)
 
 
-def _draw(figures: dict[str, Figure], output: Path, *, check: bool) -> list[str]:
+def _draw(figures: dict[str, Figure], output: Path, *, check: bool, anew: bool) -> list[str]:
     """Write figures and print their paths, or tell in what the stored ones differ."""
     from fvi_cli.render.figures import compare_figures, write_figures
 
     if check:
         return compare_figures(figures, output)
-    for path in write_figures(figures, output):
+    for path in write_figures(figures, output, anew=anew):
         print(path)
     return []

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.plotting.guides import GUIDE
+from fvi_cli.studies.order import NEAR_FLOOR
 
 Array = NDArray[np.float64]
 JsonValue = None | bool | int | float | str | Sequence["JsonValue"] | Mapping[str, "JsonValue"]
@@ -22,7 +23,9 @@ MOST_POINTS = 257
 """Longer lines are thinned evenly, first and last point kept."""
 
 _FLOOR = re.compile(r"floor (\S+)")
-_ABOVE_FLOOR = 100.0  # below this many times the floor the digits belong to the machine
+# below this many times the floor the digits belong to the machine: what is near it for one may be
+# above for another
+_ABOVE_FLOOR = 2 * NEAR_FLOOR
 
 
 def drawn_data(figure: Figure) -> dict[str, JsonValue]:

@@ -4,21 +4,37 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from fvi_cli.reports import write_where_different
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def write_figures(figures: Mapping[str, Figure], output: Path) -> list[Path]:
-    """Write figures under ``figures/`` in `output`; returns the paths."""
+FORMS = (".pdf", ".png", ".json")
+
+
+def write_figures(figures: Mapping[str, Figure], output: Path, *, anew: bool = False) -> list[Path]:
+    """Bring figures under ``figures/`` in `output` up to date; returns the paths.
+
+    One whose files are all there and show what it shows (:func:`compare_figures`) is left as it
+    is, unless it is wanted `anew`.
+    """
     from fvi_cli.plotting import save_figure
 
-    written: list[Path] = []
+    directory = output / "figures"
+    paths: list[Path] = []
     for name, figure in figures.items():
-        written += save_figure(figure, output / "figures", name)
-    return written
+        paths += write_where_different(
+            [directory / f"{name}{form}" for form in FORMS],
+            partial(compare_figures, {name: figure}, output),
+            partial(save_figure, figure, directory, name),
+            anew=anew,
+        )
+    return paths
 
 
 def compare_figures(figures: Mapping[str, Figure], output: Path) -> list[str]:
@@ -28,11 +44,7 @@ def compare_figures(figures: Mapping[str, Figure], output: Path) -> list[str]:
     differences = []
     for name, figure in figures.items():
         path = output / "figures" / f"{name}.json"
-        missing = [
-            str(other)
-            for other in (path, path.with_suffix(".pdf"), path.with_suffix(".png"))
-            if not other.is_file()
-        ]
+        missing = [str(other) for other in map(path.with_suffix, FORMS) if not other.is_file()]
         differences += [f"{other}: missing" for other in missing]
         if not path.is_file():
             continue

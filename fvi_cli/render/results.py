@@ -104,8 +104,12 @@ def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
     )
 
 
-def write(results: Results, output: Path | str, *, name: str | None = None) -> list[Path]:
+def write(
+    results: Results, output: Path | str, *, name: str | None = None, anew: bool = False
+) -> list[Path]:
     """Write tables and figures as the commands do; returns the paths.
+
+    Tables of orders, and figures, that agree with what is stored leave it as it is.
 
     Of outcomes: the tables of ``fvi convergence`` and the figures of ``fvi plot``. Of tables of
     stability and cost, and of the report of the hard cases: what their commands write.
@@ -118,6 +122,8 @@ def write(results: Results, output: Path | str, *, name: str | None = None) -> l
         Folder; tables go to ``tables/`` in it, figures to ``figures/``.
     name
         Files begin with it; default the name of the only experiment.
+    anew
+        Write whatever is stored.
 
     Raises
     ------
@@ -131,13 +137,14 @@ def write(results: Results, output: Path | str, *, name: str | None = None) -> l
         return hard_cases.write_report(folder, results)
     title = name or _only_name(results)
     if outcomes := _of(results, Outcome):
-        written = reports.write_tables(folder / "tables", title, order_tables(outcomes))
-        return written + write_figures(figures(outcomes, name=title), folder)
+        made = order_tables(outcomes)
+        written = reports.write_tables(folder / "tables", title, made, anew=anew)
+        return written + write_figures(figures(outcomes, name=title), folder, anew=anew)
     if orders := _of(results, OrderTable):
-        return reports.write_tables(folder / "tables", title, orders)
+        return reports.write_tables(folder / "tables", title, orders, anew=anew)
     if stabilities := _of(results, StabilityTable):
         written = write_stability_tables(folder / "tables", title, stabilities)
-        return written + write_figures(figures(stabilities, name=title), folder)
+        return written + write_figures(figures(stabilities, name=title), folder, anew=anew)
     if costs := _of(results, CostTable):
         return write_costs(folder, title, costs)
     raise RequestError("plans, and nothing at all, are not written")

@@ -6,9 +6,9 @@ from fvi_cli.reports.files import (
     rendered,
     summary_text,
     table_paths,
-    write_tables,
 )
 from fvi_cli.reports.json_table import from_json
+from fvi_cli.reports.keep import write_tables, write_where_different
 
 __all__ = [
     "FORMS",
@@ -19,4 +19,5 @@ __all__ = [
     "summary_text",
     "table_paths",
     "write_tables",
+    "write_where_different",
 ]

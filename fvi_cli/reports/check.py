@@ -13,15 +13,19 @@ from typing import TypeVar
 from fvi_cli.reports.details import without_numbers
 from fvi_cli.reports.files import rendered, table_paths
 from fvi_cli.reports.json_table import from_json
-from fvi_cli.studies.order import OrderCase, OrderRow, OrderTable, fit_slope
+from fvi_cli.studies.order import NEAR_FLOOR, OrderCase, OrderRow, OrderTable, fit_slope, is_usable
 
 ERROR_TOLERANCE = 1e-3
 """Relative, for errors that are reliable."""
 
 SLOPE_TOLERANCE = 0.01
 
-RELIABLE = 100.0
-"""Errors above this many floors are the same on every machine."""
+RELIABLE = 2 * NEAR_FLOOR
+"""Errors above this many floors are the same on every machine, to :data:`ERROR_TOLERANCE`.
+
+Twice the limit below which rows are used for no order, so that an error beside that limit may lie
+on either side of it.
+"""
 
 SAME_NUMBER = 1e-9
 """Relative, for numbers that do not depend on round-off: step sizes, expected orders."""
@@ -81,8 +85,9 @@ def compare_tables(stored: Sequence[OrderTable], fresh: Sequence[OrderTable]) ->
     """One line for everything in which two lists of tables differ.
 
     Experiments, cases, rows, statuses and ``used_in_fit`` must be the same, and everything that is
-    no measurement. Errors may differ by :data:`ERROR_TOLERANCE` where they are above
-    :data:`RELIABLE` floors, and at will below. Slopes may differ by :data:`SLOPE_TOLERANCE`; where
+    no measurement. Errors may differ by :data:`ERROR_TOLERANCE` where one is above
+    :data:`RELIABLE` floors, and at will where none is; nor do ``ok`` and ``floor``, or whether a
+    slope uses the row, tell anything there. Slopes may differ by :data:`SLOPE_TOLERANCE`; where
     rows below :data:`RELIABLE` floors took part in a fit, slopes are compared that are fitted to
     the others. Errors of runs that came to nothing say only how fast round-off grew: their status
     is compared. Numbers inside texts are ignored, and so are messages.
@@ -122,30 +127,20 @@ def _cases(stored: OrderCase, fresh: OrderCase) -> Iterator[str]:
         yield _differ("stated", stored.claim, fresh.claim)
     if stored.expected_failure != fresh.expected_failure:
         yield _differ("expected failure", stored.expected_failure, fresh.expected_failure)
-    if _used(old) != _used(new):
-        return  # told above, row by row; slopes through other rows are other slopes
-    pairs = [(old[n_steps], new[n_steps]) for n_steps in _used(old)]
-    yield from _slopes(stored, fresh, pairs)
-
-
-def _used(rows: Mapping[int, OrderRow]) -> list[int]:
-    return [n_steps for n_steps, row in rows.items() if row.used_in_fit]
-
-
-def _slopes(
-    stored: OrderCase, fresh: OrderCase, used: Sequence[tuple[OrderRow, OrderRow]]
-) -> Iterator[str]:
-    reliable = [pair for pair in used if all(_is_reliable(row) for row in pair)]
-    slopes, what = (stored.slope, fresh.slope), "slope"
-    if len(reliable) < len(used):
-        what = f"slope of the {len(reliable)} rows above {RELIABLE:g} floors"
-        slopes = (_slope([old for old, _ in reliable]), _slope([new for _, new in reliable]))
-    if not _near(*slopes, SLOPE_TOLERANCE):
-        yield _differ(what, *slopes)
+    used = [n for n, row in old.items() if row.used_in_fit]
     # whatever the rows: a slope belongs to the rows beside it
-    own = _slope([row for row, _ in used])
+    own = _slope([old[n] for n in used])
     if not _near(stored.slope, own, SLOPE_TOLERANCE):
         yield f"slope: {stored.slope!r} is stored; its own rows give {own!r}"
+    reliable = [n for n in used if n in new and _is_reliable(old[n]) and _is_reliable(new[n])]
+    if not all(new[n].used_in_fit for n in reliable):
+        return  # told above, row by row; slopes through other rows are other slopes
+    slopes, what = (stored.slope, fresh.slope), "slope"
+    if reliable != used or used != [n for n, row in new.items() if row.used_in_fit]:
+        what = f"slope of the {len(reliable)} rows above {RELIABLE:g} floors"
+        slopes = (_slope([old[n] for n in reliable]), _slope([new[n] for n in reliable]))
+    if not _near(*slopes, SLOPE_TOLERANCE):
+        yield _differ(what, *slopes)
 
 
 def _slope(rows: Sequence[OrderRow]) -> float:
@@ -157,9 +152,15 @@ def _is_reliable(row: OrderRow) -> bool:
 
 
 def _rows(stored: OrderRow, fresh: OrderRow) -> Iterator[str]:
-    yield from _texts(stored, fresh, ("status", "predicted"))
-    if stored.used_in_fit != fresh.used_in_fit:
-        yield _differ("used_in_fit", stored.used_in_fit, fresh.used_in_fit)
+    yield from _texts(stored, fresh, ("predicted",))
+    is_round_off = all(
+        row.status in ("ok", "floor") and row.error <= RELIABLE * row.floor
+        for row in (stored, fresh)
+    )
+    if not is_round_off:
+        yield from _texts(stored, fresh, ("status", "used_in_fit"))
+    elif stored.used_in_fit != is_usable(stored.status, stored.error, stored.floor):
+        yield f"used_in_fit: {stored.used_in_fit!r} is stored; its error and floor say otherwise"
     for name in ("step_size", "expected_order"):
         old, new = getattr(stored, name), getattr(fresh, name)
         if not _close(old, new, SAME_NUMBER):

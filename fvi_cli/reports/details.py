@@ -17,7 +17,7 @@ from fvi_cli.reports.document import (
 )
 from fvi_cli.reports.naming import MethodName, number
 from fvi_cli.reports.summary import NORMS, expected_orders, steps_phrase
-from fvi_cli.studies.order import OrderCase, OrderRow, OrderTable
+from fvi_cli.studies.order import NEAR_FLOOR, OrderCase, OrderRow, OrderTable
 
 _SOURCES: Mapping[str, str] = {
     "expression": "the exact solution, an expression of the configuration",
@@ -100,21 +100,25 @@ def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
 
 def _entries(case: OrderCase, k: int) -> list[str]:
     row = case.rows[k]
-    error = error_entry(row)
-    if k == 0 or math.isnan(row.pairwise_order):
-        return [error, ""]
-    order = f"{row.pairwise_order:.2f}"
-    both = row.used_in_fit and case.rows[k - 1].used_in_fit
-    return [error, order if both else f"({order})"]
+    both = k > 0 and row.used_in_fit and case.rows[k - 1].used_in_fit
+    return [error_entry(row), f"{row.pairwise_order:.2f}" if both else ""]
 
 
 def error_entry(row: OrderRow) -> str:
-    """The error; in parentheses, with its status, where the slope does not use it."""
-    error = f"{row.error:.2e}" if math.isfinite(row.error) else ""
+    """The error where the slope uses it; else in parentheses a bound, or what happened.
+
+    Digits of errors near the floor, and of runs that diverged, are those of one machine.
+    """
     if row.used_in_fit:
-        return error
-    status = row.status if row.status != "ok" else "not used"
-    return f"({', '.join(filter(None, (error, status)))})"
+        return f"{row.error:.2e}"
+    if row.status in ("ok", "floor"):
+        return f"(below {bound_of_near(row):.0e})" if row.is_near_floor else "(not used)"
+    return f"({row.status})"
+
+
+def bound_of_near(row: OrderRow) -> float:
+    """The power of ten above all errors that are near the floor of `row`."""
+    return float(f"1e{math.ceil(math.log10(NEAR_FLOOR * row.floor))}") if row.floor > 0 else 0.0
 
 
 def _summary_rows(cases: Sequence[OrderCase]) -> list[tuple[str, ...]]:
@@ -145,8 +149,9 @@ def _remarks(table: OrderTable, names: Mapping[str, MethodName]) -> list[Words]:
     sentences: list[Words] = []
     if any(not row.used_in_fit for case in table.cases for row in case.rows):
         sentences.append(
-            "Errors in parentheses are not used for the slope; floor: round-off, or ten times the "
-            "error of the reference."
+            "Rows in parentheses are not used for orders; floor: round-off, or ten times the error "
+            f"of the reference; errors below {NEAR_FLOOR:g} floors are told by a power of ten, in "
+            "full in the CSV form."
         )
     said: dict[str, list[str]] = {}
     for case in table.cases:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from fvi_cli.errors import StorageError
 from fvi_cli.reports.csv_table import to_csv
 from fvi_cli.reports.details import details, setting
 from fvi_cli.reports.document import Block, Heading
@@ -15,7 +14,6 @@ from fvi_cli.reports.markdown import to_markdown
 from fvi_cli.reports.plain_text import to_text
 from fvi_cli.reports.summary import legend, names_of, summary
 from fvi_cli.reports.sweeps import split_sweeps, sweep_details
-from fvi_cli.storage.atomic import replace_file
 from fvi_cli.studies.order import OrderTable
 
 FORMS = ("csv", "md", "tex", "json")
@@ -56,27 +54,3 @@ def summary_text(name: str, tables: Sequence[OrderTable]) -> str:
     """What a terminal shows: the title and the summary."""
     title = Heading(level=1, words=f"Orders of convergence: {name}")
     return to_text([title, *summary(name, tables)])
-
-
-def write_tables(directory: Path, name: str, tables: Sequence[OrderTable]) -> list[Path]:
-    """Write ``<name>.csv``, ``.md``, ``.tex`` and ``.json`` into `directory`; returns the paths.
-
-    All are made before the first is written, and each appears whole or not at all: it is written
-    under a temporary name, flushed to the disk and renamed.
-
-    Raises
-    ------
-    StorageError
-        If the folder or a file cannot be written.
-    """
-    texts = rendered(name, tables)
-    paths = table_paths(directory, name)
-    place = directory
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        for form, text in texts.items():
-            place = paths[form]
-            replace_file(place, text.encode("utf-8"))
-    except OSError as error:
-        raise StorageError(f"{place}: cannot be written: {error.strerror}") from None
-    return list(paths.values())

@@ -112,7 +112,7 @@ def _explanation(tables: Sequence[OrderTable]) -> str:
     if any(sum(row.used_in_fit for row in case.rows) == 2 for case in cases):
         text += " One number alone comes from two rows."
     if any(order_entry(case) == "floor" for case in cases):
-        text += " floor: all errors but one at most are below round-off."
+        text += " floor: all errors but one at most are next to round-off."
     norms = {table.norm for table in tables}
     if len(norms) == 1:
         text += f" Errors are measured in the {NORMS[norms.pop()]}."
@@ -228,7 +228,7 @@ def order_entry(case: OrderCase) -> str:
         return f"{failures[0]}*"
     if len(case.rows) == 1 and used:
         return f"error {used[0].error:.1e}"
-    return "floor" if any(row.status == "floor" for row in case.rows) else "-"
+    return "floor" if any(row.is_near_floor for row in case.rows) else "-"
 
 
 def _failures(

@@ -22,6 +22,9 @@ from fvi_cli.studies.experiment import (
 )
 from fvi_cli.studies.members import Member, values_in_words
 
+NEAR_FLOOR = 1000.0
+"""Errors within this factor of their floor are partly round-off, other digits on other machines."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class OrderRow:
@@ -36,10 +39,10 @@ class OrderRow:
     floor
         Errors below are round-off or the reference's own.
     pairwise_order
-        log(e_previous / e) / log(N / N_previous); nan in the first row and after rows without
-        an error.
+        log(e_previous / e) / log(N / N_previous); nan in the first row, after rows without an
+        error, and where either error is near the floor.
     used_in_fit
-        Whether the slope uses it.
+        Whether the slope uses it: the status is ``ok`` and the error is not near the floor.
     status, predicted
         Observed and predicted.
     message, remarks
@@ -57,6 +60,11 @@ class OrderRow:
     expected_order: float
     message: str = ""
     remarks: tuple[str, ...] = ()
+
+    @property
+    def is_near_floor(self) -> bool:
+        """Whether the error is within :data:`NEAR_FLOOR` times the floor; so are those below it."""
+        return near_floor(self.error, self.floor)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,6 +217,16 @@ def pairwise_order(coarse: float, fine: float, n_coarse: int, n_fine: int) -> fl
     return math.log(coarse / fine) / math.log(n_fine / n_coarse)
 
 
+def near_floor(error: float, floor: float) -> bool:
+    """Whether an error is at most :data:`NEAR_FLOOR` floors; False for nan."""
+    return error <= NEAR_FLOOR * floor
+
+
+def is_usable(status: Observed, error: float, floor: float) -> bool:
+    """Whether a row takes part in a slope: status ``ok``, an error, and that not near the floor."""
+    return status == "ok" and 0 < error < math.inf and not near_floor(error, floor)
+
+
 def fit_slope(n_steps: Iterable[int], errors: Iterable[float]) -> tuple[float, float]:
     """Least-squares slope of log(error) against log(1/N) and the rms residual in log10.
 
@@ -228,7 +246,8 @@ def _case(experiment: Experiment, method: AnyMethod, runs: list[FinishedRun]) ->
     previous: FinishedRun | None = None
     for run in runs:
         pairwise = math.nan
-        if previous is not None:
+        is_near = near_floor(run.error, run.floor)
+        if previous and not (is_near or near_floor(previous.error, previous.floor)):
             pairwise = pairwise_order(
                 previous.error, run.error, previous.run.n_steps, run.run.n_steps
             )
@@ -239,7 +258,7 @@ def _case(experiment: Experiment, method: AnyMethod, runs: list[FinishedRun]) ->
                 error=run.error,
                 floor=run.floor,
                 pairwise_order=pairwise,
-                used_in_fit=run.status == "ok" and 0 < run.error < math.inf,
+                used_in_fit=is_usable(run.status, run.error, run.floor),
                 status=run.status,
                 predicted=run.predicted,
                 expected_order=run.expected_order,

@@ -129,8 +129,7 @@ def _on_common_grid(scene: Scene, refined: _Refined, common: int) -> Reference:
     return Reference(
         values=lambda times: _picked(scene, times, values),
         error=refined.error,
-        source=f"refined run ({REFERENCE_METHOD.case}, N = {refined.n_steps}, "
-        f"estimated error {refined.error:.1e})",
+        source=f"refined run ({REFERENCE_METHOD.case}, {_in_words(refined)})",
     )
 
 
@@ -155,9 +154,16 @@ def _on_own_grids(scene: Scene, refined: _Refined, steps: tuple[int, ...]) -> Re
     return Reference(
         values=at,
         error=refined.error,
-        source=f"refined runs ({REFERENCE_METHOD.case}, N >= {finest} for every grid of its own, "
-        f"estimated error {refined.error:.1e})",
+        source=f"refined runs ({REFERENCE_METHOD.case}, on every grid of its own, "
+        f"{_in_words(refined)})",
     )
+
+
+def _in_words(refined: _Refined) -> str:
+    """The estimated error by a power of ten, since its digits are those of one machine."""
+    scale = float(np.abs(refined.values).max(initial=0.0))
+    told = max(2.0 * refined.error, 10.0 * SUFFICIENT * scale, 1e-300)
+    return f"estimated error below 1e{math.ceil(math.log10(told))}"
 
 
 def _doubled(scenes: Sequence[Scene], base: int) -> list[_Refined | _ReferenceFailedError]:

@@ -149,7 +149,7 @@ def test_a_refined_reference_states_its_error() -> None:
 def test_ladders_without_a_common_grid_get_a_reference_for_each() -> None:
     problem = build_problem(pendulum())
     apart = find_reference(problem, (127, 131))
-    assert "for every grid of its own" in apart.source
+    assert "on every grid of its own" in apart.source
     for n_steps in (127, 131):
         times = np.linspace(0, 4, n_steps + 1)
         together = find_reference(problem, (n_steps,))
