@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import mpmath as mp
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +40,26 @@ def gauss_method(m: int) -> tuple[mp.matrix, list[mp.mpf], list[mp.mpf]]:
     return matrix, weights, nodes
 
 
+def _whole_hundreds(digits: int) -> int:
+    """Few different precisions: eigenvectors are found once for each."""
+    return -(-digits // 100) * 100
+
+
+@cache
+def _diagonalised(m: int, digits: int) -> tuple[list[mp.mpf], list[mp.mpc], mp.matrix, mp.matrix]:
+    """Weights of the Gauss method; eigenvalues, eigenvectors and their inverse of its matrix."""
+    with mp.workdps(digits):
+        matrix, weights, _ = gauss_method(m)
+        values, vectors = mp.eig(matrix)
+        return weights, values, vectors, mp.inverse(vectors)
+
+
 def local_power(m: int, theta: float) -> Array:
     """The power of the matrix of the Gauss method, by its eigenvectors."""
-    with mp.workdps(_DIGITS + 4 * m):
-        values, vectors = mp.eig(gauss_method(m)[0])
-        power = vectors * mp.diag([v ** mp.mpf(theta) for v in values]) * mp.inverse(vectors)
+    digits = _whole_hundreds(_DIGITS + 4 * m)
+    with mp.workdps(digits):
+        _, values, vectors, inverse = _diagonalised(m, digits)
+        power = vectors * mp.diag([v ** mp.mpf(theta) for v in values]) * inverse
         return _rounded(power)
 
 
@@ -55,10 +72,9 @@ def mesh_power(steps: Array, m: int, theta: float) -> Array:
     """
     n = len(steps)
     equal = max(int(np.sum(np.abs(steps - h) < 1e-6 * h)) for h in steps)
-    with mp.workdps(_DIGITS + 4 * m + 2 * n + _APART * equal):
-        matrix, weights, _ = gauss_method(m)
-        values, vectors = mp.eig(matrix)
-        inverse = mp.inverse(vectors)
+    digits = _whole_hundreds(_DIGITS + 4 * m + 2 * n + _APART * equal)
+    with mp.workdps(digits):
+        weights, values, vectors, inverse = _diagonalised(m, digits)
         h = [mp.mpf(float(s)) * (1 + k * mp.mpf(10) ** -_APART) for k, s in enumerate(steps)]
         ones = [mp.fsum(inverse[i, j] for j in range(m)) for i in range(m)]
         rows = [mp.fsum(weights[i] * vectors[i, j] for i in range(m)) for j in range(m)]

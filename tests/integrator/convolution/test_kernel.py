@@ -63,14 +63,33 @@ def test_local_blocks_are_powers_of_the_matrix_of_the_method(m, theta):
     assert error < 3e-14
 
 
-@pytest.mark.parametrize(("m", "n"), [(1, 12), (2, 8), (3, 5), (4, 4)])
+@pytest.mark.parametrize(("m", "n"), [(1, 12), (2, 7), (3, 5), (6, 3), (10, 2)])
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_block_of_the_mesh_power_is_right(kind, m, n):
     steps = meshes(n)[kind]
-    exponents = (-0.98, -0.3, 0.02, 0.9)
+    exponents = (-0.98, -0.02, 0.5, 0.98)
     kernel = kernel_for(exponents, steps, m)
     for theta, result in zip(exponents, dense(gauss_operator(m), kernel, steps), strict=True):
         assert block_error(result, mesh_power(steps, m, theta), m) < 1e-12
+
+
+@pytest.mark.parametrize("theta", [-0.98, -0.5, -0.02, 0.02, 0.5, 0.98])
+@pytest.mark.parametrize("accuracy", [1e-13, 1e-10])
+def test_the_accuracy_asked_for_holds_at_every_lag(theta, accuracy):
+    n, operator = 10**6, gauss_operator(3, "coefficients")
+    lags = np.unique(np.geomspace(1, n - 1, 40).astype(int))
+
+    def blocks(final_time: float, demanded: float) -> Array:
+        kernel = power_kernel(
+            (theta,), shortest_step=1.0, final_time=final_time, stages=3, accuracy=demanded
+        )
+        step = operator.step_tables(kernel, 1.0)
+        return (step.response[0] * step.powers(lags - 1)[:, None, :]) @ step.intake
+
+    exact = blocks(50.0 * n, 1e-15)
+    errors = np.abs(blocks(float(n), accuracy) - exact)
+    assert (errors[:, 0, 0] / np.abs(exact[:, 0, 0])).max() < 3 * accuracy
+    assert (errors.max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2))).max() < 3 * accuracy
 
 
 def test_rates_that_end_too_early_are_seen():
