@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -89,20 +88,6 @@ class TestFinding:
         monkeypatch.chdir(tmp_path)
         with pytest.raises(RequestError):
             find_config(name)
-
-
-def test_the_wheel_holds_every_package_and_the_configurations():
-    setuptools = tomllib.loads((PROJECT / "pyproject.toml").read_text())["tool"]["setuptools"]
-    packages = {
-        ".".join(path.parent.relative_to(PROJECT).parts)
-        for path in (PROJECT / "fvi_cli").rglob("__init__.py")
-    }
-    assert set(setuptools["packages"]) == packages | {"fvi_cli.shipped_configs"}
-    assert setuptools["package-dir"] == {"fvi_cli.shipped_configs": "configs"}
-    assert setuptools["package-data"]["fvi_cli.shipped_configs"] == ["*.yaml", "*.csv"]
-    files = {path.suffix: path for path in (PROJECT / "configs").iterdir()}
-    assert set(files) == {".yaml", ".csv"}
-    assert {path.stem for path in (PROJECT / "configs").glob("*.yaml")} == set(NAMES)
 
 
 @pytest.mark.parametrize("kind", list(PROBLEM.kinds))

@@ -1,0 +1,180 @@
+"""The shape of the house: rooms, floors and sizes that no other tool holds."""
+
+from __future__ import annotations
+
+import ast
+import runpy
+import tomllib
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+import fvi_cli
+
+PROJECT = Path(__file__).parents[1]
+PACKAGE = PROJECT / "fvi_cli"
+SETTINGS = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))
+FILES = {
+    ".".join(path.relative_to(PROJECT).with_suffix("").parts): path
+    for path in PACKAGE.rglob("*.py")
+}
+
+MOST_FILES, MOST_LINES = 14, 400
+# what is larger for now: these lists may only shrink, and numbers in them only fall
+CROWDED: dict[str, int] = {
+    "fvi_cli/config": 23,
+    "fvi_cli/integrator": 64,
+    "fvi_cli/mathematics": 24,
+    "fvi_cli/plotting": 17,
+    "fvi_cli/reports": 16,
+    "fvi_cli/storage": 19,
+    "fvi_cli/studies": 17,
+}
+LONG: dict[str, int] = {
+    "fvi_cli/config/problem_keys.py": 427,
+    "fvi_cli/integrator/expansion.py": 410,
+    "fvi_cli/mathematics/expressions.py": 471,
+    "fvi_cli/mathematics/power_series.py": 498,
+    "fvi_cli/mathematics/runge_kutta_weights.py": 426,
+}
+IN_CIRCLES: frozenset[str] = frozenset(
+    {
+        "fvi_cli.integrator.baselines",
+        "fvi_cli.integrator.dormand_prince",
+        "fvi_cli.integrator.expansion",
+        "fvi_cli.integrator.exponential_march",
+        "fvi_cli.integrator.exponential_newton",
+        "fvi_cli.integrator.exponential_run",
+        "fvi_cli.integrator.general",
+        "fvi_cli.integrator.general_stepping",
+        "fvi_cli.integrator.gruenwald_letnikov",
+        "fvi_cli.integrator.integrate",
+        "fvi_cli.integrator.known_forces",
+        "fvi_cli.integrator.lagrangian_expansion",
+        "fvi_cli.integrator.peers",
+        "fvi_cli.integrator.product_integration",
+        "fvi_cli.integrator.stepping",
+    }
+)
+
+
+def imports(name: str, path: Path, *, lazy: bool = True) -> set[str]:
+    """Modules of the package that a module imports, those for type checking left out."""
+    found: set[str] = set()
+    waiting: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            waiting += node.orelse
+            continue
+        if isinstance(node, ast.ImportFrom) and node.module:
+            found |= {f"{node.module}.{alias.name}" for alias in node.names} | {node.module}
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        if lazy or not isinstance(node, ast.FunctionDef):
+            waiting += ast.iter_child_nodes(node)
+    return {module for module in found if module in FILES} - {name}
+
+
+def in_circles(graph: dict[str, set[str]]) -> set[str]:
+    """Modules that, over however many others, import themselves."""
+
+    def reached(start: str) -> set[str]:
+        found: set[str] = set()
+        waiting = [start]
+        while waiting:
+            new = graph[waiting.pop()] - found
+            found |= new
+            waiting += new
+        return found
+
+    return {name for name in graph if name in reached(name)}
+
+
+def test_circles_are_seen():
+    assert in_circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == {"a", "b", "c"}
+    assert in_circles({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == set()
+
+
+def test_no_circles_lazy_imports_included():
+    graph = {name: imports(name, path) for name, path in FILES.items()}
+    assert sum(map(len, graph.values())) > len(FILES)
+    found = in_circles(graph)
+    assert found <= IN_CIRCLES, sorted(found - IN_CIRCLES)
+    assert found >= IN_CIRCLES, f"no longer: {sorted(IN_CIRCLES - found)}"
+
+
+def test_every_room_has_its_floor():
+    floors = next(
+        contract["layers"]
+        for contract in SETTINGS["tool"]["importlinter"]["contracts"]
+        if contract["type"] == "layers"
+    )
+    named = [room.strip() for floor in floors for room in floor.split("|")]
+    rooms = {
+        f"fvi_cli.{path.stem}"
+        for path in PACKAGE.iterdir()
+        if path.name != "__init__.py" and (path.suffix == ".py" or (path / "__init__.py").exists())
+    }
+    assert sorted(named) == sorted(rooms)
+
+
+def assert_only_known(counted: dict[str, int], most: int, known: dict[str, int]) -> None:
+    large = {name: number for name, number in counted.items() if number > known.get(name, most)}
+    assert not large, f"above {most}, or above what is known of them"
+    mended = {name for name in known if counted.get(name, 0) <= most}
+    assert not mended, "no longer large: to be taken from the list"
+
+
+def test_what_grows_or_is_mended_is_told():
+    assert_only_known({"a": 14, "b": 20}, 14, {"b": 20})
+    for counted in ({"a": 15, "b": 20}, {"a": 14, "b": 21}, {"a": 14, "b": 14}, {"a": 14}):
+        with pytest.raises(AssertionError):
+            assert_only_known(counted, 14, {"b": 20})
+
+
+def test_rooms_are_not_crowded():
+    counted = Counter(
+        str(path.parent.relative_to(PROJECT))
+        for path in FILES.values()
+        if path.name != "__init__.py" and path.parent.name != "cli"
+    )
+    assert_only_known(counted, MOST_FILES, CROWDED)
+
+
+def test_files_are_not_long():
+    counted = {
+        str(path.relative_to(PROJECT)): len(path.read_text(encoding="utf-8").splitlines())
+        for path in FILES.values()
+    }
+    assert_only_known(counted, MOST_LINES, LONG)
+
+
+def test_the_wheel_holds_every_package_and_the_configurations(monkeypatch):
+    setuptools = pytest.importorskip("setuptools")
+    built: dict[str, object] = {}
+    monkeypatch.setattr(setuptools, "setup", built.update)
+    monkeypatch.chdir(PROJECT)
+    runpy.run_path("setup.py")
+    packages = {name.removesuffix(".__init__") for name in FILES if name.endswith(".__init__")}
+    assert set(built["packages"]) == packages | {"fvi_cli.shipped_configs"}
+    assert built["package_dir"] == {"fvi_cli.shipped_configs": "configs"}
+    # a folder without __init__.py would be left out
+    assert {f".{path.parent.relative_to(PROJECT)}" for path in FILES.values()} == {
+        f".{name.replace('.', '/')}" for name in packages
+    }
+    endings = SETTINGS["tool"]["setuptools"]["package-data"]["fvi_cli.shipped_configs"]
+    assert {f"*{path.suffix}" for path in (PROJECT / "configs").iterdir()} == set(endings)
+
+
+def test_versions_agree():
+    released = [
+        line.split()[1].strip("[]")
+        for line in (PROJECT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines()
+        if line.startswith("## ")
+    ]
+    assert fvi_cli.__version__.removesuffix(".dev0") == released[0]
+    citation = (PROJECT / "CITATION.cff").read_text(encoding="utf-8")
+    authors = [f"- name: {author['name']}" for author in SETTINGS["project"]["authors"]]
+    assert all(author in citation for author in authors)
