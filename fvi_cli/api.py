@@ -6,6 +6,7 @@
 command             call
 =================== ===========================================================================
 ``fvi check``       :func:`load`
+``fvi list``        :func:`shipped_titles`
 ``fvi run``         :func:`run`; ``--dry-run``: :func:`plan`
 ``fvi show``        :func:`contents`, :func:`configuration`; every run: :func:`recall`
 ``fvi convergence`` :func:`order_tables` of what :func:`run` or :func:`recall` gives
@@ -52,6 +53,7 @@ from fvi_cli.config import (
     json_schema,
     load_config,
     parse_config,
+    shipped_titles,
     starter_config,
 )
 from fvi_cli.config import shipped_configs as shipped_configurations
@@ -132,6 +134,7 @@ __all__ = [
     "recall",
     "run",
     "shipped_configurations",
+    "shipped_titles",
     "stability",
     "starter_config",
     "study",

@@ -212,6 +212,8 @@ def test_a_new_configuration_comes_with_its_schema(
         ("fvi cost cost-pend", {"cost-pendulum"}),
         ("fvi new mine --kind ", set(EQUATIONS)),
         ("fvi export some.h5 --to ", set(FORMATS)),
+        ("fvi hard-cases --case stiff-s", {"stiff-springs"}),
+        ("fvi hard-cases --method Gauss4", {"Gauss4"}),
     ],
 )
 def test_the_shell_completes(typed: str, proposed: set[str]) -> None:

@@ -18,6 +18,7 @@ from fvi_cli.cli.cost import cost
 from fvi_cli.cli.exits import DONE
 from fvi_cli.cli.export import export
 from fvi_cli.cli.hard_cases import hard_cases
+from fvi_cli.cli.list import list  # noqa: A004 - the command's name
 from fvi_cli.cli.new import new
 from fvi_cli.cli.plot import plot
 from fvi_cli.cli.run import run
@@ -32,6 +33,7 @@ COMMANDS = (
     cost,
     stability,
     check,
+    list,
     show,
     export,
     hard_cases,
@@ -45,11 +47,11 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    # one line for every command where the screen has room for it
     context_settings={"max_content_width": 120},
 )
 for command in COMMANDS:
-    app.command()(command)
+    # given by itself it is not cut where the screen is narrow
+    app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)
 
 
 def main() -> None:

@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 from fvi_cli.cli.exits import DONE, guarded
-from fvi_cli.cli.options import Configs, Overrides, Quiet, Verbose
+from fvi_cli.cli.options import Configs, Json, Overrides, Quiet, Verbose
+from fvi_cli.errors import RequestError
 
 
 @guarded
 def check(
     configs: Configs,
     overrides: Overrides = None,
+    json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:
     """Validate configurations and compute nothing."""
+    from fvi_cli.render.json import checked_as_json
     from fvi_cli.runner.request import gather
 
-    for request in gather(configs, overrides or ()):
+    try:
+        requests = gather(configs, overrides or ())
+    except RequestError as error:
+        if json:
+            print(checked_as_json((), error.complaints))
+        raise
+    if json:
+        print(checked_as_json(requests))
+        return DONE
+    for request in requests:
         runs = sum(1 if e.needs_search else len(e.runs()) for e in request.loaded.experiments)
         experiments = len(request.loaded.experiments)
         what = f"{_counted(experiments, 'experiment')}, {_counted(runs, 'run')}"

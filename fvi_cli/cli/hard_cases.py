@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from fvi_cli.cli.completion import methods_of_hard_cases, names_of_hard_cases
 from fvi_cli.cli.exits import CHECK_FAILED, DONE, guarded, verdict
 from fvi_cli.cli.options import RESULTS, Output, Quiet, Verbose
 
@@ -20,7 +21,10 @@ def hard_cases(
     case: Annotated[
         list[str] | None,
         typer.Option(
-            "--case", metavar="NAME", help="Only this case; repeatable. Nothing is written."
+            "--case",
+            metavar="NAME",
+            help="Only this case; repeatable. Nothing is written.",
+            autocompletion=names_of_hard_cases,
         ),
     ] = None,
     method: Annotated[
@@ -29,6 +33,7 @@ def hard_cases(
             "--method",
             metavar="NAME",
             help="Only this method, as it is called in the report; repeatable. Nothing is written.",
+            autocompletion=methods_of_hard_cases,
         ),
     ] = None,
     quiet: Quiet = False,

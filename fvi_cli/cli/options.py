@@ -26,7 +26,14 @@ Sources = Annotated[
     ),
 ]
 Output = Annotated[
-    Path, typer.Option("--output", metavar="DIR", help="Folder for everything that is written.")
+    Path,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="DIR",
+        envvar="FVI_OUTPUT",
+        help="Folder for everything that is written.",
+    ),
 ]
 Overrides = Annotated[
     list[str] | None,
@@ -47,7 +54,7 @@ AllowUnstable = Annotated[
     bool, typer.Option("--allow-unstable", help="Compute runs that are predicted to blow up.")
 ]
 Workers = Annotated[
-    int, typer.Option("--workers", min=1, metavar="N", help="Processes on this machine.")
+    int, typer.Option("-j", "--workers", min=1, metavar="N", help="Processes on this machine.")
 ]
 Dask = Annotated[
     str | None,
@@ -65,5 +72,8 @@ Quiet = Annotated[
 ]
 Verbose = Annotated[
     bool, typer.Option("-v", "--verbose", help="Say more; show tracebacks of unexpected errors.")
+]
+Json = Annotated[
+    bool, typer.Option("--json", help="Print one JSON document in place of text, nothing else.")
 ]
 RESULTS = Path("results")

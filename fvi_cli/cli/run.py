@@ -13,6 +13,7 @@ from fvi_cli.cli.options import (
     DryRun,
     FailFast,
     Fresh,
+    Json,
     Output,
     Overrides,
     Quiet,
@@ -21,6 +22,8 @@ from fvi_cli.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from fvi_cli.runner.outcome import Outcome
 
 
@@ -35,10 +38,12 @@ def run(
     fresh: Fresh = False,
     fail_fast: FailFast = False,
     allow_unstable: AllowUnstable = False,
+    json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:
     """Compute every method of a configuration on every step size; store what comes out."""
+    from fvi_cli.render.json import outcomes_as_json, plans_as_json
     from fvi_cli.render.plans import plans_as_text
     from fvi_cli.render.runs import runs_as_text
     from fvi_cli.runner.plan import plan_runs
@@ -55,12 +60,19 @@ def run(
         show_progress=not quiet,
     )
     requests = gather(configs, overrides or (), allow_unstable=allow_unstable)
+    if dry_run and json:
+        print(plans_as_json(plan_runs(requests, settings)))
+        return DONE
     if dry_run:
         print(plans_as_text(plan_runs(requests, settings), in_full=verbose))
         return DONE
     outcomes: list[Outcome] = []
+    paths: list[Path] = []
     for request, computed in run_requests(requests, settings):
         outcomes += computed
-        print(runs_as_text(computed, every_member=verbose))
-        print(settings.path_of(request))
+        paths.append(settings.path_of(request))
+        if not json:
+            print(runs_as_text(computed, every_member=verbose), paths[-1], sep="\n")
+    if json:
+        print(outcomes_as_json(outcomes, paths))
     return exit_code(outcomes)

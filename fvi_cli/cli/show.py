@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from fvi_cli.cli.exits import DONE, guarded
-from fvi_cli.cli.options import Verbose
+from fvi_cli.cli.options import Json, Verbose
 
 _logger = logging.getLogger("fvi_cli")
 
@@ -20,14 +20,19 @@ def show(
     config: Annotated[
         bool, typer.Option("--config", help="Print the configuration that made the file.")
     ] = False,
+    json: Json = False,
     verbose: Verbose = False,
 ) -> int:
     """List what a result file holds, or print the configuration that made it."""
+    from fvi_cli.render.json import contents_as_json
     from fvi_cli.render.plans import machinery_as_text
     from fvi_cli.render.runs import contents_as_text
     from fvi_cli.runner.request import gather
     from fvi_cli.storage import list_runs, read_configuration
 
+    if json and not config:
+        print(contents_as_json(list_runs(file)))
+        return DONE
     if not config:
         print(contents_as_text(list_runs(file)))
         if verbose:

@@ -9,7 +9,7 @@ from fvi_cli.config.schema import (
     schema_text,
     starter_config,
 )
-from fvi_cli.config.shipped import find_config, shipped_configs
+from fvi_cli.config.shipped import find_config, shipped_configs, shipped_titles
 
 __all__ = [
     "SCHEMA_FILE",
@@ -22,5 +22,6 @@ __all__ = [
     "parse_config",
     "schema_text",
     "shipped_configs",
+    "shipped_titles",
     "starter_config",
 ]

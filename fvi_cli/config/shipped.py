@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 from fvi_cli.config.complaints import excerpt, listed, suggestion
@@ -13,6 +14,18 @@ SUFFIXES = (".yaml", ".yml")
 def shipped_configs() -> tuple[str, ...]:
     """Names of the shipped configurations, sorted."""
     return tuple(sorted(path.stem for path in _folder().glob("*.yaml")))
+
+
+def shipped_titles() -> dict[str, str]:
+    """What each shipped configuration shows: the first sentence of the comment at its top."""
+    return {name: _title(_folder() / f"{name}.yaml") for name in shipped_configs()}
+
+
+def _title(path: Path) -> str:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    comment = itertools.takewhile(lambda line: line.startswith("# "), lines)
+    words = " ".join(line.removeprefix("# ") for line in comment)
+    return words.partition(". ")[0].removesuffix(".")
 
 
 def find_config(name: str) -> Path:

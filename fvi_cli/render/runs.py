@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import shutil
+import sys
+import textwrap
+from collections.abc import Mapping, Sequence
 
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import StoredFile
@@ -109,3 +112,18 @@ def contents_as_text(stored: StoredFile) -> str:
         if run.members
     )
     return "\n".join([text, *(["", *swept] if swept else [])])
+
+
+def titles_as_text(titles: Mapping[str, str]) -> str:
+    """Names and titles side by side, wrapped where there is a terminal."""
+    width = max(map(len, titles)) + 2
+    room = shutil.get_terminal_size().columns if sys.stdout.isatty() else 10_000
+    return "\n".join(
+        textwrap.fill(
+            title,
+            width=max(room, 2 * width),
+            initial_indent=name.ljust(width),
+            subsequent_indent=" " * width,
+        )
+        for name, title in titles.items()
+    )

@@ -1,0 +1,136 @@
+"""Results as one JSON document each: keys that stay, null for a number that is none."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from fvi_cli.render.plans import effects_of, planned
+from fvi_cli.runner.outcome import Outcome
+from fvi_cli.runner.plan import PlannedRun
+from fvi_cli.runner.request import Request
+from fvi_cli.storage import StoredFile
+from fvi_cli.studies.experiment import FinishedRun, Run
+
+JSON_FORMAT = 1
+"""Raised when a key is renamed or taken away; new ones may come."""
+
+
+def outcomes_as_json(outcomes: Sequence[Outcome], files: Sequence[Path] = ()) -> str:
+    """Every finished run, and the files that hold them."""
+    runs = [_finished(one) for outcome in outcomes for one in outcome.finished]
+    return _document(files=[path.as_posix() for path in files], runs=runs)
+
+
+def plans_as_json(plans: Sequence[PlannedRun]) -> str:
+    """What would be done with every run, why, and what it would take."""
+    return _document(runs=[_plan(one) for one in plans])
+
+
+def contents_as_json(stored: StoredFile) -> str:
+    """Where a result file comes from, and every run in it."""
+    runs = [
+        {
+            "experiment": run.experiment,
+            "case": run.case,
+            "n_steps": run.n_steps,
+            "step_size": run.step_size,
+            "norm": run.norm,
+            "error": run.error,
+            "status": run.status,
+            "predicted": run.predicted,
+            "complete": run.is_complete,
+            "created": run.created,
+            "identity": run.identity,
+            "members": run.members,
+            "swept": run.swept,
+        }
+        for run in stored.runs
+    ]
+    return _document(provenance=dict(stored.provenance), runs=runs)
+
+
+def checked_as_json(requests: Iterable[Request], complaints: Sequence[str] = ()) -> str:
+    """Valid configurations with their experiments, or the mistakes."""
+    configurations = [
+        {
+            "file": str(request.loaded.path),
+            "name": request.name,
+            "experiments": [
+                {"name": one.name, "runs": 1 if one.needs_search else len(one.runs())}
+                for one in request.loaded.experiments
+            ],
+        }
+        for request in requests
+    ]
+    return _document(
+        valid=not complaints, configurations=configurations, complaints=list(complaints)
+    )
+
+
+def shipped_as_json(titles: Mapping[str, str]) -> str:
+    """The configurations that come with the program, and what each shows."""
+    return _document(
+        configurations=[{"name": name, "title": title} for name, title in titles.items()]
+    )
+
+
+def _document(**content: object) -> str:
+    return json.dumps(_plain({"format": JSON_FORMAT, **content}), indent=1, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    """The value with null for nan and infinity, which JSON does not have."""
+    if isinstance(value, Mapping):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _run(run: Run) -> dict[str, object]:
+    return {
+        "experiment": run.experiment.name,
+        "case": run.method.case,
+        "n_steps": run.n_steps,
+        "step_size": run.step_size,
+        "member": None if run.member is None else dict(run.member.values),
+    }
+
+
+def _finished(finished: FinishedRun) -> dict[str, object]:
+    own = finished.assurance
+    trajectory = finished.trajectory
+    return {
+        **_run(finished.run),
+        "norm": finished.run.experiment.norm,
+        "error": finished.error,
+        "floor": finished.floor,
+        "status": finished.status,
+        "may_fail": finished.run.experiment.expects_failure(finished.run.method),
+        "predicted": finished.predicted,
+        "expected_order": finished.expected_order,
+        "reference": finished.reference,
+        "tolerance": None if own is None else own.tolerance,
+        "estimate": None if own is None else own.estimate,
+        "seconds": trajectory.stepping_seconds,
+        "message": trajectory.message,
+        "remarks": list(trajectory.remarks),
+    }
+
+
+def _plan(plan: PlannedRun) -> dict[str, object]:
+    engine = planned(plan.run)
+    return {
+        **_run(plan.run),
+        "action": plan.action,
+        "reason": plan.reason,
+        "predicted": plan.predicted,
+        "effects": effects_of(plan.run.problem),
+        "history_operations": None if engine is None else engine.history_operations,
+        "memory_bytes": None if engine is None else engine.memory_bytes,
+        "seconds": None if engine is None else engine.seconds,
+    }

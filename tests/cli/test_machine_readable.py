@@ -1,0 +1,99 @@
+"""``--json``: one document on standard output, nothing else, with the keys that docs promise."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import fvi_cli as fvi
+from fvi_cli.cli.app import app
+from fvi_cli.config import shipped_configs
+
+DOCS = Path(__file__).parents[2] / "docs" / "python.md"
+QUICK = ("bagley-torvik-1-2", "--set", "ladder.steps=[4, 8]")
+
+
+def document(*arguments: str, code: int = 0) -> dict:
+    result = CliRunner().invoke(app, list(arguments))
+    assert result.exit_code == code, result.output
+    found = json.loads(result.stdout, parse_constant=pytest.fail)
+    assert found.pop("format") == 1
+    return found
+
+
+def promised(head: str) -> set[str]:
+    """The keys that the page names for one command."""
+    page = DOCS.read_text(encoding="utf-8")
+    (line,) = re.findall(rf"^\| `{re.escape(head)}` \|(.*)\|$", page, re.MULTILINE)
+    return set(re.findall(r"`(\w+)`", line))
+
+
+def test_a_run_and_what_is_stored_of_it(tmp_path: Path) -> None:
+    made = document("run", *QUICK, "--json", "-o", str(tmp_path))
+    assert made["files"] == [(tmp_path / "bagley-torvik-1-2.h5").as_posix()]
+    assert set(made) | set(made["runs"][0]) == promised("run --json")
+    shown = document("show", made["files"][0], "--json")
+    assert set(shown) | set(shown["runs"][0]) == promised("show --json")
+    for key in ("case", "n_steps", "error", "status"):
+        assert [run[key] for run in shown["runs"]] == [run[key] for run in made["runs"]]
+    planned = document("run", *QUICK, "--dry-run", "--json", "-o", str(tmp_path))
+    assert set(planned) | set(planned["runs"][0]) == promised("run --dry-run --json")
+    assert {run["reason"] for run in planned["runs"]} == {"stored"}
+
+
+def test_what_is_no_number_is_null_and_members_tell_their_values(tmp_path: Path) -> None:
+    sweep = ("--set", "sweep={problem.damping.0.coefficient: [1.0, 1e5]}")
+    method = ("--set", "method=[{bdf: 6, sampling: nodes}]", "--set", "allow_unstable=false")
+    made = document("run", *QUICK, *sweep, *method, "--json", "-o", str(tmp_path), code=1)
+    refused = [run for run in made["runs"] if run["status"] == "refused"]
+    assert refused
+    assert {run["error"] for run in refused} == {None}
+    assert all(run["message"] for run in refused)
+    values = [run["member"]["problem.damping.0.coefficient"] for run in made["runs"]]
+    assert set(values) == {1.0, 1e5}
+
+
+def test_a_check_tells_mistakes_as_well() -> None:
+    good = document("check", "bagley-torvik-1-2", "accuracy", "--json")
+    (experiment,) = good["configurations"][0]["experiments"]
+    keys = set(good) | set(good["configurations"][0]) | set(experiment)
+    assert keys == promised("check --json")
+    assert good["valid"]
+    assert [one["name"] for one in good["configurations"]] == ["bagley-torvik-1-2", "accuracy"]
+    bad = document("check", *QUICK, "--set", "probelm=1", "--json", code=2)
+    assert not bad["valid"]
+    assert "did you mean 'problem'" in bad["complaints"][0]
+
+
+def test_every_shipped_configuration_is_listed_with_what_it_shows() -> None:
+    listed = document("list", "--json")["configurations"]
+    assert set(listed[0]) | {"configurations"} == promised("list --json")
+    assert [one["name"] for one in listed] == list(shipped_configs())
+    titles = [one["title"] for one in listed]
+    assert len(set(titles)) == len(titles)
+    for title in titles:
+        assert 20 < len(title) < 210
+        assert title[0].isupper()
+    text = CliRunner().invoke(app, ["list"]).stdout
+    assert [line.split(maxsplit=1) for line in text.splitlines()] == [
+        [one["name"], one["title"]] for one in listed
+    ]
+
+
+@pytest.mark.parametrize("name", shipped_configs())
+def test_every_shipped_configuration_can_be_run(name: str, tmp_path: Path) -> None:
+    """None is refused, though some are predicted to blow up."""
+    for plan in fvi.plan(name, output=tmp_path):
+        assert plan.action in ("compute", "try first", "candidate")
+
+
+def test_stability_regions_runs_though_most_of_it_blows_up(tmp_path: Path) -> None:
+    coarse = ("--set", "ladder.steps=[16, 64]")
+    found = document("run", "stability-regions", *coarse, "--json", "-o", str(tmp_path))
+    diverged = {run["case"] for run in found["runs"] if run["status"] == "diverged"}
+    assert len(diverged) > 5
+    assert all(run["may_fail"] for run in found["runs"] if run["case"] in diverged)

@@ -1,0 +1,37 @@
+"""Short names of options, the variable of the environment, and the help."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from fvi_cli.cli.app import COMMANDS, app
+
+QUICK = ("bagley-torvik-1-2", "--set", "ladder.steps=[4]", "--set", "method={bdf: 1}", "-q")
+
+
+@pytest.mark.parametrize(
+    ("options", "variable"), [(("-o", "here"), "there"), ((), "here"), (("--output", "here"), "")]
+)
+def test_the_folder_is_an_option_or_a_variable(
+    options: tuple[str, ...], variable: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    environment = {"FVI_OUTPUT": variable} if variable else {}
+    done = CliRunner(env=environment).invoke(app, ["run", *QUICK, *options, "-j", "1"])
+    assert done.exit_code == 0, done.output
+    assert [path.name for path in tmp_path.iterdir()] == ["here"]
+    assert (tmp_path / "here" / "bagley-torvik-1-2.h5").is_file()
+
+
+def test_summaries_are_whole_on_a_screen_of_80_columns() -> None:
+    shown = CliRunner().invoke(app, ["--help"]).stdout
+    assert max(map(len, shown.splitlines())) <= 80
+    words = " ".join(shown.split())
+    for command in COMMANDS:
+        summary = (command.__doc__ or "").partition("\n")[0]
+        assert summary.endswith(".")
+        assert summary in words
+    assert "..." not in words.replace("[ARGS]...", "")
