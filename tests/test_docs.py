@@ -16,7 +16,7 @@ from fvi_cli.cli.app import app
 from fvi_cli.config import configuration_reference, json_schema, shipped_configs
 from fvi_cli.integrator.known_part import BDF_RULES, RUNGE_KUTTA_RULES
 from fvi_cli.planning.expected_order import expected_order
-from fvi_cli.scenes.registry import EQUATIONS
+from fvi_cli.scenes.kinds import KINDS
 from fvi_cli.storage.export import FORMATS
 
 ROOT = Path(__file__).parents[1]
@@ -44,7 +44,7 @@ def test_the_reference_names_every_key_of_the_schema() -> None:
     cells = re.findall(r"^\| `([^`]+)` \|", configuration_reference(), re.MULTILINE)
     named = {part.removesuffix("[]") for cell in cells for part in cell.split(".")}
     assert keys(json_schema()) - named == {"kind", "experiments"}
-    assert all(f"\n### {kind}\n" in configuration_reference() for kind in EQUATIONS)
+    assert all(f"\n### {kind}\n" in configuration_reference() for kind in KINDS)
 
 
 @pytest.mark.parametrize("page", sorted(PAGES))
@@ -210,7 +210,7 @@ def test_a_new_configuration_comes_with_its_schema(
         ("fvi run damped", {"damped-oscillator", "damped-oscillator-comparison"}),
         ("fvi plot damped-oscillator ken", set()),
         ("fvi cost cost-pend", {"cost-pendulum"}),
-        ("fvi new mine --kind ", set(EQUATIONS)),
+        ("fvi new mine --kind ", set(KINDS)),
         ("fvi export some.h5 --to ", set(FORMATS)),
         ("fvi hard-cases --case stiff-s", {"stiff-springs"}),
         ("fvi hard-cases --method Gauss4", {"Gauss4"}),

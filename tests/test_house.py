@@ -23,7 +23,6 @@ FILES = {
 MOST_FILES, MOST_LINES = 14, 400
 # what is larger for now: these lists may only shrink, and numbers in them only fall
 CROWDED: dict[str, int] = {
-    "fvi_cli/config": 23,
     "fvi_cli/integrator": 64,
     "fvi_cli/mathematics": 24,
     "fvi_cli/plotting": 17,
@@ -32,7 +31,6 @@ CROWDED: dict[str, int] = {
     "fvi_cli/studies": 17,
 }
 LONG: dict[str, int] = {
-    "fvi_cli/config/problem_keys.py": 427,
     "fvi_cli/integrator/expansion.py": 410,
     "fvi_cli/mathematics/expressions.py": 471,
     "fvi_cli/mathematics/power_series.py": 498,

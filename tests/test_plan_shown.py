@@ -69,7 +69,7 @@ def test_machinery_is_printed_when_more_is_asked_for(folder):
 def test_a_run_for_which_there_is_no_memory_is_refused_with_the_number(folder, monkeypatch):
     """The dense matrices of Gauss3 take 3 MB more than those of Gauss2; the limit lies between."""
     (folder / "planned.yaml").write_text(SCENE.replace("[64, 128]", "[4096]"))
-    module = "fvi_cli.config.experiment_checks.machine_bytes"
+    module = "fvi_cli.config.experiment.machine_bytes"
     monkeypatch.setattr(module, lambda: 4_500_000)
     result = fvi("run", "planned.yaml")
     assert result.exit_code == 2

@@ -17,11 +17,11 @@ from typer.testing import CliRunner
 
 import fvi_cli
 from fvi_cli.cli.app import app
-from fvi_cli.config.problem_keys import PROBLEM
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.operators import left_operator
+from fvi_cli.scenes.kinds import PROBLEM
 from fvi_cli.scenes.named import linear_oscillator
 
 ROOT = Path(__file__).parents[1]

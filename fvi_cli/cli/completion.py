@@ -12,9 +12,9 @@ def shipped_names(incomplete: str) -> list[str]:
 
 def kinds_of_problems(incomplete: str) -> list[str]:
     """Kinds of problems."""
-    from fvi_cli.scenes.registry import EQUATIONS
+    from fvi_cli.scenes.kinds import KINDS
 
-    return [kind for kind in EQUATIONS if kind.startswith(incomplete)]
+    return [kind for kind in KINDS if kind.startswith(incomplete)]
 
 
 def names_of_hard_cases(incomplete: str) -> list[str]:

@@ -1,14 +1,9 @@
 """Floor 6: YAML configurations, validated with file, line and column."""
 
 from fvi_cli.config.load import LoadedConfig, load_config, parse_config
-from fvi_cli.config.reference import configuration_reference
-from fvi_cli.config.schema import (
-    SCHEMA_FILE,
-    SCHEMA_TITLE,
-    json_schema,
-    schema_text,
-    starter_config,
-)
+from fvi_cli.config.reference.page import configuration_reference
+from fvi_cli.config.reference.schema import SCHEMA_FILE, SCHEMA_TITLE, json_schema, schema_text
+from fvi_cli.config.reference.starter import starter_config
 from fvi_cli.config.shipped import find_config, shipped_configs, shipped_titles
 
 __all__ = [

@@ -7,19 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fvi_cli.config.complaints import Complaints, Place, excerpt
-from fvi_cli.config.document import LARGEST_DOCUMENT, MappingNode, ScalarNode, read_document
-from fvi_cli.config.experiment_checks import ReadExperiment, experiment_nodes, make_experiment
-from fvi_cli.config.experiment_keys import (
-    SEVERAL,
-    SINGLE,
-    Name,
-    is_name,
-)
-from fvi_cli.config.overrides import OPTION, apply_overrides
-from fvi_cli.config.shapes import describe
-from fvi_cli.config.sweep import nodes_with_sweeps
+from fvi_cli.config.experiment import ReadExperiment, make_experiment
+from fvi_cli.config.keys.experiment import NAME, SEVERAL, SINGLE
+from fvi_cli.config.keys.sweep import experiment_cursors, nodes_with_sweeps
+from fvi_cli.config.text.document import LARGEST_DOCUMENT, read_document
+from fvi_cli.config.text.overrides import apply_overrides
 from fvi_cli.errors import ConfigError
+from fvi_cli.keys.complaints import Complaints, SourcePosition, excerpt
+from fvi_cli.keys.cursor import Cursor
+from fvi_cli.keys.nodes import MappingNode, Node, ScalarNode, describe
 from fvi_cli.studies.experiment import Experiment
 
 
@@ -80,7 +76,7 @@ def load_config(path: Path, *, overrides: Sequence[str] = ()) -> LoadedConfig:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         before = content[: error.start].decode("utf-8-sig")
-        place = Place(
+        place = SourcePosition(
             source=source,
             line=before.count("\n") + 1,
             column=len(before) - (before.rfind("\n") + 1) + 1,
@@ -113,7 +109,7 @@ def parse_config(
         Every mistake at once, each as ``file:line:column: key.path: message``.
     """
     complaints = Complaints(folder=base)
-    start = Place(source=excerpt(source_name, 1000), line=1, column=1)
+    start = SourcePosition(source=excerpt(source_name, 1000), line=1, column=1)
     root = read_document(text, start, complaints)
     if isinstance(root, ScalarNode) and root.value is None:
         complaints.add(start, (), "nothing is written here")
@@ -129,10 +125,7 @@ def parse_config(
             "name, problem, method and ladder, or with experiments",
         )
         complaints.raise_if_any()
-    changed = apply_overrides(root, overrides, complaints)
-    if not isinstance(changed, MappingNode):  # pragma: no cover - overrides change what is inside
-        raise ConfigError(f"{OPTION}: the configuration is no mapping any more")
-    changed = nodes_with_sweeps(changed, complaints)
+    changed = nodes_with_sweeps(apply_overrides(root, overrides, complaints), complaints)
     name, read = _read(changed, Path(source_name).stem, complaints)
     complaints.raise_if_any()
     experiments = tuple(r.experiment for r in read if r.experiment is not None)
@@ -148,37 +141,33 @@ def parse_config(
     )
 
 
-def _read(root: MappingNode, stem: str, complaints: Complaints) -> tuple[Any, list[ReadExperiment]]:
-    several = "experiments" in root.entries
-    values = (SEVERAL if several else SINGLE).read(root, (), complaints)
-    name = values.get("name")
-    if name is None:
-        name = stem
-        if not is_name(stem):
-            complaints.add(
-                root.place,
-                ("name",),
-                f"missing; the name of the file, {excerpt(stem)!r}, cannot "
-                f"stand in for it: it must be {Name().expected}",
-            )
+def _read(root: Node, stem: str, complaints: Complaints) -> tuple[Any, list[ReadExperiment]]:
+    at = Cursor(node=root, complaints=complaints)
+    several = at.has("experiments")
+    values = (SEVERAL if several else SINGLE).read(at)
+    name = values.get("name", stem)
+    if "name" not in values and not NAME.allows(stem):
+        at.refuse(
+            f"missing; the name of the file, {excerpt(stem)!r}, cannot "
+            f"stand in for it: it must be {NAME.expected}",
+            "name",
+        )
     read: list[ReadExperiment] = []
-    nodes = experiment_nodes(root)
     inner = values["experiments"] if several else [values]
     if not isinstance(inner, list):
         return name, read
     seen: dict[str, int] = {}
-    for index, (entry, (node, path)) in enumerate(zip(inner, nodes, strict=True)):
-        if not isinstance(entry, Mapping) or not isinstance(node, MappingNode):
+    for index, (entry, one) in enumerate(
+        zip(inner, experiment_cursors(root, complaints), strict=True)
+    ):
+        if not isinstance(entry, Mapping):
             continue
         own = entry["name"] if several else name
-        read.append(make_experiment(entry, own, node, path, complaints))
+        read.append(make_experiment(entry, own, one))
         if isinstance(own, str):
             # file systems that ignore case would mix up names that differ in case only
             if own.lower() in seen:
-                complaints.add(
-                    node.entries["name"].node.place,
-                    (*path, "name"),
-                    f"{own!r} is the name of experiments.{seen[own.lower()]} already",
-                )
+                taken = f"experiments.{seen[own.lower()]}"
+                one.refuse(f"{own!r} is the name of {taken} already", "name")
             seen.setdefault(own.lower(), index)
     return name, read

@@ -9,6 +9,7 @@ no call of anything that is not on the list.
 from __future__ import annotations
 
 import ast
+import contextlib
 import difflib
 import keyword
 import math
@@ -34,24 +35,17 @@ MOST_NODES: Final = 5_000
 
 CONSTANTS: Final[Mapping[str, float]] = MappingProxyType({"pi": math.pi, "e": math.e})
 _ALIASES: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        "asin": "arcsin",
-        "acos": "arccos",
-        "atan": "arctan",
-        "asinh": "arcsinh",
-        "acosh": "arccosh",
-        "atanh": "arctanh",
-        "ln": "log",
-    }
+    {f"a{name}": f"arc{name}" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
+    | {"ln": "log"}
 )
+_JUMPS: Final = "; give a force that jumps in pieces, so that the jump can lie on a step"
 _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
     {
-        "heaviside": "; give a force that jumps in pieces, so that the jump can lie on a step",
-        "step": "; give a force that jumps in pieces, so that the jump can lie on a step",
-        "minimum": "; give a function with kinks in pieces",
-        "maximum": "; give a function with kinks in pieces",
+        **dict.fromkeys(("heaviside", "step"), _JUMPS),
+        **dict.fromkeys(("minimum", "maximum"), "; give a function with kinks in pieces"),
     }
 )
+_NO_OPERATOR: Final = re.compile(r"(?<![\w.])([\d.]+(?:[eE][-+]?\d+)?|\))\s*([A-Za-z_]\w*|\()")
 
 
 def _gamma(argument: Array) -> Array:
@@ -344,21 +338,17 @@ def _syntax_tree(text: str) -> ast.expr:
         raise ExpressionError(f"too long: {len(text)} characters, at most {LONGEST_TEXT}")
     if not text.strip():
         raise ExpressionError("empty; give a number or an expression")
-    forbidden = re.search(r"[^0-9A-Za-z_.+\-*/(),\s]", text, re.ASCII)
-    if forbidden:
-        advice = "; a power is written **" if forbidden.group() == "^" else ""
-        raise ExpressionError(
-            f"{forbidden.group()!r} is not allowed{advice}", forbidden.start() + 1
-        )
+    if forbidden := re.search(r"[^0-9A-Za-z_.+\-*/(),\s]", text, re.ASCII):
+        advice = "; a power is written **" if forbidden[0] == "^" else ""
+        raise ExpressionError(f"{forbidden[0]!r} is not allowed{advice}", forbidden.start() + 1)
     nesting = 0
     for position, character in enumerate(text):
         nesting += (character == "(") - (character == ")")
         if nesting < 0:
             raise ExpressionError("this ')' has no '('", position + 1)
         if nesting > DEEPEST_NESTING:
-            raise ExpressionError(
-                f"parentheses are nested more than {DEEPEST_NESTING} deep", position + 1
-            )
+            deep = f"parentheses are nested more than {DEEPEST_NESTING} deep"
+            raise ExpressionError(deep, position + 1)
     if nesting:
         raise ExpressionError(f"{nesting} ')' missing at the end", len(text) + 1)
     # The parentheses make leading blanks and line breaks harmless; one column is subtracted later.
@@ -369,25 +359,35 @@ def _syntax_tree(text: str) -> ast.expr:
             tree = ast.parse(source, mode="eval").body
     except SyntaxError as error:
         column = min(max((error.offset or 2) - 1, 1), len(text) + 1)
-        raise ExpressionError("this is not a complete expression", column) from None
+        incomplete = ExpressionError("this is not a complete expression", column)
+        raise _without_factor(text) or incomplete from None
     except (ValueError, RecursionError, MemoryError, OverflowError):
         raise ExpressionError("nested too deeply, or a number with too many digits") from None
     if isinstance(tree, ast.Tuple):
-        raise ExpressionError("one expression is expected, not several between commas")
+        comma = re.search(r"\d,\d", text)
+        hint = f"; numbers have a decimal point: {comma[0].replace(',', '.')}" if comma else ""
+        raise ExpressionError(f"one expression is expected, not several between commas{hint}")
+    # Python takes a number before a parenthesis for the name of a function
+    if (missing := _without_factor(text)) and missing.message.endswith("("):
+        raise missing
     return tree
+
+
+def _without_factor(text: str) -> ExpressionError | None:
+    """The complaint of a number or bracket with a factor behind it and no ``*`` between."""
+    found = _NO_OPERATOR.search(text)
+    message = f"'*' is missing: write {found[1]}*{found[2]}" if found else ""
+    return ExpressionError(message, found.start(2) + 1) if found else None
 
 
 def _literal(node: ast.Constant) -> float:
     value = node.value
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ExpressionError(f"{value!r} is not allowed; use real numbers", node.col_offset)
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise ExpressionError("the number is larger than 1.8e308", node.col_offset)
-    return number
+    with contextlib.suppress(OverflowError):
+        if math.isfinite(number := float(value)):
+            return number
+    raise ExpressionError("the number is larger than 1.8e308", node.col_offset)
 
 
 def _name(node: ast.Name, expression: Expression) -> Instruction:

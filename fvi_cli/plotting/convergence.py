@@ -25,6 +25,7 @@ from fvi_cli.plotting.style import (
     new_figure,
 )
 from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.registry import kind_title
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Norm
 
 Study = tuple[Experiment, Sequence[FinishedRun]]
@@ -33,11 +34,6 @@ NORM_LABELS: dict[Norm, str] = {
     "max": r"$\mathrm{max}_k\,|x_k - x(t_k)|$",
     "final": r"$|x_N - x(T)|$",
     "l2": r"$(h\,\Sigma_k\,|x_k - x(t_k)|^2)^{1/2}$",
-}
-KIND_TITLES = {
-    "damped-oscillator": "damped oscillator",
-    "bagley-torvik": "Bagley–Torvik",
-    "pendulum": "pendulum",
 }
 _MOST_GUIDES = 5
 
@@ -105,7 +101,7 @@ def panel_titles(experiments: Sequence[Experiment]) -> list[str]:
     titles = []
     for experiment in experiments:
         problem = experiment.problem
-        title = KIND_TITLES.get(problem.kind, problem.kind.replace("-", " "))
+        title = kind_title(problem.kind)
         if isinstance(problem, Problem) and problem.scene.damping:
             listed = ", ".join(fraction(term.order) for term in problem.scene.damping)
             title += rf", $\gamma = {listed}$"

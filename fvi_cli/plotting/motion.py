@@ -26,7 +26,6 @@ from fvi_cli.plotting.style import (
 )
 from fvi_cli.plotting.time_series import select_runs
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.scenes.registry import coordinate_names
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
 Array = NDArray[np.float64]
@@ -314,10 +313,8 @@ def _legend(figure: Figure, axes: Axes) -> None:
 def _names(experiment: Experiment, dimension: int) -> list[str]:
     """Coordinates as they stand beside an axis."""
     problem = experiment.problem
-    given = experiment.problem_specification.get("coordinates")
-    if given is None and isinstance(problem, Problem):
-        given = coordinate_names(problem.kind, dimension)
-    return [_typeset(str(name)) for name in given or ["x"] * dimension]
+    given = problem.coordinates if isinstance(problem, Problem) else ()
+    return [_typeset(name) for name in given or ["x"] * dimension]
 
 
 def _typeset(name: str) -> str:

@@ -6,7 +6,7 @@ import logging
 from pathlib import Path
 
 from fvi_cli.config import SCHEMA_FILE, SCHEMA_TITLE, schema_text, starter_config
-from fvi_cli.config.experiment_keys import is_name
+from fvi_cli.config.keys.experiment import NAME
 from fvi_cli.errors import RequestError
 from fvi_cli.storage.atomic import replace_file
 
@@ -24,7 +24,7 @@ def write_starter(name: str, kind: str) -> Path:
     RequestError
         For an unknown kind, a name that is not allowed, or a file that exists.
     """
-    if not is_name(name):
+    if not NAME.allows(name):
         raise RequestError(f"{name!r} is not allowed as a name; use letters, digits, - and _")
     path = Path(f"{name}.yaml")
     text = starter_config(kind, name=name)

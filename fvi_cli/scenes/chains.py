@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
 from fvi_cli.effects.matrices import Array
 from fvi_cli.effects.sampled import SampledForce
-from fvi_cli.effects.scene import Derivative, Scene
+from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.data import Damper, SceneData, per_coordinate, with_dampers
 from fvi_cli.scenes.named import linear_oscillator
 
 Ends = Literal["both", "left", "none"]
-Damper = tuple[float, float]
-"""Order and coefficient of a damper that stands beside every spring."""
 
 
 def neighbour_matrix(masses: int, ends: Ends) -> Array:
@@ -50,17 +48,12 @@ def neighbour_matrix(masses: int, ends: Ends) -> Array:
 
 def chain(
     *,
-    final_time: float,
     masses: int = 10,
     mass: float = 1.0,
     stiffness: float = 1.0,
     ends: Ends = "both",
     dampers: Sequence[Damper] = (),
-    damping: Sequence[FractionalDamping] = (),
-    forcing: Forcing | None = None,
-    initial_position: ArrayLike = 0.0,
-    initial_velocity: ArrayLike = 0.0,
-    derivative: Derivative = "caputo",
+    **data: Unpack[SceneData],
 ) -> Scene:
     r"""Scene of n equal masses in a row with a spring and fractional dampers between neighbours.
 
@@ -81,19 +74,10 @@ def chain(
         Further terms :math:`\mu D^\gamma x`, to the ground.
     """
     neighbours = neighbour_matrix(masses, ends)
-    beside = tuple(
-        FractionalDamping(order=order, coefficient=coefficient * neighbours)
-        for order, coefficient in dampers
-    )
     return linear_oscillator(
-        final_time=final_time,
         mass=mass * np.eye(masses),
         stiffness=stiffness * neighbours,
-        damping=(*beside, *damping),
-        forcing=forcing,
-        initial_position=_vector(initial_position, masses),
-        initial_velocity=_vector(initial_velocity, masses),
-        derivative=derivative,
+        **with_dampers(data, neighbours, dampers),
     )
 
 
@@ -144,16 +128,12 @@ def _times(component: ForceComponent, factor: float) -> ForceComponent:
 
 def frame(
     *,
-    final_time: float,
     storeys: int = 3,
     mass: ArrayLike = 1.0,
     stiffness: ArrayLike = 1.0,
     ground_acceleration: Forcing | None = None,
     dampers: Sequence[Damper] = (),
-    damping: Sequence[FractionalDamping] = (),
-    initial_position: ArrayLike = 0.0,
-    initial_velocity: ArrayLike = 0.0,
-    derivative: Derivative = "caputo",
+    **data: Unpack[SceneData],
 ) -> Scene:
     r"""Scene of a building of n storeys that shear, shaken by the ground.
 
@@ -183,23 +163,12 @@ def frame(
     """
     masses = _per_part(mass, storeys, "mass")
     springs = _per_part(stiffness, storeys, "stiffness")
-    unit = shear_matrix(np.ones(storeys))
-    between = tuple(
-        FractionalDamping(order=order, coefficient=coefficient * unit)
-        for order, coefficient in dampers
-    )
-    forcing = None
     if ground_acceleration is not None:
-        forcing = ground_force(ground_acceleration, masses)
+        data["forcing"] = ground_force(ground_acceleration, masses)
     return linear_oscillator(
-        final_time=final_time,
         mass=np.diag(masses),
         stiffness=shear_matrix(springs),
-        damping=(*between, *damping),
-        forcing=forcing,
-        initial_position=_vector(initial_position, storeys),
-        initial_velocity=_vector(initial_velocity, storeys),
-        derivative=derivative,
+        **with_dampers(data, shear_matrix(np.ones(storeys)), dampers),
     )
 
 
@@ -221,17 +190,12 @@ def pluck_amplitudes(modes: int, at: float, height: float) -> Array:
 
 def string(
     *,
-    final_time: float,
     modes: int = 8,
     wave_speed: float = 1.0,
     length: float = 1.0,
     pluck: tuple[float, float] | None = None,
     internal_damping: Sequence[Damper] = (),
-    damping: Sequence[FractionalDamping] = (),
-    forcing: Forcing | None = None,
-    initial_position: ArrayLike = 0.0,
-    initial_velocity: ArrayLike = 0.0,
-    derivative: Derivative = "caputo",
+    **data: Unpack[SceneData],
 ) -> Scene:
     r"""Scene of the first n modes of a string that is held at both ends.
 
@@ -260,32 +224,18 @@ def string(
         If the string is plucked outside of its ends.
     """
     wave_numbers = np.arange(1, modes + 1) * np.pi / length
-    position = _vector(initial_position, modes)
     if pluck is not None:
-        position = position + pluck_amplitudes(modes, *pluck)
-    internal = tuple(
-        FractionalDamping(order=order, coefficient=np.diag(coefficient * wave_numbers**2))
-        for order, coefficient in internal_damping
-    )
+        position = per_coordinate(data.get("initial_position", 0.0), modes)
+        data["initial_position"] = position + pluck_amplitudes(modes, *pluck)
     return linear_oscillator(
-        final_time=final_time,
         mass=np.eye(modes),
         stiffness=np.diag((wave_speed * wave_numbers) ** 2),
-        damping=(*internal, *damping),
-        forcing=forcing,
-        initial_position=position,
-        initial_velocity=_vector(initial_velocity, modes),
-        derivative=derivative,
+        **with_dampers(data, np.diag(wave_numbers**2), internal_damping),
     )
-
-
-def _vector(value: ArrayLike, size: int) -> Array:
-    vector = np.asarray(value, dtype=float)
-    return np.full(size, float(vector)) if vector.ndim == 0 else vector
 
 
 def _per_part(value: ArrayLike, size: int, name: str) -> Array:
-    vector = _vector(value, size)
+    vector = per_coordinate(value, size)
     if vector.shape != (size,):
         raise ValueError(f"{name}: {vector.size} entries for {size} storeys")
     return vector

@@ -6,20 +6,19 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
-from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import TIME, Lagrangian, velocity_name
 from fvi_cli.effects.matrices import Array
 from fvi_cli.effects.potential import ExpressionPotential, Potential, QuadraticPotential
 from fvi_cli.effects.sampled import SampledForce
-from fvi_cli.effects.scene import Derivative, Scene
+from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics import symbolic
 from fvi_cli.mathematics.expressions import Expression, ExpressionError
+from fvi_cli.scenes.data import Damper, SceneData, make_scene, per_coordinate, with_dampers
 
 LEAST_MASS = 1e-12
 """Smallest eigenvalue of a mass matrix that counts as positive, relative to the largest."""
@@ -37,15 +36,10 @@ class _Recognised:
 
 def lagrangian_scene(
     *,
-    final_time: float,
     coordinates: Sequence[str],
     lagrangian: str,
     parameters: Mapping[str, float] | None = None,
-    damping: Sequence[FractionalDamping] = (),
-    forcing: Forcing | None = None,
-    initial_position: ArrayLike = 0.0,
-    initial_velocity: ArrayLike = 0.0,
-    derivative: Derivative = "caputo",
+    **data: Unpack[SceneData],
 ) -> Scene:
     r"""Scene of a Lagrangian with fractional damping.
 
@@ -88,8 +82,8 @@ def lagrangian_scene(
         found = _recognise(names, velocities, symbolic.symbolic(expression))
     except ExpressionError as error:
         raise ValueError(f"lagrangian: {error}") from None
-    position = _vector(initial_position, len(names))
-    velocity = _vector(initial_velocity, len(names))
+    position = per_coordinate(data.get("initial_position", 0.0), len(names))
+    velocity = per_coordinate(data.get("initial_velocity", 0.0), len(names))
     mass = found.mass
     if found.general is not None:
         at_start = found.general.derivatives(position, velocity, 0.0)
@@ -108,31 +102,17 @@ def lagrangian_scene(
         _check_start(found.potential, position)
     if mass is None:  # pragma: no cover - one of the two is there
         raise ValueError("lagrangian: no mass matrix")
-    return Scene(
-        inertia=Inertia(mass=mass),
-        potential=found.potential,
-        lagrangian=found.general,
-        damping=tuple(damping),
-        forcing=_with(forcing, found.forcing),
-        initial_position=position,
-        initial_velocity=velocity,
-        final_time=final_time,
-        derivative=derivative,
-    )
+    data["forcing"] = _with(data.get("forcing"), found.forcing)
+    return make_scene(mass, found.potential, lagrangian=found.general, **data)
 
 
 def double_pendulum(
     *,
-    final_time: float,
     masses: tuple[float, float] = (1.0, 1.0),
     lengths: tuple[float, float] = (1.0, 1.0),
     gravity: float = 1.0,
-    joints: Sequence[tuple[float, float]] = (),
-    damping: Sequence[FractionalDamping] = (),
-    forcing: Forcing | None = None,
-    initial_position: ArrayLike = 0.0,
-    initial_velocity: ArrayLike = 0.0,
-    derivative: Derivative = "caputo",
+    joints: Sequence[Damper] = (),
+    **data: Unpack[SceneData],
 ) -> Scene:
     r"""Scene of two rods in a row with point masses at their ends and damped joints.
 
@@ -157,22 +137,13 @@ def double_pendulum(
     """
     (m1, m2), (l1, l2) = masses, lengths
     relative = np.array([[2.0, -1.0], [-1.0, 1.0]])
-    in_joints = tuple(
-        FractionalDamping(order=order, coefficient=coefficient * relative)
-        for order, coefficient in joints
-    )
     return lagrangian_scene(
-        final_time=final_time,
         coordinates=("theta1", "theta2"),
         lagrangian="(m1 + m2)/2*(l1*vtheta1)**2 + m2/2*(l2*vtheta2)**2"
         " + m2*l1*l2*vtheta1*vtheta2*cos(theta1 - theta2)"
         " + (m1 + m2)*g*l1*cos(theta1) + m2*g*l2*cos(theta2)",
         parameters={"m1": m1, "m2": m2, "l1": l1, "l2": l2, "g": gravity},
-        damping=(*in_joints, *damping),
-        forcing=forcing,
-        initial_position=initial_position,
-        initial_velocity=initial_velocity,
-        derivative=derivative,
+        **with_dampers(data, relative, joints),
     )
 
 
@@ -356,8 +327,3 @@ def _with(forcing: Forcing | None, own: tuple[Expression, ...] | None) -> Forcin
         )
         pieces.append(ForcingPiece(components=total, until=piece.until))
     return Forcing(pieces=tuple(pieces))
-
-
-def _vector(value: ArrayLike, size: int) -> Array:
-    vector = np.atleast_1d(np.asarray(value, dtype=float))
-    return np.full(size, vector[0]) if np.ndim(value) == 0 else vector

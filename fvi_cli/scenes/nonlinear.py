@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing
-from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import ExpressionPotential, Potential, QuadraticPotential
-from fvi_cli.effects.scene import Derivative, Scene
+from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.data import SceneData, make_scene
 
 
 def duffing(
     *,
-    final_time: float,
     mass: float = 1.0,
     stiffness: float = 1.0,
     cubic_stiffness: float = 1.0,
-    damping: Sequence[FractionalDamping] = (),
-    forcing: Forcing | None = None,
-    initial_position: ArrayLike = 0.0,
-    initial_velocity: ArrayLike = 0.0,
-    derivative: Derivative = "caputo",
+    **data: Unpack[SceneData],
 ) -> Scene:
     r"""Scene of :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x + k_3 x^3 = f(t)`.
 
@@ -45,27 +37,13 @@ def duffing(
     )
     if cubic_stiffness == 0:
         potential = QuadraticPotential(stiffness=np.array([[float(stiffness)]]))
-    return Scene(
-        inertia=Inertia(mass=np.array([[float(mass)]])),
-        potential=potential,
-        damping=tuple(damping),
-        forcing=forcing,
-        initial_position=np.atleast_1d(np.asarray(initial_position, dtype=float)),
-        initial_velocity=np.atleast_1d(np.asarray(initial_velocity, dtype=float)),
-        final_time=final_time,
-        derivative=derivative,
-    )
+    return make_scene([[float(mass)]], potential, **data)
 
 
 def kepler(
     *,
-    final_time: float,
     attraction: float = 1.0,
-    damping: Sequence[FractionalDamping] = (),
-    forcing: Forcing | None = None,
-    initial_position: ArrayLike = (1.0, 0.0),
-    initial_velocity: ArrayLike = (0.0, 1.0),
-    derivative: Derivative = "caputo",
+    **data: Unpack[SceneData],
 ) -> Scene:
     r"""Scene of a unit mass in the plane around a centre, with fractional drag.
 
@@ -81,8 +59,7 @@ def kepler(
     ValueError
         If the motion begins in the centre, where the force is infinite.
     """
-    position = np.asarray(initial_position, dtype=float)
-    if position.shape == (2,) and not np.any(position != 0):
+    if not np.any(np.asarray(data.get("initial_position", 0.0))):
         raise ValueError("initial_position: the force is infinite in the centre, x = y = 0")
     names = ("x", "y", "k")
 
@@ -100,13 +77,4 @@ def kepler(
             (mixed, parse("k*(x*x - 2*y*y)*R**-2.5")),
         ),
     )
-    return Scene(
-        inertia=Inertia(mass=np.eye(2)),
-        potential=potential,
-        damping=tuple(damping),
-        forcing=forcing,
-        initial_position=position,
-        initial_velocity=np.asarray(initial_velocity, dtype=float),
-        final_time=final_time,
-        derivative=derivative,
-    )
+    return make_scene(np.eye(2), potential, **data)

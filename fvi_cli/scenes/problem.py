@@ -29,6 +29,8 @@ class Problem:
         Where `exact` comes from: ``expression``, ``closed form``, or ``unknown``.
     equation
         The equation of motion in plain text.
+    coordinates
+        Names of the d coordinates; empty: they have none.
     """
 
     kind: str
@@ -36,6 +38,7 @@ class Problem:
     exact: Callable[[Array], Array] | None = None
     exact_source: str = "unknown"
     equation: str = ""
+    coordinates: tuple[str, ...] = ()
 
     @property
     def final_time(self) -> float:

@@ -6,8 +6,9 @@ import math
 
 import pytest
 
-from fvi_cli.config.complaints import Complaints, Place
-from fvi_cli.config.document import ListNode, MappingNode, ScalarNode, read_document, read_scalar
+from fvi_cli.config.text.document import read_document
+from fvi_cli.keys.complaints import Complaints, SourcePosition
+from fvi_cli.keys.nodes import ListNode, MappingNode, ScalarNode, read_scalar
 
 # From the tables of the core schema in the YAML 1.2.2 specification, section 10.3, and what
 # YAML 1.1 reads differently.
@@ -71,7 +72,7 @@ def test_endless_numbers_are_infinite_at_once(text):
 
 def tree(text: str) -> MappingNode:
     complaints = Complaints()
-    node = read_document(text, Place(source="f", line=1, column=1), complaints)
+    node = read_document(text, SourcePosition(source="f", line=1, column=1), complaints)
     complaints.raise_if_any()
     assert isinstance(node, MappingNode)
     return node
@@ -111,7 +112,7 @@ def test_an_alias_is_what_it_names():
 def test_no_object_is_ever_made():
     complaints = Complaints()
     text = "a: !!python/object/apply:os.system ['true']\n"
-    node = read_document(text, Place(source="f", line=1, column=1), complaints)
+    node = read_document(text, SourcePosition(source="f", line=1, column=1), complaints)
     assert len(complaints) == 1
     assert isinstance(node, MappingNode)
     assert isinstance(node.entries["a"].node, ListNode)

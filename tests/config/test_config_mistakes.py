@@ -120,6 +120,12 @@ MISTAKES = [
     ("forcing: 1 + t", "forcing: 1 + »x", "problem.forcing: unknown name 'x'", ""),
     ("forcing: 1 + t", "forcing: '1 + »x'", "problem.forcing: unknown name", ""),
     ("forcing: 1 + t", "forcing: t»^2", "problem.forcing: '^' is not", "**"),
+    ("forcing: 1 + t", "forcing: sin(2»t)", "problem.forcing: '*' is missing", "write 2*t"),
+    ("forcing: 1 + t", "forcing: 3»(1 + t)", "problem.forcing: '*' is missing", "write 3*("),
+    ("forcing: 1 + t", "forcing: »2,5*t", "problem.forcing: one expression", "point: 2.5"),
+    ("order: 1.5", "order: 1, »5:", "problem.damping.0.5: not known", "point, no comma: write 1.5"),
+    ("order: 1.5", "order: »'1,5'", "problem.damping.0.order: the text", "1.5 with a decimal"),
+    ("report: {norm", "»plot: [energy]\nreport: {norm", "plot: not a key", "write figures"),
     ("forcing: 1 + t", "forcing: 9**»9**9**9", "problem.forcing: ", "larger than"),
     ("forcing: 1 + t", "forcing: »t.real", "problem.forcing: only numbers", ""),
     ("forcing: 1 + t", "forcing: »true", "problem.forcing: true is not", "number"),
@@ -274,7 +280,7 @@ WHOLE_TEXTS = [
 
 @pytest.mark.parametrize(("text", "begins", "says"), WHOLE_TEXTS)
 def test_a_whole_text_is_refused_with_a_place(text, begins, says, monkeypatch):
-    monkeypatch.setattr("fvi_cli.config.experiment_checks.machine_bytes", lambda: 8 * 10**9)
+    monkeypatch.setattr("fvi_cli.config.experiment.machine_bytes", lambda: 8 * 10**9)
     assert_told(text, begins, says)
 
 

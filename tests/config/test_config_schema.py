@@ -8,9 +8,10 @@ import jsonschema
 import pytest
 
 from fvi_cli.config import find_config, json_schema, shipped_configs, starter_config
-from fvi_cli.config.complaints import Complaints
-from fvi_cli.config.document import ListNode, MappingNode, Node, Place, ScalarNode, read_document
-from fvi_cli.scenes.registry import EQUATIONS
+from fvi_cli.config.text.document import read_document
+from fvi_cli.keys.complaints import Complaints, SourcePosition
+from fvi_cli.keys.nodes import plain as values_of
+from fvi_cli.scenes.kinds import KINDS
 
 SCHEMA = json_schema()
 CHECK = jsonschema.Draft202012Validator(SCHEMA)
@@ -25,19 +26,10 @@ ladder: {steps: [8, 16]}
 def plain(text: str) -> Any:
     """The values that stand in a configuration."""
     complaints = Complaints()
-    node = read_document(text, Place(source="text", line=1, column=1), complaints)
+    node = read_document(text, SourcePosition(source="text", line=1, column=1), complaints)
     complaints.raise_if_any()
     assert node is not None
-    return _values(node)
-
-
-def _values(node: Node) -> Any:
-    if isinstance(node, MappingNode):
-        return {name: _values(entry.node) for name, entry in node.entries.items()}
-    if isinstance(node, ListNode):
-        return [_values(item) for item in node.items]
-    assert isinstance(node, ScalarNode)
-    return node.value
+    return values_of(node)
 
 
 def test_the_schema_is_one() -> None:
@@ -49,7 +41,7 @@ def test_shipped_configurations_fit(name: str) -> None:
     CHECK.validate(plain(find_config(name).read_text(encoding="utf-8")))
 
 
-@pytest.mark.parametrize("kind", EQUATIONS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_starters_fit(kind: str) -> None:
     CHECK.validate(plain(starter_config(kind)))
 

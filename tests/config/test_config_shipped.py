@@ -8,8 +8,8 @@ import pytest
 
 from fvi_cli.config import find_config, json_schema, load_config, shipped_configs, starter_config
 from fvi_cli.config import parse_config as parse
-from fvi_cli.config.problem_keys import PROBLEM
 from fvi_cli.errors import RequestError
+from fvi_cli.scenes.kinds import PROBLEM
 
 PROJECT = Path(__file__).parents[2]
 NAMES = shipped_configs()

@@ -7,9 +7,9 @@ import itertools
 import pytest
 
 from fvi_cli.config import json_schema, parse_config, starter_config
-from fvi_cli.config import sweep as sweep_module
-from fvi_cli.config.problem_keys import PROBLEM
+from fvi_cli.config.keys import sweep as sweep_module
 from fvi_cli.errors import ConfigError
+from fvi_cli.scenes.kinds import PROBLEM
 
 BASE = """\
 name: many
@@ -199,11 +199,11 @@ def test_too_many_members_are_refused_before_they_are_made():
 
 
 def test_members_that_would_not_fit_into_memory_are_refused(monkeypatch):
-    monkeypatch.setattr("fvi_cli.config.sweep_checks.machine_bytes", lambda: 10**6)
+    monkeypatch.setattr("fvi_cli.config.members.machine_bytes", lambda: 10**6)
     sweep = "sweep: {problem.stiffness: {from: 1, to: 2, number: 300}}"
     (told,) = complaints(sweep)
     assert told.startswith("many.yaml:8:8: sweep: 300 members need about 0.00")
-    monkeypatch.setattr("fvi_cli.config.sweep_checks.machine_bytes", lambda: 10**8)
+    monkeypatch.setattr("fvi_cli.config.members.machine_bytes", lambda: 10**8)
     assert len(experiment(sweep).members) == 300
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from fvi_cli.config import find_config, load_config, shipped_configs
-from fvi_cli.scenes.registry import EQUATIONS
+from fvi_cli.scenes.kinds import KINDS
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
-KINDS = [kind for kind in EQUATIONS if kind != "fractional-derivative"]
+SCENES = [kind for kind in KINDS if kind != "fractional-derivative"]
 GALLERY = {
     experiment.problem.kind: experiment
     for experiment in load_config(find_config("gallery")).experiments
@@ -20,15 +20,15 @@ GALLERY = {
 
 
 def test_the_gallery_has_every_kind_once() -> None:
-    assert sorted(GALLERY) == sorted(KINDS)
+    assert sorted(GALLERY) == sorted(SCENES)
     assert all(one.name == f"gallery-{kind}" for kind, one in GALLERY.items())
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SCENES)
 def test_every_kind_is_documented_and_pictured(kind: str) -> None:
     (figure,) = GALLERY[kind].figures
     path = f"results/figures/gallery-{kind}-{figure}"
-    assert f"\n## {kind}\n\n    {EQUATIONS[kind]}\n" in PAGE
+    assert f"\n## {kind}\n\n    {KINDS[kind].equation}\n" in PAGE
     assert f"\n![{kind}](../{path}.png)\n" in PAGE
     for suffix in (".png", ".pdf", ".json"):
         assert (ROOT / f"{path}{suffix}").stat().st_size > 100
@@ -42,4 +42,4 @@ def test_every_kind_has_a_configuration_beside_the_gallery() -> None:
         if name != "gallery"
         for experiment in load_config(find_config(name)).experiments
     }
-    assert others >= set(KINDS)
+    assert others >= set(SCENES)

@@ -7,110 +7,22 @@ recursion, and with limits, because the text may come from strangers.
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import yaml
 
-from fvi_cli.config.complaints import Complaints, KeyPath, Place, excerpt
+from fvi_cli.keys.complaints import Complaints, KeyPath, SourcePosition, excerpt
+from fvi_cli.keys.nodes import Entry, ListNode, MappingNode, Node, ScalarNode, read_scalar
 
 LARGEST_DOCUMENT = 1_000_000
 DEEPEST_NESTING = 50
 MOST_NODES = 50_000
-LONGEST_NUMBER = 400
-
-ScalarValue = bool | int | float | str | None
-
-_INTEGER = re.compile(r"[-+]?[0-9]+")
-_OCTAL = re.compile(r"0o[0-7]+")
-_HEXADECIMAL = re.compile(r"0x[0-9a-fA-F]+")
-_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
-_INFINITY = re.compile(r"([-+]?)\.(inf|Inf|INF)")
-_NOT_A_NUMBER = (".nan", ".NaN", ".NAN")
-_NULL = ("", "~", "null", "Null", "NULL")
-_TRUE = ("true", "True", "TRUE")
-_FALSE = ("false", "False", "FALSE")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ScalarNode:
-    """A word, number or text.
-
-    Parameters
-    ----------
-    place
-        Where it begins.
-    value
-        What it means.
-    text
-        What is written, without quotes.
-    text_place
-        Place of the first character of `text` if the text stands in the source as it is.
-    """
-
-    place: Place
-    value: ScalarValue
-    text: str
-    text_place: Place | None = None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ListNode:
-    """A list of nodes."""
-
-    place: Place
-    items: tuple[Node, ...]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Entry:
-    """A key with its place, and what stands under it."""
-
-    key_place: Place
-    node: Node
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MappingNode:
-    """Keys, each once, with their nodes."""
-
-    place: Place
-    entries: dict[str, Entry]
-
-
-Node = ScalarNode | ListNode | MappingNode
-
-
-def read_scalar(text: str) -> ScalarValue:
-    """What an unquoted word means by the core schema of YAML 1.2."""
-    if text in _NULL:
-        return None
-    if text in _TRUE or text in _FALSE:
-        return text in _TRUE
-    if _INTEGER.fullmatch(text):
-        # a number of thousands of digits would take long, and is infinite for every purpose here
-        return int(text) if len(text) <= LONGEST_NUMBER else math.copysign(math.inf, _sign(text))
-    if _OCTAL.fullmatch(text):
-        return int(text[2:], 8) if len(text) <= LONGEST_NUMBER else math.inf
-    if _HEXADECIMAL.fullmatch(text):
-        return int(text[2:], 16) if len(text) <= LONGEST_NUMBER else math.inf
-    if _FLOAT.fullmatch(text):
-        return float(text)
-    infinite = _INFINITY.fullmatch(text)
-    if infinite:
-        return math.copysign(math.inf, _sign(infinite.group(1)))
-    return math.nan if text in _NOT_A_NUMBER else text
-
-
-def _sign(text: str) -> float:
-    return -1.0 if text.startswith("-") else 1.0
 
 
 def read_document(
-    text: str, origin: Place, complaints: Complaints, path: KeyPath = ()
+    text: str, origin: SourcePosition, complaints: Complaints, path: KeyPath = ()
 ) -> Node | None:
     """The tree of the single document in `text`; None, with a complaint, when there is none.
 
@@ -147,7 +59,7 @@ class _GivenUpError(Exception):
 class _Open:
     """A list or mapping whose end has not been read; `key` waits for its value."""
 
-    place: Place
+    place: SourcePosition
     anchor: str | None
     is_mapping: bool
     items: list[Node] = field(default_factory=list)
@@ -159,7 +71,7 @@ class _Open:
 @dataclass(kw_only=True, eq=False)
 class _Builder:
     text: str
-    origin: Place
+    origin: SourcePosition
     complaints: Complaints
     prefix: KeyPath
     stack: list[_Open] = field(default_factory=list)
@@ -214,19 +126,19 @@ class _Builder:
             if loader is not None:
                 loader.dispose()
 
-    def check_directives(self, event: yaml.DocumentStartEvent, place: Place) -> None:
+    def check_directives(self, event: yaml.DocumentStartEvent, place: SourcePosition) -> None:
         if event.version not in (None, (1, 2)):
             version = ".".join(str(part) for part in event.version)
             self.complain(place, f"%YAML {version} is not allowed; it must be 1.2, or left out")
         if event.tags:
             self.complain(place, "%TAG is not allowed; tags are not understood")
 
-    def check_tag(self, event: yaml.NodeEvent, place: Place) -> None:
+    def check_tag(self, event: yaml.NodeEvent, place: SourcePosition) -> None:
         tag = getattr(event, "tag", None)
         if tag is not None:
             self.complain(place, f"the tag {excerpt(tag)!r} is not allowed; write the plain value")
 
-    def alias(self, event: yaml.AliasEvent, place: Place) -> None:
+    def alias(self, event: yaml.AliasEvent, place: SourcePosition) -> None:
         name = str(event.anchor)
         if name not in self.anchors:
             inside = any(frame.anchor == name for frame in self.stack)
@@ -235,7 +147,7 @@ class _Builder:
         node, size = self.anchors[name]
         self.attach(node, None, size)
 
-    def open(self, event: yaml.NodeEvent, place: Place) -> None:
+    def open(self, event: yaml.NodeEvent, place: SourcePosition) -> None:
         if len(self.stack) >= DEEPEST_NESTING:
             self.give_up(place, f"nested more than {DEEPEST_NESTING} deep")
         is_mapping = isinstance(event, yaml.MappingStartEvent)
@@ -250,7 +162,7 @@ class _Builder:
         )
         self.attach(node, frame.anchor, frame.size)
 
-    def scalar(self, event: yaml.ScalarEvent, place: Place) -> ScalarNode:
+    def scalar(self, event: yaml.ScalarEvent, place: SourcePosition) -> ScalarNode:
         written = event.value
         quoted = event.style in ("'", '"')
         mark: Any = event.start_mark
@@ -320,7 +232,7 @@ class _Builder:
                 outer.append(len(frame.items))
         return tuple(outer)
 
-    def complain(self, place: Place, message: str) -> None:
+    def complain(self, place: SourcePosition, message: str) -> None:
         inner: KeyPath = ()
         if self.stack:
             frame = self.stack[-1]
@@ -330,22 +242,22 @@ class _Builder:
                 inner = (frame.key.text,)
         self.complaints.add(place, (*self.path(), *inner), message)
 
-    def give_up(self, place: Place, message: str) -> None:
+    def give_up(self, place: SourcePosition, message: str) -> None:
         self.complaints.add(place, self.prefix, message)
         raise _GivenUpError
 
-    def place(self, mark: Any) -> Place:
+    def place(self, mark: Any) -> SourcePosition:
         return self.at(mark.line, mark.column)
 
-    def place_of(self, index: int) -> Place:
+    def place_of(self, index: int) -> SourcePosition:
         before = self.text[:index]
         line_start = before.rfind("\n") + 1
         return self.at(before.count("\n"), index - line_start)
 
-    def at(self, line: int, column: int) -> Place:
+    def at(self, line: int, column: int) -> SourcePosition:
         if not self.origin.line:
             return self.origin
-        return Place(source=self.origin.source, line=line + 1, column=column + 1)
+        return SourcePosition(source=self.origin.source, line=line + 1, column=column + 1)
 
 
 def _advice(problem: str) -> str:

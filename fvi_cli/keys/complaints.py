@@ -16,7 +16,7 @@ MOST_COMPLAINTS = 100
 
 
 @dataclass(frozen=True, kw_only=True, order=True)
-class Place:
+class SourcePosition:
     """A position in a source; lines and columns count from 1, a line of 0 means it has none."""
 
     source: str
@@ -26,11 +26,11 @@ class Place:
     def __str__(self) -> str:
         return f"{self.source}:{self.line}:{self.column}" if self.line else self.source
 
-    def shifted(self, columns: int) -> Place:
+    def shifted(self, columns: int) -> SourcePosition:
         """The place so many columns further right."""
         if not self.line:
             return self
-        return Place(source=self.source, line=self.line, column=self.column + columns)
+        return SourcePosition(source=self.source, line=self.line, column=self.column + columns)
 
 
 @dataclass(kw_only=True)
@@ -44,9 +44,9 @@ class Complaints:
     """
 
     folder: Path | None = None
-    _found: dict[tuple[Place, str], None] = field(default_factory=dict)
+    _found: dict[tuple[SourcePosition, str], None] = field(default_factory=dict)
 
-    def add(self, place: Place, path: KeyPath, message: str) -> None:
+    def add(self, place: SourcePosition, path: KeyPath, message: str) -> None:
         """Note what is wrong and what is allowed, at `place`, concerning the key at `path`."""
         where = show_path(path)
         self._found[place, f"{where}: {message}" if where else message] = None

@@ -6,13 +6,9 @@ import itertools
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, get_args
 
-from fvi_cli.config.complaints import Complaints, KeyPath, Place
-from fvi_cli.config.document import ListNode, MappingNode, Node
-from fvi_cli.config.records import ByForm, Key, ListOf, OneOrMany, Record
-from fvi_cli.config.shapes import OPTIONAL, Choice, Integer, Number, Shape, is_complete
 from fvi_cli.integrator.method import (
     BASELINE_NAMES,
     BDF_NAMES,
@@ -26,6 +22,11 @@ from fvi_cli.integrator.method import (
     RuleSpecification,
     Sampling,
 )
+from fvi_cli.keys.containers import ByForm, ListOf, OneOrMany
+from fvi_cli.keys.cursor import OPTIONAL, Cursor, is_complete
+from fvi_cli.keys.nodes import MappingNode
+from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.scalars import Choice, Integer, Number, Shape
 from fvi_cli.mathematics.quadrature import LARGEST_RULE
 
 MOST_METHODS: Final = 500
@@ -35,11 +36,11 @@ _KEY_OF_FIELD: Final = {"start_exponents": "start"}
 
 _RULE: Final = Record(
     keys=(
-        Key(name="rule", shape=Choice(words=("gauss", "lobatto")), meaning="Family of the rule."),
+        Key("rule", Choice(words=("gauss", "lobatto")), "Family of the rule."),
         Key(
-            name="points",
-            shape=Integer(least=1, most=LARGEST_RULE),
-            meaning="Number of points; default: degree for gauss, degree + 1 for lobatto.",
+            "points",
+            Integer(least=1, most=LARGEST_RULE),
+            "Number of points; default: degree for gauss, degree + 1 for lobatto.",
             default=OPTIONAL,
         ),
     )
@@ -47,16 +48,16 @@ _RULE: Final = Record(
 _WEIGHTS: Final = Record(
     keys=(
         Key(
-            name="weights",
-            shape=ListOf(shape=Number(least=0.0), most=20, example="[2.5]"),
-            meaning="Exponents of t on which the corrected quadrature is exact.",
+            "weights",
+            ListOf(shape=Number(least=0.0), most=20, example="[2.5]"),
+            "Exponents of t on which the corrected quadrature is exact.",
         ),
     )
 )
 
 
 def _several(name: str, shape: Shape, meaning: str) -> Key:
-    return Key(name=name, shape=OneOrMany(shape=shape, most=100), meaning=meaning, default=OPTIONAL)
+    return Key(name, OneOrMany(shape=shape, most=100), meaning, default=OPTIONAL)
 
 
 _ENTRY: Final = Record(
@@ -97,12 +98,12 @@ _ENTRY: Final = Record(
         ),
         _several(
             "quadrature",
-            ByForm(single=Choice(words=("gauss", "lobatto")), mapping=_RULE),
+            ByForm(single=Choice(words=("gauss", "lobatto")), mappings=(_RULE,)),
             "Rule for the action. Default: gauss with as many points as the degree.",
         ),
         _several(
             "start",
-            ByForm(single=Choice(words=("none", "weights", "series")), mapping=_WEIGHTS),
+            ByForm(single=Choice(words=("none", "weights", "series")), mappings=(_WEIGHTS,)),
             "What is done about a singular start. Default: none for sampling: nodes, else series.",
         ),
         _several(
@@ -126,139 +127,91 @@ METHODS: Final = OneOrMany(shape=_ENTRY)
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Chosen:
-    """One value of a key with its place."""
-
-    value: Any
-    place: Place
-    path: KeyPath
-
-
-@dataclass(frozen=True, kw_only=True)
 class ListedMethod:
-    """A method, its resolved keys, and the place that asks for it."""
+    """A method, its resolved keys, and what asks for it."""
 
     method: AnyMethod
     resolved: Mapping[str, Any]
-    place: Place
-    path: KeyPath
+    at: Cursor
 
 
-def read_methods(
-    node: Node | None, path: KeyPath, complaints: Complaints, *, default_place: Place
-) -> list[ListedMethod]:
+def read_methods(given: object, at: Cursor, usual: Mapping[str, list[Any]]) -> list[ListedMethod]:
     """Every combination under ``method``; what makes no method is noted and left out.
 
     Parameters
     ----------
-    node
-        What stands under the key; None when it is absent: Gauss of degree 3.
-    path
-        Path of the key.
-    complaints
-        Receives what is wrong.
-    default_place
-        Place of the mapping in which the key is absent.
+    given
+        What :data:`METHODS` read; may hold INVALID.
+    at
+        The experiment.
+    usual
+        Values of the keys where the experiment names no method.
     """
-    if node is None:
-        absent = MappingNode(place=default_place, entries={})
-        return list(_combinations({}, absent, path, complaints))
+    if not at.has("method"):
+        absent = MappingNode(place=at.node.place, entries={})
+        here = replace(at, node=absent, path=(*at.path, "method"))
+        return list(_combinations(usual, here))
+    at = at.under("method")
     found: list[ListedMethod] = []
-    read = METHODS.read(node, path, complaints)
-    entries = [(node, path)]
-    if isinstance(node, ListNode):
-        entries = [(item, (*path, index)) for index, item in enumerate(node.items)]
-    if not isinstance(read, list):
-        return found
-    for values, (entry, where) in zip(read, entries, strict=True):
-        if isinstance(values, Mapping) and isinstance(entry, MappingNode) and is_complete(values):
-            found.extend(_combinations(values, entry, where, complaints))
+    read = given if isinstance(given, list) else []
+    for values, entry in zip(read, at.items() or [at], strict=False):
+        if isinstance(values, Mapping) and is_complete(values):
+            found.extend(_combinations(values, entry))
     if len(found) > MOST_METHODS:
-        complaints.add(
-            node.place, path, f"{len(found)} methods in all; at most {MOST_METHODS} are allowed"
-        )
+        at.refuse(f"{len(found)} methods in all; at most {MOST_METHODS} are allowed")
         return []
     cases: dict[str, ListedMethod] = {}
     for listed_method in found:
         case = listed_method.method.case
         if case in cases:
-            complaints.add(listed_method.place, listed_method.path, f"{case} is given twice")
+            listed_method.at.refuse(f"{case} is given twice")
         cases.setdefault(case, listed_method)
     return list(cases.values())
 
 
-def _combinations(
-    values: Mapping[str, list[Any]], entry: MappingNode, path: KeyPath, complaints: Complaints
-) -> Iterator[ListedMethod]:
+def _combinations(values: Mapping[str, list[Any]], at: Cursor) -> Iterator[ListedMethod]:
     count = math.prod(len(choices) for choices in values.values())
     if count > MOST_METHODS:
-        complaints.add(
-            entry.place, path, f"{count} combinations; at most {MOST_METHODS} are allowed"
-        )
+        at.refuse(f"{count} combinations; at most {MOST_METHODS} are allowed")
         return
-    if not _is_coherent(values, entry, path, complaints):
+    if not _is_coherent(values, at):
         return
-    columns = [
-        [
-            _Chosen(value=value, place=place, path=where)
-            for value, (place, where) in zip(choices, _places(entry, path, key), strict=True)
-        ]
-        for key, choices in values.items()
-    ]
-    for combination in itertools.product(*columns):
-        chosen = dict(zip(values, combination, strict=True))
+    for indices in itertools.product(*(range(len(choices)) for choices in values.values())):
+        chosen = dict(zip(values, indices, strict=True))
         try:
-            method, resolved = _make({key: choice.value for key, choice in chosen.items()})
+            method, resolved = _make({key: values[key][index] for key, index in chosen.items()})
         except ValueError as error:
-            _complain(str(error), chosen, entry, path, complaints)
+            _complain(str(error), chosen, at)
             continue
-        yield ListedMethod(method=method, resolved=resolved, place=entry.place, path=path)
+        yield ListedMethod(method=method, resolved=resolved, at=at)
 
 
-def _places(entry: MappingNode, path: KeyPath, key: str) -> list[tuple[Place, KeyPath]]:
-    node = entry.entries[key].node
-    if isinstance(node, ListNode):
-        return [(item.place, (*path, key, index)) for index, item in enumerate(node.items)]
-    return [(node.place, (*path, key))]
-
-
-def _is_coherent(
-    values: Mapping[str, list[Any]], entry: MappingNode, path: KeyPath, complaints: Complaints
-) -> bool:
+def _is_coherent(values: Mapping[str, list[Any]], at: Cursor) -> bool:
     """Whether the keys belong to one family of methods."""
-
-    def complain(key: str, message: str) -> None:
-        complaints.add(entry.entries[key].key_place, (*path, key), message)
-
-    before = len(complaints)
+    before = len(at.complaints)
     families = [key for key in ("bdf", "rk", "baseline") if key in values]
     for extra in families[1:]:
-        complain(extra, f"not together with {families[0]}; write two list entries under method")
+        at.refuse_key(
+            extra, f"not together with {families[0]}; write two list entries under method"
+        )
     if families == ["baseline"]:
         for key in values:
             if key not in ("baseline", "tolerance"):
-                complain(key, "a baseline takes no other key")
+                at.refuse_key(key, "a baseline takes no other key")
     elif "tolerance" in values:
-        complain("tolerance", "only baseline: dop853 takes a tolerance")
-    if "stages" in values:
-        if "degree" in values:
-            complain("stages", "not together with degree, which it stands for")
-        if "bdf" in values:
-            complain("stages", "only rk has stages; write degree")
-    return len(complaints) == before
+        at.refuse_key("tolerance", "only baseline: dop853 takes a tolerance")
+    if "stages" in values and "degree" in values:
+        at.refuse_key("stages", "not together with degree, which it stands for")
+    if "stages" in values and "bdf" in values:
+        at.refuse_key("stages", "only rk has stages; write degree")
+    return len(at.complaints) == before
 
 
-def _complain(
-    message: str,
-    chosen: Mapping[str, _Chosen],
-    entry: MappingNode,
-    path: KeyPath,
-    complaints: Complaints,
-) -> None:
+def _complain(message: str, chosen: Mapping[str, int], at: Cursor) -> None:
     """Put the complaint of a method to the key that it begins with."""
     leading = _LEADING_FIELD.fullmatch(message)
     if leading is None:
-        complaints.add(entry.place, path, message)
+        at.refuse(message)
         return
     key = _KEY_OF_FIELD.get(leading.group(1), leading.group(1))
     if key == "cq":
@@ -266,9 +219,9 @@ def _complain(
     if key == "degree" and "stages" in chosen:
         key = "stages"
     if key in chosen:
-        complaints.add(chosen[key].place, chosen[key].path, leading.group(2))
+        at.under(key, chosen[key]).refuse(leading.group(2))
     else:
-        complaints.add(entry.place, (*path, key), leading.group(2))
+        at.refuse(leading.group(2), key)
 
 
 def _make(values: Mapping[str, Any]) -> tuple[AnyMethod, dict[str, Any]]:

@@ -6,9 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from fvi_cli.config.schema import json_schema, plain
-from fvi_cli.config.shapes import Schema
-from fvi_cli.scenes.registry import EQUATIONS
+from fvi_cli.config.reference.schema import json_schema
+from fvi_cli.config.reference.starter import plain
+from fvi_cli.keys.scalars import Schema
+from fvi_cli.scenes.kinds import KINDS
 
 _HEADER: Final = ("key", "may be", "default", "meaning")
 
@@ -32,7 +33,7 @@ def configuration_reference() -> str:
     """
     schema = json_schema()
     definitions = schema["$defs"]
-    top = definitions["experiment"]["properties"]
+    top = schema["else"]
     lines = [
         "# Configuration, key by key",
         "",
@@ -47,12 +48,11 @@ def configuration_reference() -> str:
         "",
     ]
     rows: list[Row] = []
-    required = definitions["experiment"]["required"]
-    for name, reference in top.items():
+    for name, reference in top["properties"].items():
         rows += _rows(
             name,
             definitions.get(name, reference),
-            is_required=name in required,
+            is_required=name in top["required"],
             nested=name not in _APART,
         )
     lines += _table(rows)
@@ -104,7 +104,7 @@ def _problems(variants: Sequence[Schema]) -> Iterator[str]:
         yield ""
         yield f"### {kind}"
         yield ""
-        yield f"    {EQUATIONS[kind]}"
+        yield f"    {KINDS[kind].equation}"
         yield ""
         own = [row for rows, names in users.items() if names == [kind] for row in rows]
         common = [rows[0].key for rows, names in shared.items() if kind in names]
@@ -155,6 +155,8 @@ def _inner(schema: Schema, path: str) -> Iterator[Row]:
 
 def _allowed(schema: Schema) -> str:
     """What may stand there, in words."""
+    if "title" in schema:
+        return str(schema["title"])
     variants = schema.get("anyOf", schema.get("oneOf"))
     if variants is not None:
         words = list(dict.fromkeys(_allowed(variant) for variant in variants))

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.config.complaints import excerpt, listed, suggestion
+from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.scenes.samples import MOST_SAMPLES
 
 LARGEST_FILE: Final = 20_000_000

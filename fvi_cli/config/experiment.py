@@ -1,0 +1,234 @@
+"""What must hold between the keys of an experiment, and the experiment that they make."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, Final
+
+from fvi_cli.config.keys.accuracy import USUAL, accuracy_of, check_accuracy
+from fvi_cli.config.keys.ladder import MOST_STEPS, refuse_step, steps_of
+from fvi_cli.config.keys.methods import ListedMethod, read_methods
+from fvi_cli.config.keys.stability import stability_settings
+from fvi_cli.config.keys.store import read_diagnostics
+from fvi_cli.config.keys.sweep import SWEEP
+from fvi_cli.config.members import ReadMembers, check_total_memory, make_members
+from fvi_cli.config.memory import in_gigabytes, machine_bytes, predicted_bytes, run_bytes
+from fvi_cli.config.problem import break_points, make_problem
+from fvi_cli.integrator.baselines import baseline_objection
+from fvi_cli.integrator.break_points import TOLERANCE
+from fvi_cli.integrator.diagnostics import NOTHING
+from fvi_cli.integrator.method import Baseline
+from fvi_cli.keys.complaints import excerpt, listed, suggestion
+from fvi_cli.keys.cursor import Cursor, is_complete
+from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
+from fvi_cli.studies.experiment import Experiment
+
+# Break points are taken for fractions of the interval with denominators up to this.
+_LARGEST_DENOMINATOR: Final = 2**20
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadExperiment:
+    """An experiment, complete or not, with what was read."""
+
+    resolved: Mapping[str, Any]
+    experiment: Experiment | None
+
+
+def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExperiment:
+    """The experiment that a mapping read by EXPERIMENT or SINGLE describes.
+
+    Parameters
+    ----------
+    values
+        What was read; may hold INVALID.
+    name
+        Its name.
+    at
+        Where it stands; receives what is wrong between the keys.
+    """
+    before = len(at.complaints)
+    described, store = values["problem"], values["store"]
+    is_described = isinstance(described, Mapping)
+    problem = make_problem(described, at.under("problem")) if is_described else None
+    methods = read_methods(values.get("method"), at, USUAL if "accuracy" in values else {})
+    steps = steps_of(values.get("ladder"))
+    check_accuracy(at)
+    if is_described:
+        _check_break_points(described, steps, at)
+    for key in ("expect", "claims"):
+        _check_cases(values[key], methods, at.under(key))
+    accuracy, diagnostics, members = None, NOTHING, None
+    if problem is not None:
+        _check_meeting(problem, methods)
+        every = store["every"] if isinstance(store, Mapping) else None
+        if isinstance(every, int):
+            _check_memory(problem, methods, steps, every, at)
+        accuracy = accuracy_of(values.get("accuracy"), problem, methods, at)
+        diagnostics = read_diagnostics(store, problem, methods, at)
+        if at.has(SWEEP):
+            members = _make_members(described, problem, methods, steps, at)
+            if members is not None and isinstance(every, int):
+                dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
+                points = [n_steps // every + 2 for n_steps in steps]
+                check_total_memory(len(members.members), dimension, points, len(methods), at)
+    resolved = {
+        **values,
+        "name": name,
+        "method": [listed_method.resolved for listed_method in methods],
+        **({} if members is None else {SWEEP: members.resolved}),
+    }
+    if problem is None or len(at.complaints) > before or not is_complete(resolved):
+        return ReadExperiment(resolved=resolved, experiment=None)
+    experiment = Experiment(
+        name=name,
+        problem=problem,
+        problem_specification=described,
+        methods=tuple(listed_method.method for listed_method in methods),
+        steps=steps,
+        norm=values["report"]["norm"],
+        expect=values["expect"],
+        allow_unstable=values["allow_unstable"],
+        store_every=store["every"],
+        claims=values["claims"],
+        figures=tuple(values["figures"]),
+        diagnostics=diagnostics,
+        stability=stability_settings(values["stability"]),
+        members=() if members is None else members.members,
+        accuracy=accuracy,
+    )
+    return ReadExperiment(resolved=resolved, experiment=experiment)
+
+
+def _make_members(
+    template: Mapping[str, Any],
+    first: AnyProblem,
+    methods: Sequence[ListedMethod],
+    steps: tuple[int, ...],
+    at: Cursor,
+) -> ReadMembers | None:
+    """The members of the sweep, checked like the experiment without one."""
+
+    def check(specification: Mapping[str, Any], problem: AnyProblem, at: Cursor) -> None:
+        _check_break_points(specification, steps, at)
+        _check_meeting(problem, methods, at)
+
+    return make_members(template, at, check)
+
+
+def _check_break_points(problem: Mapping[str, Any], steps: tuple[int, ...], at: Cursor) -> None:
+    """Every jump of the forcing must lie on the grid of every number of steps."""
+    ends = break_points(problem)
+    if not ends:
+        return
+    parts = [until / problem["final_time"] for until in ends]
+    divisor = math.lcm(
+        *(Fraction(part).limit_denominator(_LARGEST_DENOMINATOR).denominator for part in parts)
+    )
+    for index, n_steps in enumerate(steps):
+        between = [end for end, part in zip(ends, parts, strict=True) if _misses(part, n_steps)]
+        if not between:
+            continue
+        below = n_steps // divisor * divisor
+        near = [n for n in (below, below + divisor) if 0 < n <= MOST_STEPS]
+        near = [n for n in near if not any(_misses(part, n) for part in parts)]
+        hint = (
+            f"the nearest that fit are {' and '.join(map(str, near))}"
+            if len(near) > 1
+            else f"the nearest that fits is {near[0]}"
+            if near
+            else "no number of steps fits"
+        )
+        refuse_step(
+            at,
+            index,
+            f"{n_steps} steps put the break point t = {between[0]:g} between two steps; {hint}",
+        )
+
+
+def _misses(part: float, n_steps: int) -> bool:
+    place = part * n_steps
+    return abs(place - round(place)) > TOLERANCE * max(1.0, place)
+
+
+def _check_cases(cases: object, methods: Sequence[ListedMethod], at: Cursor) -> None:
+    """What is expected or claimed must concern a method of the experiment."""
+    if not isinstance(cases, Mapping) or not methods:
+        return
+    known = [listed_method.method.case for listed_method in methods]
+    for name in cases:
+        if any(case == name or case.startswith(name + "-") for case in known):
+            continue
+        beginnings = list(dict.fromkeys([*known, *(case.split("-")[0] for case in known)]))
+        shown = listed(known[:6]) + (", ..." if len(known) > 6 else "")
+        at.refuse_key(
+            name,
+            f"no method here is called {excerpt(name)!r} or begins so"
+            f"{suggestion(name, beginnings)} (methods here: {shown})",
+        )
+
+
+def _check_meeting(
+    problem: AnyProblem, methods: Sequence[ListedMethod], at: Cursor | None = None
+) -> None:
+    """Methods that cannot do this problem.
+
+    Parameters
+    ----------
+    at
+        Receives the complaints; None: where the methods stand.
+    """
+    for found in methods:
+        message = _objection(problem, found)
+        if message:
+            complaints = found.at.complaints if at is None else at.complaints
+            complaints.add(found.at.node.place, found.at.path, message)
+
+
+def _objection(problem: AnyProblem, found: ListedMethod) -> str:
+    method = found.method
+    if isinstance(problem, DerivativeProblem):
+        by_bdf = not isinstance(method, Baseline) and not method.is_runge_kutta
+        return "" if by_bdf else f"{method.case}: a fractional derivative is taken by bdf only"
+    if isinstance(method, Baseline):
+        return baseline_objection(problem.scene, method)
+    if problem.scene.lagrangian is not None and method.start == "weights":
+        return "start: weights need a constant mass matrix; use series or none"
+    if method.forcing_quadrature == "projected" and method.rule.points > method.degree + 1:
+        return (
+            f"forcing_quadrature: projected takes at most degree + 1 = {method.degree + 1} "
+            f"quadrature points, not {method.rule.points}"
+        )
+    return ""
+
+
+def _check_memory(
+    problem: AnyProblem,
+    methods: Sequence[ListedMethod],
+    steps: tuple[int, ...],
+    every: int,
+    at: Cursor,
+) -> None:
+    """No run may need more memory than there is."""
+    available = machine_bytes()
+
+    def predicted(n_steps: int) -> int:
+        if isinstance(problem, DerivativeProblem):
+            return predicted_bytes(n_steps, 1)
+        sizes = (run_bytes(problem.scene, one.method, n_steps, every=every) for one in methods)
+        return max(sizes, default=0)
+
+    # memory grows with the number of steps
+    for index in sorted(range(len(steps)), key=lambda index: -steps[index]):
+        needed = predicted(steps[index]) if available is not None else 0
+        if available is None or needed <= available:
+            break
+        refuse_step(
+            at,
+            index,
+            f"{steps[index]} steps need about {in_gigabytes(needed)} of memory, this machine "
+            f"has {in_gigabytes(available)}",
+        )

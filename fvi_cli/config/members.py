@@ -1,0 +1,190 @@
+"""The members of a sweep, each of them checked."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from fvi_cli.config.keys.sweep import BYTES_PER_RUN, PROBLEM, SWEEP, Sweep, read_sweep, tree_of
+from fvi_cli.config.memory import in_gigabytes, machine_bytes
+from fvi_cli.config.problem import make_problem
+from fvi_cli.keys.complaints import Complaints, excerpt
+from fvi_cli.keys.cursor import Cursor, is_complete
+from fvi_cli.keys.nodes import ListNode, with_node
+from fvi_cli.scenes import kinds
+from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
+from fvi_cli.scenes.registry import build_problem
+from fvi_cli.studies.members import Member, value_at, with_values
+
+MOST_TOLD: Final = 10
+"""Members whose mistakes are told; the others are likely to have the same."""
+
+CheckMember = Callable[[Mapping[str, Any], AnyProblem, Cursor], None]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReadMembers:
+    """Members, and the sweep with every value as it was understood."""
+
+    members: tuple[Member, ...]
+    resolved: Any
+
+
+def make_members(template: Mapping[str, Any], at: Cursor, check: CheckMember) -> ReadMembers | None:
+    """The members of an experiment; None, with complaints, where something is wrong.
+
+    Every value of every key is read like the file; then every member's problem is checked.
+
+    Parameters
+    ----------
+    template
+        The complete ``problem`` mapping of the first member.
+    at
+        The experiment; receives what is wrong, with the values of the member it is wrong with.
+    check
+        What else must hold for a member's mapping and problem, in a tree that has its values.
+    """
+    # the same mistake may have been noted before
+    own = Complaints(folder=at.complaints.folder)
+    made = _made(template, replace(at, complaints=own), check)
+    at.complaints.adopt(own)
+    return None if len(own) else made
+
+
+def _made(template: Mapping[str, Any], at: Cursor, check: CheckMember) -> ReadMembers | None:
+    sweep = read_sweep(at.under(SWEEP))
+    if sweep is None:
+        return None
+    values = {key: _values(key, sweep, template, at) for key in sweep.values}
+    # a key that is not known was complained of when the first member was read
+    is_whole = all(len(values[key]) == len(nodes) for key, nodes in sweep.values.items())
+    if len(at.complaints) or not is_whole:
+        return None
+    text = json.dumps(template)
+    first = build_problem(template, search=False)
+    members = tuple(
+        Member(
+            number=number,
+            values={
+                key: found[index]
+                for (key, found), index in zip(values.items(), combination, strict=True)
+            },
+            template=text,
+            dimension=_dimension(first),
+        )
+        for number, combination in enumerate(sweep.combinations)
+    )
+    _check_members(members, template, first, sweep, at, check)
+    is_listed = isinstance(at.under(SWEEP).node, ListNode)
+    resolved = [dict(member.values) for member in members] if is_listed else values
+    return ReadMembers(members=members, resolved=resolved)
+
+
+def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> list[Any]:
+    """The values of one key, read at their place in the problem of the first member."""
+    found: list[Any] = []
+    place = sweep.key_places[key]
+    if not _is_there(template, key):
+        return found
+    shared = with_values(template, {key: None})
+    for value in sweep.values[key]:
+        tree = replace(at, node=with_node(at.node, tuple(key.split(".")), value, place))
+        read = kinds.PROBLEM.read(tree.under(PROBLEM))
+        if not is_complete(read) or not _is_there(read, key):
+            continue
+        if with_values(read, {key: None}) != shared:
+            outer = excerpt(key.rpartition(".")[0])
+            at.under(SWEEP).refuse_key(
+                key,
+                "cannot be swept alone, for it changes what stands beside it; sweep "
+                f"{outer} as a whole",
+            )
+            break
+        found.append(value_at(read, key))
+    return found
+
+
+def _is_there(specification: Mapping[str, Any], key: str) -> bool:
+    """Whether a key path leads to something; it does not where the key is not known."""
+    try:
+        value_at(specification, key)
+    except (LookupError, TypeError, ValueError):
+        return False
+    return True
+
+
+def _check_members(
+    members: Sequence[Member],
+    template: Mapping[str, Any],
+    first: AnyProblem,
+    sweep: Sweep,
+    at: Cursor,
+    check: CheckMember,
+) -> None:
+    told = 0
+    for member, combination in zip(members, sweep.combinations, strict=True):
+        specification = with_values(template, member.values)
+        own = Complaints(folder=at.complaints.folder)
+        # the places are those of the first member; they matter only where something is wrong
+        _check_member(specification, first, replace(at, complaints=own), check)
+        if not len(own):
+            continue
+        own = Complaints(folder=at.complaints.folder)
+        tree = tree_of(sweep, at.node, combination)
+        _check_member(specification, first, replace(at, node=tree, complaints=own), check)
+        at.complaints.adopt(own, f" (member {member.number}: {excerpt(member.label, 200)})")
+        told += 1
+        if told == MOST_TOLD:
+            at.refuse(
+                f"members after the {MOST_TOLD} told here are checked when these are mended", SWEEP
+            )
+            return
+
+
+def _check_member(
+    specification: Mapping[str, Any], first: AnyProblem, at: Cursor, check: CheckMember
+) -> None:
+    problem = make_problem(specification, at.under(PROBLEM), search=False)
+    if problem is None:
+        return
+    if _dimension(problem) == _dimension(first):
+        check(specification, problem, at)
+        return
+    at.refuse(
+        f"has {_dimension(problem)} degrees of freedom, the first member "
+        f"{_dimension(first)}; members must have the same number",
+        PROBLEM,
+    )
+
+
+def _dimension(problem: AnyProblem) -> int:
+    return 1 if isinstance(problem, DerivativeProblem) else problem.scene.dimension
+
+
+def check_total_memory(
+    count: int, dimension: int, points: Sequence[int], n_methods: int, at: Cursor
+) -> None:
+    """All finished runs of a sweep must have room in memory, for tables and figures.
+
+    Parameters
+    ----------
+    count, dimension
+        Numbers of members and of degrees of freedom.
+    points
+        Number of points that are kept in memory for every number of steps.
+    n_methods
+        Number of methods.
+    at
+        The experiment.
+    """
+    each = sum(8 * (1 + 3 * dimension) * size + BYTES_PER_RUN for size in points)
+    needed, available = count * n_methods * each, machine_bytes()
+    if available is not None and needed > available:
+        at.refuse(
+            f"{count} members need about {in_gigabytes(needed)} of memory in all, this machine has "
+            f"{in_gigabytes(available)}; store: {{every: n}}, fewer numbers of steps, or several "
+            "files need less",
+            SWEEP,
+        )

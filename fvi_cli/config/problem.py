@@ -1,0 +1,224 @@
+"""What must hold between the keys under ``problem``, and the problem that they make."""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.keys.complaints import KeyPath
+from fvi_cli.keys.cursor import INVALID, Cursor, is_complete
+from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, ExpressionError
+from fvi_cli.scenes.kinds import KINDS
+from fvi_cli.scenes.problem import AnyProblem
+from fvi_cli.scenes.registry import build_problem
+
+Array = NDArray[np.float64]
+
+# Where an expression is tried: inside of the steps of any grid that people use. On their points,
+# where a quotient such as sin(t - 1)/(t - 1) has no value, it must not be infinite.
+_TRIALS: Final = 97
+_GRID: Final = 720
+_EXPANDED_TO: Final = 4.0  # above the power of t itself, which a quotient would lose
+_LEADING_PATH: Final = re.compile(r"([a-z_]+(?:\.[a-z0-9_]+)*): (.*)", re.DOTALL)
+_OTHER_NAMES: Final = {
+    "initial_position": ("initial", "position"),
+    "initial_velocity": ("initial", "velocity"),
+}
+
+
+def force_key(problem: Mapping[str, Any]) -> str:
+    """The key under which the force of a problem stands."""
+    kind = KINDS.get(problem["kind"]) if isinstance(problem["kind"], str) else None
+    return "forcing" if kind is None else kind.force
+
+
+def _pieces(problem: Mapping[str, Any]) -> list[Any]:
+    """What was read of the pieces of the forcing; none where it has none."""
+    forcing = problem.get(force_key(problem))
+    pieces = forcing.get("pieces") if isinstance(forcing, Mapping) else None
+    return pieces if isinstance(pieces, list) else []
+
+
+def break_points(problem: Mapping[str, Any]) -> list[float]:
+    """Ends of the pieces of the forcing, as far as they are valid and inside of (0, T)."""
+    final_time = problem.get("final_time")
+    ends = [piece.get("until") for piece in _pieces(problem) if isinstance(piece, Mapping)]
+    valid = [end for end in ends if isinstance(end, float)]
+    return [end for end in valid if isinstance(final_time, float) and end < final_time]
+
+
+def make_problem(
+    problem: Mapping[str, Any], at: Cursor, *, search: bool = True
+) -> AnyProblem | None:
+    """The problem that a mapping read by PROBLEM describes; None when something is wrong.
+
+    Parameters
+    ----------
+    problem
+        What was read; may hold INVALID.
+    at
+        Where it stands; receives what is wrong between the keys.
+    search
+        Look for a closed form of the solution, which takes long and finds no mistake.
+    """
+    before = len(at.complaints)
+    _check_sizes(problem, at)
+    _check_pieces(problem, at)
+    _check_values(problem, at)
+    if not is_complete(problem) or len(at.complaints) > before:
+        return None
+    try:
+        return build_problem(problem, search=search)
+    except ValueError as error:
+        leading = _LEADING_PATH.fullmatch(str(error))
+        first, *rest = leading.group(1).split(".") if leading else [""]
+        key: KeyPath = (*_OTHER_NAMES.get(first, (first,)), *rest)
+        if leading and key[0] in problem:
+            at.refuse(leading.group(2), *key)
+        else:
+            at.refuse(str(error))
+        return None
+
+
+def _check_sizes(problem: Mapping[str, Any], at: Cursor) -> None:
+    """Everything that is given per coordinate must have the same number of coordinates."""
+    kind = KINDS.get(problem["kind"]) if isinstance(problem["kind"], str) else None
+    stated = None if kind is None else kind.stated_size(problem)
+    sized = [] if stated is None else [stated]
+    sized += [(key, len(value)) for key, value in _sized(problem) if isinstance(value, list)]
+    for key, size in sized[1:]:
+        if size != sized[0][1]:
+            first = ".".join(map(str, sized[0][0])) or f"kind {problem['kind']}"
+            at.refuse(f"is for {_coordinates(size)}, but {first} for {sized[0][1]}", *key)
+
+
+def _sized(problem: Mapping[str, Any]) -> Iterator[tuple[KeyPath, object]]:
+    """What may be given per coordinate."""
+    yield from (((key,), problem.get(key)) for key in ("mass", "stiffness"))
+    initial = problem.get("initial")
+    if isinstance(initial, Mapping):
+        yield from ((("initial", key), value) for key, value in initial.items())
+    yield from (((key,), problem.get(key)) for key in ("forcing", "exact"))
+    damping = problem.get("damping")
+    for index, term in enumerate(damping if isinstance(damping, list) else []):
+        if isinstance(term, Mapping) and "acts_on" not in term:
+            yield ("damping", index, "coefficient"), term.get("coefficient")
+    for index, piece in enumerate(_pieces(problem)):
+        if isinstance(piece, Mapping):
+            yield (force_key(problem), "pieces", index, "value"), piece.get("value")
+
+
+def _coordinates(size: int) -> str:
+    return f"{size} coordinate" if size == 1 else f"{size} coordinates"
+
+
+def _check_pieces(problem: Mapping[str, Any], at: Cursor) -> None:
+    """Every piece but the last has an end; the ends increase and lie inside of (0, T)."""
+    pieces, final_time = _pieces(problem), problem.get("final_time")
+    earlier = 0.0
+    for index, piece in enumerate(pieces):
+        until: Any = piece.get("until") if isinstance(piece, Mapping) else INVALID
+        is_last = index == len(pieces) - 1
+        wrong = ""
+        if until is INVALID or (until is None and is_last):
+            continue
+        if until is None:
+            wrong = "missing; only the last piece has no end"
+        elif is_last:
+            wrong = "not allowed in the last piece, which holds until the end"
+        elif not until > earlier:
+            wrong = f"{until:g} is not after {earlier:g}; ends must increase"
+        elif isinstance(final_time, float) and not until < final_time:
+            wrong = f"{until:g} is not before final_time = {final_time:g}; later pieces never act"
+        if wrong:
+            at.refuse(wrong, force_key(problem), "pieces", index, "until")
+        earlier = earlier if until is None else max(earlier, until)
+
+
+def _check_values(problem: Mapping[str, Any], at: Cursor) -> None:
+    """Expressions must be finite: forces inside of the interval, known functions at 0 as well."""
+    final_time = problem.get("final_time")
+    if not isinstance(final_time, float):
+        return
+    for key in ("exact", "function"):
+        _try(problem.get(key), at, (key,), (0.0, final_time), is_force=False)
+    force, begin = force_key(problem), 0.0
+    if not isinstance(problem.get(force), Mapping):
+        _try(problem.get(force), at, (force,), (0.0, final_time))
+    for index, piece in enumerate(_pieces(problem)):
+        end = piece.get("until", final_time) if isinstance(piece, Mapping) else INVALID
+        if not isinstance(end, float) or not begin < end <= final_time:
+            return
+        _try(piece.get("value"), at, (force, "pieces", index, "value"), (begin, end))
+        begin = end
+
+
+def _try(
+    value: object,
+    at: Cursor,
+    key: KeyPath,
+    interval: tuple[float, float],
+    *,
+    is_force: bool = True,
+) -> None:
+    """Complain of every expression that has no use on an interval."""
+    for index, entry in enumerate(value) if isinstance(value, list) else ():
+        _try(entry, at, (*key, index), interval, is_force=is_force)
+    if isinstance(value, str) and value not in ("auto", "none"):
+        wrong = _objection(value, *interval, is_force=is_force)
+        if wrong:
+            at.refuse(wrong, *key)
+
+
+@functools.lru_cache(maxsize=1024)
+def _objection(text: str, begin: float, end: float, *, is_force: bool) -> str:
+    """What is wrong with an expression on an interval; nothing: it is finite where it must be.
+
+    A force must be finite behind `begin` but for quotients without a value, and integrable; what
+    is known of a motion must be finite at `begin` too.
+    """
+    inside = _instants(begin, end, _TRIALS)
+    times = np.concatenate([inside, _instants(begin, end, _GRID)] if is_force else [[0.0], inside])
+    try:
+        expression = Expression.parse(text, variables=("t",))
+        found = np.asarray(expression.evaluate({"t": times}, NUMPY_FUNCTIONS))
+    except ExpressionError as error:
+        return str(error)
+    values = np.broadcast_to(found, times.shape)
+    may_be_undefined = is_force & (np.arange(times.size) >= inside.size)
+    wrong = np.flatnonzero(np.isinf(values) | (np.isnan(values) & ~may_be_undefined))
+    if wrong.size:
+        what = "not a real number" if math.isnan(values[wrong[0]]) else "infinite"
+        return f"is {what} at t = {times[wrong[0]]:.6g}; it must be finite up to final_time"
+    return _limited_impulse(expression, begin) if is_force else ""
+
+
+def _instants(begin: float, end: float, count: int) -> Array:
+    """Times behind `begin` up to `end`, in equal steps."""
+    return begin + (end - begin) * np.arange(1, count + 1) / count
+
+
+def _limited_impulse(expression: Expression, begin: float) -> str:
+    """A force may be infinite at the beginning of its piece, but not its integral."""
+    if np.isfinite(expression.evaluate({"t": np.array([begin])}, NUMPY_FUNCTIONS)).all():
+        return ""
+    # few forces call for it, and its special functions take long to import
+    from fvi_cli.mathematics.power_series import SeriesError, expand
+
+    try:
+        power = expand(expression, _EXPANDED_TO, begin).leading_exponent
+    except SeriesError:
+        return ""
+    if power > -1:
+        return ""
+    behind = "t" if begin == 0 else f"(t - {begin:g})"
+    return (
+        f"grows like {behind}**{power:g} behind t = {begin:g}, so that its integral is "
+        "infinite; powers above -1 are allowed"
+    )

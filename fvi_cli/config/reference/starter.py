@@ -1,0 +1,84 @@
+"""Commented configurations to begin with."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any, Final
+
+from fvi_cli.config.keys.accuracy import EXAMPLE
+from fvi_cli.config.keys.experiment import EXPERIMENT
+from fvi_cli.config.reference.schema import SCHEMA_FILE
+from fvi_cli.errors import RequestError
+from fvi_cli.keys.complaints import listed, suggestion
+from fvi_cli.keys.cursor import Missing
+from fvi_cli.scenes.kinds import KINDS, SceneKind
+
+WIDTH: Final = 98
+MODELINE: Final = f"# yaml-language-server: $schema={SCHEMA_FILE}"
+"""The line at the top of a configuration by which editors find the schema."""
+
+
+def starter_config(kind: str, *, name: str | None = None) -> str:
+    """A commented configuration to begin with; it is valid as it stands.
+
+    Its first line tells editors that the schema is beside it, in :data:`SCHEMA_FILE`.
+
+    Parameters
+    ----------
+    kind
+        Kind of problem.
+    name
+        Name of the experiment; default ``my-<kind>``.
+
+    Raises
+    ------
+    RequestError
+        For a kind that does not exist.
+    """
+    if kind not in KINDS:
+        raise RequestError(
+            f"{kind!r} is no kind of problem{suggestion(kind, KINDS)} (known: {listed(KINDS)})"
+        )
+    described = KINDS[kind]
+    lines = [
+        MODELINE,
+        *_comment(described.equation, ""),
+        f"name: {name or f'my-{kind}'}",
+        "",
+        "problem:",
+        f"  kind: {kind}",
+    ]
+    for key in described.record.keys:
+        shown = described.example.get(key.name) or plain(key.default)
+        lines += [*_comment(key.description, "  "), f"  {key.name}: {shown}"]
+    examples = {
+        "method": described.methods,
+        "ladder": "{steps: [16, 32, 64, 128, 256]}",
+        "figures": "[convergence]",
+    }
+    # what not everybody wants, and what takes the place of something else
+    switched_off = {"sweep": f"# sweep: {{{described.sweep}}}"}
+    if isinstance(described, SceneKind):
+        switched_off["accuracy"] = f"# {EXAMPLE}"
+    for key in EXPERIMENT.keys:
+        shown = examples.get(
+            key.name, "" if isinstance(key.default, Missing) else plain(key.default)
+        )
+        line = switched_off.get(key.name) or (shown and f"{key.name}: {shown}")
+        if line and key.name != "name":
+            lines += ["", *_comment(key.description, ""), line]
+    return "\n".join(lines) + "\n"
+
+
+def _comment(text: str, indent: str) -> list[str]:
+    prefix = f"{indent}# "
+    return textwrap.wrap(text, WIDTH, initial_indent=prefix, subsequent_indent=prefix)
+
+
+def plain(value: Any) -> str:
+    """A default as it is written in one line of YAML."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {plain(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(plain(entry) for entry in value) + "]"
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,0 +1,1 @@
+"""From YAML text, and changes of it, to a tree of nodes."""

@@ -1,0 +1,121 @@
+"""A node with its path and the complaints about it: what is handed to whatever reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Any, Final
+
+from fvi_cli.keys.complaints import Complaints, KeyPath, excerpt
+from fvi_cli.keys.nodes import (
+    ListNode,
+    MappingNode,
+    Node,
+    ScalarNode,
+    describe,
+    node_at,
+    read_scalar,
+)
+
+
+class Missing(Enum):
+    """Marks in place of a value."""
+
+    INVALID = "invalid"
+    REQUIRED = "required"
+    OPTIONAL = "optional"
+
+
+INVALID: Final = Missing.INVALID
+REQUIRED: Final = Missing.REQUIRED
+OPTIONAL: Final = Missing.OPTIONAL
+
+
+def is_complete(value: object) -> bool:
+    """Whether nothing in a value that was read is INVALID."""
+    if isinstance(value, Mapping):
+        return all(is_complete(entry) for entry in value.values())
+    if isinstance(value, list):
+        return all(is_complete(entry) for entry in value)
+    return value is not INVALID
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cursor:
+    """A place in a tree.
+
+    Parameters
+    ----------
+    node
+        What stands there.
+    path
+        Keys and indices that lead there.
+    complaints
+        Receives what is wrong.
+    """
+
+    node: Node
+    complaints: Complaints
+    path: KeyPath = ()
+
+    def refuse(self, message: str, *path: str | int) -> Missing:
+        """Complain of what stands here, or at the end of a path below as far as it exists."""
+        self.complaints.add(self.under(*path).node.place, (*self.path, *path), message)
+        return INVALID
+
+    def refuse_key(self, name: str, message: str) -> Missing:
+        """Complain of a key of the mapping that stands here, or of the mapping without it."""
+        given = self.node.entries.get(name) if isinstance(self.node, MappingNode) else None
+        place = self.node.place if given is None else given.key_place
+        self.complaints.add(place, (*self.path, name), message)
+        return INVALID
+
+    def needs(self, expected: str) -> Missing:
+        """Complain that something else is needed."""
+        return self.refuse(needed(self.node, expected))
+
+    def items(self) -> list[Cursor]:
+        """The entries of the list that stands here; none where there is no list."""
+        items = self.node.items if isinstance(self.node, ListNode) else ()
+        return [
+            replace(self, node=item, path=(*self.path, index)) for index, item in enumerate(items)
+        ]
+
+    def under(self, *path: str | int) -> Cursor:
+        """What stands at the end of a path below, as far as that exists."""
+        found, there = node_at(self.node, path)
+        return replace(self, node=found, path=(*self.path, *there))
+
+    def entries(self) -> Iterator[tuple[str, Cursor]]:
+        """The keys of the mapping that stands here, with what stands under them."""
+        for name in self.node.entries if isinstance(self.node, MappingNode) else ():
+            yield name, self.under(name)
+
+    def has(self, name: str) -> bool:
+        """Whether a mapping with this key stands here."""
+        return isinstance(self.node, MappingNode) and name in self.node.entries
+
+    @property
+    def scalar(self) -> Any:
+        """The value of a word, number or text; None for anything else."""
+        return self.node.value if isinstance(self.node, ScalarNode) else None
+
+
+def needed(node: Node, expected: str) -> str:
+    """The complaint that something else is needed."""
+    if isinstance(node, ScalarNode) and node.value is None:
+        return f"nothing stands here; it must be {expected}"
+    return f"{describe(node)} is not allowed; it must be {expected}{_number_meant(node)}"
+
+
+def _number_meant(node: Node) -> str:
+    """How a text that looks like a number is written as one."""
+    if not isinstance(node, ScalarNode) or not isinstance(node.value, str):
+        return ""
+    bare = node.text.replace("_", "").replace(",", ".").strip()
+    value = read_scalar(bare)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return ""
+    comma = " with a decimal point" if "," in node.text else ""
+    return f"; as a number it is written {excerpt(bare)}{comma}"

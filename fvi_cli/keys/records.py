@@ -1,0 +1,201 @@
+"""Mappings with known keys: each key declared once, with its shape, meaning, unit and default."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Any
+
+from fvi_cli.keys.complaints import listed, suggestion
+from fvi_cli.keys.cursor import INVALID, OPTIONAL, REQUIRED, Cursor, Missing
+from fvi_cli.keys.nodes import MappingNode, ScalarNode
+from fvi_cli.keys.scalars import Choice, Schema, Shape
+
+Refusal = str | Callable[[Cursor], str]
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a record.
+
+    Parameters
+    ----------
+    name
+        As it is written.
+    shape
+        What may stand under it.
+    meaning
+        For readers of the schema and of starter files.
+    unit
+        Of the numbers under it, in words, such as ``mass per time^2``; empty: said in `meaning`.
+    default
+        The plain value of an absent key, REQUIRED, or OPTIONAL for none.
+    """
+
+    name: str
+    shape: Shape = field(hash=False)
+    meaning: str
+    _: KW_ONLY
+    unit: str = ""
+    default: Any = field(default=REQUIRED, hash=False)
+
+    @property
+    def description(self) -> str:
+        """The meaning with the unit."""
+        return f"{self.meaning.removesuffix('.')} ({self.unit})." if self.unit else self.meaning
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """A mapping with known keys.
+
+    Parameters
+    ----------
+    keys
+        The keys, in the order in which they are filled in and shown.
+    refused
+        Keys that deserve a reason, with it, or a function of what stands under the key.
+    alternatives
+        Keys of which one must be given and no other; the schema says so, who reads checks it.
+    """
+
+    keys: tuple[Key, ...]
+    refused: Mapping[str, Refusal] = field(default_factory=dict, hash=False)
+    alternatives: tuple[str, ...] = ()
+
+    @property
+    def expected(self) -> str:
+        """What is allowed."""
+        return f"a mapping with {listed(self.names)}"
+
+    @property
+    def names(self) -> list[str]:
+        """The keys as they are written."""
+        return [key.name for key in self.keys]
+
+    def is_meant(self, node: MappingNode) -> bool:
+        """Whether a mapping has any of the keys."""
+        return any(name in node.entries for name in self.names)
+
+    def read(self, at: Cursor) -> Any:
+        """A dict with every key that is given or has a default."""
+        if not isinstance(at.node, MappingNode):
+            return at.needs(self.expected)
+        for name, under in at.entries():
+            if name not in self.names:
+                at.refuse_key(name, self._unknown(name, under, at.node))
+        values: dict[str, Any] = {}
+        for key in self.keys:
+            if at.has(key.name):
+                values[key.name] = key.shape.read(at.under(key.name))
+            elif key.default is REQUIRED:
+                message = f"missing; it must be {key.shape.expected}"
+                values[key.name] = at.refuse(message, key.name)
+            elif key.default is not OPTIONAL:
+                values[key.name] = copied(key.default)
+        return values
+
+    def filled(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Plain values with the defaults of absent keys, in mappings below as well."""
+        full = {
+            key.name: copied(key.default)
+            for key in self.keys
+            if key.name not in values and not isinstance(key.default, Missing)
+        }
+        for key in self.keys:
+            if key.name in values:
+                given, inner = values[key.name], key.shape
+                is_record = isinstance(inner, Record) and isinstance(given, Mapping)
+                full[key.name] = inner.filled(given) if is_record else given  # type: ignore[attr-defined]
+        return {**values, **full}
+
+    def _unknown(self, name: str, under: Cursor, node: MappingNode) -> str:
+        reason = self.refused.get(name)
+        if reason is not None:
+            return reason if isinstance(reason, str) else reason(under)
+        if name.isdecimal() and (number := _with_comma(name, node)):
+            return f"not known; numbers have a decimal point, no comma: write {number}"
+        return f"not known{suggestion(name, self.names)} (known here: {listed(self.names)})"
+
+    def schema(self) -> Schema:
+        """The shape in JSON schema."""
+        properties = {}
+        for key in self.keys:
+            described = {"description": key.description, **key.shape.schema()}
+            if not isinstance(key.default, Missing):
+                described["default"] = copied(key.default)
+            properties[key.name] = described
+        one_of = {"oneOf": [{"required": [name]} for name in self.alternatives]}
+        return {
+            "type": "object",
+            "properties": properties,
+            "required": [key.name for key in self.keys if key.default is REQUIRED],
+            **(one_of if self.alternatives else {}),
+            "additionalProperties": False,
+        }
+
+
+def _with_comma(name: str, node: MappingNode) -> str:
+    """``1.5``, where ``{order: 1,5}`` was read as a key ``order`` and a key ``5``."""
+    names = list(node.entries)
+    before = node.entries[names[names.index(name) - 1]].node if name != names[0] else None
+    alone = node.entries[name].node
+    if not (isinstance(before, ScalarNode) and isinstance(alone, ScalarNode)):
+        return ""
+    is_number = isinstance(before.value, int) and not isinstance(before.value, bool)
+    return f"{before.text}.{name}" if is_number and not alone.text else ""
+
+
+def copied(value: Any) -> Any:
+    """Plain values that nobody else holds."""
+    if isinstance(value, Mapping):
+        return {key: copied(entry) for key, entry in value.items()}
+    return [copied(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+
+@dataclass(frozen=True, kw_only=True)
+class ByKind:
+    """Records that differ by the word under ``kind``."""
+
+    kinds: Mapping[str, Record] = field(hash=False)
+
+    @property
+    def expected(self) -> str:
+        """What is allowed."""
+        return "a mapping with kind and the keys of that kind"
+
+    def read(self, at: Cursor) -> Any:
+        """A dict that begins with ``kind``."""
+        if not isinstance(at.node, MappingNode):
+            return at.needs(self.expected)
+        choice = Choice(words=tuple(self.kinds))
+        if at.has("kind"):
+            kind = choice.read(at.under("kind"))
+        else:
+            kind = at.refuse(f"missing; it must be {choice.expected}", "kind")
+        record = self.kinds[kind] if kind is not INVALID else self._of_any_kind()
+        rest = {name: entry for name, entry in at.node.entries.items() if name != "kind"}
+        node = MappingNode(place=at.node.place, entries=rest)
+        values = record.read(Cursor(node=node, complaints=at.complaints, path=at.path))
+        return {"kind": kind, **values}
+
+    def _of_any_kind(self) -> Record:
+        """Every key of every kind, none of them required."""
+        keys: dict[str, Key] = {}
+        refused: dict[str, Refusal] = {}
+        for record in self.kinds.values():
+            refused.update(record.refused)
+            for key in record.keys:
+                keys.setdefault(key.name, Key(key.name, key.shape, key.meaning, default=OPTIONAL))
+        return Record(keys=tuple(keys.values()), refused=refused)
+
+    def schema(self) -> Schema:
+        """The shape in JSON schema."""
+        variants = []
+        for kind, record in self.kinds.items():
+            variant = record.schema()
+            word = {"const": kind, "description": "which equation"}
+            variant["properties"] = {"kind": word, **variant["properties"]}
+            variant["required"] = ["kind", *variant["required"]]
+            variants.append(variant)
+        return {"oneOf": variants}

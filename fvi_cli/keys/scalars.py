@@ -1,0 +1,286 @@
+"""What may stand under a key as a single value, or as a matrix.
+
+A shape reads what stands at a cursor into plain JSON values; what is wrong is noted and stands as
+:data:`INVALID` in the result, so that reading goes on. ``schema`` says the same in the words of
+JSON schema.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from fvi_cli.keys.complaints import listed, suggestion
+from fvi_cli.keys.cursor import INVALID, Cursor, is_complete, needed
+from fvi_cli.keys.nodes import ListNode, ScalarNode, describe
+from fvi_cli.mathematics.expressions import Expression, ExpressionError
+
+Schema = dict[str, Any]
+
+
+class Shape(Protocol):
+    """What may stand under a key."""
+
+    @property
+    def expected(self) -> str:
+        """What is allowed, to be put after *it must be*."""
+
+    def read(self, at: Cursor) -> Any:
+        """Plain values, with INVALID where a complaint was noted."""
+
+    def schema(self) -> Schema:
+        """The shape in JSON schema."""
+
+
+def _number(at: Cursor) -> int | float | None:
+    """The number that stands there; None for anything else, true and false as well."""
+    value = at.scalar
+    return None if isinstance(value, bool) or not isinstance(value, int | float) else value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Number:
+    """A finite real number, possibly in an open interval or from a least value on."""
+
+    above: float | None = None
+    below: float | None = None
+    least: float | None = None
+
+    @property
+    def expected(self) -> str:
+        """What is allowed."""
+        if self.above is not None and self.below is not None:
+            return f"a number between {self.above:g} and {self.below:g}, both excluded"
+        if self.above is not None:
+            return f"a finite number greater than {self.above:g}"
+        if self.least is not None:
+            return f"a finite number, {self.least:g} or greater"
+        return "a finite number"
+
+    def read(self, at: Cursor) -> Any:
+        """A float."""
+        value = _number(at)
+        try:
+            number = math.nan if value is None else float(value)
+        except OverflowError:
+            number = math.inf
+        allowed = (
+            math.isfinite(number)
+            and (self.above is None or number > self.above)
+            and (self.below is None or number < self.below)
+            and (self.least is None or number >= self.least)
+        )
+        return number if allowed else at.needs(self.expected)
+
+    def schema(self) -> Schema:
+        """The shape in JSON schema."""
+        limits = {
+            "exclusiveMinimum": self.above,
+            "exclusiveMaximum": self.below,
+            "minimum": self.least,
+        }
+        return {"type": "number", **{k: v for k, v in limits.items() if v is not None}}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Integer:
+    """An integer in a closed range."""
+
+    least: int
+    most: int
+
+    @property
+    def expected(self) -> str:
+        """What is allowed."""
+        return f"an integer from {self.least} to {self.most}"
+
+    def read(self, at: Cursor) -> Any:
+        """An int."""
+        value = _number(at)
+        if isinstance(value, int) and self.least <= value <= self.most:
+            return value
+        is_whole = isinstance(value, float) and value.is_integer() and abs(value) < 1e15
+        return at.refuse(
+            needed(at.node, self.expected) + (f"; write {int(value or 0)}" if is_whole else "")
+        )
+
+    def schema(self) -> Schema:
+        """The shape in JSON schema."""
+        return {"type": "integer", "minimum": self.least, "maximum": self.most}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flag:
+    """True or false."""
+
+    expected: str = "true or false"
+
+    def read(self, at: Cursor) -> Any:
+        """A bool."""
+        return at.scalar if isinstance(at.scalar, bool) else at.needs(self.expected)
+
+    def schema(self) -> Schema:
+        """The shape in JSON schema."""
+        return {"type": "boolean"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """One word of several."""
+
+    words: tuple[str, ...]
+
+    @property
+    def expected(self) -> str:
+        """What is allowed."""
+        if len(self.words) == 1:
+            return self.words[0]
+        return f"{listed(self.words[:-1])} or {self.words[-1]}"
+
+    def read(self, at: Cursor) -> Any:
+        """The word."""
+        text = at.node.text if isinstance(at.node, ScalarNode) else ""
+        if text in self.words:
+            return text
+        # a word such as `none` is text anyway; numbers and true have no near word
+        hint = suggestion(text, self.words) if text and isinstance(at.scalar, str) else ""
+        return at.refuse(f"{describe(at.node)} is not allowed; it must be {self.expected}{hint}")
+
+    def schema(self) -> Schema:
+        """The shape in JSON schema."""
+        return {"enum": list(self.words)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Formula:
+    """An expression or a number, read as the text of the expression; or one of a few words."""
+
+    variables: tuple[str, ...] = ("t",)
+    words: tuple[str, ...] = ()
+
+    @property
+    def expected(self) -> str:
+        """What is allowed."""
+        words = "".join(f"{word}, " for word in self.words)
+        return f"{words}a number or an expression in {listed(self.variables)}"
+
+    def read(self, at: Cursor) -> Any:
+        """The text of the expression."""
+        value, node = at.scalar, at.node
+        if not isinstance(node, ScalarNode) or value is None or isinstance(value, bool):
+            return at.needs(self.expected)
+        if node.text in self.words:
+            return node.text
+        try:
+            return Expression.parse(value, variables=self.variables).text
+        except ExpressionError as error:
+            exact = node.text_place if node.text == value else None
+            if error.column is None or exact is None or not exact.line:
+                return at.refuse(str(error))
+            at.complaints.add(exact.shifted(error.column - 1), at.path, error.message)
+            return INVALID
+
+    def schema(self) -> Schema:
+        """The shape in JSON schema."""
+        return {"type": ["number", "string"]}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Text:
+    """A text that is read later, when the names in it are known.
+
+    Parameters
+    ----------
+    what
+        What it must be, in words.
+    pattern
+        What all of it must match; None: anything.
+    longest
+        Most characters; None: no limit.
+    """
+
+    what: str = "a text"
+    pattern: str | None = None
+    longest: int | None = None
+
+    @property
+    def expected(self) -> str:
+        """What is allowed."""
+        return self.what
+
+    def allows(self, text: str) -> bool:
+        """Whether a text is of this shape."""
+        is_short = self.longest is None or len(text) <= self.longest
+        return is_short and (self.pattern is None or bool(re.fullmatch(self.pattern, text)))
+
+    def read(self, at: Cursor) -> Any:
+        """The text as written; a number stands for itself."""
+        value = at.scalar
+        if not isinstance(at.node, ScalarNode) or value is None or isinstance(value, bool):
+            return at.needs(self.expected)
+        text = value if isinstance(value, str) else at.node.text
+        if self.allows(text):
+            return text
+        if self.longest is not None and len(text) > self.longest:
+            return at.refuse(f"{len(text)} characters; at most {self.longest} are allowed")
+        return at.needs(self.expected)
+
+    def schema(self) -> Schema:
+        """The shape in JSON schema."""
+        limits = {"pattern": self.pattern and f"^{self.pattern}$", "maxLength": self.longest}
+        given = {name: value for name, value in limits.items() if value is not None}
+        return {"type": "string" if given else ["number", "string"], **given}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Matrix:
+    """A symmetric matrix as a list of rows, positive definite if asked for."""
+
+    positive: bool = False
+
+    @property
+    def expected(self) -> str:
+        """What is allowed."""
+        kind = "symmetric positive definite" if self.positive else "symmetric"
+        return f"a {kind} matrix: a list of rows of equal length, such as [[2, -1], [-1, 2]]"
+
+    def read(self, at: Cursor) -> Any:
+        """A list of lists of floats."""
+        rows = [self._row(row, len(at.items())) for row in at.items()]
+        if not rows:
+            return at.needs(self.expected)
+        return self._checked(rows, at) if is_complete(rows) else INVALID
+
+    def _row(self, at: Cursor, size: int) -> Any:
+        items = at.items()
+        if isinstance(at.node, ListNode) and len(items) == size:
+            return [Number().read(item) for item in items]
+        found = f"{len(items)} entries" if isinstance(at.node, ListNode) else describe(at.node)
+        return at.refuse(f"{found} where a row of {size} numbers is needed")
+
+    def _checked(self, rows: list[list[float]], at: Cursor) -> Any:
+        matrix = np.array(rows, dtype=float)
+        scale = float(np.abs(matrix).max())
+        for i, j in np.argwhere(np.abs(matrix - matrix.T) > 1e-12 * scale).tolist():
+            if i > j:
+                return at.refuse(
+                    f"{matrix[i, j]:g} is not the entry {matrix[j, i]:g} at {j}, {i}; "
+                    "the matrix must be symmetric",
+                    i,
+                    j,
+                )
+        if not self.positive:
+            return rows
+        # scaled, so that the squares of huge entries stay finite
+        smallest = float(np.linalg.eigvalsh(matrix / scale)[0]) * scale if scale else 0.0
+        if smallest > 0:
+            return rows
+        return at.refuse(f"the smallest eigenvalue is {smallest:g}; it must be positive (definite)")
+
+    def schema(self) -> Schema:
+        """The shape in JSON schema."""
+        return {"type": "array", "items": {"type": "array", "items": {"type": "number"}}}

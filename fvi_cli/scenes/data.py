@@ -1,0 +1,80 @@
+"""What every scene takes beside its own numbers: interval, drivers and initial data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Required, TypedDict, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.lagrangian import Lagrangian
+from fvi_cli.effects.matrices import Array
+from fvi_cli.effects.potential import Potential
+from fvi_cli.effects.scene import Derivative, Scene
+
+
+class SceneData(TypedDict, total=False):
+    r"""Keyword arguments of all scenes.
+
+    Parameters
+    ----------
+    final_time
+        T: the motion is sought on [0, T].
+    damping
+        Terms :math:`\mu D^\gamma q` of the equation of motion; default: none.
+    forcing
+        f(t); default: none.
+    initial_position, initial_velocity
+        q(0) and q'(0), shape ``(d,)``; a number stands for every coordinate, default 0.
+    derivative
+        ``caputo`` (default) or ``riemann-liouville``.
+    """
+
+    final_time: Required[float]
+    damping: Sequence[FractionalDamping]
+    forcing: Forcing | None
+    initial_position: ArrayLike
+    initial_velocity: ArrayLike
+    derivative: Derivative
+
+
+def make_scene(
+    mass: ArrayLike,
+    potential: Potential | None = None,
+    *,
+    lagrangian: Lagrangian | None = None,
+    **data: Unpack[SceneData],
+) -> Scene:
+    """The scene of a mass matrix, shape ``(d, d)`` or a number, and its other effects."""
+    inertia = Inertia(mass=np.asarray(mass, dtype=float))
+    return Scene(
+        inertia=inertia,
+        potential=potential,
+        lagrangian=lagrangian,
+        damping=tuple(data.get("damping", ())),
+        forcing=data.get("forcing"),
+        initial_position=per_coordinate(data.get("initial_position", 0.0), inertia.dimension),
+        initial_velocity=per_coordinate(data.get("initial_velocity", 0.0), inertia.dimension),
+        final_time=data["final_time"],
+        derivative=data.get("derivative", "caputo"),
+    )
+
+
+def per_coordinate(value: ArrayLike, size: int) -> Array:
+    """A number as a vector of so many equal ones; a vector as it is."""
+    vector = np.asarray(value, dtype=float)
+    return np.full(size, float(vector)) if vector.ndim == 0 else vector
+
+
+Damper = tuple[float, float]
+"""Order and coefficient of a damper that stands beside every spring, or in every joint."""
+
+
+def with_dampers(data: SceneData, matrix: Array, dampers: Sequence[Damper]) -> SceneData:
+    r"""The data with terms :math:`c A D^\gamma q` before the others, A the `matrix`."""
+    terms = [FractionalDamping(order=order, coefficient=c * matrix) for order, c in dampers]
+    return {**data, "damping": (*terms, *data.get("damping", ()))}

@@ -1,0 +1,250 @@
+"""Forces: the keys under which they stand, and the values that these make."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
+from fvi_cli.effects.sampled import SampledForce
+from fvi_cli.keys.complaints import excerpt
+from fvi_cli.keys.containers import ByForm, Checked, ListOf
+from fvi_cli.keys.cursor import INVALID, OPTIONAL, Cursor
+from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.scalars import Choice, Formula, Number, Text
+from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
+from fvi_cli.scenes.csv_samples import CsvMistakesError, read_csv_samples
+from fvi_cli.scenes.samples import LARGEST_TEXT, sampled_component, samples_as_text
+
+T = TypeVar("T")
+
+
+def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
+    """The keys of samples with ``sha256`` and ``content`` filled in from the file."""
+    if "content" in values:
+        return values
+    name, folder = excerpt(values["file"], 200), at.complaints.folder
+    file = Path(values["file"]) if folder is None else folder / values["file"]
+    try:
+        found = read_csv_samples(file, name, values["time"], values["column"])
+    except CsvMistakesError as error:
+        for message in error.messages:
+            at.refuse(message, "file")
+        return INVALID
+    text = samples_as_text(found.time, found.values)
+    if len(text) > LARGEST_TEXT:
+        return at.refuse(
+            f"{name}: its {found.time.size} samples take {len(text)} characters in every "
+            f"result file, more than {LARGEST_TEXT}; thin them out",
+            "file",
+        )
+    if values.get("sha256", found.sha256).lower() != found.sha256:
+        return at.refuse(f"{name} has changed: its sha256 is {found.sha256}", "sha256")
+    return {**values, "sha256": found.sha256, "content": text}
+
+
+SAMPLES: Final = Checked(
+    shape=Record(
+        keys=(
+            Key(
+                "file",
+                Text(what="the path of a CSV file, from the configuration's folder"),
+                "CSV file with names of columns in its first line; a relative path begins at "
+                "the configuration.",
+            ),
+            Key(
+                "column",
+                Text(what="the name of a column"),
+                "Column of the values, in their unit divided by scale.",
+            ),
+            Key(
+                "time",
+                Text(what="the name of a column"),
+                "Column of the times, which increase from 0 or before to final_time or later.",
+                default="t",
+            ),
+            Key(
+                "interpolation",
+                Choice(words=("linear", "cubic")),
+                "Between the samples: straight lines (order 2 at most) or a cubic spline (4).",
+                default="linear",
+            ),
+            Key(
+                "scale",
+                Number(),
+                "Factor of the values, for example 9.81 for a record in g.",
+                default=1.0,
+            ),
+            Key(
+                "sha256",
+                Text(what="64 hexadecimal digits"),
+                "Of the file; filled in, and checked where it is given.",
+                default=OPTIONAL,
+            ),
+            Key(
+                "content",
+                Text(what="samples as fvi writes them"),
+                "Times and values in short; filled in, and used in place of the file.",
+                default=OPTIONAL,
+            ),
+        )
+    ),
+    check=_read_file,
+    words="samples such as {file: quake.csv, column: a, time: t, interpolation: linear}",
+)
+"""Samples from a CSV file, read together with the configuration."""
+
+PIECES_EXAMPLE: Final = "{pieces: [{until: 1.0, value: 8}, {value: 0}]}"
+
+
+def _pieces(value: Key) -> Record:
+    piece = Record(
+        keys=(
+            Key(
+                "until",
+                Number(above=0.0),
+                "Last time of the piece; the last piece has none.",
+                unit="time",
+                default=OPTIONAL,
+            ),
+            value,
+        )
+    )
+    return Record(
+        keys=(
+            Key(
+                "pieces",
+                ListOf(shape=piece, example="[{until: 1, value: 8}, {value: 0}]"),
+                "Pieces in the order of time; jumps are allowed between them.",
+            ),
+        )
+    )
+
+
+FORCING: Final = Key(
+    "forcing",
+    ByForm(
+        single=Formula(),
+        several=ListOf(
+            shape=ByForm(single=Formula(), mappings=(SAMPLES,)),
+            example="[sin(t), {file: quake.csv, column: a}]",
+        ),
+        mappings=(
+            _pieces(
+                Key(
+                    "value",
+                    ByForm(
+                        single=Formula(), several=ListOf(shape=Formula(), example="[sin(t), 0]")
+                    ),
+                    "Force in this piece: number or expression in t, or one per coordinate.",
+                )
+            ),
+            SAMPLES,
+        ),
+        example=f"{PIECES_EXAMPLE}, where the value may be a list",
+    ),
+    "Force f(t): number or expression in t, one per coordinate, {pieces: [...]}, or samples, "
+    "{file: force.csv, column: f}.",
+    default="0",
+)
+"""The force on every coordinate."""
+
+GROUND_ACCELERATION: Final = Key(
+    "ground_acceleration",
+    ByForm(
+        single=Formula(),
+        mappings=(
+            _pieces(
+                Key("value", Formula(), "Acceleration in this piece: number or expression in t.")
+            ),
+            SAMPLES,
+        ),
+        example=PIECES_EXAMPLE,
+    ),
+    "Acceleration a(t) of the ground: number or expression in t, {pieces: [...]}, or samples, "
+    "{file: quake.csv, column: a}.",
+    unit="length per time^2",
+    default="0",
+)
+"""The motion of what a scene stands on."""
+
+
+def build_forcing(
+    value: object, dimension: int, key: str = "forcing", *, final_time: float = math.inf
+) -> Forcing | None:
+    """A force from what stands under its key; None when it is 0.
+
+    Parameters
+    ----------
+    value
+        An expression or ``{file: ..., column: ...}``, a list of such, or ``{pieces: [...]}``.
+    dimension
+        Number d of components.
+    key
+        What messages call it.
+    final_time
+        T; samples must reach so far.
+
+    Raises
+    ------
+    ValueError
+        ``<key>...: what is wrong``.
+    """
+    if isinstance(value, Mapping) and "pieces" in value:
+        pieces = tuple(
+            ForcingPiece(
+                components=expressions(piece["value"], dimension, f"{key}.pieces.{index}.value"),
+                until=float(piece.get("until", math.inf)),
+            )
+            for index, piece in enumerate(value["pieces"])
+        )
+        return Forcing(pieces=pieces)
+
+    def component(entry: object, place: str) -> ForceComponent:
+        if not isinstance(entry, Mapping):
+            return _expression(entry, place)
+        try:
+            return sampled_component(entry, final_time)
+        except ValueError as error:
+            raise ValueError(f"{place}: {error}") from None
+
+    components = _per_coordinate(value, dimension, key, component)
+    if all(_is_zero(component) for component in components):
+        return None
+    return Forcing(pieces=(ForcingPiece(components=components),))
+
+
+def _is_zero(component: ForceComponent) -> bool:
+    if isinstance(component, SampledForce):
+        return component.formula is None and not component.coefficients.any()
+    return component.is_constant and component.evaluate({}, NUMPY_FUNCTIONS) == 0
+
+
+def expressions(value: object, dimension: int, place: str) -> tuple[Expression, ...]:
+    """Expressions in t, one for every coordinate, from one or a list of them.
+
+    Raises
+    ------
+    ValueError
+        ``<place>: what is wrong``.
+    """
+    return _per_coordinate(value, dimension, place, _expression)
+
+
+def _per_coordinate(
+    value: object, dimension: int, place: str, read: Callable[[object, str], T]
+) -> tuple[T, ...]:
+    if not isinstance(value, list | tuple):
+        return (read(value, place),) * dimension
+    if len(value) != dimension:
+        raise ValueError(f"{place}: {len(value)} entries for {dimension} degrees of freedom")
+    return tuple(read(entry, f"{place}.{index}") for index, entry in enumerate(value))
+
+
+def _expression(value: object, place: str) -> Expression:
+    try:
+        return Expression.parse(str(value), variables=("t",))
+    except ValueError as error:
+        raise ValueError(f"{place}: {error}") from None

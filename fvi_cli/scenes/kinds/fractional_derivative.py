@@ -1,0 +1,103 @@
+"""``fractional-derivative``: the Caputo derivative of a function, with nothing that moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.forcing import ForcingPiece
+from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.scalars import Formula, Number
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.mathematics.power_series import SeriesError, expand
+from fvi_cli.scenes.forces import expressions
+from fvi_cli.scenes.kinds.kind import Kind, Values
+from fvi_cli.scenes.kinds.shared_keys import FINAL_TIME
+from fvi_cli.scenes.problem import DerivativeProblem
+
+Array = NDArray[np.float64]
+SERIES_CUTOFF: Final = 48.0
+
+
+class DerivativeKind(Kind):
+    """The kind of a derivative to take."""
+
+    def build(self, values: Values, *, search: bool = True) -> DerivativeProblem:
+        """The derivative with its exact values."""
+        order, final_time = float(values["order"]), float(values["final_time"])
+        (function,) = expressions(values["function"], 1, "function")
+        if not 0 < order < 2:
+            raise ValueError(f"order: {order!r} is not allowed; it must lie in (0, 2)")
+        if values["exact"] == "auto":
+            exact = _termwise_derivative(function, order, final_time)
+            source = "power series, term by term"
+        else:
+            exact = ForcingPiece(components=expressions(values["exact"], 1, "exact")).evaluate
+            source = "expression"
+        return DerivativeProblem(
+            function=ForcingPiece(components=(function,)).evaluate,
+            order=order,
+            final_time=final_time,
+            exact=exact,
+            exact_source=source,
+            equation=f"D^{order:g} of {function.text}",
+        )
+
+
+def _termwise_derivative(
+    function: Expression, order: float, final_time: float
+) -> Callable[[Array], Array]:
+    """Caputo derivative of a function by its expansion at 0, where that converges up to T.
+
+    Raises
+    ------
+    ValueError
+        If the function has no such expansion, or its terms do not become small on [0, T].
+    """
+    try:
+        series = expand(function, SERIES_CUTOFF).without_initial_terms(order)
+        derivative = series.fractional_derivative(order)
+    except SeriesError as error:
+        raise ValueError(f"exact: auto needs an expansion of the function: {error}") from None
+    if derivative.exponents.size and derivative.exponents[0] < 0:
+        raise ValueError("exact: the derivative is not bounded at 0; it cannot be measured there")
+    sizes = np.abs(derivative.coefficients) * final_time**derivative.exponents
+    last = sizes[derivative.exponents > SERIES_CUTOFF - order - 6.0]
+    if last.sum() > 1e-16 * sizes.sum() or sizes.max(initial=0.0) > 100 * abs(
+        float(derivative(np.array(final_time)))
+    ):
+        raise ValueError(
+            f"exact: the expansion of {function.text!r} does not converge on [0, {final_time:g}] "
+            "fast enough; give the derivative as an expression"
+        )
+    return lambda time: derivative(time)[:, None]
+
+
+FRACTIONAL_DERIVATIVE: Final = DerivativeKind(
+    name="fractional-derivative",
+    equation="y = D^gamma f (Caputo)",
+    record=Record(
+        keys=(
+            Key(
+                "order",
+                Number(above=0.0, below=2.0),
+                "Order of the derivative that is taken (no unit).",
+            ),
+            Key("function", Formula(), "The function to differentiate, an expression in t."),
+            FINAL_TIME,
+            Key(
+                "exact",
+                Formula(words=("auto",)),
+                "Its derivative: expression in t, or auto where one is known.",
+                default="auto",
+            ),
+        ),
+        refused={"alpha": "not a key: write order", "gamma": "not a key: write order"},
+    ),
+    example={"order": "0.5", "function": "t**2*sin(t)", "final_time": "1.0"},
+    sweep="problem.order: {from: 0.1, to: 1.9, number: 10}",
+    methods="{bdf: [1, 2, 3], sampling: nodes}",
+)

@@ -1,0 +1,185 @@
+"""What a kind of problem is: its keys, what a starter file shows of them, and what they build."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+
+from fvi_cli.effects.forcing import ForcingPiece
+from fvi_cli.effects.scene import Derivative, Scene
+from fvi_cli.keys.complaints import KeyPath
+from fvi_cli.keys.records import Key, Record
+from fvi_cli.scenes.data import SceneData, per_coordinate
+from fvi_cli.scenes.forces import FORCING, build_forcing, expressions
+from fvi_cli.scenes.kinds.shared_keys import build_damping, scene_keys
+from fvi_cli.scenes.problem import AnyProblem, Array, Problem
+
+Values = Mapping[str, Any]
+"""Plain values under the keys of a kind, with every default filled in."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Kind:
+    """A kind of problem.
+
+    Parameters
+    ----------
+    name
+        What stands under ``kind``.
+    equation
+        The equation in plain text.
+    record
+        Its keys.
+    example
+        Keys of a starter file that show more than the default, with what stands there as YAML.
+    sweep
+        What a starter file shows of ``sweep``.
+    methods
+        What it shows of ``method``.
+    title
+        In figures; default: the name with blanks.
+    """
+
+    name: str
+    equation: str
+    record: Record
+    example: Mapping[str, str]
+    sweep: str
+    methods: str = "{rk: gauss, degree: [2, 3]}"
+    title: str = ""
+
+    @property
+    def heading(self) -> str:
+        """The title."""
+        return self.title or self.name.replace("-", " ")
+
+    @property
+    def force(self) -> str:
+        """The key under which what drives a motion stands; empty: nothing does."""
+        return ""
+
+    def stated_size(self, values: Values) -> tuple[KeyPath, int] | None:
+        """The path of the key that says the number of coordinates, and that number."""
+        return None
+
+    def build(self, values: Values, *, search: bool = True) -> AnyProblem:
+        """The problem.
+
+        Parameters
+        ----------
+        values
+            With all defaults.
+        search
+            Look for a closed form of the solution where none is given, which takes long.
+
+        Raises
+        ------
+        ValueError
+            ``key.path: what is wrong``.
+        """
+        raise NotImplementedError
+
+
+def scene_record(*own: Key, default_order: float = 1.0, force: Key = FORCING) -> Record:
+    """The keys of a scene: its own, then those that all scenes share."""
+    return scene_keys(own, default_order=default_order, force=force)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneKind(Kind):
+    """A kind of scene.
+
+    Parameters
+    ----------
+    make
+        The scene of the values under its keys and what all scenes share.
+    size
+        Number of coordinates where no other is possible.
+    size_key
+        The key that says it; none: the largest of all entries.
+    coordinates
+        Names of the coordinates; none: ``x``, or ``x1``, ``x2``, ...
+    names
+        The names where they stand in the values.
+    """
+
+    make: Callable[[Values, SceneData], Scene]
+    size: int | None = None
+    size_key: str = ""
+    coordinates: tuple[str, ...] = ()
+    names: Callable[[Values], tuple[str, ...]] | None = None
+
+    @property
+    def force(self) -> str:
+        """The key under which what drives a motion stands."""
+        known = (FORCING.name, "ground_acceleration")
+        return next(name for name in known if name in self.record.names)
+
+    def stated_size(self, values: Values) -> tuple[KeyPath, int] | None:
+        """The path of the key that says the number of coordinates, and that number."""
+        path: KeyPath = (self.size_key,) if self.size_key else ()
+        if self.size is not None:
+            return path, self.size
+        stated = values.get(self.size_key)
+        if isinstance(stated, list | tuple):
+            return path, len(stated)
+        return (path, stated) if isinstance(stated, int) else None
+
+    def coordinate_names(self, values: Values) -> tuple[str, ...]:
+        """Names of the coordinates, as ``acts_on`` knows them."""
+        if self.names is not None:
+            return self.names(values)
+        stated = self.stated_size(values)
+        entries = (values["initial"]["position"], values.get("mass"), values.get("stiffness"))
+        size = max(np.size(entry, 0) if isinstance(entry, list | tuple) else 1 for entry in entries)
+        size = size if stated is None else stated[1]
+        numbered = ("x",) if size == 1 else tuple(f"x{index}" for index in range(1, size + 1))
+        return self.coordinates or numbered
+
+    def scene(self, values: Values) -> Scene:
+        """The scene of values with all defaults.
+
+        Raises
+        ------
+        ValueError
+            ``key.path: what is wrong``.
+        """
+        names = self.coordinate_names(values)
+        data: SceneData = {
+            "final_time": float(values["final_time"]),
+            "damping": build_damping(values["damping"], names),
+            "initial_position": per_coordinate(values["initial"]["position"], len(names)),
+            "initial_velocity": per_coordinate(values["initial"]["velocity"], len(names)),
+            "derivative": cast(Derivative, values["derivative"]),
+        }
+        if self.force == FORCING.name:
+            final_time = data["final_time"]
+            data["forcing"] = build_forcing(values["forcing"], len(names), final_time=final_time)
+        return self.make(values, data)
+
+    def build(self, values: Values, *, search: bool = True) -> Problem:
+        """The scene with its exact solution, as far as that is known."""
+        scene = self.scene(values)
+        exact: Callable[[Array], Array] | None = None
+        source = "unknown"
+        if values["exact"] != "auto":
+            components = expressions(values["exact"], scene.dimension, "exact")
+            exact, source = ForcingPiece(components=components).evaluate, "expression"
+        elif search:
+            # closed forms call for special functions, which take long to import
+            from fvi_cli.scenes.linear_response import match_scene
+
+            solution = match_scene(scene)
+            if solution is not None:
+                exact, source = solution.position, solution.source
+        return Problem(
+            kind=self.name,
+            scene=scene,
+            exact=exact,
+            exact_source=source,
+            equation=self.equation,
+            coordinates=self.coordinate_names(values),
+        )
