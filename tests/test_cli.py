@@ -587,12 +587,12 @@ def test_a_reader_that_goes_away_is_no_error_message(folder):
     assert done.returncode == 141
 
 
-def on_a_terminal(*arguments):
+def on_a_terminal(*arguments, columns=160):
     """What is drawn on a terminal, and what goes to standard output."""
     pty = pytest.importorskip("pty")
     leader, follower = pty.openpty()
     command = [sys.executable, "-m", "fvi_cli", *arguments]
-    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "160"}
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": str(columns)}
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=follower, text=True, env=environment
     )
@@ -621,6 +621,21 @@ def test_a_progress_bar_is_drawn_on_a_terminal_only(folder):
     assert "8/8" not in in_a_process("run", "quick.yaml", "--fresh").stderr
 
 
+def test_on_80_columns_the_bar_is_whole_with_many_runs_of_long_names(folder):
+    text = QUICK.replace("name: quick", "name: a-configuration-whose-name-is-quite-long")
+    text = text.replace("bdf: [1, 2]", "bdf: [1, 2, 3]").replace("[4, 8, 16, 32]", "{to: 5}")
+    ladder = ", ".join(str(n) for n in range(4, 36, 2))
+    (folder / "quick.yaml").write_text(text.replace("{to: 5}", f"[{ladder}]"))
+    drawn, _ = on_a_terminal("run", "quick.yaml", columns=80)
+    lines = re.split(r"[\r\n]+", re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", drawn))
+    bars = [line for line in lines if "━" in line]
+    assert any(re.match("━{20} 48/48 ", line) for line in bars)
+    for line in bars:
+        assert re.match(r"[━╸╺ ]{20} \d+/48 \d+:\d\d(, about \d+:\d\d left)? \S", line)
+        assert len(line) <= 80
+    assert "-:-" not in drawn
+
+
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_within_a_long_run_the_bar_says_how_far_it_is(folder, workers):
     (folder / "quick.yaml").write_text(SLOW.replace("400000", "30000"))
@@ -629,5 +644,4 @@ def test_within_a_long_run_the_bar_says_how_far_it_is(folder, workers):
     assert len(set(shares)) > 3
     assert shares == sorted(shares)
     assert "3/3" in drawn
-    # an estimate of the time that is left
-    assert re.search(r"left +\d+:\d\d:\d\d", re.sub(r"\x1b\[[\d;]*m", "", drawn))
+    assert re.search(r", about \d+:\d\d left", re.sub(r"\x1b\[[\d;]*m", "", drawn))

@@ -64,7 +64,7 @@ def compute_runs(
     with (
         run_bar(title, len(waiting), steps, wanted=settings.show_progress) as bar,
         contextlib.closing(
-            compute_batches(batches, execute_batch, executor=settings.executor(_watch(bar)))
+            compute_batches(batches, execute_batch, executor=settings.executor(_watch(bar, title)))
         ) as computed,
     ):
         for batch in computed:
@@ -73,7 +73,9 @@ def compute_runs(
                 keep(batch.results)
             for finished in batch.finished:
                 done[finished.run] = finished
-                bar.finished(finished.run.title, batch.finished[0].run, finished.run.n_steps)
+                bar.finished(
+                    _named(finished.run, title), batch.finished[0].run, finished.run.n_steps
+                )
                 _report(finished)
             if settings.fail_fast and any(map(is_unexpected_failure, batch.finished)):
                 _logger.error("stopped at the first unexpected failure (--fail-fast)")
@@ -84,7 +86,7 @@ def compute_runs(
     ]
 
 
-def _watch(bar: RunBar) -> Watch | None:
+def _watch(bar: RunBar, title: str) -> Watch | None:
     """Tell the bar how far a batch is; the steps of what its errors are measured against apart."""
     within = bar.within
     if within is None:
@@ -92,13 +94,19 @@ def _watch(bar: RunBar) -> Watch | None:
 
     def watch(batch: Batch, done: int, n_steps: int) -> None:
         first = batch[0]
+        name = _named(first, title)
         share = f"{100 * done // n_steps} %"
         if n_steps == first.n_steps:
-            within(f"{first.title}: {share}", first, done * len(batch))
+            within(f"{name}: {share}", first, done * len(batch))
         else:
-            within(f"{first.title}: {share} of a reference", first, 0)
+            within(f"{name}: {share} of a reference", first, None)
 
     return watch
+
+
+def _named(run: Run, title: str) -> str:
+    """The run in one line, without the name of the experiment where that is said already."""
+    return run.title.removeprefix(f"{title} ")
 
 
 def _tell_reasons(title: str, waiting: Sequence[Run], why: Why) -> None:

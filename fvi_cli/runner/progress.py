@@ -4,11 +4,20 @@ from __future__ import annotations
 
 import logging
 import sys
+import time
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 Advance = Callable[[str], None]
+
+LEAST_SHARE = 0.1
+"""Of the work that must be done before it is estimated how long the rest takes."""
+
+LEAST_SECONDS = 2.0
+"""What is measured in less time than this is no ground for an estimate."""
+
+BAR_WIDTH = 20
 
 
 class StandardErrorHandler(logging.Handler):
@@ -30,31 +39,48 @@ def configure_logging(level: int) -> logging.Logger:
     return logger
 
 
-@contextmanager
-def progress_bar(title: str, total: int, *, wanted: bool) -> Iterator[Advance]:
-    """Show a bar on standard error if it is `wanted` and standard error is a terminal.
+@dataclass(kw_only=True)
+class Pace:
+    """How long steps have taken, and how long the rest takes by that.
 
-    Yields
-    ------
-    Advance
-        Function to be called with a word on each of the `total` pieces of work that is done.
+    Parameters
+    ----------
+    total
+        Number of steps to do.
+    clock
+        Gives the time in seconds.
     """
-    if not (wanted and total and sys.stderr.isatty()):
-        yield _say_nothing
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[doing]}"),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(title, total=total, doing="")
-        yield lambda doing: progress.update(task, advance=1, doing=doing)
+    total: int
+    clock: Callable[[], float] = time.monotonic
+    left: float | None = None
+    _begun: float = field(init=False)
+    _latest: float = field(init=False)
+    _elsewhere: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._begun = self._latest = self.clock()
+
+    def went_elsewhere(self) -> None:
+        """Note that the time since the last word was not spent on steps that count."""
+        now = self.clock()
+        self._elsewhere += now - self._latest
+        self._latest = now
+
+    def reached(self, done: int) -> None:
+        """Estimate what is left when `done` steps are done, if there is ground for it."""
+        self._latest = self.clock()
+        taken = self._latest - self._begun - self._elsewhere
+        if taken >= LEAST_SECONDS and done >= LEAST_SHARE * self.total:
+            self.left = taken * (self.total - done) / done
+
+    def __str__(self) -> str:
+        """The time that has gone by, and what is left as soon as it can be told."""
+        now = self.clock()
+        gone = in_minutes(now - self._begun)
+        if self.left is None:
+            return gone
+        return f"{gone}, about {in_minutes(max(0.0, self.left - (now - self._latest)))} left"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,24 +90,40 @@ class RunBar:
     Parameters
     ----------
     finished
-        Called with a word on each piece of work that is done, and its number of steps.
+        Called with a word on each piece of work that is done, its key and its number of steps.
     within
-        Called with words on a piece that is being done, its key, and how many steps of it are done;
-        None where nobody watches.
+        Called with words on a piece that is being done, its key, and how many steps of it are done,
+        or None for steps that do not count; None where nobody watches.
     """
 
     finished: Callable[[str, Hashable, int], None]
-    within: Callable[[str, Hashable, int], None] | None = None
+    within: Callable[[str, Hashable, int | None], None] | None = None
+
+
+@contextmanager
+def progress_bar(title: str, total: int, *, wanted: bool) -> Iterator[Advance]:
+    """Show a bar on standard error if it is `wanted` and standard error is a terminal.
+
+    Yields
+    ------
+    Advance
+        Function to be called with a word on each of the `total` pieces of work that is done.
+    """
+    with run_bar(title, total, total, wanted=wanted) as bar:
+        yield lambda doing: bar.finished(doing, None, 1)
 
 
 @contextmanager
 def run_bar(title: str, runs: int, steps: int, *, wanted: bool) -> Iterator[RunBar]:
     """As :func:`progress_bar` for runs of different lengths: the bar and the time left go by steps.
 
+    What is being done takes the room that is left and is cut there, so that the bar, the count and
+    the times are whole on a screen of 80 columns.
+
     Parameters
     ----------
     title
-        Beside the bar.
+        Stands where later the run is named.
     runs, steps
         How many there are to compute, with how many steps altogether.
     wanted
@@ -96,30 +138,29 @@ def run_bar(title: str, runs: int, steps: int, *, wanted: bool) -> Iterator[RunB
         yield RunBar(finished=lambda doing, key, steps: None)
         return
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich.progress import BarColumn, Progress, TextColumn
+    from rich.table import Column
 
     columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.fields[done]}/{task.fields[runs]}"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[doing]}"),
+        BarColumn(bar_width=BAR_WIDTH),
+        TextColumn("{task.fields[done]}/{task.fields[runs]}", table_column=Column(no_wrap=True)),
+        TextColumn("{task.fields[pace]}", table_column=Column(no_wrap=True)),
+        TextColumn(
+            "{task.fields[doing]}",
+            markup=False,
+            table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
+        ),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(title, total=steps, doing="", done=0, runs=runs)
+    pace = Pace(total=steps)
+    with Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as progress:
+        task = progress.add_task("", total=steps, done=0, runs=runs, pace=pace, doing=title)
         count, complete = 0, 0
         begun: dict[Hashable, int] = {}
 
         def show(doing: str) -> None:
-            progress.update(task, completed=complete + sum(begun.values()), done=count, doing=doing)
+            reached = complete + sum(begun.values())
+            pace.reached(reached)
+            progress.update(task, completed=reached, done=count, doing=doing)
 
         def finished(doing: str, key: Hashable, steps: int) -> None:
             nonlocal count, complete
@@ -127,13 +168,19 @@ def run_bar(title: str, runs: int, steps: int, *, wanted: bool) -> Iterator[RunB
             begun.pop(key, None)
             show(doing)
 
-        def within(doing: str, key: Hashable, done: int) -> None:
-            # several integrations may belong to one piece: what is behind stays behind
-            begun[key] = max(begun.get(key, 0), done)
+        def within(doing: str, key: Hashable, done: int | None) -> None:
+            if done is None:
+                pace.went_elsewhere()
+            else:
+                # several integrations may belong to one piece: what is behind stays behind
+                begun[key] = max(begun.get(key, 0), done)
             show(doing)
 
         yield RunBar(finished=finished, within=within)
 
 
-def _say_nothing(doing: str) -> None:
-    """Take note of progress that nobody watches."""
+def in_minutes(seconds: float) -> str:
+    """A time as ``m:ss``, or ``h:mm:ss`` from an hour on."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
