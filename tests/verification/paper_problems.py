@@ -17,9 +17,9 @@ def damped_oscillator() -> Problem:
     return _problem(
         kind="damped-oscillator",
         damping=[{"order": 1.0, "coefficient": 0.2}],
-        initial={"position": 0.0, "velocity": 1.0},
+        initial={"position": 0.0, "velocity": 1.2},
         final_time=16.0,
-        exact="exp(-t/10)*sin(sqrt(0.99)*t)/sqrt(0.99)",
+        exact="1.2*exp(-t/10)*sin(sqrt(0.99)*t)/sqrt(0.99)",
     )
 
 
