@@ -15,10 +15,10 @@ import yaml
 from typer.testing import CliRunner
 
 import fvi_cli as fvi
-from fvi_cli import api
-from fvi_cli import reports as tables
+from fvi_cli import api, reports
 from fvi_cli.cli.app import COMMANDS as COMMANDS_OF_THE_LINE
 from fvi_cli.cli.app import app
+from fvi_cli.reports.kinds.orders import order_report
 
 ROOT = Path(__file__).parents[1]
 
@@ -79,7 +79,7 @@ def test_a_mapping_a_file_and_a_command_give_the_same(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["convergence", str(file), "--output", str(tmp_path)])
     assert done.exit_code == 0
     made = fvi.order_tables([again])
-    assert tables.compare_with_tables(tmp_path / "tables", "free", made) == []
+    assert reports.compare(tmp_path / "tables", order_report("free", made)) == []
     assert set(fvi.figures([again], name="free")) == {"free-convergence"}
 
 

@@ -26,7 +26,6 @@ CROWDED: dict[str, int] = {
     "fvi_cli/integrator": 64,
     "fvi_cli/mathematics": 24,
     "fvi_cli/plotting": 17,
-    "fvi_cli/reports": 16,
     "fvi_cli/storage": 19,
     "fvi_cli/studies": 17,
 }

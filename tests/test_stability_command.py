@@ -58,7 +58,7 @@ def test_over_the_steps(tmp_path):
     (tmp_path / "out/figures/quick-stability.png").unlink()
     stale = call(tmp_path, "--check")
     assert stale.exit_code == 3
-    assert "predicted: unstable is now stable" in stale.output
+    assert "predicted: 'unstable' is stored, now 'stable'" in stale.output
     assert "quick-stability.png: missing" in stale.output
 
 
@@ -70,7 +70,7 @@ def test_a_region_without_observation(tmp_path):
     drawn = json.loads((tmp_path / "out/figures/quick-stability-region-1-5.json").read_text())
     assert len(drawn["panels"]) == 2
     content = json.loads((tmp_path / "out/tables/quick-stability.json").read_text())
-    assert [region["points"] for region in content["regions"]] == [12, 12]
+    assert [row["points"] for row in content["sheets"]["regions"]["rows"]] == [12, 12]
 
 
 @pytest.mark.parametrize("number", [1, 2])

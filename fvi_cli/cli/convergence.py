@@ -48,7 +48,7 @@ def convergence(
 ) -> int:
     """Make tables of orders; without argument those of the paper and of full order."""
     from fvi_cli.render.plans import plans_as_text
-    from fvi_cli.render.results import as_text, compare, order_tables, write
+    from fvi_cli.render.results import compare, order_tables, show, write
     from fvi_cli.runner.plan import plan_runs
     from fvi_cli.runner.request import gather
     from fvi_cli.runner.run import run_requests
@@ -78,5 +78,6 @@ def convergence(
             differences += compare(tables, output, name=request.name)
         else:
             written = write(tables, output, name=request.name, anew=fresh)
-            print(as_text(tables, name=request.name), *written, "", sep="\n")
+            show(tables, name=request.name)
+            print(*written, "", sep="\n")
     return (verdict(differences) if check else DONE) or exit_code(outcomes)

@@ -51,7 +51,7 @@ def cost(
     """Measure error, time, memory and work of every method; without argument make the page."""
     from fvi_cli.render.cost import PAGE_CONFIGS, write_page
     from fvi_cli.render.plans import plans_as_text
-    from fvi_cli.render.results import as_text, write
+    from fvi_cli.render.results import show, write
     from fvi_cli.runner import cost as runner
     from fvi_cli.runner.plan import plan_runs
     from fvi_cli.runner.request import gather
@@ -72,8 +72,8 @@ def cost(
     for request in requests:
         tables = runner.measure_request(request, settings)
         finished[request.name] = tables
-        print(as_text(tables, name=request.name), end="\n\n")
-        print(*write(tables, output, name=request.name), "", sep="\n")
+        show(tables, name=request.name)
+        print("", *write(tables, output, name=request.name), "", sep="\n")
         lines = runner.unexpected(request, tables)
         for line in lines:
             _logger.warning("%s", line)

@@ -40,14 +40,14 @@ def hard_cases(
     verbose: Verbose = False,
 ) -> int:
     """Measure every method on hard cases, and tell what holds; Gauss3 must hold everywhere."""
-    from fvi_cli.render.results import as_text, compare, write
-    from fvi_cli.reports.hard_cases import failures
+    from fvi_cli.render.results import compare, show, write
+    from fvi_cli.reports.kinds.hard_cases import failures
     from fvi_cli.runner.hard_cases import examine_named
 
     report = examine_named(case or (), method or (), show_progress=not quiet)
     if check:
         return verdict([*compare(report, output), *failures(report)])
-    print(as_text(report))
+    show(report)
     if not (case or method):
         print("", *write(report, output), sep="\n")
     return CHECK_FAILED if failures(report) else DONE

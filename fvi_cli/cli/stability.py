@@ -44,7 +44,7 @@ def stability(
 
     Exit code 3 when a prediction is not what is observed.
     """
-    from fvi_cli.render.results import as_text, compare, write
+    from fvi_cli.render.results import compare, show, write
     from fvi_cli.runner.stability import gather_over, study_stability
 
     requests = gather_over(configs, overrides or (), over or ())
@@ -56,6 +56,7 @@ def stability(
             differences += compare(tables, output, name=request.name)
         else:
             paths = write(tables, output, name=request.name)
-            print(as_text(tables, name=request.name), *paths, "", sep="\n")
+            show(tables, name=request.name)
+            print(*paths, "", sep="\n")
         failed += sum(len(table.disagreements) for table in tables)
     return (verdict(differences) if check else DONE) or (CHECK_FAILED if failed else DONE)

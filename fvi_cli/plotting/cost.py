@@ -22,7 +22,7 @@ from fvi_cli.plotting.style import (
     legend_columns,
     new_figure,
 )
-from fvi_cli.reports.cost import curve_name
+from fvi_cli.reports.kinds.cost import curve_name
 from fvi_cli.reports.naming import method_names
 from fvi_cli.studies.cost import CostTable
 from fvi_cli.studies.price import Curve, Point, cheapest_bands, cost_curves, pareto_front

@@ -1,4 +1,4 @@
-"""What is printed and written of what accuracy costs."""
+"""The page on what accuracy costs."""
 
 from __future__ import annotations
 
@@ -6,20 +6,9 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from fvi_cli.errors import StorageError
-from fvi_cli.plotting import save_figure
-from fvi_cli.plotting.cost import cost_figure
-from fvi_cli.reports.cost import (
-    cost_csv,
-    cost_json,
-    cost_report,
-    cost_summary,
-    cost_summary_csv,
-)
 from fvi_cli.reports.document import Block, Code, Heading, Paragraph
-from fvi_cli.reports.latex import to_latex
-from fvi_cli.reports.markdown import to_markdown
-from fvi_cli.reports.plain_text import to_text
+from fvi_cli.reports.kinds.cost import cost_summary
+from fvi_cli.reports.writers.markdown import to_markdown
 from fvi_cli.storage.atomic import replace_file
 from fvi_cli.storage.provenance import package_versions, platform_name
 from fvi_cli.studies.cost import CostTable
@@ -27,43 +16,6 @@ from fvi_cli.studies.cost import CostTable
 PAGE = "cost.md"
 PAGE_CONFIGS = ("cost-paper", "cost-step-forced", "cost-pendulum")
 """Shipped configurations that the page is about."""
-
-
-def write_costs(output: Path, name: str, tables: Sequence[CostTable]) -> list[Path]:
-    """Write ``tables/<name>-cost.*`` and ``figures/<name>-cost.*``; returns the paths.
-
-    Raises
-    ------
-    StorageError
-        If the folder or a file cannot be written.
-    """
-    blocks = cost_report(name, tables)
-    texts: Mapping[str, str] = {
-        f"{name}-cost.csv": cost_csv(tables),
-        f"{name}-cost-summary.csv": cost_summary_csv(tables),
-        f"{name}-cost.md": to_markdown(blocks),
-        f"{name}-cost.tex": to_latex(blocks),
-        f"{name}-cost.json": cost_json(name, tables),
-    }
-    directory = output / "tables"
-    written = []
-    place = directory
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        for file, text in texts.items():
-            place = directory / file
-            replace_file(place, text.encode("utf-8"))
-            written.append(place)
-        place = output / "figures"
-        written += save_figure(cost_figure(tables), place, f"{name}-cost")
-    except OSError as error:
-        raise StorageError(f"{place}: cannot be written: {error.strerror}") from None
-    return written
-
-
-def costs_as_text(name: str, tables: Sequence[CostTable]) -> str:
-    """What a terminal shows: the summary."""
-    return to_text([Heading(level=1, words=f"What accuracy costs: {name}"), *cost_summary(tables)])
 
 
 def write_page(output: Path, measured_tables: Mapping[str, Sequence[CostTable]]) -> Path:

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-from fvi_cli.reports import write_where_different
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,12 +25,9 @@ def write_figures(figures: Mapping[str, Figure], output: Path, *, anew: bool = F
     directory = output / "figures"
     paths: list[Path] = []
     for name, figure in figures.items():
-        paths += write_where_different(
-            [directory / f"{name}{form}" for form in FORMS],
-            partial(compare_figures, {name: figure}, output),
-            partial(save_figure, figure, directory, name),
-            anew=anew,
-        )
+        if anew or compare_figures({name: figure}, output):
+            save_figure(figure, directory, name)
+        paths += [directory / f"{name}{form}" for form in FORMS]
     return paths
 
 

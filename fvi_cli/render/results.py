@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from fvi_cli import reports
 from fvi_cli.errors import RequestError
-from fvi_cli.render.cost import costs_as_text, write_costs
 from fvi_cli.render.figures import compare_figures, write_figures
 from fvi_cli.render.plans import plans_as_text
 from fvi_cli.render.runs import contents_as_text, runs_as_text
-from fvi_cli.reports import hard_cases
-from fvi_cli.reports.stability import (
-    compare_stability_tables,
-    stability_text,
-    write_stability_tables,
-)
+from fvi_cli.reports import Report
+from fvi_cli.reports.kinds.cost import cost_report
+from fvi_cli.reports.kinds.hard_cases import hard_case_report
+from fvi_cli.reports.kinds.orders import order_report
+from fvi_cli.reports.kinds.stability import stability_report
+from fvi_cli.reports.writers.text import show as show_blocks
+from fvi_cli.reports.writers.text import to_text
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.plan import PlannedRun
 from fvi_cli.storage import StoredFile
@@ -52,22 +52,46 @@ def as_text(results: Results | StoredFile, *, name: str | None = None) -> str:
     RequestError
         If there is more than one experiment and no name.
     """
-    if isinstance(results, HardCaseReport):
-        return hard_cases.report_text(results)
     if isinstance(results, StoredFile):
         return contents_as_text(results)
-    if outcomes := _of(results, Outcome):
-        return runs_as_text(outcomes)
-    if plans := _of(results, PlannedRun):
-        return plans_as_text(plans)
+    if not isinstance(results, HardCaseReport):
+        if outcomes := _of(results, Outcome):
+            return runs_as_text(outcomes)
+        if plans := _of(results, PlannedRun):
+            return plans_as_text(plans)
+    return to_text(_report(results, name).summary)
+
+
+def show(results: Results, *, name: str | None = None) -> None:
+    """Print what :func:`as_text` gives of tables; on a terminal within its width.
+
+    Parameters
+    ----------
+    results
+        Tables of orders, stability or cost, or the report of the hard cases.
+    name
+        As for :func:`as_text`.
+
+    Raises
+    ------
+    RequestError
+        If there is more than one experiment and no name.
+    """
+    show_blocks(_report(results, name).summary)
+
+
+def _report(results: Results, name: str | None) -> Report:
+    """The report on tables of one kind."""
+    if isinstance(results, HardCaseReport):
+        return hard_case_report(results)
     title = name or _only_name(results)
     if orders := _of(results, OrderTable):
-        return reports.summary_text(title, orders)
+        return order_report(title, orders)
     if stabilities := _of(results, StabilityTable):
-        return stability_text(title, stabilities)
+        return stability_report(title, stabilities)
     if costs := _of(results, CostTable):
-        return costs_as_text(title, costs)
-    raise RequestError("there is nothing to show")
+        return cost_report(title, costs)
+    raise RequestError("there are tables of orders, stability, cost and the hard cases only")
 
 
 def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
@@ -134,20 +158,17 @@ def write(
     """
     folder = Path(output)
     if isinstance(results, HardCaseReport):
-        return hard_cases.write_report(folder, results)
+        return reports.write(folder, hard_case_report(results), anew=anew)
     title = name or _only_name(results)
-    if outcomes := _of(results, Outcome):
-        made = order_tables(outcomes)
-        written = reports.write_tables(folder / "tables", title, made, anew=anew)
-        return written + write_figures(figures(outcomes, name=title), folder, anew=anew)
-    if orders := _of(results, OrderTable):
-        return reports.write_tables(folder / "tables", title, orders, anew=anew)
-    if stabilities := _of(results, StabilityTable):
-        written = write_stability_tables(folder / "tables", title, stabilities)
-        return written + write_figures(figures(stabilities, name=title), folder, anew=anew)
-    if costs := _of(results, CostTable):
-        return write_costs(folder, title, costs)
-    raise RequestError("plans, and nothing at all, are not written")
+    if not results or _of(results, PlannedRun):
+        raise RequestError("plans, and nothing at all, are not written")
+    drawn: dict[str, Figure] = {}
+    if not _of(results, OrderTable):
+        drawn = figures(results, name=title)
+    outcomes = _of(results, Outcome)
+    report = _report(order_tables(outcomes) if outcomes else results, title)
+    written = reports.write(folder / "tables", report, anew=anew)
+    return written + write_figures(drawn, folder, anew=anew)
 
 
 def compare(results: Results, output: Path | str, *, name: str | None = None) -> list[str]:
@@ -168,18 +189,16 @@ def compare(results: Results, output: Path | str, *, name: str | None = None) ->
     """
     folder = Path(output)
     if isinstance(results, HardCaseReport):
-        return hard_cases.compare_with_report(folder, results)
+        return reports.compare(folder, hard_case_report(results))
     title = name or _only_name(results)
-    if outcomes := _of(results, Outcome):
-        made = order_tables(outcomes)
-        differences = reports.compare_with_tables(folder / "tables", title, made)
-        return differences + compare_figures(figures(outcomes, name=title), folder)
-    if orders := _of(results, OrderTable):
-        return reports.compare_with_tables(folder / "tables", title, orders)
-    if stabilities := _of(results, StabilityTable):
-        differences = compare_stability_tables(folder / "tables", title, stabilities)
-        return differences + compare_figures(figures(stabilities, name=title), folder)
-    raise RequestError("times are never the same twice, and plans are not kept: nothing to compare")
+    if any(isinstance(one, PlannedRun | CostTable) for one in results):
+        raise RequestError("times are never the same twice, and plans are not kept")
+    outcomes = _of(results, Outcome)
+    report = _report(order_tables(outcomes) if outcomes else results, title)
+    differences = reports.compare(folder / "tables", report)
+    if _of(results, OrderTable):
+        return differences
+    return differences + compare_figures(figures(results, name=title), folder)
 
 
 def _of(results: Results, kind: type[Kind]) -> list[Kind]:

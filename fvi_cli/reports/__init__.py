@@ -1,23 +1,13 @@
-"""Tables of orders as CSV, Markdown, LaTeX and JSON, and whether stored ones are up to date."""
+"""Results as tables: one description of a table, one file per kind of result, one writer per form.
 
-from fvi_cli.reports.check import compare_tables, compare_with_tables
-from fvi_cli.reports.files import (
-    FORMS,
-    rendered,
-    summary_text,
-    table_paths,
-)
-from fvi_cli.reports.json_table import from_json
-from fvi_cli.reports.keep import write_tables, write_where_different
+A kind of result (:mod:`fvi_cli.reports.kinds`) makes a :class:`Report` of its results; everything
+else (CSV, JSON, Markdown, LaTeX, what a terminal shows, whether stored files are up to date) is
+done with the report alone.
+"""
 
-__all__ = [
-    "FORMS",
-    "compare_tables",
-    "compare_with_tables",
-    "from_json",
-    "rendered",
-    "summary_text",
-    "table_paths",
-    "write_tables",
-    "write_where_different",
-]
+from fvi_cli.reports.compare import compare
+from fvi_cli.reports.files import write
+from fvi_cli.reports.table import Column, Report, Sheet, Within
+from fvi_cli.reports.writers import rendered
+
+__all__ = ["Column", "Report", "Sheet", "Within", "compare", "rendered", "write"]

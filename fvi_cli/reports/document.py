@@ -2,18 +2,34 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
 class Code:
-    """Words that are to be read letter by letter: names of files and cases, equations."""
+    """Words that are to be read letter by letter: names of files and cases."""
 
     text: str
 
 
-Words = str | tuple[str | Code, ...]
+@dataclass(frozen=True)
+class Equation:
+    """A formula in plain text, ``M x'' + sum mu D^gamma x = 0``; typeset where that is possible."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Rough:
+    """Words with numbers that round-off decides: on another machine they are others."""
+
+    text: str
+
+
+Piece = str | Code | Equation | Rough
+Words = str | tuple[Piece, ...]
 """Running text; every piece is literal, nothing in it is markup."""
 
 
@@ -87,9 +103,15 @@ class Grid:
         """Header and all rows."""
         return (self.header, *self.rows, *self.summary_rows)
 
-    def widths(self) -> list[int]:
-        """Letters in the widest entry of every column."""
-        return [max(len(line[k]) for line in self.lines) for k in range(len(self.header))]
+    def widths(self, widest_text: int | None = None) -> list[int]:
+        """Letters in the widest entry of every column; texts are folded at `widest_text`."""
+        widths = [max(len(line[k]) for line in self.lines) for k in range(len(self.header))]
+        if widest_text is None:
+            return widths
+        return [
+            min(width, widest_text) if k < self.text_columns else width
+            for k, width in enumerate(widths)
+        ]
 
     def select(self, columns: Sequence[int]) -> Grid:
         """The grid of the key columns and these groups' columns."""
@@ -111,12 +133,12 @@ COLUMN_GAP = 3
 """Letters between two columns."""
 
 
-def split_wide(grid: Grid, widest: int) -> list[Grid]:
+def split_wide(grid: Grid, widest: int, widest_text: int | None = None) -> list[Grid]:
     """Grids of at most `widest` letters in a line, as few as possible and of similar width.
 
-    A group that is wider by itself stays whole.
+    A group that is wider by itself stays whole. Columns of text count as `widest_text` at most.
     """
-    widths = [width + COLUMN_GAP for width in grid.widths()]
+    widths = [width + COLUMN_GAP for width in grid.widths(widest_text)]
     room = widest - sum(widths[: grid.key_columns])
     groups: list[list[int]] = []
     start = grid.key_columns
@@ -151,11 +173,39 @@ def _pack(sizes: Sequence[int], room: int) -> list[list[int]]:
 Block = Heading | Paragraph | Bullets | Grid
 
 
-def pieces(words: Words) -> tuple[str | Code, ...]:
+def pieces(words: Words) -> tuple[Piece, ...]:
     """The pieces of running text."""
     return (words,) if isinstance(words, str) else words
 
 
 def plain(words: Words) -> str:
-    """The text without the distinction of :class:`Code`."""
-    return "".join(piece.text if isinstance(piece, Code) else piece for piece in pieces(words))
+    """The text alone."""
+    return "".join(piece if isinstance(piece, str) else piece.text for piece in pieces(words))
+
+
+NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+
+
+def without_numbers(text: str, instead: str = "#") -> str:
+    """The text with every number blotted out: two of these are the same but for numbers."""
+    return NUMBER.sub(instead, text)
+
+
+def blank_rough(blocks: Sequence[Block], instead: str) -> list[Block]:
+    """The blocks with every number of :class:`Rough` words replaced."""
+
+    def blank(words: Words) -> Words:
+        return tuple(
+            without_numbers(piece.text, instead) if isinstance(piece, Rough) else piece
+            for piece in pieces(words)
+        )
+
+    found: list[Block] = []
+    for block in blocks:
+        if isinstance(block, Paragraph | Heading):
+            found.append(replace(block, words=blank(block.words)))
+        elif isinstance(block, Bullets):
+            found.append(Bullets(items=tuple(map(blank, block.items))))
+        else:
+            found.append(block)
+    return found

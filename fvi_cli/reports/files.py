@@ -1,56 +1,48 @@
-"""The four files of one configuration."""
+"""The files of a report."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import logging
 from pathlib import Path
 
-from fvi_cli.reports.csv_table import to_csv
-from fvi_cli.reports.details import details, setting
-from fvi_cli.reports.document import Block, Heading
-from fvi_cli.reports.json_table import to_json
-from fvi_cli.reports.latex import to_latex
-from fvi_cli.reports.markdown import to_markdown
-from fvi_cli.reports.plain_text import to_text
-from fvi_cli.reports.summary import legend, names_of, summary
-from fvi_cli.reports.sweeps import split_sweeps, sweep_details
-from fvi_cli.studies.order import OrderTable
+from fvi_cli.errors import StorageError
+from fvi_cli.reports.compare import compare
+from fvi_cli.reports.table import Report
+from fvi_cli.reports.writers import rendered
+from fvi_cli.storage.atomic import replace_file
 
-FORMS = ("csv", "md", "tex", "json")
+_logger = logging.getLogger("fvi_cli")
 
 
-def table_paths(directory: Path, name: str) -> dict[str, Path]:
-    """Where the forms of the tables of `name` are, by suffix."""
-    return {form: directory / f"{name}.{form}" for form in FORMS}
+def write(directory: Path, report: Report, *, anew: bool = False) -> list[Path]:
+    """Bring ``<name>.csv``, ``.md``, ``.tex`` and ``.json`` in `directory` up to date.
 
+    Files that agree with the report (:func:`compare`) are left as they are, byte for byte, unless
+    they are wanted `anew`: round-off differs from machine to machine, and a file that is written
+    for that alone would be a change that nobody made. All are made before the first is written, and
+    each appears whole or not at all: it is written under a temporary name, flushed to the disk and
+    renamed.
 
-def rendered(name: str, tables: Sequence[OrderTable]) -> dict[str, str]:
-    """The text of every form."""
-    blocks = report(name, tables)
-    texts: Mapping[str, str] = {
-        "csv": to_csv(tables),
-        "md": to_markdown(blocks),
-        "tex": to_latex(blocks),
-        "json": to_json(name, tables),
-    }
-    return {form: texts[form] for form in FORMS}
+    Returns
+    -------
+    list of Path
+        All files of the report.
 
-
-def report(name: str, tables: Sequence[OrderTable]) -> list[Block]:
-    """Summary first, then every experiment in detail."""
-    blocks: list[Block] = [Heading(level=1, words=f"Orders of convergence: {name}")]
-    blocks += summary(name, tables)
-    blocks += legend(tables)
-    names = names_of(tables)
-    single, swept = split_sweeps(tables)
-    for table in single:
-        blocks += details(table, names)
-    for members in swept:
-        blocks += sweep_details(members, names, setting(members))
-    return blocks
-
-
-def summary_text(name: str, tables: Sequence[OrderTable]) -> str:
-    """What a terminal shows: the title and the summary."""
-    title = Heading(level=1, words=f"Orders of convergence: {name}")
-    return to_text([title, *summary(name, tables)])
+    Raises
+    ------
+    StorageError
+        If the folder or a file cannot be written.
+    """
+    texts = {directory / name: text for name, text in rendered(report).items()}
+    is_current = not (anew or report.is_timed) and not compare(directory, report)
+    if is_current:
+        _logger.info("%s: agrees with what is computed, left as it is", directory / report.name)
+    place = directory
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        for place, text in texts.items():
+            if not (is_current and place.is_file()):
+                replace_file(place, text.encode("utf-8"))
+    except OSError as error:
+        raise StorageError(f"{place}: cannot be written: {error.strerror}") from None
+    return list(texts)

@@ -241,40 +241,46 @@ def fit_slope(n_steps: Iterable[int], errors: Iterable[float]) -> tuple[float, f
     return float(slope), float(np.sqrt(np.mean(residual**2)))
 
 
-def _case(experiment: Experiment, method: AnyMethod, runs: list[FinishedRun]) -> OrderCase:
-    rows = []
-    previous: FinishedRun | None = None
-    for run in runs:
+def with_orders(case: OrderCase) -> OrderCase:
+    """The case with the rows used, the orders and the slope that follow from its errors."""
+    rows: list[OrderRow] = []
+    for row in case.rows:
         pairwise = math.nan
-        is_near = near_floor(run.error, run.floor)
-        if previous and not (is_near or near_floor(previous.error, previous.floor)):
-            pairwise = pairwise_order(
-                previous.error, run.error, previous.run.n_steps, run.run.n_steps
-            )
-        rows.append(
-            OrderRow(
-                n_steps=run.run.n_steps,
-                step_size=run.run.step_size,
-                error=run.error,
-                floor=run.floor,
-                pairwise_order=pairwise,
-                used_in_fit=is_usable(run.status, run.error, run.floor),
-                status=run.status,
-                predicted=run.predicted,
-                expected_order=run.expected_order,
-                message=run.trajectory.message,
-                remarks=run.trajectory.remarks,
-            )
-        )
-        previous = run
+        if rows and not (row.is_near_floor or rows[-1].is_near_floor):
+            before = rows[-1]
+            pairwise = pairwise_order(before.error, row.error, before.n_steps, row.n_steps)
+        is_used = is_usable(row.status, row.error, row.floor)
+        rows.append(replace(row, pairwise_order=pairwise, used_in_fit=is_used))
     used = [row for row in rows if row.used_in_fit]
     slope, residual = fit_slope([r.n_steps for r in used], [r.error for r in used])
+    return replace(case, rows=tuple(rows), slope=slope, fit_residual=residual)
+
+
+def _case(experiment: Experiment, method: AnyMethod, runs: list[FinishedRun]) -> OrderCase:
+    rows = [
+        OrderRow(
+            n_steps=run.run.n_steps,
+            step_size=run.run.step_size,
+            error=run.error,
+            floor=run.floor,
+            pairwise_order=math.nan,
+            used_in_fit=False,
+            status=run.status,
+            predicted=run.predicted,
+            expected_order=run.expected_order,
+            message=run.trajectory.message,
+            remarks=run.trajectory.remarks,
+        )
+        for run in runs
+    ]
     claim = experiment.claim(method)
-    return OrderCase(
-        method=method,
-        rows=tuple(rows),
-        slope=slope,
-        fit_residual=residual,
-        claim=math.nan if claim is None else claim,
-        expected_failure=experiment.expects_failure(method),
+    return with_orders(
+        OrderCase(
+            method=method,
+            rows=tuple(rows),
+            slope=math.nan,
+            fit_residual=math.nan,
+            claim=math.nan if claim is None else claim,
+            expected_failure=experiment.expects_failure(method),
+        )
     )

@@ -21,7 +21,8 @@ from fvi_cli.integrator.stability_determinant import (
 from fvi_cli.integrator.stability_map import GROWTH_LEVELS, stability_map
 from fvi_cli.mathematics.disc_zeros import count_zeros
 from fvi_cli.mathematics.many_discs import UNDECIDED, count_zeros_of_many
-from fvi_cli.reports.stability import COLUMNS, stability_csv, stability_json
+from fvi_cli.reports import rendered
+from fvi_cli.reports.kinds.stability import COLUMNS, stability_report
 from fvi_cli.scenes.named import linear_oscillator
 from fvi_cli.studies.stability_study import (
     distinct_regions,
@@ -311,12 +312,13 @@ def test_tables_hold_every_row():
     (experiment,) = parse_config(STUDY, "quick.yaml").experiments
     rows = tuple(stability_rows(experiment, with_observation=False))
     table = StabilityTable(experiment=experiment, rows=rows)
-    lines = stability_csv([table]).splitlines()
-    assert lines[0] == ",".join(COLUMNS)
+    texts = rendered(stability_report("quick", [table]))
+    lines = texts["quick-stability.csv"].splitlines()
+    assert lines[0] == ",".join(column.name for column in COLUMNS)
     assert len(lines) == 5
-    content = json.loads(stability_json("quick", [table]))
-    assert [row["predicted"] for row in content["rows"]] == [row.verdict for row in rows]
-    assert content["rows"][0]["observed_growth_per_step"] is None
+    found = json.loads(texts["quick-stability.json"])["sheets"]["runs"]["rows"]
+    assert [row["predicted"] for row in found] == [row.verdict for row in rows]
+    assert found[0]["observed_growth_per_step"] is None
 
 
 @pytest.mark.parametrize("method", [Method(cq="gauss", degree=1), Baseline(name="implicit-euler")])

@@ -18,15 +18,8 @@ from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.plotting.cost import BASELINE_COLOUR, cost_figure
 from fvi_cli.plotting.drawn import drawn_data
 from fvi_cli.render.cost import write_page
-from fvi_cli.reports.cost import (
-    SUMMARY_COLUMNS,
-    cost_csv,
-    cost_json,
-    cost_report,
-    cost_summary_csv,
-)
-from fvi_cli.reports.latex import to_latex
-from fvi_cli.reports.markdown import to_markdown
+from fvi_cli.reports import rendered
+from fvi_cli.reports.kinds.cost import SUMMARY_COLUMNS, cost_report
 from fvi_cli.runner import cost as cost_runner
 from fvi_cli.studies import cost
 from fvi_cli.studies.cost import CostCase, CostTable
@@ -68,8 +61,12 @@ def measured(*, memory: bool = True) -> CostTable:
     )
 
 
+def form(ending: str) -> str:
+    return rendered(cost_report("one", [measured()]))[f"one-cost{ending}"]
+
+
 def test_the_columns_are_those_promised():
-    lines = list(csv.reader(io.StringIO(cost_csv([measured()]))))
+    lines = list(csv.reader(io.StringIO(form(".csv"))))
     assert ", ".join(lines[0]) == PROMISED
     assert len(lines) == 1 + 13
     first = dict(zip(lines[0], lines[1], strict=True))
@@ -82,12 +79,10 @@ def test_the_columns_are_those_promised():
 
 
 def test_the_summary_keeps_guesses_apart():
-    lines = {
-        line["case"]: line for line in csv.DictReader(io.StringIO(cost_summary_csv([measured()])))
-    }
+    lines = {line["case"]: line for line in csv.DictReader(io.StringIO(form("-summary.csv")))}
     assert set(lines) == {"gauss-s3-series", "gruenwald-letnikov", "dop853"}
     ours, theirs = lines["gauss-s3-series"], lines["gruenwald-letnikov"]
-    assert tuple(ours) == SUMMARY_COLUMNS
+    assert list(ours) == [column.name for column in SUMMARY_COLUMNS]
     assert float(ours["seconds_to_1e-08"]) == pytest.approx(1.02e-3, rel=0.02)
     assert float(ours["order"]) == pytest.approx(6.0)
     assert theirs["seconds_to_1e-04"] == "not reached"
@@ -97,19 +92,18 @@ def test_the_summary_keeps_guesses_apart():
 
 
 def test_the_report_says_who_is_cheapest_and_marks_guesses():
-    text = to_markdown(cost_report("one", [measured()]))
+    text = form(".md")
     assert "| cheapest" in text
     assert "- (1)" in text
     assert "Gauss3" in text
     assert "diverged" in text
-    assert r"\begin{tabular}" in to_latex(cost_report("one", [measured()]))
+    assert r"\begin{tabular}" in form(".tex")
 
 
 def test_json_has_no_number_that_is_none():
-    content = json.loads(cost_json("one", [measured()]))
-    (found,) = content["experiments"]
-    assert found["methods"][1]["seconds_to_1e-04"] is None
-    assert found["runs"][5]["error"] is None
+    found = {name: sheet["rows"] for name, sheet in json.loads(form(".json"))["sheets"].items()}
+    assert found["summary"][1]["seconds_to_1e-04"] is None
+    assert found["runs"][5]["error"] == "inf"
     assert [entry["case"] for entry in found["cheapest"]][-1] == "gauss-s3-series"
     assert found["pareto_front"]
 

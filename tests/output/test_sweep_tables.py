@@ -12,15 +12,9 @@ import pytest
 
 from fvi_cli.config import parse_config
 from fvi_cli.plotting import drawn_data, figures_for, left_out
-from fvi_cli.reports import (
-    compare_tables,
-    compare_with_tables,
-    from_json,
-    rendered,
-    summary_text,
-    write_tables,
-)
-from fvi_cli.reports.csv_table import COLUMNS
+from fvi_cli.reports import compare, rendered, write
+from fvi_cli.reports.kinds.orders import COLUMNS, order_report
+from fvi_cli.reports.writers.text import to_text
 from fvi_cli.runner.executors.batches import batches_of, execute_batch
 from fvi_cli.studies.order import order_tables
 from fvi_cli.studies.sweep_summary import sweep_lines
@@ -95,40 +89,43 @@ def test_a_member_has_the_table_of_an_experiment_with_that_problem(two_keys):
         alone.equation,
         alone.reference,
     )
-    assert compare_tables([alone], [dataclasses.replace(member, swept={})]) == []
+    (case, _), (other, _) = alone.cases, member.cases
+    assert [row.error for row in case.rows] == pytest.approx([row.error for row in other.rows])
+    assert case.slope == pytest.approx(other.slope)
 
 
 def test_the_csv_file_has_the_swept_values_behind_the_columns_of_the_contract(two_keys):
     tables = order_tables(*two_keys)
-    rows = list(csv.reader(io.StringIO(rendered("many", tables)["csv"])))
-    assert tuple(rows[0]) == (*COLUMNS, "problem.damping.0.order", "problem.stiffness")
+    rows = list(csv.reader(io.StringIO(rendered(order_report("many", tables))["many.csv"])))
+    names = [column.name for column in COLUMNS]
+    assert rows[0] == [*names, "problem.damping.0.order", "problem.stiffness"]
     assert len(rows) == 1 + 12 * 2 * 4
     assert {tuple(row[-2:]) for row in rows[1:]} == {
         (repr(gamma), repr(k)) for gamma in (0.3, 0.5, 1.0, 1.5) for k in (0.5, 1.0, 2.0)
     }
-    assert {row[COLUMNS.index("gamma")] for row in rows[1:]} == {"0.3", "0.5", "1", "1.5"}
+    assert {row[names.index("gamma")] for row in rows[1:]} == {"0.3", "0.5", "1", "1.5"}
 
 
 def test_tables_of_members_are_read_back_and_checked(two_keys, tmp_path):
     tables = order_tables(*two_keys)
-    again = from_json(rendered("many", tables)["json"])
-    assert compare_tables(tables, again) == []
-    assert [table.swept for table in again] == [dict(table.swept) for table in tables]
-    write_tables(tmp_path, "many", tables)
-    assert compare_with_tables(tmp_path, "many", tables) == []
-    missing = compare_tables(tables, tables[1:])
-    assert missing == [f"experiment {tables[0].title}: stored, but not there now"]
+    write(tmp_path, order_report("many", tables))
+    assert compare(tmp_path, order_report("many", tables)) == []
+    missing = compare(tmp_path, order_report("many", tables[1:]))
+    assert sum("stored, but not there now" in line for line in missing) == 2 * 8 + 1
     path = tmp_path / "many.json"
     content = json.loads(path.read_text())
-    content["experiments"][3]["cases"][0]["rows"][0]["error"] *= 1.01
+    content["sheets"]["runs"]["rows"][3]["error"] *= 1.01
     path.write_text(json.dumps(content))
-    differences = compare_with_tables(tmp_path, "many", tables)
-    assert any(tables[3].title in line and "error" in line for line in differences)
+    (line,) = compare(tmp_path, order_report("many", tables))
+    n_steps = content["sheets"]["runs"]["rows"][3]["n_steps"]
+    member = "problem.damping.0.order = 0.3: problem.stiffness = 0.5"
+    start = f"{path}: many: gauss-s1-series: n_steps = {n_steps}: {member}: error: "
+    assert line.startswith(start)
 
 
 def test_one_key_gives_a_row_for_every_value(one_key):
     tables = order_tables(*one_key)
-    text = summary_text("many", tables)
+    text = to_text(order_report("many", tables).summary)
     rows = [line.split() for line in text.splitlines() if line[:3] in ("0.3", "0.5", "1  ", "1.5")]
     assert [row[0] for row in rows] == ["0.3", "0.5", "1", "1.5"]
     assert "problem.damping.0.order" in text
@@ -138,11 +135,11 @@ def test_one_key_gives_a_row_for_every_value(one_key):
 
 def test_several_keys_are_summed_up(two_keys):
     tables = order_tables(*two_keys)
-    forms = rendered("many", tables)
-    assert "12 members" in forms["md"]
-    assert len(forms["md"].splitlines()) < 60
+    text = rendered(order_report("many", tables))["many.md"]
+    assert "12 members" in text
+    assert len(text.splitlines()) < 60
     slopes = [table.cases[1].slope for table in tables]
-    (line,) = [one for one in forms["md"].splitlines() if one.startswith("| Gauss2")][:1]
+    (line,) = [one for one in text.splitlines() if one.startswith("| Gauss2")][:1]
     cells = [cell.strip() for cell in line.split("|")[2:5]]
     assert cells == [f"{v:.2f}" for v in (min(slopes), np.median(slopes), max(slopes))]
 

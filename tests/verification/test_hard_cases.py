@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import tempfile
 from pathlib import Path
 
 import mpmath
 import numpy as np
 import pytest
+from stored_results import stored_hard_cases
 from typer.testing import CliRunner
 
 from fvi_cli.cli.app import app
@@ -20,13 +22,8 @@ from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.mathematics.talbot import talbot_inverse
-from fvi_cli.reports.hard_cases import (
-    compare_reports,
-    compare_with_report,
-    rendered_report,
-    report_from_json,
-    write_report,
-)
+from fvi_cli.reports import compare, write
+from fvi_cli.reports.kinds.hard_cases import hard_case_report
 from fvi_cli.scenes.linear_response import linear_response
 from fvi_cli.studies.hard_cases.case import (
     Bench,
@@ -48,7 +45,7 @@ RESULTS = ROOT / "results"
 CASES = hard_cases()
 METHODS = {named.name: named for named in examined_methods()}
 LONG = ("million-steps", "resonance", "chaotic-double-pendulum")
-STORED = report_from_json((RESULTS / "hard-cases.json").read_text(encoding="utf-8"))
+STORED = stored_hard_cases()
 
 
 def of(case: HardCase, *methods: str) -> HardCaseReport:
@@ -66,25 +63,24 @@ def test_everything_holds_with_gauss3(name: str) -> None:
         assert finding.holds, finding
         assert finding.status == "ok"
         assert finding.predicted != "unstable"
-    assert list(compare_reports(STORED, report)) == []
+    assert compare(RESULTS, hard_case_report(report)) == []
 
 
 @pytest.mark.parametrize("name", ["order-1-9-coefficient-100", "jumps-at-every-period"])
 def test_other_methods_are_found_as_the_report_says(name: str) -> None:
     chosen = ("BDF3 points", "BDF6 nodes", "Radau IIA 3", "Gauss1")
     report = of(CASES[name], *chosen)
-    assert list(compare_reports(STORED, report)) == []
+    assert compare(RESULTS, hard_case_report(report)) == []
     assert not all(finding.holds for finding in report.findings)
 
 
 def test_the_committed_report_has_every_case_and_method_and_gauss3_holds() -> None:
-    assert [case.name for case in STORED.cases] == list(CASES)
+    assert list(dict.fromkeys(finding.case for finding in STORED.findings)) == list(CASES)
     assert set(STORED.methods) == set(METHODS)
-    assert list(STORED.cases) == [case.text for case in CASES.values()]
     own = [finding for finding in STORED.findings if finding.method == FLAGSHIP]
     assert len(own) == sum(len(case.claims) for case in CASES.values())
     assert all(finding.holds for finding in own)
-    assert compare_with_report(RESULTS, STORED) == []
+    assert compare(RESULTS, hard_case_report(STORED)) == []
 
 
 HELD_BY_ALL = {
@@ -219,6 +215,13 @@ def test_the_energy_balance_of_the_double_pendulum_sees_a_wrong_coefficient() ->
 # report and command
 
 
+def compared(stored: HardCaseReport, fresh: HardCaseReport) -> list[str]:
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder), hard_case_report(stored))
+        (Path(folder) / "hard-cases.json").unlink()
+        return compare(Path(folder), hard_case_report(fresh))
+
+
 def test_a_changed_report_is_found() -> None:
     case = CASES["jumps-at-every-period"]
     report = of(case, "Gauss1", "Gauss3")
@@ -226,22 +229,30 @@ def test_a_changed_report_is_found() -> None:
     def differences(**change: object) -> list[str]:
         first = dataclasses.replace(report.findings[0], **change)
         changed = dataclasses.replace(report, findings=(first, *report.findings[1:]))
-        return list(compare_reports(changed, report))
+        return compared(changed, report)
 
     measured = report.findings[0].measured
     assert measured > 1e-4
     assert differences() == []
     assert differences(measured=measured * (1 + 1e-4)) == []
     assert len(differences(measured=measured * 1.01)) == 1
-    assert len(differences(measured=1e-12, holds=True)) == 1
+    assert any("holds: True" in line for line in differences(measured=1e-12, holds=True))
     assert len(differences(limit=1e-3)) == 1
     assert len(differences(predicted="unstable")) == 1
     assert len(differences(status="diverged")) == 1
     without = dataclasses.replace(report, findings=report.findings[1:])
-    assert len(list(compare_reports(without, report))) == 1
-    assert len(list(compare_reports(report, without))) == 1
-    other = dataclasses.replace(case.text, description="")
-    assert len(list(compare_reports(dataclasses.replace(report, cases=(other,)), report))) == 1
+    assert len(compared(without, report)) == 1
+
+
+def test_a_case_that_is_described_otherwise_is_found(tmp_path: Path) -> None:
+    write(tmp_path, hard_case_report(STORED))
+    (tmp_path / "hard-cases.tex").unlink()
+    first, *others = STORED.cases
+    changed = dataclasses.replace(first, description="otherwise")
+    report = dataclasses.replace(STORED, cases=(changed, *others))
+    (line,) = compare(tmp_path, hard_case_report(report))
+    assert line.startswith(f"{tmp_path}/hard-cases.md: line ")
+    assert "otherwise" in line
 
 
 def test_round_off_decides_nothing() -> None:
@@ -255,11 +266,10 @@ def test_round_off_decides_nothing() -> None:
             cases=(case.text,), findings=(examine_claim(case, claim, FLAGSHIP, bench),)
         )
 
-    assert list(compare_reports(report(0.9e-11), report(1.1e-11))) == []
-    assert list(compare_reports(report(0.9e-14), report(1.1e-11)))
-    assert list(compare_reports(report(0.9e-3, 1e-3), report(1.1e-3, 1e-3)))
-    nothing = report_from_json(rendered_report(report(math.inf))["json"])
-    assert nothing.findings[0].measured == math.inf
+    assert compared(report(0.9e-11), report(1.1e-11)) == []
+    assert compared(report(0.9e-14), report(1.1e-11))
+    assert compared(report(0.9e-3, 1e-3), report(1.1e-3, 1e-3))
+    assert compared(report(math.inf), report(math.inf)) == []
 
 
 def test_the_readme_counts_what_holds_as_the_report_does() -> None:
@@ -274,7 +284,7 @@ def test_the_readme_counts_what_holds_as_the_report_does() -> None:
 
 
 def test_the_command(tmp_path: Path) -> None:
-    write_report(tmp_path, STORED)
+    write(tmp_path, hard_case_report(STORED))
     some = ["--case", "order-1-9-coefficient-100", "--method", "Gauss3", "--output", str(tmp_path)]
     shown = CliRunner().invoke(app, ["hard-cases", *some])
     assert shown.exit_code == 0, shown.output
@@ -285,9 +295,9 @@ def test_the_command(tmp_path: Path) -> None:
     failing = CliRunner().invoke(app, ["hard-cases", *some, "--method", "BDF6 nodes"])
     assert failing.exit_code == 0  # only Gauss3 must hold
     assert "diverged" in failing.stdout
-    path = tmp_path / "hard-cases.json"
+    path = tmp_path / "hard-cases.csv"
     text = path.read_text()
-    path.write_text(text.replace('"limit": 1e-08', '"limit": 1e-07'))
+    path.write_text(text.replace(",1e-08,", ",1e-07,"))
     stale = CliRunner().invoke(app, ["hard-cases", "--check", *some])
     assert stale.exit_code == 3
     assert "limit: 1e-07 is stored, now 1e-08" in stale.stdout
@@ -313,7 +323,7 @@ def test_the_command_fails_when_gauss3_does_not_hold(
     assert result.exit_code == 3, result.output
     assert " NO" in result.stdout
     assert list(tmp_path.iterdir()) == []
-    write_report(tmp_path, of(strict, FLAGSHIP))
+    write(tmp_path, hard_case_report(of(strict, FLAGSHIP)))
     checked = CliRunner().invoke(
         app, ["hard-cases", "--check", "--method", "Gauss3", "--output", str(tmp_path)]
     )

@@ -9,11 +9,13 @@ from fvi_cli.reports.document import (
     Block,
     Bullets,
     Code,
+    Equation,
     Grid,
     Heading,
     Paragraph,
     Words,
     pieces,
+    plain,
     split_wide,
 )
 
@@ -41,7 +43,9 @@ def _block(block: Block) -> str:
 
 def _inline(words: Words) -> str:
     return "".join(
-        _code(piece.text) if isinstance(piece, Code) else escape_markdown(piece)
+        _code(piece.text)
+        if isinstance(piece, Code | Equation)
+        else escape_markdown(plain((piece,)))
         for piece in pieces(words)
     )
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from fvi_cli.reports.document import Block, Bullets, Code, Grid, Paragraph, Words
+from fvi_cli.reports.kinds.order_sweeps import split_sweeps, sweep_summary
 from fvi_cli.reports.naming import (
     MethodName,
     describe_method,
@@ -13,7 +14,6 @@ from fvi_cli.reports.naming import (
     method_names,
     number,
 )
-from fvi_cli.reports.sweeps import split_sweeps, sweep_summary
 from fvi_cli.studies.order import OrderCase, OrderTable
 
 NOTED_DIFFERENCE = 0.06

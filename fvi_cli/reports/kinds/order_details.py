@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 
 from fvi_cli.reports.document import (
     Block,
     Bullets,
-    Code,
+    Equation,
     Grid,
     Heading,
     Paragraph,
+    Piece,
+    Rough,
     Words,
+    pieces,
+    without_numbers,
 )
+from fvi_cli.reports.kinds.order_summary import NORMS, expected_orders, steps_phrase
 from fvi_cli.reports.naming import MethodName, number
-from fvi_cli.reports.summary import NORMS, expected_orders, steps_phrase
 from fvi_cli.studies.order import NEAR_FLOOR, OrderCase, OrderRow, OrderTable
 
 _SOURCES: Mapping[str, str] = {
@@ -49,9 +52,11 @@ def setting(tables: Sequence[OrderTable]) -> Words:
     floors = [row.floor for one in tables for case in one.cases for row in case.rows]
     return (
         "Equation: ",
-        Code(table.equation or "not stated"),
+        Equation(table.equation) if table.equation else "not stated",
         f"; {f'gamma = {orders}; ' if orders else ''}T = {table.final_time:g}. Errors in the "
-        f"{NORMS[table.norm]}, against {_reference(table.reference)}{_floor(floors)}.",
+        f"{NORMS[table.norm]}, against ",
+        Rough(f"{_reference(table.reference)}{_floor(floors)}"),
+        ".",
     )
 
 
@@ -153,15 +158,15 @@ def _remarks(table: OrderTable, names: Mapping[str, MethodName]) -> list[Words]:
             f"of the reference; errors below {NEAR_FLOOR:g} floors are told by a power of ten, in "
             "full in the CSV form."
         )
-    said: dict[str, list[str]] = {}
+    said: dict[tuple[Piece, ...], list[str]] = {}
     for case in table.cases:
         for sentence in _of_case(case):
-            said.setdefault(sentence, []).append(names[case.method.case].label)
-    sentences += [f"{'; '.join(labels)}: {sentence}." for sentence, labels in said.items()]
+            said.setdefault(pieces(sentence), []).append(names[case.method.case].label)
+    sentences += [(f"{'; '.join(labels)}: ", *sentence, ".") for sentence, labels in said.items()]
     return sentences
 
 
-def _of_case(case: OrderCase) -> Iterator[str]:
+def _of_case(case: OrderCase) -> Iterator[Words]:
     steps = [row.n_steps for row in case.rows]
     unstable = [row.n_steps for row in case.rows if row.predicted == "unstable"]
     if unstable:
@@ -171,7 +176,7 @@ def _of_case(case: OrderCase) -> Iterator[str]:
     yield from expected_orders(case)
     for told, text, is_example in _told(case):
         example = f" (numbers of N = {told[0]})" if is_example else ""
-        yield f"{steps_phrase(steps, told)}: {text}{example}"
+        yield f"{steps_phrase(steps, told)}: ", Rough(text), example
 
 
 def _told(case: OrderCase) -> list[tuple[list[int], str, bool]]:
@@ -183,8 +188,3 @@ def _told(case: OrderCase) -> list[tuple[list[int], str, bool]]:
             at.append(row.n_steps)
             texts.append(text.rstrip("."))
     return [(at, texts[0], len(set(texts)) > 1) for at, texts in found.values()]
-
-
-def without_numbers(text: str) -> str:
-    """The text with every number blotted out: two of these are the same but for numbers."""
-    return re.sub(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?", "#", text)

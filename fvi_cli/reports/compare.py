@@ -1,0 +1,238 @@
+"""Whether stored files are those that the program makes now."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import zip_longest
+from pathlib import Path
+
+from fvi_cli.reports.document import Block, blank_rough, without_numbers
+from fvi_cli.reports.table import Report, Row, Sheet, Value, Within
+from fvi_cli.reports.writers import csv_name
+from fvi_cli.reports.writers.data import FORMAT, as_value, as_word, csv_columns, read_csv
+from fvi_cli.reports.writers.latex import to_latex
+from fvi_cli.reports.writers.markdown import to_markdown
+
+MOST_LINES = 50
+"""Differences of one file that are told one by one."""
+
+FOLLOWS = Within(relative=1e-6, absolute=1e-6)
+"""For stored numbers that follow from other stored ones: slopes from errors."""
+
+_MARK = "\u00fe\u00fe\u00fe"
+"""Stands for a number that is not compared, and needs no escape in any form."""
+
+_NUMBER = r"(?:\d+(?:\.\d+)?(?:e[+-]?\d+)?)"
+
+Key = tuple[str, ...]
+
+
+def compare(directory: Path, report: Report) -> list[str]:
+    """One line for everything in which stored files differ from `report`.
+
+    Every row of the CSV files is compared with the fresh one, column by column, as far as the
+    column asks for it, and what follows from other numbers must follow from those beside it. The
+    words of the Markdown form must be, letter by letter, those on the stored numbers. The LaTeX and
+    JSON forms are compared where they are there.
+
+    Parameters
+    ----------
+    directory
+        Folder of the files.
+    report
+        What the program makes now.
+
+    Returns
+    -------
+    list of str
+        Empty when the files are up to date.
+    """
+    differences: list[str] = []
+    expected: Report | None = None
+    for sheet in report.sheets:
+        path = directory / csv_name(report, sheet)
+        text = _read(path, differences) if sheet.is_file else None
+        if text is None:
+            continue
+        lines, rows = _csv(text, sheet, is_part=report.is_part)
+        if sheet is report.sheets[0] and rows is not None and report.with_rows is not None:
+            try:
+                expected = report.with_rows(rows)
+                lines += _own(rows, expected.sheets[0], lines)
+            except ValueError as error:
+                lines.append(str(error))
+        differences += _told(path, lines)
+    for ending, write in ((".md", to_markdown), (".tex", to_latex)):
+        path = directory / f"{report.name}{ending}"
+        text = _read(path, differences, is_needed=ending == ".md")
+        if text is not None and not report.is_part:
+            differences += _told(path, list(_words(text, report, expected, write)))
+    path = directory / f"{report.name}.json"
+    text = _read(path, differences, is_needed=False)
+    if text is not None:
+        differences += _told(path, _json(text, report))
+    return differences
+
+
+def _read(path: Path, differences: list[str], *, is_needed: bool = True) -> str | None:
+    if not path.is_file():
+        differences += [f"{path}: missing"] * is_needed
+        return None
+    try:
+        return path.read_text(encoding="utf-8")
+    except (ValueError, OSError) as error:
+        differences.append(f"{path}: cannot be read: {error}")
+        return None
+
+
+def _told(path: Path, lines: Sequence[str]) -> list[str]:
+    more = [f"and {len(lines) - MOST_LINES} more"] if len(lines) > MOST_LINES else []
+    return [f"{path}: {line}" for line in (*lines[:MOST_LINES], *more)]
+
+
+def _csv(text: str, sheet: Sheet, *, is_part: bool) -> tuple[list[str], list[Row] | None]:
+    """What differs, and the stored rows in the order of the fresh ones, if all are there."""
+    names, lines = read_csv(text)
+    columns = csv_columns(sheet)
+    if names != [column.name for column in columns]:
+        return [f"its columns are not {','.join(column.name for column in columns)}"], None
+    wrong = [line for line in lines if len(line) != len(columns)]
+    if wrong:
+        return [f"{len(line)} fields in {line}" for line in wrong], None
+    fresh = {
+        tuple(as_word(row[c.name], c) for c in columns if c.name in sheet.keys): row
+        for row in sheet.rows
+    }
+    stored: dict[Key, Row] = {}
+    for line in lines:
+        key = tuple(w for w, c in zip(line, columns, strict=True) if c.name in sheet.keys)
+        like = fresh.get(key, {})
+        stored[key] = {
+            c.name: None if w == c.missing and like.get(c.name) is None else _value(w, like, c.name)
+            for w, c in zip(line, columns, strict=True)
+        }
+    twice = len(lines) - len(stored)
+    told = [f"{twice} rows stand in it twice"] if twice else []
+    if is_part:
+        stored = {key: stored[key] for key in fresh if key in stored}
+    told += _rows(stored, fresh, sheet)
+    return told, [stored[key] for key in fresh] if fresh.keys() <= stored.keys() else None
+
+
+def _value(word: str, like: Row, name: str) -> Value:
+    return as_value(word, like.get(name))
+
+
+def _json(text: str, report: Report) -> list[str]:
+    try:
+        content = json.loads(text)
+        if content["format"] != FORMAT:
+            return [f"format: {content['format']!r} is not {FORMAT}"]
+        lines: list[str] = []
+        for sheet in report.sheets:
+            columns = [c for c in sheet.columns if c.name in sheet.keys]
+            fresh = {tuple(as_word(row[c.name], c) for c in columns): row for row in sheet.rows}
+            stored = {}
+            for row in content["sheets"][sheet.name]["rows"]:
+                key = tuple(as_word(row[c.name], c) for c in columns)
+                stored[key] = {n: _number(v, fresh.get(key, {}).get(n)) for n, v in row.items()}
+            if report.is_part:
+                stored = {key: stored[key] for key in fresh if key in stored}
+            lines += _rows(stored, fresh, sheet)
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        return [f"cannot be read: {type(error).__name__}: {error}"]
+    return lines
+
+
+def _number(value: Value, like: Value) -> Value:
+    if not isinstance(like, float) or isinstance(value, bool):
+        return value
+    return math.nan if value is None else as_value(str(value), like)
+
+
+def _rows(stored: Mapping[Key, Row], fresh: Mapping[Key, Row], sheet: Sheet) -> Iterator[str]:
+    keys = [column.name for column in sheet.columns if column.name in sheet.keys]
+    yield from (
+        f"{_place(keys, key)}: stored, but not there now" for key in stored if key not in fresh
+    )
+    yield from (f"{_place(keys, key)}: not stored" for key in fresh if key not in stored)
+    for key, row in fresh.items():
+        old = stored.get(key)
+        if old is not None:
+            free = sheet.left_to_round_off(old, row)
+            for column in sheet.columns:
+                name = column.name
+                if name not in old or name in free or column.compared is None:
+                    continue
+                if not _agree(old[name], row[name], column.compared):
+                    yield f"{_place(keys, key)}: {name}: {old[name]!r} is stored, now {row[name]!r}"
+    if stored.keys() == fresh.keys() and list(stored) != list(fresh):
+        yield "its rows are in another order"
+
+
+def _place(keys: Sequence[str], words: Key) -> str:
+    parts = (
+        f"{name} = {word}" if re.fullmatch(_NUMBER, word) else word
+        for name, word in zip(keys, words, strict=True)
+    )
+    return ": ".join(part for part in parts if part)
+
+
+def _agree(one: Value, other: Value, within: Within) -> bool:
+    if isinstance(one, float) and isinstance(other, float):
+        return within.holds(one, other)
+    return type(one) is type(other) and one == other
+
+
+def _own(rows: Sequence[Row], expected: Sheet, told: Sequence[str]) -> list[str]:
+    """Numbers that do not follow from those beside them, unless they are told already."""
+    lines = []
+    keys = [column.name for column in expected.columns if column.name in expected.keys]
+    for stored, row in zip(rows, expected.rows, strict=True):
+        for column in csv_columns(expected):
+            one, other = stored[column.name], row[column.name]
+            if not _agree(one, other, FOLLOWS):
+                columns = {c.name: c for c in expected.columns}
+                place = _place(keys, tuple(as_word(row[k], columns[k]) for k in keys))
+                start = f"{place}: {column.name}: {one!r} is stored"
+                if not any(line.startswith(start) for line in told):
+                    lines.append(f"{start}; its own rows give {other!r}")
+    return lines
+
+
+def _words(
+    found: str, report: Report, expected: Report | None, write: Callable[[Sequence[Block]], str]
+) -> Iterator[str]:
+    """The first line that is another one."""
+    blocks = (expected or report).blocks
+    text = write(blocks)
+    if found == text:
+        return
+    if expected is None:
+        pairs = zip_longest(_squeezed(found), _squeezed(text), fillvalue="")
+        differs: Callable[[str, str], bool] = str.__ne__
+    else:
+        pairs = zip_longest(
+            found.split("\n"), write(blank_rough(blocks, _MARK)).split("\n"), fillvalue=""
+        )
+        differs = _is_other
+    shown = text.split("\n")
+    for k, (one, other) in enumerate(pairs):
+        if differs(one, other):
+            now = shown[k] if k < len(shown) else ""
+            yield f"line {k + 1}: {one!r}; {now!r} belongs to the numbers"
+            return
+
+
+def _is_other(found: str, pattern: str) -> bool:
+    # of a range whose ends are shown alike there is one number
+    escaped = re.escape(pattern.replace(f"{_MARK} to {_MARK}", _MARK))
+    return not re.fullmatch(escaped.replace(_MARK, f"{_NUMBER}(?: to {_NUMBER})?"), found)
+
+
+def _squeezed(text: str) -> list[str]:
+    """Lines without their numbers, and without the blanks that depend on how long these are."""
+    return [re.sub(r"[ -]+", " ", without_numbers(line)) for line in text.split("\n")]

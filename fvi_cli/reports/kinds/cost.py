@@ -1,0 +1,325 @@
+"""What accuracy costs: every measured run, and the price of accuracies in words and numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+from fvi_cli.integrator.method import PEER_NAMES, AnyMethod, Baseline
+from fvi_cli.integrator.peers import PEER_LIMITS
+from fvi_cli.reports.document import Block, Bullets, Equation, Grid, Heading, Paragraph
+from fvi_cli.reports.naming import MethodName, method_names, number
+from fvi_cli.reports.table import Column, Report, Sheet, Value
+from fvi_cli.studies.cost import CostTable
+from fvi_cli.studies.price import (
+    ACCURACIES,
+    Curve,
+    cheapest_at,
+    cheapest_bands,
+    cost_curves,
+    pareto_front,
+)
+
+NOT_REACHED = "not reached"
+_COARSEST, _FINEST = 1.0, 1e-13
+
+RUN_COLUMNS = (
+    Column(name="experiment", meaning="name of the experiment"),
+    Column(name="case", meaning="name of the method in files"),
+    Column(name="method", meaning="name of the method", title="method"),
+    Column(name="n_steps", meaning="number N of steps", title="N"),
+    Column(name="step_size", meaning="h, in the scene's unit of time"),
+    Column(name="error", meaning="error of the position, in its unit", title="error", form=".2e"),
+    Column(
+        name="setup_seconds",
+        meaning="everything of a run but its steps, from a cold start; least of the repeats",
+        title="set-up, s",
+        form=".2g",
+    ),
+    Column(
+        name="stepping_seconds_min",
+        meaning="the steps; least of the repeats",
+        title="stepping, s",
+        form=".2g",
+    ),
+    Column(
+        name="stepping_seconds_median",
+        meaning="the steps; median of the repeats",
+        title="median, s",
+        form=".2g",
+    ),
+    Column(
+        name="storage_seconds", meaning="writing the run to a file", title="storage, s", form=".2g"
+    ),
+    Column(
+        name="spread",
+        meaning="interquartile range of the stepping times over their median",
+        title="spread",
+        form=".0%",
+    ),
+    Column(name="repeats", meaning="number of timed runs", title="repeats"),
+    Column(
+        name="peak_memory_bytes",
+        meaning="traced peak of a run of its own",
+        title="peak, bytes",
+        form=".2g",
+    ),
+    Column(
+        name="history_operations",
+        meaning="multiply-adds on the history",
+        title="history operations",
+    ),
+    Column(name="newton_iterations", meaning="iterations in all steps", title="Newton"),
+    Column(name="status", meaning="what was observed", title="status"),
+)
+SUMMARY_COLUMNS = (
+    Column(name="experiment", meaning="name of the experiment"),
+    Column(name="case", meaning="name of the method in files; one for all tolerances"),
+    Column(name="method", meaning="name of the method"),
+    Column(name="order", meaning="slope of log(error) against log(h) over the finest rows"),
+    Column(name="time_exponent", meaning="slope of log(seconds) against log(N) over these"),
+    Column(name="factor_per_digit", meaning="factor in seconds for a tenth of the error"),
+    *(
+        Column(
+            name=f"seconds_to_{accuracy:.0e}",
+            meaning=f"set-up plus stepping to an error of {accuracy:.0e}, interpolated",
+            missing=NOT_REACHED,
+        )
+        for accuracy in ACCURACIES
+    ),
+    *(
+        Column(
+            name=f"extrapolated_to_{accuracy:.0e}",
+            meaning=f"a guess for an error of {accuracy:.0e}, which no run reached",
+        )
+        for accuracy in ACCURACIES
+    ),
+)
+CHEAPEST_COLUMNS = (
+    Column(name="experiment", meaning="name of the experiment"),
+    Column(name="error", meaning="accuracy to reach"),
+    Column(name="case", meaning="the method that reaches it first"),
+    Column(name="method", meaning="name of the method"),
+    Column(name="seconds", meaning="its set-up plus stepping"),
+)
+FRONT_COLUMNS = (
+    Column(name="experiment", meaning="name of the experiment"),
+    Column(name="case", meaning="method of a run that no other beats in both error and time"),
+    Column(name="n_steps", meaning="its number of steps"),
+)
+
+
+def cost_report(name: str, tables: Sequence[CostTable]) -> Report:
+    """What the methods of every experiment cost; seconds to accuracies come first."""
+    title = Heading(level=1, words=f"What accuracy costs: {name}")
+    prices = cost_summary(tables)
+    words: list[Block] = [title, *prices]
+    for table in tables:
+        words += _details(table)
+    return Report(
+        name=f"{name}-cost",
+        sheets=(
+            _sheet(tables),
+            Sheet(
+                name="summary",
+                columns=SUMMARY_COLUMNS,
+                rows=tuple(row for table in tables for row in _prices(table)),
+                keys=("experiment", "case"),
+            ),
+            Sheet(
+                name="cheapest",
+                columns=CHEAPEST_COLUMNS,
+                rows=tuple(row for table in tables for row in _cheapest(table)),
+                keys=("experiment", "error"),
+                is_file=False,
+            ),
+            Sheet(
+                name="pareto_front",
+                columns=FRONT_COLUMNS,
+                rows=tuple(
+                    {"experiment": table.experiment, "case": curve.key, "n_steps": p.row.n_steps}
+                    for table in tables
+                    for curve, p in pareto_front(cost_curves(table))
+                ),
+                keys=("experiment", "case", "n_steps"),
+                is_file=False,
+            ),
+        ),
+        summary=(title, *prices),
+        blocks=tuple(words),
+        is_timed=True,
+    )
+
+
+def _sheet(tables: Sequence[CostTable]) -> Sheet:
+    rows = []
+    for table in tables:
+        names = _names(table)
+        for case in table.cases:
+            words: dict[str, Value] = {
+                "experiment": table.experiment,
+                "case": case.method.case,
+                "method": names[case.method.case].label,
+            }
+            own = [column.name for column in RUN_COLUMNS if column.name not in words]
+            rows += [words | {name: getattr(row, name) for name in own} for row in case.rows]
+    keys = ("experiment", "case", "n_steps")
+    return Sheet(name="runs", columns=RUN_COLUMNS, rows=tuple(rows), keys=keys)
+
+
+def _prices(table: CostTable) -> Iterator[dict[str, Value]]:
+    names = _names(table)
+    for curve in cost_curves(table):
+        seconds = {accuracy: curve.seconds_to(accuracy) for accuracy in ACCURACIES}
+        yield {
+            "experiment": table.experiment,
+            "case": curve.key,
+            "method": curve_name(curve, names),
+            "order": curve.order,
+            "time_exponent": curve.time_exponent,
+            "factor_per_digit": curve.price_of_a_digit,
+            **{
+                f"seconds_to_{accuracy:.0e}": None if math.isnan(value) else value
+                for accuracy, value in seconds.items()
+            },
+            **{
+                f"extrapolated_to_{accuracy:.0e}": curve.extrapolated_seconds(accuracy)
+                for accuracy in ACCURACIES
+            },
+        }
+
+
+def _cheapest(table: CostTable) -> Iterator[dict[str, Value]]:
+    names = _names(table)
+    for accuracy in ACCURACIES:
+        found = cheapest_at(cost_curves(table), accuracy)
+        if found.curve is not None:
+            yield {
+                "experiment": table.experiment,
+                "error": accuracy,
+                "case": found.curve.key,
+                "method": curve_name(found.curve, names),
+                "seconds": found.seconds,
+            }
+
+
+def curve_name(curve: Curve, names: Mapping[str, MethodName]) -> str:
+    """What a reader calls the method of a curve."""
+    # one name for all tolerances
+    if curve.is_by_tolerance:
+        return "DOP853"
+    return names[curve.methods[0].case].label
+
+
+def _names(table: CostTable) -> dict[str, MethodName]:
+    return method_names([case.method for case in table.cases])
+
+
+def cost_summary(tables: Sequence[CostTable], *, level: int = 2) -> list[Block]:
+    """Seconds to accuracies, the price of a digit, and who is cheapest, of every experiment."""
+    blocks: list[Block] = [
+        Paragraph(
+            words="Times are seconds, set-up (from a cold start) plus stepping, least of the "
+            "repeats, one run after the other in one process. Order and time exponent (seconds "
+            "against N) belong to the finest rows above the floor; one more digit costs the factor "
+            "beside it. A dash says that an accuracy was not reached; a number in brackets with it "
+            "is extrapolated, not measured. Seconds and bytes are those of one machine."
+        )
+    ]
+    if any(_is_peer(case.method) for table in tables for case in table.cases):
+        blocks.append(Paragraph(words=f"Limits of the peers: {PEER_LIMITS}."))
+    for table in tables:
+        blocks += _summary(table, level)
+    return blocks
+
+
+def _is_peer(method: AnyMethod) -> bool:
+    return isinstance(method, Baseline) and method.name in PEER_NAMES
+
+
+def _summary(table: CostTable, level: int) -> list[Block]:
+    names, curves = _names(table), cost_curves(table)
+    header = ("method", "order", "time exponent", "one more digit")
+    rows = [
+        (
+            curve_name(curve, names),
+            number(curve.order, ".2f"),
+            number(curve.time_exponent, ".2f"),
+            _price(curve.price_of_a_digit),
+            *(_reached(curve, accuracy) for accuracy in ACCURACIES),
+        )
+        for curve in curves
+    ]
+    cheapest = [cheapest_at(curves, accuracy) for accuracy in ACCURACIES]
+    last = tuple("-" if c.curve is None else curve_name(c.curve, names) for c in cheapest)
+    bands = cheapest_bands(curves, _COARSEST, _FINEST)
+    return [
+        Heading(level=level, words=table.experiment),
+        Paragraph(
+            words=(
+                Equation(table.equation or "an equation that is not stated"),
+                f"; T = {table.final_time:g}. Errors: norm {table.norm}, against "
+                f"{table.reference}.",
+            )
+        ),
+        Grid(
+            header=(*header, *(f"{accuracy:.0e}" for accuracy in ACCURACIES)),
+            rows=tuple(rows),
+            summary_rows=(("cheapest", "", "", "", *last),),
+        ),
+        *_exact_methods(curves, names),
+        Paragraph(words="Cheapest by accuracy:"),
+        Bullets(
+            items=tuple(
+                f"{band.coarse:.1e} to {band.fine:.1e}: {curve_name(band.curve, names)}, "
+                f"{band.least_seconds:.2g} s to {band.most_seconds:.2g} s"
+                for band in bands
+            )
+            or ("no method reached 1",)
+        ),
+    ]
+
+
+def _exact_methods(curves: Sequence[Curve], names: Mapping[str, MethodName]) -> list[Block]:
+    """What is to be said of methods that this problem happens to suit."""
+    exact = [curve_name(curve, names) for curve in curves if curve.is_exact_by_chance]
+    if not exact:
+        return []
+    return [
+        Paragraph(
+            words=f"{', '.join(exact)}: nothing but round-off at every N. That says something of "
+            "this solution, not of others, and is left out below."
+        )
+    ]
+
+
+def _price(factor: float) -> str:
+    # set-up is all there is to pay, and times scatter
+    return "1" if factor < 1.005 else number(factor, ".3g")
+
+
+def _reached(curve: Curve, accuracy: float) -> str:
+    seconds = curve.seconds_to(accuracy)
+    if not math.isnan(seconds):
+        return f"{seconds:.2g}"
+    guess = curve.extrapolated_seconds(accuracy)
+    return "-" if math.isnan(guess) else f"- ({guess:.1g})"
+
+
+def _details(table: CostTable) -> list[Block]:
+    names = _names(table)
+    blocks: list[Block] = [
+        Heading(level=2, words=f"{table.experiment}: every run"),
+        _sheet([table]).grid(key_columns=2),
+        Paragraph(
+            words="The spread is the interquartile range of the stepping times over their median. "
+            "The peak is traced in a run of its own."
+        ),
+    ]
+    failures = tuple(
+        f"{names[case.method.case].label}, N = {row.n_steps}: {row.status}, {row.message}"
+        for case in table.cases
+        for row in case.rows
+        if row.message
+    )
+    return [*blocks, Bullets(items=failures)] if failures else blocks

@@ -1,0 +1,167 @@
+"""The hard cases: what was measured, what it must be, and where each method fails."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
+
+from fvi_cli.reports.document import Block, Grid, Heading, Paragraph
+from fvi_cli.reports.table import Column, Report, Row, Sheet, Within
+from fvi_cli.studies.hard_cases.case import Finding, HardCaseReport
+from fvi_cli.studies.hard_cases.suite import FLAGSHIP, examined_methods, hard_cases
+
+NAME = "hard-cases"
+
+ROUND_OFF = 1e-9
+"""Below it numbers are round-off, or so near that only their verdicts are compared."""
+
+NEAR_THE_LIMIT = 10.0
+"""Numbers that round-off decides may lie on either side of a limit within this factor."""
+
+COLUMNS = (
+    Column(name="case", meaning="name of the case"),
+    Column(name="quantity", meaning="what is measured"),
+    Column(name="method", meaning="name of the method"),
+    Column(
+        name="measured",
+        meaning="the number; infinite where a run did not come to its end",
+        compared=Within(relative=1e-3, absolute=ROUND_OFF),
+    ),
+    Column(name="limit", meaning="what it is held against"),
+    Column(name="sense", meaning="whether it must be at most or at least the limit"),
+    Column(name="holds", meaning="whether it is"),
+    Column(name="status", meaning="the worst status of the runs"),
+    Column(name="predicted", meaning="the worst stability prediction for the runs"),
+    Column(name="is_comparable", meaning="whether every machine measures the same number"),
+)
+
+
+def hard_case_report(found: HardCaseReport) -> Report:
+    """The report on the hard cases that were examined, or on a part of them."""
+    summary, details = tuple(summary_blocks(found)), tuple(_details(found))
+    title = Heading(level=1, words="Hard cases")
+    examined = {method.name for method in examined_methods()}
+    return Report(
+        name=NAME,
+        sheets=(
+            Sheet(
+                name="findings",
+                columns=COLUMNS,
+                rows=tuple(asdict(finding) for finding in found.findings),
+                keys=("case", "quantity", "method"),
+                left_to_round_off=_left_to_round_off,
+            ),
+        ),
+        # the summary where it is seen, at the end
+        summary=(title, *details, *summary),
+        blocks=(title, *summary, *details),
+        with_rows=lambda rows: hard_case_report(_with_rows(found, rows)),
+        is_part={case.name for case in found.cases} != set(hard_cases())
+        or set(found.methods) != examined,
+    )
+
+
+def _with_rows(found: HardCaseReport, rows: Sequence[Row]) -> HardCaseReport:
+    findings = []
+    for finding, row in zip(found.findings, rows, strict=True):
+        measured, holds = row["measured"], row["holds"]
+        if isinstance(measured, float) and isinstance(holds, bool):
+            finding = replace(finding, measured=measured, holds=holds)
+        findings.append(finding)
+    return replace(found, findings=tuple(findings))
+
+
+def _left_to_round_off(stored: Row, fresh: Row) -> set[str]:
+    """Numbers of runs that blow up, which grow from round-off, and verdicts on round-off."""
+    if fresh["predicted"] == "unstable":
+        return {"measured", "status", "holds"}
+    free = set()
+    if not fresh["is_comparable"] or fresh["status"] != "ok":
+        free.add("measured")
+    if _is_left_to_chance(stored, fresh):
+        free.add("holds")
+    return free
+
+
+def _is_left_to_chance(stored: Row, fresh: Row) -> bool:
+    """Whether round-off may have put these two numbers on different sides of the limit."""
+    one, other, limit = (
+        value if isinstance(value, float) else math.nan
+        for value in (stored["measured"], fresh["measured"], fresh["limit"])
+    )
+    near = all(1.0 / NEAR_THE_LIMIT < x / limit < NEAR_THE_LIMIT for x in (one, other) if limit)
+    return limit > 0 and near and (max(one, other) < ROUND_OFF or not fresh["is_comparable"])
+
+
+def summary_blocks(report: HardCaseReport) -> list[Block]:
+    """For every method how much holds, and in which cases something does not."""
+    rows = []
+    for method in report.methods:
+        own = [finding for finding in report.findings if finding.method == method]
+        wrong = [finding for finding in own if not finding.holds]
+        unstable = {f.case for f in wrong if f.status != "ok" or f.predicted == "unstable"}
+        inaccurate = {finding.case for finding in wrong} - unstable
+        blown = [case.name for case in report.cases if case.name in unstable]
+        rows.append(
+            (
+                method,
+                f"{len(own) - len(wrong)} of {len(own)}",
+                f"{len(inaccurate)} of {len(report.cases)} cases",
+                ", ".join(blown) or "-",
+            )
+        )
+    return [
+        Heading(level=2, words="Where each method fails"),
+        Grid(
+            header=("method", "holds", "too inaccurate in", "blows up in"),
+            rows=tuple(rows),
+            text_columns=4,
+            key_columns=4,
+        ),
+    ]
+
+
+def _details(report: HardCaseReport) -> Iterator[Block]:
+    for case in report.cases:
+        findings = report.of(case.name)
+        yield Heading(level=2, words=f"{case.name}: {case.title}")
+        yield Paragraph(words=f"{case.description}. Truth: {case.reference}.")
+        quantities = dict.fromkeys(finding.quantity for finding in findings)
+        by_place = {(finding.quantity, finding.method): finding for finding in findings}
+        rows = []
+        for quantity in quantities:
+            some = by_place[quantity, report.methods[0]]
+            rows.append(
+                (
+                    quantity,
+                    f"{some.sense} {some.limit:g}",
+                    *(_cell(by_place[quantity, method]) for method in report.methods),
+                )
+            )
+        yield Grid(
+            header=("measured", "must be", *report.methods),
+            rows=tuple(rows),
+            text_columns=2,
+            key_columns=2,
+        )
+        unstable = dict.fromkeys(f.method for f in findings if f.predicted == "unstable")
+        if unstable:
+            yield Paragraph(words=f"Unstable by prediction: {', '.join(unstable)}.")
+
+
+def _cell(finding: Finding) -> str:
+    if finding.status != "ok":
+        return finding.status
+    number = "0" if finding.measured == 0 else f"{finding.measured:.1e}"
+    return number if finding.holds else f"{number} NO"
+
+
+def failures(report: HardCaseReport) -> list[str]:
+    """One line for every claim that does not hold with the method for which all must."""
+    return [
+        f"{f.case}: {f.quantity}: {f.measured:.3g} ({f.status}) with {f.method}; it must be "
+        f"{f.sense} {f.limit:g}"
+        for f in report.findings
+        if f.method == FLAGSHIP and not f.holds
+    ]

@@ -1,0 +1,187 @@
+"""Orders of convergence."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import cast, get_args
+
+from fvi_cli.reports.document import Block, Heading
+from fvi_cli.reports.kinds.order_details import details, setting
+from fvi_cli.reports.kinds.order_summary import legend, names_of, summary
+from fvi_cli.reports.kinds.order_sweeps import split_sweeps, sweep_details
+from fvi_cli.reports.table import Column, Report, Row, Sheet, Value, Within
+from fvi_cli.studies.experiment import Observed
+from fvi_cli.studies.order import NEAR_FLOOR, OrderTable, with_orders
+
+ERROR = Within(relative=1e-3)
+"""For errors that are reliable."""
+
+RELIABLE = 2 * NEAR_FLOOR
+"""Errors above this many floors are the same on every machine.
+
+Twice the limit below which rows are used for no order, so that an error beside that limit may lie
+on either side of it.
+"""
+
+COLUMNS = (
+    Column(name="experiment", meaning="name of the experiment"),
+    Column(name="case", meaning="name of the method in files"),
+    Column(name="cq", meaning="convolution quadrature, or the baseline"),
+    Column(name="sampling", meaning="where the damping is sampled"),
+    Column(name="degree", meaning="degree of the polynomials"),
+    Column(name="quadrature", meaning="quadrature of the action and its number of points"),
+    Column(name="start", meaning="start correction"),
+    Column(name="gamma", meaning="orders of the damping, joined by ;"),
+    Column(name="norm", meaning="norm of the error"),
+    Column(name="n_steps", meaning="number N of steps"),
+    Column(name="step_size", meaning="h, in the scene's unit of time"),
+    Column(name="error", meaning="error of the position, in its unit", compared=ERROR),
+    # what follows from errors must follow from those beside it: within 0.01 of the fresh one
+    Column(name="pairwise_order", meaning="order against the row before", compared=None),
+    Column(name="used_in_fit", meaning="whether the slope uses the row"),
+    Column(
+        name="slope",
+        meaning="least-squares slope of log(error) against log(h) over the rows used",
+        compared=None,
+    ),
+    Column(name="fit_residual", meaning="rms residual of that fit in log10(error)", compared=None),
+    Column(name="expected_order", meaning="order that theory expects at this step"),
+    Column(name="predicted", meaning="predicted stability"),
+    Column(name="status", meaning="what was observed"),
+)
+EXTRA_COLUMNS = (
+    Column(
+        name="floor",
+        meaning="errors below are round-off or the reference's own",
+        compared=None,
+        is_extra=True,
+    ),
+    Column(name="message", meaning="what happened", compared=None, is_extra=True),
+    Column(name="remarks", meaning="what a reader should know", compared=None, is_extra=True),
+)
+EXPERIMENT_COLUMNS = (
+    Column(name="experiment", meaning="name of the experiment, and member of a sweep"),
+    Column(name="equation", meaning="equation of motion"),
+    Column(name="reference", meaning="what errors are measured against", compared=None),
+    Column(name="final_time", meaning="T, in the scene's unit of time"),
+)
+
+
+def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
+    """The orders of all experiments of the configuration `name`; a table for every one of them.
+
+    A sweep has a table for every member, and a column for every swept key behind the others.
+    """
+    swept = list(dict.fromkeys(key for table in tables for key in table.swept))
+    runs = Sheet(
+        name="runs",
+        columns=(
+            *COLUMNS,
+            *(Column(name=key, meaning="swept value of the configuration") for key in swept),
+            *EXTRA_COLUMNS,
+        ),
+        rows=tuple(_runs(tables, swept)),
+        keys=("experiment", "case", "n_steps", *swept),
+        left_to_round_off=_left_to_round_off,
+    )
+    experiments = Sheet(
+        name="experiments",
+        columns=EXPERIMENT_COLUMNS,
+        rows=tuple(
+            {
+                "experiment": table.title,
+                "equation": table.equation,
+                "reference": table.reference,
+                "final_time": table.final_time,
+            }
+            for table in tables
+        ),
+        keys=("experiment",),
+        is_file=False,
+    )
+    title = Heading(level=1, words=f"Orders of convergence: {name}")
+    orders = summary(name, tables)
+    return Report(
+        name=name,
+        sheets=(runs, experiments),
+        summary=(title, *orders),
+        blocks=(title, *orders, *legend(tables), *_all_details(tables)),
+        with_rows=lambda rows: order_report(name, list(_with_rows(tables, rows))),
+    )
+
+
+def _all_details(tables: Sequence[OrderTable]) -> Iterator[Block]:
+    names = names_of(tables)
+    single, swept = split_sweeps(tables)
+    for table in single:
+        yield from details(table, names)
+    for members in swept:
+        yield from sweep_details(members, names, setting(members))
+
+
+def _runs(tables: Sequence[OrderTable], swept: Sequence[str]) -> Iterator[dict[str, Value]]:
+    for table in tables:
+        values = {key: _swept(table.swept[key]) if key in table.swept else None for key in swept}
+        for case in table.cases:
+            for row in case.rows:
+                yield {
+                    "experiment": table.experiment,
+                    "case": case.method.case,
+                    **case.columns(),
+                    "gamma": table.gamma,
+                    "norm": table.norm,
+                    "n_steps": row.n_steps,
+                    "step_size": float(row.step_size),
+                    "error": float(row.error),
+                    "pairwise_order": float(row.pairwise_order),
+                    "used_in_fit": row.used_in_fit,
+                    "slope": float(case.slope),
+                    "fit_residual": float(case.fit_residual),
+                    "expected_order": float(row.expected_order),
+                    "predicted": row.predicted,
+                    "status": row.status,
+                    **values,
+                    "floor": float(row.floor),
+                    "message": row.message,
+                    "remarks": "; ".join(row.remarks),
+                }
+
+
+def _swept(value: object) -> Value:
+    return value if isinstance(value, str | float) else json.dumps(value)
+
+
+def _left_to_round_off(stored: Row, fresh: Row) -> set[str]:
+    """Errors near the floor with what is said of them, and how far a run diverged."""
+    if fresh["status"] not in ("ok", "floor"):
+        return {"error"}
+    error, other, floor = (_number(v) for v in (stored["error"], fresh["error"], fresh["floor"]))
+    is_round_off = stored["status"] in ("ok", "floor") and max(error, other) <= RELIABLE * floor
+    return {"error", "status", "used_in_fit"} if is_round_off else set()
+
+
+def _number(value: Value) -> float:
+    return value if isinstance(value, float) else math.nan
+
+
+def _status(value: Value) -> Observed:
+    if value not in get_args(Observed):
+        raise ValueError(f"status: {value!r} is not one of {', '.join(get_args(Observed))}")
+    return cast(Observed, value)
+
+
+def _with_rows(tables: Sequence[OrderTable], rows: Sequence[Row]) -> Iterator[OrderTable]:
+    """The tables with the errors of `rows`, and the orders that follow from them."""
+    stored = iter(rows)
+    for table in tables:
+        cases = []
+        for case in table.cases:
+            own = tuple(
+                replace(row, error=_number(found["error"]), status=_status(found["status"]))
+                for row, found in zip(case.rows, stored, strict=False)
+            )
+            cases.append(with_orders(replace(case, rows=own)))
+        yield replace(table, cases=tuple(cases))

@@ -1,0 +1,182 @@
+r"""Reports as LaTeX to ``\input``: headings, text and tables, set with four usual packages."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from fvi_cli.reports.document import (
+    Block,
+    Bullets,
+    Code,
+    Equation,
+    Grid,
+    Heading,
+    Paragraph,
+    Words,
+    pieces,
+    plain,
+    split_wide,
+)
+from fvi_cli.reports.writers.equations import to_mathematics
+
+PACKAGES = ("amsmath", "array", "booktabs", "longtable")
+
+_HEAD = rf"""% To \input; needs \usepackage{{{",".join(PACKAGES)}}}"""
+
+WIDEST = 92
+"""Letters in a line of a table that fit into the text of the class ``article``, footnote size."""
+
+WIDEST_TEXT = 34
+"""Texts in a table are folded at so many letters."""
+
+LONGEST = 40
+"""Rows of a table that stay on one page."""
+
+_EM = 0.47
+"""Width of a letter in the size of letters, on average."""
+
+_SECTIONS = ("section*", "subsection*", "subsubsection*")
+
+_ESCAPES: Mapping[str, str] = {
+    "\\": r"\textbackslash{}",
+    "{": r"\{",
+    "}": r"\}",
+    "$": r"\$",
+    "&": r"\&",
+    "#": r"\#",
+    "%": r"\%",
+    "_": r"\_",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "<": r"$<$",
+    ">": r"$>$",
+    "|": r"$|$",
+    "`": r"{\char96}",
+}
+
+# what every LaTeX sets without a package: printable ASCII and the letters of Latin-1
+_LETTER = re.compile(r"[\x20-\x7e\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u00ff]")
+
+_NUMBER = re.compile(
+    r"(?<![\w.^])(?P<mantissa>-?\d+(?:\.\d+)?)(?:e(?P<exponent>[+-]?\d+))?(?![\w.])"
+)
+
+
+def to_latex(blocks: Sequence[Block]) -> str:
+    """The blocks as a fragment; every table in it can be taken out by itself."""
+    words = (_block(block) for block in blocks)
+    return "\n\n".join([_HEAD, r"{\raggedright\setlength{\parindent}{0pt}", *words, "}"]) + "\n"
+
+
+def _block(block: Block) -> str:
+    if isinstance(block, Heading):
+        section = _SECTIONS[min(block.level, len(_SECTIONS)) - 1]
+        return f"\\{section}{{{escape_latex(plain(block.words))}}}"
+    if isinstance(block, Paragraph):
+        return rf"{_inline(block.words)}\par\smallskip"
+    if isinstance(block, Bullets):
+        items = "\n".join(f"\\item {{}}{_inline(item)}" for item in block.items)
+        return f"\\begin{{itemize}}\n{items}\n\\end{{itemize}}"
+    return "\n\n".join(_grid(part) for part in split_wide(block, WIDEST, WIDEST_TEXT))
+
+
+def _inline(words: Words) -> str:
+    found = []
+    for piece in pieces(words):
+        if isinstance(piece, Equation):
+            found.append(_equation(piece.text))
+        elif isinstance(piece, Code):
+            # names of methods may be broken behind a hyphen
+            found.append(rf"\texttt{{{escape_latex(piece.text)}}}".replace("-", r"-\allowbreak{}"))
+        else:
+            found.append(_folding(_with_numbers(plain((piece,)))))
+    return "".join(found)
+
+
+def _equation(text: str) -> str:
+    return "".join(
+        f"${part}$" if is_mathematics else escape_latex(part)
+        for part, is_mathematics in to_mathematics(text)
+    )
+
+
+def escape_latex(text: str) -> str:
+    """Text in which nothing is taken for a command; letters beyond Latin-1 by their number."""
+    letters = []
+    for letter in " ".join(text.splitlines()):
+        if not _LETTER.fullmatch(letter):
+            letters.append(f"U+{ord(letter):04X}")
+        else:
+            letters.append(_ESCAPES.get(letter, letter))
+    return "".join(letters)
+
+
+def _folding(text: str) -> str:
+    """Long words with places where a line may end: behind hyphens between letters, and dots."""
+    return re.sub(r"(?<=[a-z0-9][-.])(?=[a-z])", r"\\allowbreak{}", text)
+
+
+def _with_numbers(text: str) -> str:
+    """Text with its numbers in mathematical type."""
+    parts = []
+    end = 0
+    for match in _NUMBER.finditer(text):
+        parts.append(escape_latex(text[end : match.start()]))
+        parts.append(_number(match))
+        end = match.end()
+    parts.append(escape_latex(text[end:]))
+    return "".join(parts)
+
+
+def _number(match: re.Match[str]) -> str:
+    if match["exponent"] is None:
+        return f"${match['mantissa']}$"
+    return rf"${match['mantissa']}\cdot10^{{{int(match['exponent'])}}}$"
+
+
+def _grid(grid: Grid) -> str:
+    widths = grid.widths()
+    columns = "".join(
+        ("l" if width <= WIDEST_TEXT else _paragraph_column()) if k < grid.text_columns else "r"
+        for k, width in enumerate(widths)
+    )
+    header = [_row(grid.header, text_columns=len(grid.header)), r"\midrule"]
+    body = [_row(row, grid.text_columns) for row in grid.rows]
+    if grid.summary_rows:
+        body.append(r"\midrule")
+        body += [_row(row, grid.text_columns) for row in grid.summary_rows]
+    if len(grid.rows) > LONGEST:
+        lines = [
+            rf"\begin{{longtable}}[l]{{@{{}}{columns}@{{}}}}",
+            r"\toprule",
+            *header,
+            r"\endhead",
+            rf"\midrule \multicolumn{{{len(grid.header)}}}{{r@{{}}}}{{continued}} \\",
+            r"\endfoot",
+            r"\bottomrule",
+            r"\endlastfoot",
+            *body,
+            r"\end{longtable}",
+        ]
+    else:
+        lines = [
+            rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}",
+            r"\toprule",
+            *header,
+            *body,
+            r"\bottomrule",
+            r"\end{tabular}",
+        ]
+    return "{\\footnotesize\\setlength{\\tabcolsep}{4pt}\n" + "\n".join(lines) + "\n\\par\\medskip}"
+
+
+def _paragraph_column() -> str:
+    return rf">{{\raggedright\arraybackslash}}p{{{WIDEST_TEXT * _EM:.0f}em}}"
+
+
+def _row(cells: Sequence[str], text_columns: int) -> str:
+    words = [_folding(escape_latex(cell)) for cell in cells[:text_columns]]
+    words += [_with_numbers(cell) for cell in cells[text_columns:]]
+    # a bracket after the end of a row would be its optional argument
+    return " & ".join(f"{{}}{word}" if word.startswith("[") else word for word in words) + r" \\"

@@ -1,0 +1,91 @@
+"""Reports as text: plain for files and pipes, folded and ruled on a terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, TextIO
+
+from fvi_cli.reports.document import Block, Bullets, Grid, Heading, Paragraph, plain, split_wide
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+WIDEST = 120
+"""Letters in a line of a table where no terminal says how many there are."""
+
+WIDEST_TEXT = 40
+"""Texts in a table are folded on a terminal, not below this many letters."""
+
+
+def to_text(blocks: Sequence[Block]) -> str:
+    """The blocks as plain text, without a newline at the end."""
+    return "\n\n".join(_plain(block) for block in blocks)
+
+
+def _plain(block: Block) -> str:
+    if isinstance(block, Heading | Paragraph):
+        return plain(block.words)
+    if isinstance(block, Bullets):
+        return "\n".join(f"- {plain(item)}" for item in block.items)
+    return "\n\n".join(_aligned(part) for part in split_wide(block, WIDEST))
+
+
+def _aligned(grid: Grid) -> str:
+    widths = grid.widths()
+    lines = []
+    for row in grid.lines:
+        cells = [
+            cell.ljust(width) if k < grid.text_columns else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
+
+
+def show(blocks: Sequence[Block], stream: TextIO | None = None) -> None:
+    """Print the blocks: on a terminal within its width, elsewhere as :func:`to_text` has them."""
+    stream = stream or sys.stdout
+    if not stream.isatty():
+        print(to_text(blocks), file=stream)
+        return
+    from rich.console import Console
+
+    console = Console(file=stream, highlight=False)
+    for number, block in enumerate(blocks):
+        if number:
+            console.print()
+        for part in _rich(block, console.width):
+            console.print(part)
+
+
+def _rich(block: Block, width: int) -> list[RenderableType]:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
+    if isinstance(block, Heading):
+        return [Text(plain(block.words), style="bold")]
+    if isinstance(block, Paragraph):
+        return [Text(plain(block.words))]
+    if isinstance(block, Bullets):
+        bullets = Table.grid(padding=(0, 1))
+        for item in block.items:
+            bullets.add_row("-", Text(plain(item)))
+        return [bullets]
+    found: list[RenderableType] = []
+    for part in split_wide(block, width, WIDEST_TEXT):
+        table = Table(box=SIMPLE_HEAD, show_edge=False, pad_edge=False)
+        for k, title in enumerate(part.header):
+            is_text = k < part.text_columns
+            table.add_column(
+                Text(title), justify="left" if is_text else "right", no_wrap=not is_text
+            )
+        for row in part.rows:
+            table.add_row(*map(Text, row))
+        if part.summary_rows:
+            table.add_section()
+            for row in part.summary_rows:
+                table.add_row(*map(Text, row))
+        found.append(table)
+    return found
