@@ -41,6 +41,7 @@ def test_the_examples_are_true() -> None:
     assert failed == 0
 
 
+@pytest.mark.processes
 def test_importing_the_package_loads_nothing() -> None:
     program = "import sys, fvi_cli; print('numpy' in sys.modules); fvi_cli.integrate; print(1)"
     package = str(Path(fvi.__file__).parents[1])

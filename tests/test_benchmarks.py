@@ -174,6 +174,7 @@ class TestAccuracy:
         assert columns(accuracy_table([goal]))["met"] == ["no"]
 
 
+@pytest.mark.processes
 def test_the_page_has_the_sections_that_are_asked_for(tmp_path, capsys, monkeypatch):
     few = stepping_cases(6)[:1]
     monkeypatch.setattr("benchmarks.stepping.stepping_cases", lambda exponent: few)
@@ -192,6 +193,7 @@ def test_the_page_has_the_sections_that_are_asked_for(tmp_path, capsys, monkeypa
         page.main(["no-such-section", "--output", str(tmp_path)])
 
 
+@pytest.mark.processes
 def test_a_process_of_its_own_has_one_core():
     assert in_own_process(os.getenv, "OMP_NUM_THREADS") == "1"
     assert in_own_process(os.getpid) != os.getpid()

@@ -75,6 +75,7 @@ def modules_after(statement):
     return {name.partition(".")[0] for name in done.stdout.split()}
 
 
+@pytest.mark.processes
 def test_the_command_line_loads_nothing_heavy():
     heavy = {"numpy", "scipy", "matplotlib", "h5py", "yaml", "sympy", "mpmath"}
     assert not heavy & modules_after("import fvi_cli.cli.app")
@@ -94,6 +95,7 @@ except SystemExit:
 """
 
 
+@pytest.mark.processes
 def test_help_loads_few_modules():
     def count(statement):
         code = statement + "\nimport sys; print(len(sys.modules), file=sys.stderr)"
@@ -107,6 +109,7 @@ def test_help_loads_few_modules():
     assert count("import fvi_cli.runner.run") - bare > 2 * (of_numpy - bare)
 
 
+@pytest.mark.processes
 def test_help_names_every_command_and_version_the_version():
     done = in_a_process("--help")
     assert done.returncode == 0
@@ -203,6 +206,7 @@ def test_a_dry_run_lists_every_run_and_writes_nothing(folder):
     assert all("reuse" in row for row in rows)
 
 
+@pytest.mark.processes
 def test_several_processes_store_the_same_table(folder):
     assert fvi("convergence", "quick.yaml", "--output", "one").exit_code == 0
     assert fvi("convergence", "quick.yaml", "--output", "two", "--workers", "2").exit_code == 0
@@ -255,6 +259,7 @@ SLOW = QUICK.replace("[4, 8, 16, 32]", "[8, 16, 400000]").replace("[1, 2]", "1")
 SLOW = SLOW.replace("degree: 1", "degree: 1, history: direct")
 
 
+@pytest.mark.processes
 def test_an_interruption_of_the_very_start_is_silent():
     code = """
 import os, signal, sys
@@ -311,6 +316,7 @@ def test_a_configuration_is_not_shown_as_results(folder):
     assert "delete" not in result.stderr
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_interrupted_run_keeps_what_is_finished(folder, number, workers):
@@ -577,6 +583,7 @@ def test_an_unexpected_error_shows_its_traceback_only_when_asked(folder, monkeyp
     assert "Traceback" in verbose.stderr
 
 
+@pytest.mark.processes
 def test_a_reader_that_goes_away_is_no_error_message(folder):
     read, write = os.pipe()
     os.close(read)
@@ -613,6 +620,7 @@ def on_a_terminal(*arguments, columns=160):
     return drawn.decode(), stdout
 
 
+@pytest.mark.processes
 def test_a_progress_bar_is_drawn_on_a_terminal_only(folder):
     drawn, stdout = on_a_terminal("run", "quick.yaml")
     assert "8/8" in drawn
@@ -621,6 +629,7 @@ def test_a_progress_bar_is_drawn_on_a_terminal_only(folder):
     assert "8/8" not in in_a_process("run", "quick.yaml", "--fresh").stderr
 
 
+@pytest.mark.processes
 def test_on_80_columns_the_bar_is_whole_with_many_runs_of_long_names(folder):
     text = QUICK.replace("name: quick", "name: a-configuration-whose-name-is-quite-long")
     text = text.replace("bdf: [1, 2]", "bdf: [1, 2, 3]").replace("[4, 8, 16, 32]", "{to: 5}")
@@ -636,6 +645,7 @@ def test_on_80_columns_the_bar_is_whole_with_many_runs_of_long_names(folder):
     assert "-:-" not in drawn
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_within_a_long_run_the_bar_says_how_far_it_is(folder, workers):
     (folder / "quick.yaml").write_text(SLOW.replace("400000", "30000"))

@@ -113,6 +113,7 @@ def slope(line: Line2D) -> float:
     return float((y[1] - y[0]) / (x[1] - x[0]))
 
 
+@pytest.mark.processes
 def test_figures_do_without_pyplot_and_leave_the_settings_alone(tmp_path: Path) -> None:
     script = """
 import sys

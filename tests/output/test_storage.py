@@ -552,6 +552,7 @@ KILLED = """
 """
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("moment", [1, 9])
 def test_killed_between_write_and_rename_only_that_run_is_lost(
     tmp_path: Path, runs: list[FinishedRun], moment: int
@@ -613,6 +614,7 @@ FULL = """
 """
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("limit", [0, 1000, 10_000, 30_000])
 def test_a_full_disk_is_told_and_destroys_nothing(
     tmp_path: Path, runs: list[FinishedRun], limit: int
@@ -867,6 +869,7 @@ HOLD = """
 """
 
 
+@pytest.mark.processes
 def test_a_file_is_held_by_one_process_until_it_ends_in_whatever_way(
     tmp_path: Path, runs: list[FinishedRun]
 ) -> None:

@@ -32,6 +32,8 @@ from fvi_cli.config import load_config
 from fvi_cli.config.memory import run_bytes
 from fvi_cli.runner.executors.batches import execute_batch
 
+pytestmark = pytest.mark.processes
+
 needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks into /proc")
 
 

@@ -25,8 +25,11 @@ from fvi_cli.runner.executors.executor import InProcess, compute_batches
 
 # the workers have the package, but not the tests
 cloudpickle.register_pickle_by_value(local)
-# what a cluster leaves to the garbage collector when its workers are killed is not ours
-pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
+pytestmark = [
+    pytest.mark.processes,
+    # what a cluster leaves to the garbage collector when its workers are killed is not ours
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+]
 
 
 def start_cluster(n_workers, failures):

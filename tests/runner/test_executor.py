@@ -24,6 +24,8 @@ from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.experiment import Experiment
 
+pytestmark = pytest.mark.processes
+
 
 def experiment(**changes):
     specification = {

@@ -187,6 +187,7 @@ def test_mistakes_in_a_configuration(old: str, new: str, messages: list[str]) ->
         assert message in str(caught.value)
 
 
+@pytest.mark.processes
 @pytest.mark.parametrize("kind", ["pendulum", "lagrangian"])
 def test_only_lagrangians_import_sympy(kind: str) -> None:
     own = "" if kind == "pendulum" else ", 'coordinates': ['x'], 'lagrangian': 'vx**2 - x**2'"

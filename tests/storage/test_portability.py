@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import fvi_cli
 
 CONFIG = """\
@@ -57,6 +59,7 @@ def in_hiding(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.processes
 def test_a_configuration_runs_without_what_windows_lacks(tmp_path: Path) -> None:
     done = in_hiding(tmp_path, HIDING)
     assert done.returncode == 0, done.stderr

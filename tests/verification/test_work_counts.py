@@ -326,6 +326,7 @@ def seen_by(code, **options):
     return json.loads(done.stdout.splitlines()[-1])
 
 
+@pytest.mark.processes
 def test_modules_that_a_scene_does_not_call_for_are_not_imported():
     seen = seen_by(CHILD)
     for kind in ("undamped", "first order", "nodes", "no series", "pendulum"):
@@ -337,6 +338,7 @@ def test_modules_that_a_scene_does_not_call_for_are_not_imported():
     assert not {"h5py", "matplotlib"} & set(seen["lagrangian"])
 
 
+@pytest.mark.processes
 def test_modules_that_a_command_does_not_call_for_are_not_imported(tmp_path):
     seen = seen_by(COMMANDS, cwd=tmp_path)
     assert seen["run frame -q"] == seen["show results/frame.h5"] == ["h5py"]
