@@ -21,7 +21,7 @@ command             call
 
 :func:`as_text` is what a command prints of a result, :func:`write` puts it into files and
 :func:`compare` tells, as ``--check`` does, in what stored files differ. Without any configuration,
-:func:`integrate` computes a :class:`Scene` by a :class:`Method`.
+:func:`integrate` computes a :class:`Scene` by a :class:`Method`, or by the name of one.
 
 Examples
 --------
@@ -47,11 +47,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from fvi_cli.config import (
     LoadedConfig,
     find_config,
     json_schema,
     load_config,
+    method_named,
     parse_config,
     shipped_titles,
     starter_config,
@@ -61,18 +64,22 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
+from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
+from fvi_cli.effects.symmetry import Symmetry
 from fvi_cli.errors import ConfigError, FviError, RequestError, StorageError
-from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.diagnostics import Asked as DiagnosticsRequest
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.stability import StabilityPrediction, predict_stability
+from fvi_cli.integrator.stability import StabilityPrediction
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.render.results import as_text, compare, figures, order_tables, write
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.plan import PlannedRun, plan_runs
 from fvi_cli.runner.request import Request, allowing_unstable, gather
 from fvi_cli.runner.run import run_request
+from fvi_cli.runner.scenes import integrate, integrate_members, predict_stability
 from fvi_cli.runner.settings import Settings
+from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
@@ -88,6 +95,7 @@ __all__ = [
     "Baseline",
     "ConfigError",
     "CostTable",
+    "DiagnosticsRequest",
     "Experiment",
     "ExpressionPotential",
     "FinishedRun",
@@ -106,12 +114,14 @@ __all__ = [
     "QuadraticPotential",
     "RequestError",
     "Run",
+    "SampledForce",
     "Scene",
     "StabilityPrediction",
     "StabilityTable",
     "StorageError",
     "StoredConfiguration",
     "StoredFile",
+    "Symmetry",
     "Trajectory",
     "as_text",
     "build_problem",
@@ -123,9 +133,12 @@ __all__ = [
     "figures",
     "hard_cases",
     "integrate",
+    "integrate_members",
     "json_schema",
+    "lagrangian_scene",
     "linear_oscillator",
     "load",
+    "method_named",
     "order_table",
     "order_tables",
     "pendulum",
@@ -151,7 +164,7 @@ def load(source: Source, *, overrides: Sequence[str] = ()) -> LoadedConfig:
     ----------
     source
         A file, the name of a shipped configuration, or what would stand in the file as a mapping
-        (with its ``name``).
+        (with its ``name``); NumPy arrays and numbers in it stand for lists and numbers.
     overrides
         Changes ``key.path=value`` as of ``--set``, validated like the rest.
 
@@ -168,9 +181,27 @@ def load(source: Source, *, overrides: Sequence[str] = ()) -> LoadedConfig:
         return source
     if isinstance(source, Mapping):
         # JSON is YAML: the same checks, the same words
-        text = json.dumps(source, indent=1)
+        text = json.dumps(source, indent=1, default=_plain)
         return parse_config(text, str(source.get("name", "mapping")), overrides=overrides)
     return load_config(find_config(str(source)), overrides=overrides)
+
+
+def _plain(value: object) -> object:
+    """The value of a mapping as a list, a number or a text.
+
+    Raises
+    ------
+    RequestError
+        For what a configuration cannot hold.
+    """
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Path):
+        return str(value)
+    raise RequestError(
+        f"a {type(value).__name__} cannot stand in a configuration; it holds mappings, lists, "
+        "numbers and texts (a formula, or a file of samples, for a force); a Scene takes more"
+    )
 
 
 def run(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 import doctest
 import re
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -61,10 +61,10 @@ def test_every_public_name_is_there_and_no_other() -> None:
         assert getattr(fvi, name) is getattr(api, name)
         assert getattr(fvi, name).__doc__ or name == "Source"
     # a part of the installed package of the same name would be found first
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    parts = set(project["tool"]["setuptools"]["packages"])
-    parts |= {f"fvi_cli.{path.stem}" for path in (ROOT / "fvi_cli").glob("*.py")}
-    assert not parts & {f"fvi_cli.{name}" for name in api.__all__}
+    package = ROOT / "fvi_cli"
+    parts = {path.stem for path in (*package.glob("*.py"), *package.glob("*/"))}
+    assert "runner" in parts
+    assert not parts & set(api.__all__)
     with pytest.raises(AttributeError, match="has no attribute 'campagne'"):
         _ = fvi.campagne
 
@@ -243,3 +243,81 @@ def test_a_scene_is_integrated_without_any_configuration() -> None:
     coarse, fine = (fvi.integrate(scene, method, n) for n in (32, 64))
     assert np.abs(fine.position[::2] - coarse.position).max() < 1e-6
     assert fvi.predict_stability(scene, method, 32).verdict == "stable"
+
+
+def test_methods_are_found_by_every_name_that_they_have() -> None:
+    """What a method is called in files says it in full; short names take defaults."""
+    for name in fvi.shipped_configurations():
+        for experiment in fvi.load(name).experiments:
+            for method in experiment.methods:
+                if isinstance(method, fvi.Method) and not method.start_exponents:
+                    assert fvi.method_named(method.case) == method
+    short = {"gauss3": {"rk": "gauss", "degree": 3}, "bdf4": {"bdf": 4}}
+    short["bdf2-nodes"] = {"bdf": 2, "sampling": "nodes"}
+    short["product-integration"] = {"baseline": "product-integration"}
+    for name, keys in short.items():
+        (experiment,) = fvi.load({**CONFIG, "method": keys}).experiments
+        assert experiment.methods == (fvi.method_named(name),)
+    assert fvi.method_named("Gauss 3") == fvi.method_named("gauss3")
+    for wrong in ("bdf7", "gauss3-quickly", "bdf2-nodes-points", "", "gauss"[:-1]):
+        with pytest.raises(ValueError, match=f"method: '{wrong}' is not the name of a method"):
+            fvi.method_named(wrong)
+
+
+def test_a_scene_is_integrated_by_the_name_of_a_method() -> None:
+    scene = fvi.lagrangian_scene(
+        coordinates=["x"],
+        lagrangian="vx**2/2 - x**2/2",
+        final_time=2.0,
+        damping=[fvi.FractionalDamping(order=0.5, coefficient=0.3)],
+        initial_position=[1.0],
+        initial_velocity=[0.0],
+    )
+    wanted = fvi.DiagnosticsRequest(energy_balance=True)
+    named = fvi.integrate(scene, "gauss3", 16, diagnostics=wanted)
+    given = fvi.integrate(scene, fvi.Method(cq="gauss", degree=3, start="series"), 16)
+    np.testing.assert_allclose(named.position, given.position, atol=1e-14)
+    assert named.diagnostics is not None
+    (member,) = fvi.integrate_members([scene], "gauss3", 16)
+    np.testing.assert_allclose(member.position, given.position, atol=1e-14)
+    assert fvi.predict_stability(scene, "gauss3", 16).verdict == "stable"
+
+
+def test_arrays_stand_for_lists_and_what_cannot_be_written_is_told() -> None:
+    arrays = {
+        "kind": "bagley-torvik",
+        "mass": np.eye(2),
+        "stiffness": np.array([[2, -1], [-1, 2]]),
+        "damping": [{"order": np.float64(0.5), "coefficient": 1.0}],
+        "initial": {"position": np.array([1.0, 0.0]), "velocity": 0.0},
+        "final_time": 1.0,
+    }
+    lists = {
+        **arrays,
+        "mass": [[1, 0], [0, 1]],
+        "stiffness": [[2, -1], [-1, 2]],
+        "damping": [{"order": 0.5, "coefficient": 1.0}],
+        "initial": {"position": [1.0, 0.0], "velocity": 0.0},
+    }
+    one, other = (fvi.run({**CONFIG, "problem": problem})[0] for problem in (arrays, lists))
+    assert [f.error for f in one.finished] == [f.error for f in other.finished]
+    with pytest.raises(fvi.RequestError, match="a function cannot stand in a configuration"):
+        fvi.load({**CONFIG, "problem": {**lists, "forcing": lambda t: t}})
+
+
+def test_an_outcome_is_short_and_has_a_table_and_a_figure_for_notebooks() -> None:
+    (outcome,) = fvi.run({**CONFIG, "method": [{"rk": "gauss", "degree": [2, 3]}]})
+    lines = repr([outcome]).splitlines()
+    assert len(lines) == 3
+    assert "gauss-s2-series 4 ok error" in lines[1]
+    assert max(map(len, lines)) < 80
+    assert len(repr(outcome.finished[0])) < 80
+    page = outcome._repr_html_()
+    assert page.count("<tr>") == 2
+    assert "gauss-s3-series" in page
+    picture = page.partition('<img src="data:image/png;base64,')[2].partition('"')[0]
+    assert base64.b64decode(picture).startswith(b"\x89PNG")
+    # one outcome does where a list would
+    assert list(fvi.figures(outcome)) == list(fvi.figures([outcome])) == ["free-convergence"]
+    assert fvi.as_text(outcome) == fvi.as_text([outcome])
+    assert len(fvi.order_tables(outcome)) == 1

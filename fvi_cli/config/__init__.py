@@ -1,6 +1,7 @@
 """Floor 6: YAML configurations, validated with file, line and column."""
 
 from fvi_cli.config.load import LoadedConfig, load_config, parse_config
+from fvi_cli.config.method_names import method_named
 from fvi_cli.config.reference.page import configuration_reference
 from fvi_cli.config.reference.schema import SCHEMA_FILE, SCHEMA_TITLE, json_schema, schema_text
 from fvi_cli.config.reference.starter import starter_config
@@ -14,6 +15,7 @@ __all__ = [
     "find_config",
     "json_schema",
     "load_config",
+    "method_named",
     "parse_config",
     "schema_text",
     "shipped_configs",

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Result: TypeAlias = Outcome | OrderTable | StabilityTable | CostTable | PlannedRun
-Results: TypeAlias = Sequence[Result] | HardCaseReport
+Results: TypeAlias = Result | Sequence[Result] | HardCaseReport
 Kind = TypeVar("Kind")
 
 
@@ -42,8 +42,8 @@ def as_text(results: Results | StoredFile, *, name: str | None = None) -> str:
     Parameters
     ----------
     results
-        Outcomes of runs, order tables, tables of stability or cost, plans (each a list of one
-        kind), the report of the hard cases, or the contents of a result file.
+        Outcomes of runs, order tables, tables of stability or cost, plans (one of these, or a
+        list of one kind), the report of the hard cases, or the contents of a result file.
     name
         Name of the whole in the heading; default that of the only experiment.
 
@@ -100,7 +100,7 @@ def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
     Parameters
     ----------
     results
-        Outcomes, or tables of stability or cost.
+        One or several outcomes, or tables of stability or cost.
     name
         Their names begin with it; default the name of the only experiment.
 
@@ -201,6 +201,13 @@ def compare(results: Results, output: Path | str, *, name: str | None = None) ->
     return differences + compare_figures(figures(results, name=title), folder)
 
 
+def _listed(results: Results) -> list[Result]:
+    """The results one by one; a report of hard cases is one of its own."""
+    if isinstance(results, HardCaseReport):
+        return []
+    return list(results) if isinstance(results, Sequence) else [results]
+
+
 def _of(results: Results, kind: type[Kind]) -> list[Kind]:
     """The results, if they are of this kind.
 
@@ -209,8 +216,8 @@ def _of(results: Results, kind: type[Kind]) -> list[Kind]:
     RequestError
         For a mixture.
     """
-    listed: list[object] = [] if isinstance(results, HardCaseReport) else list(results)
-    found = [one for one in listed if isinstance(one, kind)]
+    listed: Sequence[object] = _listed(results)
+    found: list[Kind] = [one for one in listed if isinstance(one, kind)]
     if found and len(found) < len(listed):
         raise RequestError("results of different kinds: give them one kind after the other")
     return found
@@ -219,7 +226,7 @@ def _of(results: Results, kind: type[Kind]) -> list[Kind]:
 def _only_name(results: Results) -> str:
     """The name of the only experiment."""
     names: set[str] = set()
-    for one in [] if isinstance(results, HardCaseReport) else results:
+    for one in _listed(results):
         owner = one.run if isinstance(one, PlannedRun) else one
         experiment = owner.experiment
         names.add(experiment if isinstance(experiment, str) else experiment.name)
@@ -232,12 +239,13 @@ def _only_name(results: Results) -> str:
     return names.pop()
 
 
-def order_tables(outcomes: Sequence[Outcome]) -> list[OrderTable]:
+def order_tables(outcomes: Outcome | Sequence[Outcome]) -> list[OrderTable]:
     """Tables of orders as ``fvi convergence`` makes them, one for every experiment.
 
     Of a sweep one for every member.
     """
-    return [table for one in outcomes for table in tables_of_orders(one.experiment, one.finished)]
+    listed = [outcomes] if isinstance(outcomes, Outcome) else outcomes
+    return [table for one in listed for table in tables_of_orders(one.experiment, one.finished)]
 
 
 def studies(outcomes: Sequence[Outcome]) -> list[tuple[Experiment, tuple[FinishedRun, ...]]]:

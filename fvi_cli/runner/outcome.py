@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import base64
+import html
+import io
+import math
+from collections import Counter
 from dataclasses import dataclass
 
 from fvi_cli.studies.experiment import Experiment, FinishedRun
+
+DOTS_PER_INCH = 80
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,6 +28,43 @@ class Outcome:
 
     experiment: Experiment
     finished: tuple[FinishedRun, ...]
+
+    def __repr__(self) -> str:
+        """A line for the experiment and one for each of its methods."""
+        lines = (f"  {' '.join(row)}" for row in self._by_method())
+        return "\n".join([f"<Outcome {self.experiment.name}", *lines]) + ">"
+
+    def _repr_html_(self) -> str:
+        """A small table and the first figure, for notebooks."""
+        rows = "".join(
+            f"<tr>{''.join(f'<td>{html.escape(word)}</td>' for word in row)}</tr>"
+            for row in self._by_method()
+        )
+        name = html.escape(self.experiment.name)
+        return f"<p><b>{name}</b></p><table>{rows}</table>{self._first_figure()}"
+
+    def _first_figure(self) -> str:
+        """The first figure as an HTML element; nothing where there is none."""
+        from fvi_cli.plotting import figures_for
+
+        for figure in figures_for([(self.experiment, self.finished)]).values():
+            file = io.BytesIO()
+            figure.savefig(file, format="png", dpi=DOTS_PER_INCH)
+            picture = base64.b64encode(file.getvalue()).decode()
+            return f'<img src="data:image/png;base64,{picture}">'
+        return ""
+
+    def _by_method(self) -> list[tuple[str, str, str]]:
+        """Case, numbers of runs by status, and the least error of every method."""
+        rows = []
+        for method in dict.fromkeys(one.run.method for one in self.finished):
+            own = [one for one in self.finished if one.run.method == method]
+            counts = Counter(one.status for one in own)
+            statuses = ", ".join(f"{count} {status}" for status, count in counts.items())
+            best = min(own, key=lambda one: math.inf if math.isnan(one.error) else one.error)
+            least = f"error {best.error:.2e} at N = {best.run.n_steps}"
+            rows.append((method.case, statuses, "" if math.isnan(best.error) else least))
+        return rows
 
     @property
     def unexpected(self) -> tuple[FinishedRun, ...]:

@@ -82,6 +82,12 @@ class Experiment:
     diagnostics: Asked = NOTHING
     accuracy: Accuracy | None = None
 
+    def __repr__(self) -> str:
+        """Name, methods and steps; the scene is too long for a line."""
+        steps = ", ".join(map(str, self.steps)) or "to be found"
+        members = f", {len(self.members)} members" if self.members else ""
+        return f"<Experiment {self.name}: {len(self.methods)} methods, N = {steps}{members}>"
+
     @property
     def needs_search(self) -> bool:
         """Whether method and number of steps are still to be chosen for a tolerance."""
@@ -131,6 +137,10 @@ class Run:
     method: AnyMethod
     n_steps: int
     member: Member | None = None
+
+    def __repr__(self) -> str:
+        """The run in one line."""
+        return f"<Run {self.title}>"
 
     @property
     def problem(self) -> AnyProblem:
@@ -221,3 +231,7 @@ class FinishedRun:
     expected_order: float = float("nan")
     reference: str = "unknown"
     assurance: Assurance | None = None
+
+    def __repr__(self) -> str:
+        """The run in one line, with its error."""
+        return f"<FinishedRun {self.run.title}: {self.status}, error {self.error:.3g}>"

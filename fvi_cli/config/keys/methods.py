@@ -179,7 +179,9 @@ def _combinations(values: Mapping[str, list[Any]], at: Cursor) -> Iterator[Liste
     for indices in itertools.product(*(range(len(choices)) for choices in values.values())):
         chosen = dict(zip(values, indices, strict=True))
         try:
-            method, resolved = _make({key: values[key][index] for key, index in chosen.items()})
+            method, resolved = make_method(
+                {key: values[key][index] for key, index in chosen.items()}
+            )
         except ValueError as error:
             _complain(str(error), chosen, at)
             continue
@@ -224,7 +226,7 @@ def _complain(message: str, chosen: Mapping[str, int], at: Cursor) -> None:
         at.refuse(leading.group(2), key)
 
 
-def _make(values: Mapping[str, Any]) -> tuple[AnyMethod, dict[str, Any]]:
+def make_method(values: Mapping[str, Any]) -> tuple[AnyMethod, dict[str, Any]]:
     """The method with its defaults, and the keys that say it in full."""
     if "baseline" in values:
         baseline = Baseline(name=values["baseline"], tolerance=values.get("tolerance"))
