@@ -191,7 +191,7 @@ def compare(results: Results, output: Path | str, *, name: str | None = None) ->
     if isinstance(results, HardCaseReport):
         return reports.compare(folder, hard_case_report(results))
     title = name or _only_name(results)
-    if any(isinstance(one, PlannedRun | CostTable) for one in results):
+    if any(isinstance(one, PlannedRun | CostTable) for one in _listed(results)):
         raise RequestError("times are never the same twice, and plans are not kept")
     outcomes = _of(results, Outcome)
     report = _report(order_tables(outcomes) if outcomes else results, title)
