@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import logging
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,6 +26,7 @@ from fvi_cli.cli.options import (
     Verbose,
     Workers,
 )
+from fvi_cli.errors import RequestError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,6 +54,14 @@ def plot(
         bool,
         typer.Option("--check", help="Compare with what the stored figures show; write nothing."),
     ] = False,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option("--format", help="pdf, png or svg; several times for several."),
+    ] = None,
+    style: Annotated[
+        Path | None,
+        typer.Option("--style", metavar="FILE", help="Matplotlib style file: fonts, sizes, lines."),
+    ] = None,
     overrides: Overrides = None,
     workers: Workers = 1,
     dask: Dask = None,
@@ -69,6 +81,9 @@ def plot(
     from fvi_cli.runner.run import run_requests
     from fvi_cli.runner.settings import Settings
 
+    for kind in formats or ():
+        if kind not in plotting.FORMATS:
+            raise RequestError(f"--format: {kind!r} is not one of {', '.join(plotting.FORMATS)}")
     settings = Settings(
         output=output,
         workers=workers,
@@ -85,25 +100,33 @@ def plot(
         return DONE
     outcomes: list[Outcome] = []
     differences: list[str] = []
-    if not sources:
-        differences += _draw(plotting.sketches(), output, check=check, anew=fresh)
-    for request, computed in run_requests(requests, settings):
-        outcomes += computed
-        if stops(settings, computed):
-            break
-        for line in plotting.left_out(studies(computed)):
-            _logger.warning("%s", line)
-        drawn = figures(computed, name=request.name)
-        differences += _draw(drawn, output, check=check, anew=fresh)
+    draw = functools.partial(_draw, output=output, check=check, formats=formats or (), anew=fresh)
+    with ExitStack() as styled:
+        if style is not None:
+            try:
+                styled.enter_context(plotting.style_file(style))
+            except ValueError as error:
+                raise RequestError(f"--style: {error}") from None
+        if not sources:
+            differences += draw(plotting.sketches())
+        for request, computed in run_requests(requests, settings):
+            outcomes += computed
+            if stops(settings, computed):
+                break
+            for line in plotting.left_out(studies(computed)):
+                _logger.warning("%s", line)
+            differences += draw(figures(computed, name=request.name))
     return (verdict(differences) if check else DONE) or exit_code(outcomes)
 
 
-def _draw(figures: dict[str, Figure], output: Path, *, check: bool, anew: bool) -> list[str]:
+def _draw(
+    figures: dict[str, Figure], *, output: Path, check: bool, formats: Sequence[str], anew: bool
+) -> list[str]:
     """Write figures and print their paths, or tell in what the stored ones differ."""
     from fvi_cli.render.figures import compare_figures, write_figures
 
     if check:
         return compare_figures(figures, output)
-    for path in write_figures(figures, output, anew=anew):
+    for path in write_figures(figures, output, formats=formats, anew=anew):
         print(path)
     return []

@@ -31,6 +31,11 @@ BASELINE_NAMES = (
 PEER_NAMES = ("pycaputo-pece", "pycaputo-trapezoidal")
 """Methods of other packages, which are used where they are installed."""
 
+_FAMILIES: Mapping[str, str] = {
+    "gauss": "Gauss",
+    "radau-iia": "Radau IIA ",
+    "lobatto-iiic": "Lobatto IIIC ",
+}
 _LABELS: Mapping[str, str] = {
     "explicit-euler": "explicit Euler",
     "implicit-euler": "implicit Euler",
@@ -209,6 +214,13 @@ class Method:
         if self.is_runge_kutta:
             return action
         return min(action, self.bdf_order, 2 if self.sampling == "nodes" else action)
+
+    @property
+    def label(self) -> str:
+        """Name of the method for people: ``BDF2``, ``Gauss3``, ``Radau IIA 2`` (with stages)."""
+        if self.is_runge_kutta:
+            return f"{_FAMILIES[self.cq]}{self.stages}"
+        return f"BDF{self.bdf_order}"
 
     @property
     def case(self) -> str:

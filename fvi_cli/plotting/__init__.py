@@ -1,7 +1,7 @@
 """Figures from finished runs, made without pyplot and without any global state."""
 
 from fvi_cli.plotting.convergence import Study, convergence_figure
-from fvi_cli.plotting.cost import cost_figure
+from fvi_cli.plotting.cost import cost_figures
 from fvi_cli.plotting.drawn import compare_drawn, drawn_data
 from fvi_cli.plotting.interpolation import interpolation_figure
 from fvi_cli.plotting.planner import (
@@ -12,15 +12,18 @@ from fvi_cli.plotting.planner import (
     sketches,
 )
 from fvi_cli.plotting.saturation import saturation_figure
-from fvi_cli.plotting.saving import drawn_text, save_figure
+from fvi_cli.plotting.saving import FORMATS, USUAL_FORMS, drawn_text, save_figure
+from fvi_cli.plotting.style import style_file
 from fvi_cli.plotting.time_series import energy_figure, error_figure, trajectory_figure
 
 __all__ = [
     "FIGURE_KINDS",
+    "FORMATS",
+    "USUAL_FORMS",
     "Study",
     "compare_drawn",
     "convergence_figure",
-    "cost_figure",
+    "cost_figures",
     "drawn_data",
     "drawn_text",
     "energy_figure",
@@ -32,5 +35,6 @@ __all__ = [
     "saturation_figure",
     "save_figure",
     "sketches",
+    "style_file",
     "trajectory_figure",
 ]

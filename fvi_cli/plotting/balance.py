@@ -62,11 +62,10 @@ def balance_figure(
         curves.append(("work of forcing $W_f$", found.forcing_work))
         together = "$E + W_d - W_f$"
     curves.append((together, energy + found.dissipated_work - found.forcing_work))
+    defect = f"defect\n$|{together.strip('$')} - E_0|$"
     defects = [np.abs(_column(_diagnostics(item).energy_defect, 0)) for item in shown]
     scale = float(max(np.abs(values).max() for _, values in curves))
-    return _two_panels(
-        experiment, shown, best, curves, defects, scale, ("energy and work", "defect")
-    )
+    return _two_panels(experiment, shown, best, curves, defects, scale, ("energy and work", defect))
 
 
 def momenta_figure(
@@ -99,7 +98,15 @@ def momenta_figure(
         values = _diagnostics(item).momentum_map_defect
         defects.append(np.zeros(0) if values is None else np.abs(values).max(axis=1))
     scale = float(max(np.abs(values).max() for _, values in curves))
-    return _two_panels(experiment, shown, best, curves, defects, scale, ("momentum map", "defect"))
+    return _two_panels(
+        experiment,
+        shown,
+        best,
+        curves,
+        defects,
+        scale,
+        ("momentum map", "defect\n$|J - J_0 - \\mathrm{impulse}|$"),
+    )
 
 
 def has_balance(item: FinishedRun) -> bool:
@@ -143,7 +150,7 @@ def _two_panels(
     """Quantities of one run above, defects of all methods below on a logarithmic axis."""
     styles = series_styles([item.run.method for item in shown])
     with journal_style():
-        figure = new_figure(COLUMN_WIDTH, 3.7)
+        figure = new_figure(3.7)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         time = best.trajectory.time
         for index, (label, values) in enumerate(curves):
@@ -162,7 +169,7 @@ def _two_panels(
         above.legend(
             loc="lower center",
             bbox_to_anchor=(0.5, 1.0),
-            ncols=legend_columns([label for label, _ in curves], COLUMN_WIDTH - 0.4),
+            ncols=legend_columns([label for label, _ in curves]),
         )
         _draw_defects(below, shown, defects, scale)
         below.set_ylabel(names[1])

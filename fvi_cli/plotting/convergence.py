@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvi_cli.plotting.methods import common_features, series_styles
+from fvi_cli.plotting.methods import SeriesStyle, common_features, series_styles
 from fvi_cli.plotting.panels import (
+    Panel,
     Series,
     collect_series,
     draw_errors,
@@ -16,14 +18,8 @@ from fvi_cli.plotting.panels import (
     finish_panels,
     set_limits,
 )
-from fvi_cli.plotting.style import (
-    COLUMN_WIDTH,
-    TEXT_WIDTH,
-    fraction,
-    journal_style,
-    legend_columns,
-    new_figure,
-)
+from fvi_cli.plotting.style import fraction, journal_style, legend_columns, new_figure
+from fvi_cli.reports.naming import method_names
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import kind_title
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Norm
@@ -35,7 +31,11 @@ NORM_LABELS: dict[Norm, str] = {
     "final": r"$|x_N - x(T)|$",
     "l2": r"$(h\,\Sigma_k\,|x_k - x(t_k)|^2)^{1/2}$",
 }
+MOST_CURVES = 7
+"""Curves that one panel can hold."""
+
 _MOST_GUIDES = 5
+_MOST_ROWS = 3
 
 
 def convergence_figure(
@@ -44,7 +44,9 @@ def convergence_figure(
     """Draw the error of every run against its step size, one panel for every experiment.
 
     Runs that have no error stand hollow in a strip at the top that names what happened; errors
-    that reached the floor lie in a hatched region.
+    that reached the floor lie in a hatched region. One experiment with more than
+    :data:`MOST_CURVES` methods has a panel for every variant of them, as ``degree 2``. Slopes
+    that the source states are dashed.
 
     Parameters
     ----------
@@ -62,38 +64,63 @@ def convergence_figure(
         raise ValueError("finished runs: none were given; a convergence figure needs at least one")
     methods = [f.run.method for _, finished in studies for f in finished]
     styles = series_styles(methods)
-    n_columns = min(3, len(studies))
-    n_rows = -(-len(studies) // n_columns)
-    width = COLUMN_WIDTH if len(studies) == 1 else TEXT_WIDTH
-    labels = [style.label for style in styles.values()]
+    titles = panel_titles([experiment for experiment, _ in studies])
+    parts = [(title, study, styles) for title, study in zip(titles, studies, strict=True)]
+    if len(studies) == 1 and len(styles) > MOST_CURVES:
+        parts = _by_variant(titles[0], studies[0], styles) or parts
+    n_columns = 1 if len(parts) <= _MOST_ROWS else 2
+    n_rows = -(-len(parts) // n_columns)
+    shown = {style.label: style for _, _, some in parts for style in some.values()}
     common = common_features(methods)
-    legend_rows = -(-len(labels) // legend_columns(labels, width)) + (common != "")
+    legend_rows = -(-len(shown) // legend_columns(list(shown))) + (common != "")
     # many curves need room for slope triangles between them
-    height = n_rows * (2.3 + 0.12 * min(max(len(labels) - 3, 0), 7)) + 0.17 * legend_rows
+    panel_height = 2.2 + 0.12 * min(max(len(shown) - 3, 0), 7) if n_columns == 1 else 1.8
     with journal_style():
-        figure = new_figure(width, height)
+        figure = new_figure(n_rows * panel_height + 0.17 * legend_rows)
         grid = figure.subplots(n_rows, n_columns, squeeze=False)
-        titles = panel_titles([experiment for experiment, _ in studies])
         drawn = []
+        is_one_norm = len({experiment.norm for experiment, _ in studies}) == 1
         for position, axes in enumerate(grid.flat):
-            if position >= len(studies):
+            if position >= len(parts):
                 axes.set_axis_off()
                 continue
-            experiment, finished = studies[position]
-            series = collect_series(finished, styles)
+            title, (experiment, finished), some = parts[position]
+            series = collect_series(finished, some)
             draw_errors(axes, series)
             set_limits(axes, series)
-            axes.set_title(titles[position])
-            if position + n_columns >= len(studies):
+            axes.set_title(title)
+            if position + n_columns >= len(parts):
                 axes.set_xlabel("step size $h$")
-            norms = [e.norm for e, _ in studies]
-            if position % n_columns == 0 or len(set(norms)) > 1:
+            if position % n_columns == 0 or not is_one_norm:
                 axes.set_ylabel("error " + NORM_LABELS[experiment.norm])
             wanted = reference_orders(series) if orders is None else list(orders)
-            drawn.append((axes, series, wanted))
-        figure_legend(figure, list(styles.values()), width, title=common)
+            drawn.append(Panel(axes=axes, series=series, orders=wanted))
+        figure_legend(figure, list(shown.values()), title=common)
         finish_panels(figure, drawn)
     return figure
+
+
+_Part = tuple[str, Study, dict[str, SeriesStyle]]
+
+
+def _by_variant(title: str, study: Study, styles: dict[str, SeriesStyle]) -> list[_Part]:
+    """A panel for every variant, where two or three make all the methods of some families."""
+    experiment, finished = study
+    names = method_names([item.run.method for item in finished])
+    variants = dict.fromkeys(name.variant for name in names.values())
+    if not 1 < len(variants) <= _MOST_ROWS:
+        return []
+    parts: list[_Part] = []
+    for variant in variants:
+        own = {
+            # the panel tells of the variant: the mark need not
+            case: replace(style, label=names[case].family, is_filled=True, line_style="-")
+            for case, style in styles.items()
+            if names[case].variant == variant
+        }
+        some = [item for item in finished if item.run.method.case in own]
+        parts.append((f"{title}, {variant}" if variant else title, (experiment, some), own))
+    return parts
 
 
 def panel_titles(experiments: Sequence[Experiment]) -> list[str]:

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -14,10 +15,9 @@ from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
 from fvi_cli.plotting.methods import SeriesStyle, series_styles
 from fvi_cli.plotting.style import (
-    COLOURS,
     INK,
     SMALL_TEXT,
-    TEXT_WIDTH,
+    fraction,
     journal_style,
     legend_columns,
     new_figure,
@@ -25,88 +25,90 @@ from fvi_cli.plotting.style import (
 from fvi_cli.reports.kinds.cost import curve_name
 from fvi_cli.reports.naming import method_names
 from fvi_cli.studies.cost import CostTable
-from fvi_cli.studies.price import Curve, Point, cheapest_bands, cost_curves, pareto_front
+from fvi_cli.studies.price import Band, Curve, Point, cheapest_bands, cost_curves
 
-BASELINE_COLOUR = "#8c8c8c"
 FRONT_COLOUR = "#f2c14e"
 
 _COARSEST, _FINEST = 3.0, 2e-15
-_PANEL_HEIGHT = 2.9
 _STRIP_SHARE = 0.1
 _LETTER = 0.56 * SMALL_TEXT
 """Width of a letter in points."""
 
+_SYMBOLS = (
+    *(("sum ", r"\sum "), ("mu ", r"\mu "), ("gamma", r"\gamma"), ("omega", r"\omega")),
+    *(("sin ", r"\sin "), ("eta ", r"\eta "), ("_tt", "_{tt}"), ("_ss", "_{ss}")),
+)
+_LONGEST_EQUATION = 48
 
-def cost_figure(tables: Sequence[CostTable]) -> Figure:
+
+def cost_figures(name: str, tables: Sequence[CostTable]) -> dict[str, Figure]:
+    """A figure for every experiment of a configuration, by the name of its files."""
+    names = cost_figure_names(name, tables)
+    return {title: cost_figure(table) for title, table in zip(names, tables, strict=True)}
+
+
+def cost_figure_names(name: str, tables: Sequence[CostTable]) -> list[str]:
+    """Names of the files: of the configuration where it has one experiment, or of experiments."""
+    if len(tables) == 1:
+        return [f"{name}-cost"]
+    return [f"{table.experiment}-cost" for table in tables]
+
+
+def cost_figure(table: CostTable) -> Figure:
     """Set-up plus stepping time, and history operations, against the error reached.
 
-    Accuracy grows to the right. The strip on top of a panel of times names the cheapest method at
-    every accuracy; the broad line behind the curves is the Pareto front. Baselines are grey. Where
-    no method sums over the past there is no panel of work.
-
-    Parameters
-    ----------
-    tables
-        Experiments, one below the other.
+    Accuracy grows to the right. The strip on top of the panel of times names the cheapest method
+    at every accuracy, and the broad line behind the curves follows it. Baselines are grey. Where
+    no method sums over the past there is no panel of work. A method that has nothing but round-off
+    from the coarsest step on is exact by chance; it is named and not drawn.
     """
     with journal_style():
-        methods = {case.method.case: case.method for table in tables for case in table.cases}
-        styles = _styles_by_curve(tables, series_styles(list(methods.values())))
-        columns = 2 if any(table.has_memory for table in tables) else 1
-        figure = new_figure(TEXT_WIDTH, _PANEL_HEIGHT * len(tables) + 0.75)
-        panels = figure.subplots(len(tables), columns, squeeze=False)
-        for table, row in zip(tables, panels, strict=True):
-            curves = cost_curves(table)
-            _draw_times(row[0], table, curves, styles)
-            if columns == 1:
-                continue
-            if table.has_memory:
-                _draw_work(row[1], curves, styles)
-            else:
-                row[1].set_axis_off()
-        _legend(figure, styles)
+        everything = cost_curves(table)
+        curves = [curve for curve in everything if not curve.is_exact_by_chance]
+        styles = _styles_by_curve(table, curves)
+        rows = 2 if table.has_memory else 1
+        figure = new_figure(1.3 + 2.1 * rows + 0.17 * len(curves) / 2)
+        panels = figure.subplots(rows, 1, squeeze=False, sharex=True)[:, 0]
+        figure.suptitle(_title(table))
+        _draw(panels[0], curves, styles, lambda point: point.seconds)
+        bands = _bands(panels[0], curves)
+        _draw_front(panels[0], bands)
+        panels[0].set_title("cheapest method:", loc="left", fontsize=SMALL_TEXT)
+        panels[0].set_ylabel("set-up and stepping, seconds")
+        if table.has_memory:
+            _draw(panels[1], curves, styles, lambda point: float(point.row.history_operations))
+            panels[1].set_ylabel("multiply-adds on the history")
+        panels[-1].set_xlabel("error (more accurate to the right)")
+        chance = [curve for curve in everything if curve.is_exact_by_chance]
+        _legend(figure, styles, _labels(table, chance))
         figure.draw_without_rendering()
-        for table, row in zip(tables, panels, strict=True):
-            _draw_bands(row[0], cost_curves(table), styles)
+        _draw_bands(panels[0], bands, styles)
     return figure
 
 
-def _styles_by_curve(
-    tables: Sequence[CostTable], styles: Mapping[str, SeriesStyle]
-) -> dict[str, SeriesStyle]:
-    """Styles by key of the curve: baselines grey, methods of the package in colours of their own.
+def _title(table: CostTable) -> str:
+    orders = ", ".join(fraction(float(g)) for g in table.gamma.split(";") if g != "-")
+    below = (rf"$\gamma = {orders}$, " if orders else "") + f"$T = {table.final_time:g}$"
+    equation = table.equation
+    if len(equation) > _LONGEST_EQUATION:
+        return below
+    for word, symbol in _SYMBOLS:
+        equation = equation.replace(word, symbol)
+    return f"${equation}$\n{below}"
 
-    A method by another route of its steps looks like the method, hollow and dotted. Colours go
-    round only where there are more methods than colours; markers differ all the same.
-    """
-    found: dict[str, SeriesStyle] = {}
-    markers = "osD^vPXh<>p*"
-    fillings = {True: 0, False: 0}
-    for table in tables:
-        names = method_names([case.method for case in table.cases])
-        for curve in cost_curves(table):
-            if curve.key in found:
-                continue
-            style = styles[curve.methods[0].case]
-            label = curve_name(curve, names)
-            twin = found.get(curve.key.removesuffix("-direct"))
-            if twin is not None:
-                # another route of the same method: its mark, hollow and dotted
-                found[curve.key] = dataclasses.replace(
-                    twin, label=label, line_style=(0, (1, 1.2)), is_filled=False
-                )
-                continue
-            k = fillings[curve.is_baseline]
-            fillings[curve.is_baseline] += 1
-            found[curve.key] = dataclasses.replace(
-                style,
-                label=label,
-                colour=BASELINE_COLOUR if curve.is_baseline else COLOURS[k % len(COLOURS)],
-                marker=markers[k % len(markers)],
-                line_style=(0, (2.5, 1.2)) if curve.is_baseline else "-",
-                is_filled=not curve.is_baseline,
-            )
-    return found
+
+def _labels(table: CostTable, curves: Sequence[Curve]) -> list[str]:
+    names = method_names([case.method for case in table.cases])
+    return [curve_name(curve, names) for curve in curves]
+
+
+def _styles_by_curve(table: CostTable, curves: Sequence[Curve]) -> dict[str, SeriesStyle]:
+    """Styles by key of the curve; runs of one method by all tolerances are one curve."""
+    styles = series_styles([case.method for case in table.cases])
+    return {
+        curve.key: dataclasses.replace(styles[curve.methods[0].case], label=label)
+        for curve, label in zip(curves, _labels(table, curves), strict=True)
+    }
 
 
 def _shown(point: Point) -> float:
@@ -140,62 +142,40 @@ def _draw(
     axes.set_xlim(coarse * 2, fine / 3)
     if values:
         axes.set_ylim(min(values) / 1.8, max(values) * 1.8)
-    axes.xaxis.set_major_locator(LogLocator(base=100, numticks=12))
+    axes.xaxis.set_major_locator(LogLocator(base=1000, numticks=12))
     axes.xaxis.set_minor_locator(LogLocator(base=10, numticks=30))
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_major_locator(LogLocator(numticks=9))
     axes.yaxis.set_minor_formatter(NullFormatter())
 
 
-def _draw_front(axes: Axes, points: Sequence[tuple[float, float]]) -> None:
-    """The Pareto front: what is reached for less is reached by it."""
-    if not points:
-        return
-    errors, values = zip(*points, strict=True)
-    axes.plot(
-        errors,
-        values,
-        color=FRONT_COLOUR,
-        linewidth=6,
-        alpha=0.75,
-        solid_capstyle="round",
-        solid_joinstyle="round",
-        label="_Pareto front",
-        zorder=1,
-    )
+def _bands(axes: Axes, curves: Sequence[Curve]) -> list[Band]:
+    """Who is cheapest, from the coarse end of the axis to the last error that somebody reached."""
+    coarse, fine = axes.get_xlim()
+    best = min((p.error for c in curves for p in c.points if p.error > 0), default=fine)
+    return cheapest_bands(curves, min(coarse, 1.0), max(fine, best))
 
 
-def _draw_times(
-    axes: Axes, table: CostTable, curves: Sequence[Curve], styles: Mapping[str, SeriesStyle]
-) -> None:
-    _draw(axes, curves, styles, lambda point: point.seconds)
-    front = [(_shown(p), p.seconds) for _, p in pareto_front(curves) if _shown(p) < _COARSEST]
-    _draw_front(axes, front)
-    axes.set_title(f"{table.experiment}, $T={table.final_time:g}$", loc="left")
-    axes.set_title("on top: the cheapest method", loc="right", fontsize=SMALL_TEXT)
-    axes.set_ylabel("set-up and stepping, seconds")
-    axes.set_xlabel("error (more accurate to the right)")
+def _draw_front(axes: Axes, bands: Sequence[Band]) -> None:
+    """The times of the cheapest method, band by band."""
+    for band in bands:
+        errors = np.geomspace(band.coarse, band.fine, 30)
+        # an end belongs to the next band as well
+        errors = errors[1:-1]
+        axes.plot(
+            errors,
+            [band.curve.seconds_to(error) for error in errors.tolist()],
+            color=FRONT_COLOUR,
+            linewidth=6,
+            alpha=0.75,
+            solid_capstyle="butt",
+            solid_joinstyle="round",
+            label="_cheapest time",
+            zorder=1,
+        )
 
 
-def _draw_work(axes: Axes, curves: Sequence[Curve], styles: Mapping[str, SeriesStyle]) -> None:
-    _draw(axes, curves, styles, lambda point: float(point.row.history_operations))
-    worked = [
-        (float(point.row.history_operations), _shown(point))
-        for curve in curves
-        if not curve.is_exact_by_chance
-        for point in curve.points
-        if point.row.history_operations > 0 and _shown(point) < _COARSEST
-    ]
-    front: list[tuple[float, float]] = []
-    for operations, error in sorted(worked):
-        if not front or error < front[-1][0]:
-            front.append((error, operations))
-    _draw_front(axes, front)
-    axes.set_ylabel("multiply-adds on the history")
-    axes.set_xlabel("error (more accurate to the right)")
-
-
-def _draw_bands(axes: Axes, curves: Sequence[Curve], styles: Mapping[str, SeriesStyle]) -> None:
+def _draw_bands(axes: Axes, bands: Sequence[Band], styles: Mapping[str, SeriesStyle]) -> None:
     """A strip at the top with the name, or where that has no room the mark, of the cheapest."""
     coarse, fine = axes.get_xlim()
     low, high = axes.get_ylim()
@@ -211,11 +191,8 @@ def _draw_bands(axes: Axes, curves: Sequence[Curve], styles: Mapping[str, Series
     axes.add_patch(
         Rectangle((0, bottom), 1, _STRIP_SHARE, transform=axes.transAxes, facecolor="#f4f4f4")
     )
-    # the last band ends where the last method does
-    rated = [curve for curve in curves if not curve.is_exact_by_chance]
-    best = min((p.error for c in rated for p in c.points if p.error > 0), default=fine)
     named: set[str] = set()
-    for band in cheapest_bands(curves, min(coarse, 1.0), max(fine, best)):
+    for band in bands:
         style = styles[band.curve.key]
         left, right = place(band.coarse), place(band.fine)
         axes.add_patch(
@@ -272,14 +249,16 @@ def _draw_bands(axes: Axes, curves: Sequence[Curve], styles: Mapping[str, Series
     axes.yaxis.set_minor_locator(NullLocator())
 
 
-def _legend(figure: Figure, styles: Mapping[str, SeriesStyle]) -> None:
+def _legend(figure: Figure, styles: Mapping[str, SeriesStyle], chance: Sequence[str]) -> None:
     handles = [
         Line2D([], [], label=style.label, **style.line_properties()) for style in styles.values()
     ]
-    handles.append(
-        Line2D([], [], color=FRONT_COLOUR, linewidth=6, alpha=0.75, label="Pareto front")
-    )
+    handles.append(Line2D([], [], color=FRONT_COLOUR, linewidth=6, alpha=0.75, label="cheapest"))
     labels = [str(handle.get_label()) for handle in handles]
     figure.legend(
-        handles=handles, loc="outside lower center", ncols=legend_columns(labels, TEXT_WIDTH)
+        handles=handles,
+        loc="outside lower center",
+        ncols=legend_columns(labels),
+        title=f"exact here up to round-off, not drawn: {', '.join(chance)}" if chance else None,
+        title_fontsize=SMALL_TEXT,
     )

@@ -24,6 +24,9 @@ _GAPS = (0.0, 0.02, 0.04, 0.07, 0.1)
 _RUNS = (0.24, 0.19, 0.15, 0.11, 0.08)
 _HIGHEST_RISE = 0.4
 _SAME_SLOPE = 0.4
+_FAR_SLOPE = 2.0
+# a triangle belongs to small steps: it stands beside this share of a curve, in decades of h
+_ASYMPTOTIC = 0.7
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,12 +43,18 @@ class Curve:
         What theory says of the slope at every point, shape ``(n,)``; nan where it says nothing,
         None where it never does. It changes along a curve whose start series falls back at
         large steps.
+    is_broken
+        Whether runs without an error lie between the three smallest steps that have one.
+    stated_order
+        What the source of the curve states, true or not; nan where it states nothing.
     """
 
     log_step: Array
     log_error: Array
     log_floor: float = -np.inf
     expected_orders: Array | None = None
+    is_broken: bool = False
+    stated_order: float = np.nan
 
     def expected_order(self) -> float:
         """What theory expects at the smallest step above the floor; nan when it says nothing."""
@@ -60,12 +69,13 @@ class Curve:
         if self.expected_orders is not None and self.expected_order() == order:
             there = there & (self.expected_orders == order)
         steps = self.log_step[there] if there.any() else self.log_step
-        return float(steps.min()), float(steps.max())
+        first, last = float(steps.min()), float(steps.max())
+        return first, first + _ASYMPTOTIC * (last - first)
 
     def slope(self) -> float:
         """Slope of the last three points above the floor on the side of small steps."""
         above = np.flatnonzero(self.log_error > self.log_floor)
-        if above.size < 2:
+        if above.size < 2 or self.is_broken:
             return float("nan")
         last = above[np.argsort(self.log_step[above])[:3]]
         return float(np.polyfit(self.log_step[last], self.log_error[last], 1)[0])
@@ -88,9 +98,15 @@ def order_label(order: float) -> str:
 
 
 def draw_slopes(
-    axes: Axes, curves: Sequence[Curve], orders: Sequence[float], *, blocked: Sequence[Box] = ()
+    axes: Axes,
+    curves: Sequence[Curve],
+    orders: Sequence[float],
+    *,
+    blocked: Sequence[Box] = (),
 ) -> None:
     """Draw one slope triangle for every order, near the curve that comes closest to it.
+
+    Orders that are stated of curves and are none of these are dashed.
 
     A triangle stands beside a curve of its slope. Where all these are hemmed in it is left out,
     unless it would be the only one: that one may stand anywhere. Without curves there is none.
@@ -118,17 +134,20 @@ def draw_slopes(
     samples = _samples(scaled)
     taken = list(blocked)
     drawn = 0
-    for order in orders:
-        label = order_label(order)
+    stated = {curve.stated_order for curve in curves if np.isfinite(curve.stated_order)}
+    wanted = [(order, False) for order in orders]
+    wanted += [(order, True) for order in sorted(stated.difference(orders))]
+    for order, is_stated in wanted:
+        label = f"stated {order:g}" if is_stated else order_label(order)
         size = (0.42 * SMALL_TEXT * len(label) / width, 1.0 * SMALL_TEXT / height)
         targets = []
-        for k in _targets(curves, order):
+        for k in _stating(curves, order) if is_stated else _targets(curves, order):
             first, last = curves[k].span(order)
             targets.append((*scaled[k], (first - x0) / (x1 - x0), (last - x0) / (x1 - x0)))
         for clearance in _CLEARANCES:
             pad = (clearance / width, clearance / height)
             candidates = _beside_targets(order * tilt, targets, pad[1])
-            if not targets or (drawn == 0 and order == orders[-1]):
+            if not targets or (drawn == 0 and order == orders[-1]) or is_stated:
                 candidates = chain(candidates, _anywhere(order * tilt))
             free = (
                 (triangle, boxes)
@@ -138,15 +157,24 @@ def draw_slopes(
             chosen = next(free, None)
             if chosen is not None:
                 taken.extend(chosen[1])
-                _draw_triangle(axes, chosen[0], label, (x0, x1, y0, y1))
+                _draw_triangle(axes, chosen[0], label, (x0, x1, y0, y1), is_stated=is_stated)
                 drawn += 1
                 break
+
+
+def _stating(curves: Sequence[Curve], order: float) -> list[int]:
+    return [k for k, curve in enumerate(curves) if curve.stated_order == order]
 
 
 def _targets(curves: Sequence[Curve], order: float) -> list[int]:
     """Curves that are expected to have that slope, or else nearly have it, the best first."""
     distances = [abs(curve.slope() - order) for curve in curves]
-    near = [k for k, curve in enumerate(curves) if curve.expected_order() == order]
+    near = [
+        k
+        for k, curve in enumerate(curves)
+        # a curve that blows up shows no order, whatever is expected of it
+        if curve.expected_order() == order and distances[k] < _FAR_SLOPE
+    ]
     if not near:
         near = [k for k, distance in enumerate(distances) if distance < _SAME_SLOPE]
     return sorted(near, key=distances.__getitem__)
@@ -256,13 +284,27 @@ def _is_free(
 
 
 def _draw_triangle(
-    axes: Axes, triangle: _Triangle, label: str, limits: tuple[float, float, float, float]
+    axes: Axes,
+    triangle: _Triangle,
+    label: str,
+    limits: tuple[float, float, float, float],
+    *,
+    is_stated: bool,
 ) -> None:
     x0, x1, y0, y1 = limits
     h = 10 ** (x0 + np.array([triangle.left, triangle.right]) * (x1 - x0))
     e = 10 ** (y0 + np.array([triangle.low, triangle.high]) * (y1 - y0))
     corner = (h[1], e[0]) if triangle.below else (h[0], e[1])
-    axes.plot(h, e, color=GUIDE_COLOUR, linewidth=0.8, label=f"_{label}", gid=GUIDE, zorder=1.5)
+    axes.plot(
+        h,
+        e,
+        color=GUIDE_COLOUR,
+        linewidth=0.8,
+        linestyle=(0, (3, 1.5)) if is_stated else "-",
+        label=f"_{label}",
+        gid=GUIDE,
+        zorder=1.5,
+    )
     axes.plot(
         [h[0], corner[0], h[1]],
         [e[0], corner[1], e[1]],

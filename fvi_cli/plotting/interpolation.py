@@ -11,7 +11,6 @@ from fvi_cli.integrator.method import RuleSpecification
 from fvi_cli.mathematics.lagrange import lobatto_basis
 from fvi_cli.plotting.style import (
     COLOURS,
-    COLUMN_WIDTH,
     GUIDE_COLOUR,
     INK,
     SMALL_TEXT,
@@ -54,7 +53,7 @@ def interpolation_figure(degree: int = 2, rule: RuleSpecification | None = None)
     # any values will do for a sketch; these make the kinks at the nodes visible
     main = _smooth(np.arange(_N_STEPS + 1.0)) + np.array([-0.07, 0.12, -0.1, 0.06])
     with journal_style():
-        figure = new_figure(COLUMN_WIDTH, 2.45)
+        figure = new_figure(2.45)
         axes = figure.subplots()
         time = np.linspace(-0.12, _N_STEPS + 0.12, 301)
         axes.plot(time, _smooth(time), color=GUIDE_COLOUR, linestyle=(0, (4, 2)), label="$x(t)$")

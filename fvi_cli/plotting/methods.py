@@ -1,13 +1,31 @@
-"""One name, colour, marker and line style for every method."""
+"""One colour, marker and line style for every method, the same in every figure."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypedDict
 
-from fvi_cli.integrator.method import BDF_NAMES, AnyMethod, Baseline, Method
-from fvi_cli.plotting.style import COLOURS, LINE_STYLES, MARKERS, LineStyle, fraction
+from matplotlib.colors import to_hex, to_rgb
+
+from fvi_cli.integrator.method import BASELINE_NAMES, PEER_NAMES, AnyMethod, Baseline, Method
+from fvi_cli.plotting.style import COLOURS, LINE_STYLES, LineStyle, fraction
+from fvi_cli.reports.naming import describe_method, method_names
+
+BASELINE_COLOURS = ("#8c8c8c", "#5c5c5c")
+
+# BDF p has the p-th of these; Runge-Kutta families run from light to dark with their stages
+_BDF_MARKERS = "os^DvP"
+_STAGE_COLOURS: Mapping[str, Sequence[str]] = {
+    "gauss": ("#B79FDB", "#8A5CC8", "#4B2A87", "#8B0037"),
+    "radau-iia": ("#C79A6B", "#A0662D", "#7A4413", "#4A2600"),
+    "lobatto-iiic": ("#B5BD62", "#8A9436", "#636B14", "#3E4400"),
+}
+_STAGE_MARKERS: Mapping[str, str] = {"gauss": "X<H>", "radau-iia": "*p8d", "lobatto-iiic": "*p8d"}
+_BASELINE_MARKERS = "x+1234|"
+# for methods that differ in more than convolution quadrature and degree
+_FURTHER_MARKERS = "<>8dHp"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,152 +65,68 @@ class LineProperties(TypedDict):
 def series_styles(methods: Sequence[AnyMethod]) -> dict[str, SeriesStyle]:
     """Style of every method by its case, told apart in colour as well as in grey.
 
-    BDF of order p has the p-th colour and marker in every figure. Methods that share the
-    convolution quadrature share its colour and marker; the second is hollow and dashed. If all
-    share one, every method has a colour of its own.
+    Colour and marker belong to the convolution quadrature (with its stages), or to the baseline,
+    and are the same in every figure; baselines are grey. Odd degrees are filled, even ones hollow,
+    each with its own dashes. Methods that differ in something else get a darker shade and another
+    marker, in the order of `methods`.
     """
     distinct = {method.case: method for method in methods}
     labels = method_labels(list(distinct.values()))
-    families: dict[str, list[str]] = {}
+    seen: dict[tuple[str, int], int] = {}
+    styles = {}
     for case, method in distinct.items():
-        families.setdefault(_family(method), []).append(case)
-    colours = _choose(distinct, COLOURS)
-    markers = _choose(distinct, MARKERS)
-    if len(families) == 1:
-        first = COLOURS.index(next(iter(colours.values())))
-        return {
-            case: SeriesStyle(
-                label=labels[case],
-                colour=COLOURS[(first + k) % len(COLOURS)],
-                marker=MARKERS[(first + k) % len(MARKERS)],
-                line_style=LINE_STYLES[k % len(LINE_STYLES)],
-            )
-            for k, case in enumerate(distinct)
-        }
-    spare = [marker for marker in MARKERS if marker not in markers.values()] or list(MARKERS)
-    is_shared = len(families) < len(distinct)
-    styles: dict[str, SeriesStyle] = {}
-    for position, (family, cases) in enumerate(families.items()):
-        colour = colours[family]
-        # beyond the number of colours the line style has to tell methods apart
-        offset = position // len(COLOURS) + (0 if is_shared else COLOURS.index(colour))
-        for k, case in enumerate(cases):
-            styles[case] = SeriesStyle(
-                label=labels[case],
-                colour=colour,
-                marker=markers[family] if k < 2 else spare[(k // 2 - 1) % len(spare)],
-                line_style=LINE_STYLES[(k + offset) % len(LINE_STYLES)],
-                is_filled=k % 2 == 0,
-            )
-    return {case: styles[case] for case in distinct}
+        key = _kind(method)
+        repeat = seen[key] = seen.get(key, -1) + 1
+        styles[case] = _style(method, labels[case], repeat)
+    return styles
 
 
-def _family(method: AnyMethod) -> str:
+def _kind(method: AnyMethod) -> tuple[str, int]:
     if isinstance(method, Baseline):
-        return method.name
-    return f"{method.cq}-{method.degree}" if method.is_runge_kutta else method.cq
+        return method.name, 0
+    return method.cq, method.degree
 
 
-def _choose(methods: Mapping[str, AnyMethod], values: Sequence[str]) -> dict[str, str]:
-    """One value for every family: BDF p takes the p-th, others what is left, then round again."""
-    names = dict.fromkeys(_family(method) for method in methods.values())
-    chosen = {name: values[int(name[3:]) - 1] for name in names if name in BDF_NAMES}
-    for name in names:
-        if name not in chosen:
-            free = [value for value in values if value not in chosen.values()]
-            chosen[name] = free[0] if free else values[len(chosen) % len(values)]
-    return chosen
-
-
-_FAMILY_NAMES = {"gauss": "Gauss", "radau-iia": "Radau IIA", "lobatto-iiic": "Lobatto IIIC"}
+def _style(method: AnyMethod, label: str, repeat: int) -> SeriesStyle:
+    """Style of the method that is number `repeat`, from 0, of its quadrature and degree."""
+    if isinstance(method, Baseline):
+        index = (*BASELINE_NAMES, *PEER_NAMES).index(method.name)
+        colour, marker, dashes = BASELINE_COLOURS[index % 2], _BASELINE_MARKERS[index], index + 1
+        is_filled = False
+    elif method.is_runge_kutta:
+        index = method.stages - 1 - (method.cq == "lobatto-iiic")
+        shades, markers = _STAGE_COLOURS[method.cq], _STAGE_MARKERS[method.cq]
+        colour, marker = shades[min(index, len(shades) - 1)], markers[index % len(markers)]
+        dashes, is_filled = 0, True
+    else:
+        index = method.bdf_order - 1
+        colour, marker, dashes = COLOURS[index], _BDF_MARKERS[index], method.degree - 1
+        is_filled = method.degree % 2 == 1
+    if repeat:
+        red, green, blue = (0.6**repeat * part for part in to_rgb(colour))
+        colour = to_hex((red, green, blue))
+        marker = _FURTHER_MARKERS[(index + repeat) % len(_FURTHER_MARKERS)]
+    return SeriesStyle(
+        label=label,
+        colour=colour,
+        marker=marker,
+        line_style=LINE_STYLES[(dashes + 2 * repeat) % len(LINE_STYLES)],
+        is_filled=is_filled,
+    )
 
 
 def method_labels(methods: Sequence[AnyMethod]) -> dict[str, str]:
-    """Shortest label of every method, by case, that tells it from the others.
-
-    Beside other people's methods ours say that they are variational integrators, as in
-    ``FVI-BDF1CQ``.
-    """
-    beside_others = any(isinstance(method, Baseline) for method in methods)
-    galerkin = [method for method in methods if isinstance(method, Method)]
-    plain = [method for method in galerkin if not method.is_runge_kutta]
-    told: list[_Feature] = [
-        feature for feature in _ACTION if len({feature(method) for method in plain}) > 1
-    ]
-    for feature in _REST:
-        if len(_names(galerkin, [*told, feature])) > len(_names(galerkin, told)):
-            told.append(feature)
-    labels = {}
-    for method in methods:
-        if isinstance(method, Baseline):
-            labels[method.case] = method.label
-            continue
-        base = _base_label(method)
-        if beside_others:
-            base = f"FVI-{base.replace(' ', '')}CQ"
-        labels[method.case] = ", ".join([base, *_told(method, told)])
-    doubled = [label for label in labels.values() if list(labels.values()).count(label) > 1]
-    return {case: case if label in doubled else label for case, label in labels.items()}
+    """Name of every method by case, as in tables, with powers typeset."""
+    return {case: typeset(name.label) for case, name in method_names(methods).items()}
 
 
-_Feature = Callable[[Method], str]
-
-
-def _sampling(method: Method) -> str:
-    return method.sampling
-
-
-def _degree(method: Method) -> str:
-    return f"$s={method.degree}$"
-
-
-def _rule(method: Method) -> str:
-    return f"{method.rule.points} {method.rule.rule.capitalize()}"
-
-
-def _start(method: Method) -> str:
-    if method.start != "weights":
-        return "series start" if method.start == "series" else "plain start"
-    if not method.start_exponents:
-        return "starting weights"
-    powers = ", ".join(f"$t^{{{fraction(e)}}}$" for e in method.start_exponents)
-    return f"starting weights for {powers}"
-
-
-def _forcing(method: Method) -> str:
-    return f"{method.forcing_quadrature} forcing"
-
-
-_ACTION: tuple[_Feature, ...] = (_sampling, _degree)
-_REST: tuple[_Feature, ...] = (_rule, _start, _forcing)
-
-
-def _told(method: Method, features: Sequence[_Feature]) -> list[str]:
-    """What a label says of its method; a Runge-Kutta method brings degree and points along."""
-    return [
-        feature(method)
-        for feature in (*_ACTION, *_REST)
-        if (feature in features and not (method.is_runge_kutta and feature not in _REST[1:]))
-        or (feature is _start and method.start == "weights")
-    ]
-
-
-def _names(methods: Sequence[Method], features: Sequence[_Feature]) -> set[tuple[str, ...]]:
-    return {(_base_label(method), *_told(method, features)) for method in methods}
+def typeset(name: str) -> str:
+    """``weights $t^{5/2}$`` for ``weights t^2.5``."""
+    return re.sub(r"t\^([\d.]+)", lambda power: f"$t^{{{fraction(float(power[1]))}}}$", name)
 
 
 def common_features(methods: Sequence[AnyMethod]) -> str:
     """What all BDF methods of a figure have in common: degree, quadrature points, sampling."""
     plain = [m for m in methods if isinstance(m, Method) and not m.is_runge_kutta]
-    if len({(m.degree, m.rule.label, m.sampling) for m in plain}) != 1:
-        return ""
-    method = plain[0]
-    points = "point" if method.rule.points == 1 else "points"
-    where = "nodes" if method.sampling == "nodes" else "quadrature points"
-    return f"degree $s={method.degree}$, {_rule(method)} {points}, damping sampled at the {where}"
-
-
-def _base_label(method: Method) -> str:
-    if method.is_runge_kutta:
-        return f"{_FAMILY_NAMES[method.cq]} {method.stages}"
-    return f"BDF{method.bdf_order}"
+    described = {", ".join(describe_method(method)[:3]) for method in plain}
+    return described.pop() if len(described) == 1 else ""

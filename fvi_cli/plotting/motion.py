@@ -15,13 +15,12 @@ from fvi_cli.plotting.balance import most_accurate
 from fvi_cli.plotting.methods import SeriesStyle, series_styles
 from fvi_cli.plotting.style import (
     COLOURS,
-    COLUMN_WIDTH,
     GUIDE_COLOUR,
     INK,
     LINE_STYLES,
     SMALL_TEXT,
     journal_style,
-    legend_columns,
+    legend_above,
     new_figure,
 )
 from fvi_cli.plotting.time_series import select_runs
@@ -33,7 +32,6 @@ Array = NDArray[np.float64]
 _MOST_COMPONENTS = 4
 _MOST_LINES = 24
 _FEW_LINES = 8
-_MOST_TICKS = 10
 _SHAPES = 17
 _POINTS = 201
 _MARKS = 9
@@ -67,7 +65,7 @@ def phase_figure(
     rows = -(-dimension // columns)
     names = _names(experiment, shown[0].trajectory.position.shape[1])
     with journal_style():
-        figure = new_figure(COLUMN_WIDTH, 0.7 + (2.1 if columns == 1 else 1.6) * rows)
+        figure = new_figure(0.7 + (2.1 if columns == 1 else 1.6) * rows)
         panels = figure.subplots(rows, columns, squeeze=False).ravel()
         for component, axes in enumerate(panels[:dimension]):
             for item, style, position in _styled(shown):
@@ -81,7 +79,7 @@ def phase_figure(
             axes.set_ylabel(f"momentum {_momentum_name(names[component], len(names))}")
         for axes in panels[dimension:]:
             axes.set_axis_off()
-        _legend(figure, panels[0])
+        legend_above(figure, panels[0])
     return figure
 
 
@@ -107,7 +105,7 @@ def path_figure(
         if experiment.problem.kind == "double-pendulum":
             return _pendulum_path(experiment, most_accurate(shown))
         names = _names(experiment, shown[0].trajectory.position.shape[1])
-        figure = new_figure(COLUMN_WIDTH, 3.0)
+        figure = new_figure(3.0)
         axes = figure.subplots()
         for item, style, position in _styled(shown):
             place = item.trajectory.position
@@ -119,7 +117,7 @@ def path_figure(
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel(f"position {names[0]}")
         axes.set_ylabel(f"position {names[1]}")
-        _legend(figure, axes)
+        legend_above(figure, axes)
     return figure
 
 
@@ -146,13 +144,33 @@ def waterfall_figure(
         raise ValueError(f"waterfall: not for {kind}; only for {', '.join(WATERFALL_KINDS)}")
     best = most_accurate(select_runs(finished, n_steps))
     with journal_style():
-        figure = new_figure(COLUMN_WIDTH, 3.6)
-        axes = figure.subplots()
         if kind == "string":
-            _draw_shapes(axes, experiment, best)
+            figure = new_figure(3.6)
+            _draw_shapes(figure.subplots(), experiment, best)
+            return figure
+        ground = _ground_acceleration(experiment, best.trajectory.time)
+        figure = new_figure(3.6 if ground is None else 4.4)
+        what = "mass" if kind == "chain" else "storey"
+        if ground is None:
+            axes = last = figure.subplots()
         else:
-            _draw_masses(axes, experiment, best, "mass" if kind == "chain" else "storey")
+            axes, last = figure.subplots(2, 1, sharex=True, height_ratios=(4, 1))
+            last.plot(best.trajectory.time, ground, color=INK, linewidth=0.8, label="_ground")
+            last.set_ylabel("ground $a(t)$")
+        _draw_masses(axes, experiment, best, what)
+        last.set_xlabel(f"time $t$ (step size $h = {best.run.step_size:.8g}$)")
     return figure
+
+
+def _ground_acceleration(experiment: Experiment, time: Array) -> Array | None:
+    """Of a frame that the ground shakes: its acceleration, from the force on the first storey."""
+    problem = experiment.problem
+    if "ground_acceleration" not in experiment.problem_specification:
+        return None
+    if not isinstance(problem, Problem) or problem.scene.forcing is None:
+        return None
+    force = problem.scene.forcing(time)[:, 0]
+    return np.asarray(-force / problem.scene.inertia.mass[0, 0])
 
 
 def _draw_masses(axes: Axes, experiment: Experiment, best: FinishedRun, what: str) -> None:
@@ -160,14 +178,20 @@ def _draw_masses(axes: Axes, experiment: Experiment, best: FinishedRun, what: st
     count = position.shape[1]
     drawn = np.unique(np.linspace(0, count - 1, min(count, _MOST_LINES)).round().astype(int))
     spacing = (count - 1) / max(drawn.size - 1, 1)
-    lift = _lift(position[:, drawn], (0.8 if count < _FEW_LINES else 1.8) * spacing)
+    lift = _lift(position[:, drawn], (0.8 if count < _FEW_LINES else 1.3) * spacing)
     for index in drawn[::-1]:
         _draw_lifted(axes, time, position[:, index] * lift, float(index + 1), f"{what} {index + 1}")
     axes.set_xlim(0.0, experiment.problem.final_time)
-    axes.set_xlabel(f"time $t$ (step size $h = {best.run.step_size:.8g}$)")
     axes.set_ylabel(f"{what} $i$, displaced by $x_i(t)$")
-    axes.set_yticks(np.arange(1, count + 1, -(-count // _MOST_TICKS)))
-    _scale_bar(axes, lift, position[:, drawn])
+    axes.set_yticks(_numbers(count))
+    _scale_bar(axes, lift, position[:, drawn], "$x_i$")
+
+
+def _numbers(count: int) -> list[int]:
+    """The first, the last, and round numbers between them."""
+    step = next(s for k in range(9) for s in (10**k, 2 * 10**k, 5 * 10**k) if count / s <= 8)
+    between = range(step if step > 1 else 2, count, step)
+    return [1, *(k for k in between if min(k - 1, count - k) >= step / 2), *([count] * (count > 1))]
 
 
 def _draw_shapes(axes: Axes, experiment: Experiment, best: FinishedRun) -> None:
@@ -184,7 +208,7 @@ def _draw_shapes(axes: Axes, experiment: Experiment, best: FinishedRun) -> None:
     axes.set_xlim(0.0, length)
     axes.set_xlabel("place $s$")
     axes.set_ylabel("time $t$, displaced by $u(s, t)$")
-    _scale_bar(axes, lift, shapes)
+    _scale_bar(axes, lift, shapes, "$u$")
 
 
 def _lift(values: Array, height: float) -> float:
@@ -201,8 +225,8 @@ def _draw_lifted(axes: Axes, x: Array, values: Array, level: float, label: str) 
     axes.plot(x, level + values, color=INK, linewidth=0.8, label=f"_{label}")
 
 
-def _scale_bar(axes: Axes, lift: float, values: Array) -> None:
-    """A bar beside the panel as long as a round displacement."""
+def _scale_bar(axes: Axes, lift: float, values: Array, name: str) -> None:
+    """A bar beside the panel as long as a round displacement, with its name and value."""
     largest = float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
     if largest == 0:
         return
@@ -226,8 +250,9 @@ def _scale_bar(axes: Axes, lift: float, values: Array) -> None:
     axes.text(
         1.06,
         0.5,
-        f"{size:g}",
+        f"{name} = {size:g}",
         transform=axes.transAxes,
+        rotation="vertical",
         va="center",
         ha="left",
         fontsize=SMALL_TEXT,
@@ -240,7 +265,7 @@ def _pendulum_path(experiment: Experiment, best: FinishedRun) -> Figure:
     first, second = (float(v) for v in experiment.problem_specification.get("lengths", (1.0, 1.0)))
     inner = first * np.stack([np.sin(angles[:, 0]), -np.cos(angles[:, 0])], axis=1)
     outer = inner + second * np.stack([np.sin(angles[:, 1]), -np.cos(angles[:, 1])], axis=1)
-    figure = new_figure(COLUMN_WIDTH, 3.3)
+    figure = new_figure(3.3)
     axes = figure.subplots()
     axes.plot(*inner.T, color=COLOURS[1], linestyle=LINE_STYLES[1], label="first mass")
     axes.plot(*outer.T, color=COLOURS[0], linewidth=0.9, label="second mass")
@@ -258,7 +283,7 @@ def _pendulum_path(experiment: Experiment, best: FinishedRun) -> Figure:
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("horizontal position")
     axes.set_ylabel("vertical position")
-    _legend(figure, axes)
+    legend_above(figure, axes)
     return figure
 
 
@@ -302,12 +327,6 @@ def _mark_start(axes: Axes, line: Line2D) -> None:
         label="start",
         zorder=5,
     )
-
-
-def _legend(figure: Figure, axes: Axes) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    columns = legend_columns(labels, COLUMN_WIDTH)
-    figure.legend(handles, labels, loc="outside upper center", ncols=columns)
 
 
 def _names(experiment: Experiment, dimension: int) -> list[str]:

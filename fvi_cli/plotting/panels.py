@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from matplotlib.ticker import NullLocator
+from matplotlib.ticker import FixedLocator, NullLocator
 from matplotlib.transforms import blended_transform_factory
 from numpy.typing import NDArray
 
@@ -53,6 +53,7 @@ class Series:
 
     style: SeriesStyle
     rows: tuple[Row, ...]
+    stated_order: float = math.nan
 
     def values(self) -> tuple[Array, Array]:
         """Step sizes and errors; nan where there is no error to draw.
@@ -67,7 +68,10 @@ class Series:
     def curve(self) -> Curve:
         """What is drawn, without gaps, as logarithms."""
         h, e = self.values()
+        drawn = np.flatnonzero(e > 0)
         return Curve(
+            stated_order=self.stated_order,
+            is_broken=bool(np.any(np.diff(drawn[:3]) > 1)),
             log_step=np.log10(h[e > 0]),
             log_error=np.log10(e[e > 0]),
             log_floor=math.log10(self.floor) if self.floor > 0 else -math.inf,
@@ -88,6 +92,7 @@ def collect_series(finished: Sequence[FinishedRun], styles: dict[str, SeriesStyl
     return [
         Series(
             style=styles[case],
+            stated_order=ladder[0].run.experiment.claim(ladder[0].run.method) or math.nan,
             rows=tuple(
                 Row(
                     step_size=item.run.step_size,
@@ -139,15 +144,23 @@ def set_limits(axes: Axes, series: Sequence[Series]) -> None:
         axes.yaxis.set_minor_locator(NullLocator())
 
 
-def finish_panels(
-    figure: Figure, panels: Sequence[tuple[Axes, Sequence[Series], Sequence[float]]]
-) -> None:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Panel:
+    """A log-log panel with what is drawn in it, and the slopes to explain it by."""
+
+    axes: Axes
+    series: Sequence[Series]
+    orders: Sequence[float]
+
+
+def finish_panels(figure: Figure, panels: Sequence[Panel]) -> None:
     """Add to settled panels what depends on their size: failures, floor and slope triangles."""
     figure.draw_without_rendering()
-    for axes, series, orders in panels:
+    for panel in panels:
+        axes, series = panel.axes, panel.series
         blocked = [*_draw_failures(axes, series), *_draw_floor(axes, series)]
         curves = [curve for one in series if (curve := one.curve()).log_step.size > 0]
-        draw_slopes(axes, curves, orders, blocked=blocked)
+        draw_slopes(axes, curves, panel.orders, blocked=blocked)
 
 
 def _draw_failures(axes: Axes, series: Sequence[Series]) -> list[Box]:
@@ -241,9 +254,16 @@ def _status_word(status: str) -> str:
 
 
 def _make_room(axes: Axes, share: float) -> None:
-    """Raise the upper limit so that `share` of the panel at the top holds no curve."""
+    """Raise the upper limit so that `share` of the panel at the top holds no curve, nor a tick."""
     low, high = axes.get_ylim()
     axes.set_ylim(low, low * (high / low) ** (1 / (1 - share)))
+    for is_minor in (False, True):
+        ticks = axes.yaxis.get_ticklocs(minor=is_minor)
+        kept = FixedLocator([tick for tick in ticks if low <= tick <= high])
+        if is_minor:
+            axes.yaxis.set_minor_locator(kept)
+        else:
+            axes.yaxis.set_major_locator(kept)
 
 
 def _draw_floor(axes: Axes, series: Sequence[Series]) -> list[Box]:
@@ -278,7 +298,6 @@ def _draw_floor(axes: Axes, series: Sequence[Series]) -> list[Box]:
 def figure_legend(
     figure: Figure,
     styles: Sequence[SeriesStyle],
-    width: float,
     *,
     title: str = "",
     loc: Literal["outside upper center", "outside lower center"] = "outside upper center",
@@ -291,7 +310,7 @@ def figure_legend(
     figure.legend(
         handles=handles,
         loc=loc,
-        ncols=legend_columns(list(by_label), width),
+        ncols=legend_columns(list(by_label)),
         title=title or None,
         title_fontsize=SMALL_TEXT,
     )

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from fvi_cli.plotting.convergence import Study
 from fvi_cli.plotting.methods import SeriesStyle, series_styles
 from fvi_cli.plotting.panels import (
+    Panel,
     Row,
     Series,
     draw_errors,
@@ -18,18 +19,12 @@ from fvi_cli.plotting.panels import (
     finish_panels,
     set_limits,
 )
-from fvi_cli.plotting.style import (
-    COLUMN_WIDTH,
-    SMALL_TEXT,
-    TEXT_WIDTH,
-    fraction,
-    journal_style,
-    new_figure,
-)
+from fvi_cli.plotting.style import SMALL_TEXT, fraction, journal_style, new_figure
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import FinishedRun
 
 _NORMS = ("max", "final")
+_NORM_TITLES = {"max": "largest on the grid", "final": "at the final time"}
 
 
 def saturation_figure(studies: Sequence[Study]) -> Figure:
@@ -37,8 +32,8 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
 
     For :math:`f \sim t^b` at 0 the order is :math:`\min(p, b-\gamma)` in the maximum norm over
     the grid and :math:`\min(p, b+1)` at a fixed time (Lubich, *Discretized fractional calculus*,
-    1986). One column for every b, one row for every norm. An experiment in the other norm than
-    a row's stands in for it by its trajectory.
+    1986). One row for every b, one column for every norm. An experiment in the other norm than
+    a column's stands in for it by its trajectory.
 
     Parameters
     ----------
@@ -52,37 +47,32 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
     """
     if not studies:
         raise ValueError("studies: none were given; a saturation figure needs at least one")
-    columns: dict[float, list[Study]] = {}
+    rows: dict[float, list[Study]] = {}
     for study in studies:
-        columns.setdefault(leading_exponent(_derivative(study)), []).append(study)
+        rows.setdefault(leading_exponent(_derivative(study)), []).append(study)
     styles = series_styles([f.run.method for _, finished in studies for f in finished])
     first = _derivative(studies[0])
-    width = TEXT_WIDTH if len(columns) > 1 else COLUMN_WIDTH
     with journal_style():
-        figure = new_figure(width, 4.6 if width == TEXT_WIDTH else 5.4)
-        grid = figure.subplots(2, len(columns), squeeze=False, sharex=True, sharey=True)
+        figure = new_figure(1.1 + 1.65 * len(rows))
+        # every panel has its own range: beside b = 5 the errors of b = 1 would lie in one line
+        grid = figure.subplots(len(rows), 2, squeeze=False, sharex=True)
         drawn = []
-        for column, exponent in enumerate(sorted(columns)):
-            for row, norm in enumerate(_NORMS):
+        for row, exponent in enumerate(sorted(rows)):
+            for column, norm in enumerate(_NORMS):
                 axes = grid[row, column]
-                series = _series(columns[exponent], norm, styles)
+                series = _series(rows[exponent], norm, styles)
                 draw_errors(axes, series)
+                set_limits(axes, series)
                 limit = exponent - first.order if norm == "max" else exponent + 1
-                title = rf"order $\min(p, {fraction(limit)})$"
-                axes.set_title(f"$b = {exponent:g}$\n{title}" if row == 0 else title)
-                best = max(_largest_order(one) for one in columns[exponent])
-                drawn.append((axes, series, [min(limit, best)]))
-        for axes, label in zip(grid[:, 0], _NORMS, strict=True):
-            end = f"{first.final_time:g}"
-            axes.set_ylabel(
-                "error, maximum over the grid" if label == "max" else f"error at $t = {end}$"
-            )
+                title = rf"$b = {exponent:g}$: order $\min(p, {fraction(limit)})$"
+                axes.set_title(f"{_NORM_TITLES[norm]}\n{title}" if row == 0 else title)
+                best = max(_largest_order(one) for one in rows[exponent])
+                drawn.append(Panel(axes=axes, series=series, orders=[min(limit, best)]))
+            grid[row, 0].set_ylabel("error")
         for axes in grid[-1]:
             axes.set_xlabel("step size $h$")
-        for axes in grid.flat:
-            set_limits(axes, [one for _, series, _ in drawn for one in series])
-        figure.suptitle(_heading(columns, first, width), fontsize=SMALL_TEXT)
-        figure_legend(figure, list(styles.values()), width, loc="outside lower center")
+        figure.suptitle(_heading(rows, first), fontsize=SMALL_TEXT)
+        figure_legend(figure, list(styles.values()), loc="outside lower center")
         finish_panels(figure, drawn)
     return figure
 
@@ -135,17 +125,16 @@ def _measured(item: FinishedRun, norm: str) -> float:
     return float(error.max() if norm == "max" else error[-1].max())
 
 
-def _heading(columns: dict[float, list[Study]], first: DerivativeProblem, width: float) -> str:
+def _heading(rows: dict[float, list[Study]], first: DerivativeProblem) -> str:
     order = fraction(first.order)
-    family = all(_is_family_member(exponent, studies) for exponent, studies in columns.items())
+    family = all(_is_family_member(exponent, studies) for exponent, studies in rows.items())
     function = r"$f(t) = t^{\,b-1} \sin t$" if family else r"$f(t) \sim t^{\,b}$ at 0"
-    # one column has no room for lines of the whole width
-    turn = " " if width == TEXT_WIDTH else "\n"
     return (
-        f"Caputo derivative of order {order} of {function}{turn}"
+        f"Caputo derivative of order {order} of {function}\n"
         f"on $[0, {first.final_time:g}]$ by convolution quadrature, BDF$p$.\n"
-        rf"The order is $\min(p, b - {order})$ in the maximum norm{turn}"
-        rf"and $\min(p, b + 1)$ at a fixed time;{turn}the captions of the paper say $b$."
+        rf"The order is $\min(p, b - {order})$ in the maximum norm"
+        "\n"
+        r"and $\min(p, b + 1)$ at a fixed time; the captions of the paper say $b$."
     )
 
 

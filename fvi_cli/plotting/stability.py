@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import TypedDict
 
@@ -23,7 +23,6 @@ from fvi_cli.plotting.style import (
     GUIDE_COLOUR,
     INK,
     SMALL_TEXT,
-    TEXT_WIDTH,
     journal_style,
     legend_columns,
     new_figure,
@@ -37,9 +36,9 @@ UNSTABLE_COLOUR = "#F4C9AE"
 SLOW_COLOUR = "#FBEBDD"
 UNKNOWN_COLOUR = "#E6E6E6"
 _COLOURS = {
-    "predicted stable": STABLE_COLOUR,
-    "growth, too slow for this time": SLOW_COLOUR,
-    "unstable": UNSTABLE_COLOUR,
+    "stable": STABLE_COLOUR,
+    "unstable, not yet at the final time": SLOW_COLOUR,
+    "unstable before the final time": UNSTABLE_COLOUR,
     "not predicted": UNKNOWN_COLOUR,
 }
 MOST_PANELS = 12
@@ -67,15 +66,18 @@ def stability_figures(name: str, tables: Sequence[StabilityTable]) -> dict[str, 
 
 
 def step_figure(table: StabilityTable) -> Figure:
-    """Stable steps of every method, and how fast the others grow."""
+    """Stable steps of every method, and below how fast the others grow.
+
+    Marks tell of runs from random data that are long enough for every growth to show.
+    """
     methods = table.experiment.methods
     styles = series_styles(methods)
     by_case = {case: [row for row in table.rows if row.run.method.case == case] for case in styles}
     steps = sorted({row.run.step_size for row in table.rows})
     low, high = steps[0] / 1.6, steps[-1] * 1.6
     with journal_style():
-        figure = new_figure(TEXT_WIDTH, 1.5 + 0.19 * len(styles))
-        bars, growth = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
+        figure = new_figure(3.1 + 0.17 * len(styles))
+        bars, growth = figure.subplots(2, 1, sharex=True, height_ratios=(0.17 * len(styles), 1.9))
         for place, rows in enumerate(by_case.values()):
             _bar(bars, place, rows, low, high)
         labels = [style.label for style in styles.values()]
@@ -83,45 +85,48 @@ def step_figure(table: StabilityTable) -> Figure:
         bars.tick_params(axis="y", length=0)
         bars.set_ylim(len(labels) - 0.4, -0.6)
         growth.set_yscale("log")
-        for case, rows in by_case.items():
-            _growth_line(growth, styles[case], rows)
-        growth.set_ylabel("growth of the worst mode per step, $\\log(1/|z|)$")
-        if any(row.prediction.growth_per_step > 0 for row in table.rows):
-            _name_lines(growth, styles, by_case)
-        else:
+        for place, (case, rows) in enumerate(by_case.items()):
+            if _growth_line(growth, styles[case], rows):
+                _mark_row(bars, place, styles[case])
+        growth.set_ylabel("growth per step, $\\log(1/|z|)$")
+        if not any(row.prediction.growth_per_step > 0 for row in table.rows):
             growth.set_ylim(1e-3, 1.0)
             growth.text(0.5, 0.5, "no mode grows", transform=growth.transAxes, ha="center")
-        for axes in (bars, growth):
-            axes.set_xscale("log")
-            axes.set_xlim(low, high)
-            axes.xaxis.set_minor_formatter(NullFormatter())
-            axes.set_xlabel("step size $h$")
+        growth.set_xscale("log")
+        growth.set_xlim(low, high)
+        growth.xaxis.set_minor_formatter(NullFormatter())
+        growth.set_xlabel("step size $h$")
+        growth.yaxis.set_major_locator(LogLocator(numticks=6))
+        growth.yaxis.set_minor_formatter(NullFormatter())
         _legend(figure, _step_entries(table))
     return figure
 
 
-_PARTS: tuple[Filling, ...] = (
-    {"facecolor": STABLE_COLOUR, "edgecolor": "white", "hatch": ""},
-    {"facecolor": SLOW_COLOUR, "edgecolor": "white", "hatch": ""},
-    {"facecolor": UNSTABLE_COLOUR, "edgecolor": "white", "hatch": "////"},
-)
+_STABLE: Filling = {"facecolor": STABLE_COLOUR, "edgecolor": "white", "hatch": ""}
+_SLOW: Filling = {"facecolor": SLOW_COLOUR, "edgecolor": "white", "hatch": ""}
+_UNSTABLE: Filling = {"facecolor": UNSTABLE_COLOUR, "edgecolor": "white", "hatch": "////"}
 
 
 def _bar(axes: Axes, place: int, rows: Sequence[StabilityRow], low: float, high: float) -> None:
     """Where steps are stable, with a mark for every step that was looked at."""
-    limit = rows[0].largest_stable_step
-    final_time = rows[0].run.experiment.problem.final_time
-    known = any(row.verdict != "unknown" for row in rows)
-    if not known:
+    if all(row.verdict == "unknown" for row in rows):
         axes.barh(place, high - low, left=low, height=0.62, color=UNKNOWN_COLOUR, linewidth=0)
     else:
-        ends = [low]
-        for step in (rows[0].lasting_step, limit):
-            last = low if math.isnan(step) else min(high if step >= final_time else step, high)
-            ends.append(max(ends[-1], last))
-        ends.append(high)
-        for part, (begin, end) in zip(_PARTS, pairwise(ends), strict=True):
-            axes.barh(place, end - begin, left=begin, height=0.62, linewidth=0, **part)
+        lasting = rows[0].lasting_step
+        final_time = rows[0].run.experiment.problem.final_time
+        end = low if math.isnan(lasting) else high if lasting >= final_time else lasting
+        steps = sorted((row.run.step_size, row.verdict == "unstable") for row in rows)
+        middles = [math.sqrt(a * b) for (a, _), (b, _) in pairwise(steps)]
+        edges = [low, *middles, high]
+        parts = [(low, end, _STABLE)]
+        parts += [
+            (left, right, _UNSTABLE if grows_soon else _SLOW)
+            for (left, right), (_, grows_soon) in zip(pairwise(edges), steps, strict=True)
+        ]
+        for left, right, part in parts:
+            begin = left if part is _STABLE else max(left, end)
+            if right > begin:
+                axes.barh(place, right - begin, left=begin, height=0.62, linewidth=0, **part)
     for verdict, properties in _MARKS.items():
         x = [row.run.step_size for row in rows if _seen(row) == verdict]
         axes.plot(x, [place] * len(x), linestyle="none", label=f"_{verdict}", **properties)
@@ -162,15 +167,15 @@ def _differs(row: StabilityRow) -> bool:
     return row.observation is not None and row.observation.agrees is False
 
 
-def _growth_line(axes: Axes, style: SeriesStyle, rows: Sequence[StabilityRow]) -> None:
-    """Predicted growth as a line, what was measured as marks."""
+def _growth_line(axes: Axes, style: SeriesStyle, rows: Sequence[StabilityRow]) -> bool:
+    """Predicted growth as a line, what was measured as crosses; whether there is any growth."""
     grown = sorted(
         (row for row in rows if row.prediction.growth_per_step > 0),
         key=lambda row: row.run.step_size,
     )
     x = np.array([row.run.step_size for row in grown])
     y = np.array([row.prediction.growth_per_step for row in grown])
-    axes.plot(x, y, color=style.colour, linestyle=style.line_style, label=style.label)
+    axes.plot(x, y, label=style.label, **style.line_properties())
     seen = [row for row in grown if row.observation is not None]
     axes.plot(
         [row.run.step_size for row in seen],
@@ -178,55 +183,47 @@ def _growth_line(axes: Axes, style: SeriesStyle, rows: Sequence[StabilityRow]) -
         linestyle="none",
         marker="x",
         color=INK,
-        markersize=4.0,
+        markersize=3.0,
         label="_observed",
+        zorder=4,
     )
+    return bool(grown)
 
 
-def _name_lines(
-    axes: Axes, styles: Mapping[str, SeriesStyle], by_case: Mapping[str, Sequence[StabilityRow]]
-) -> None:
-    """Names at the right border, at the height of the last value, and apart from each other."""
-    low, high = np.log(axes.get_ylim())
-    ends = []
-    for case, rows in by_case.items():
-        coarsest = max(rows, key=lambda row: row.run.step_size)
-        if coarsest.prediction.growth_per_step > 0:
-            height = (math.log(coarsest.prediction.growth_per_step) - low) / (high - low)
-            ends.append((height, styles[case]))
-    ends.sort(key=lambda one: one[0])
-    gap = 0.058
-    heights = [height for height, _ in ends]
-    for index in range(1, len(heights)):
-        heights[index] = max(heights[index], heights[index - 1] + gap)
-    if heights and heights[-1] > 1.0:
-        heights[-1] = 1.0
-        for index in range(len(heights) - 2, -1, -1):
-            heights[index] = min(heights[index], heights[index + 1] - gap)
-    for height, (_, style) in zip(heights, ends, strict=True):
-        axes.text(
-            1.02,
-            height,
-            style.label,
-            transform=axes.transAxes,
-            va="center",
-            fontsize=SMALL_TEXT - 1,
-            color=style.colour,
-        )
+def _mark_row(axes: Axes, place: int, style: SeriesStyle) -> None:
+    """Beside the bar of a method its line in the panel below."""
+    axes.plot(
+        [1.015, 1.045, 1.075],
+        [place] * 3,
+        markevery=[1],
+        transform=axes.get_yaxis_transform(),
+        clip_on=False,
+        label="_key",
+        gid="decoration",
+        scalex=False,
+        scaley=False,
+        **style.line_properties(),
+    )
 
 
 def _step_entries(table: StabilityTable) -> list[Patch | Line2D]:
     observed = any(row.observation is not None for row in table.rows)
+    time = f"$T = {table.rows[0].run.experiment.problem.final_time:g}$"
     entries: list[Patch | Line2D] = [
-        Patch(facecolor=STABLE_COLOUR, label="predicted stable"),
-        Patch(facecolor=SLOW_COLOUR, label="growth, too slow for this time"),
-        Patch(facecolor=UNSTABLE_COLOUR, edgecolor="white", hatch="////", label="unstable"),
+        Patch(facecolor=STABLE_COLOUR, label="stable"),
+        Patch(facecolor=SLOW_COLOUR, label=f"unstable, not yet at {time}"),
+        Patch(
+            facecolor=UNSTABLE_COLOUR,
+            edgecolor="white",
+            hatch="////",
+            label=f"unstable before {time}",
+        ),
     ]
     if any(row.verdict == "unknown" for row in table.rows):
         entries.append(Patch(facecolor=UNKNOWN_COLOUR, label="not predicted"))
     if observed:
         entries += [
-            Line2D([], [], linestyle="none", label=f"observed {verdict}", **_MARKS[verdict])
+            Line2D([], [], linestyle="none", label=f"{verdict} in a long run", **_MARKS[verdict])
             for verdict in ("stable", "unstable")
         ]
     if table.disagreements:
@@ -239,7 +236,7 @@ def _legend(figure: Figure, entries: Sequence[Patch | Line2D]) -> None:
     figure.legend(
         handles=list(entries),
         loc="outside lower center",
-        ncols=legend_columns(labels, TEXT_WIDTH),
+        ncols=legend_columns(labels),
     )
 
 
@@ -256,10 +253,10 @@ def parameter_figure(table: StabilityTable) -> Figure:
             rows = [row for row in own if n in (0, row.run.n_steps)]
             panels.append((style.label if not n else f"{style.label}, $N={n}$", rows))
     shown = panels[:MOST_PANELS]
-    columns = min(4 if len(shown) > 6 else 3, len(shown))
+    columns = min(2, len(shown))
     with journal_style():
         lines = -(-len(shown) // columns)
-        figure = new_figure(TEXT_WIDTH, 0.8 + 1.75 * lines)
+        figure = new_figure(0.9 + 1.6 * lines)
         grid = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True)
         for axes, (title, rows) in zip(grid.flat, shown, strict=False):
             _verdict_panel(axes, keys, rows)
@@ -380,7 +377,7 @@ def _parameter_entries(table: StabilityTable, number: int) -> list[Patch | Line2
         entries.append(Line2D([], [], color=INK, linewidth=1.3, label="nothing grows below"))
     if any(row.observation is not None for row in table.rows):
         entries.append(
-            Line2D([], [], linestyle="none", marker=".", color=INK, label="observed unstable")
+            Line2D([], [], linestyle="none", marker=".", color=INK, label="unstable in a long run")
         )
     if table.disagreements:
         entries.append(Line2D([], [], linestyle="none", label="not as predicted", **_DIFFERENCE))

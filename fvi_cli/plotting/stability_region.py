@@ -15,9 +15,9 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability_map import GROWTH_LEVELS, StabilityMap
 from fvi_cli.plotting.methods import method_labels
 from fvi_cli.plotting.style import (
+    COLUMN_WIDTH,
     INK,
     SMALL_TEXT,
-    TEXT_WIDTH,
     fraction,
     journal_style,
     legend_columns,
@@ -25,7 +25,7 @@ from fvi_cli.plotting.style import (
 )
 from fvi_cli.studies.stability_study import StabilityTable
 
-MOST_COLUMNS = 6
+MOST_COLUMNS = 3
 
 # undecided, stable, and the growth of the worst mode per step from slow to fast
 _COLOURS = ("#E69F00", "#7FBFE8", "#F2F2F2", "#D9D9D9", "#B3B3B3", "#808080")
@@ -57,9 +57,8 @@ def region_figure(maps: Sequence[StabilityMap]) -> Figure:
     labels = method_labels([one.method for one in maps])
     order = maps[0].order
     with journal_style():
-        width = TEXT_WIDTH if columns > 3 else 1.1 + 1.6 * columns
-        size = (width - 0.5) / columns
-        figure = new_figure(width, 0.75 + (size + 0.2) * len(lines))
+        size = min((COLUMN_WIDTH - 0.5) / columns, 1.8)
+        figure = new_figure(1.25 + (size + 0.12) * len(lines))
         grid = figure.subplots(len(lines), columns, squeeze=False, sharex=True, sharey=True)
         for row, line in zip(grid, lines, strict=True):
             for axes in row[len(line) :]:
@@ -73,7 +72,9 @@ def region_figure(maps: Sequence[StabilityMap]) -> Figure:
             below.set_xlabel("$h^2 k / m$")
             below.tick_params(labelbottom=True)
         figure.suptitle(
-            rf"Stability regions, damping of order $\gamma = {fraction(order)}$", fontsize=9.0
+            rf"Stability regions, damping of order $\gamma = {fraction(order)}$;"
+            "\npercentages: stable share of the area shown",
+            fontsize=9.0,
         )
         undecided = any((one.level < 0).any() for one in maps)
         shown = range(0 if undecided else 1, len(_LABELS))
@@ -84,7 +85,7 @@ def region_figure(maps: Sequence[StabilityMap]) -> Figure:
                 for k in shown
             ],
             loc="outside lower center",
-            ncols=legend_columns(names, width + 1.0),
+            ncols=legend_columns(names),
         )
     return figure
 

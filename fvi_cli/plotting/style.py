@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from fractions import Fraction
+from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
 import matplotlib as mpl
@@ -17,11 +21,8 @@ if TYPE_CHECKING:
 
 LineStyle = Literal["-"] | tuple[float, Sequence[float]]
 
-COLUMN_WIDTH = 3.4
-"""Width of one column of a journal, inches."""
-
-TEXT_WIDTH = 7.0
-"""Width of the text block of a journal, inches."""
+COLUMN_WIDTH = 85 / 25.4
+"""Width of every figure: one column of a journal, 85 mm, in inches."""
 
 SMALL_TEXT = 8.0
 """Size of tick labels, legends and notes, points."""
@@ -83,6 +84,9 @@ _SETTINGS: Mapping[RcKeyType, object] = {
     "hatch.linewidth": 0.4,
     "axes.unicode_minus": True,
     "pdf.fonttype": 42,
+    # text of an SVG as outlines, and names in it that are the same every time
+    "svg.fonttype": "path",
+    "svg.hashsalt": "fvi",
     "savefig.bbox": None,
     "figure.constrained_layout.h_pad": 0.03,
     "figure.constrained_layout.w_pad": 0.03,
@@ -91,25 +95,80 @@ _SETTINGS: Mapping[RcKeyType, object] = {
 # What a user's own settings file says of these must not change a committed figure.
 _DRAWING_SETTINGS = (
     *("axes", "figure", "font", "grid", "hatch", "legend", "lines", "markers", "mathtext"),
-    *("patch", "path", "pdf", "savefig", "text", "xtick", "ytick"),
+    *("patch", "path", "pdf", "savefig", "svg", "text", "xtick", "ytick"),
+)
+
+
+# keys of a style file that are no matter of looks
+_NOT_LOOKS = ("backend", "interactive", "toolbar", "timezone", "webagg", "tk", "keymap", "savefig")
+_OWN: ContextVar[Mapping[RcKeyType, object]] = ContextVar(
+    "settings of a style file", default=MappingProxyType({})
 )
 
 
 @contextmanager
 def journal_style() -> Iterator[None]:
-    """Within this context figures are made and drawn in the style of a printed journal."""
+    """Within this context figures are made and drawn in the style of a printed journal.
+
+    Within :func:`style_file` too, the settings of that file go before.
+    """
     factory = {
         key: value
         for key, value in mpl.rcParamsDefault.items()
         if key.split(".")[0] in _DRAWING_SETTINGS and key not in _SETTINGS
     }
-    with mpl.rc_context({**factory, **_SETTINGS}):
+    with mpl.rc_context({**factory, **_SETTINGS, **_OWN.get()}):
         yield
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Make an empty figure that arranges itself, sizes in inches."""
-    return Figure(figsize=(width, height), layout="constrained")
+@contextmanager
+def style_file(path: Path) -> Iterator[None]:
+    """Within this context figures follow a style file of matplotlib, where it says something.
+
+    Colours and marks of methods stay, for they say which method is meant.
+
+    Raises
+    ------
+    ValueError
+        For a file that cannot be read, an unknown key, or a value that matplotlib refuses.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: cannot be read as a style file: {error}") from None
+    for number, line in enumerate(lines, start=1):
+        key, colon, _ = line.split("#", 1)[0].partition(":")
+        if key.strip() and not (colon and key.strip() in mpl.rcParams):
+            raise ValueError(
+                f"{path}, line {number}: {key.strip()!r} is not a setting of matplotlib; "
+                "a line reads like `font.size: 8`"
+            )
+    try:
+        found = mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    looks = {key: value for key, value in found.items() if key.split(".")[0] not in _NOT_LOOKS}
+    token = _OWN.set(looks)
+    try:
+        yield
+    finally:
+        _OWN.reset(token)
+
+
+def own_style() -> str:
+    """What a style file says here, in one line; empty without one."""
+    return "; ".join(f"{key}: {value}" for key, value in sorted(_OWN.get().items()))
+
+
+def new_figure(height: float) -> Figure:
+    """Make an empty figure of one column that arranges itself, `height` in inches."""
+    return Figure(figsize=(COLUMN_WIDTH, height), layout="constrained")
+
+
+def legend_above(figure: Figure, axes: Axes) -> None:
+    """One legend above all panels, of what is labelled in `axes`."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=legend_columns(labels))
 
 
 def fraction(value: float) -> str:
@@ -118,9 +177,9 @@ def fraction(value: float) -> str:
     return str(nearest) if abs(float(nearest) - value) < 1e-9 else f"{value:g}"
 
 
-def legend_columns(labels: Sequence[str], width: float) -> int:
+def legend_columns(labels: Sequence[str], width: float = COLUMN_WIDTH) -> int:
     """Number of equal columns of a legend that fit into `width` inches, rows filled evenly."""
-    longest = max(len(label.replace("$", "")) for label in labels)
+    longest = max(len(re.sub(r"[$^{}]", "", label)) for label in labels)
     entry = (0.45 * longest + 4.1) * SMALL_TEXT / 72
     columns = max(1, min(len(labels), int((width - 0.1) / entry)))
     return -(-len(labels) // -(-len(labels) // columns))

@@ -14,10 +14,8 @@ from fvi_cli.plotting.convergence import NORM_LABELS
 from fvi_cli.plotting.methods import series_styles
 from fvi_cli.plotting.style import (
     COLOURS,
-    COLUMN_WIDTH,
     LINE_STYLES,
     MARKERS,
-    TEXT_WIDTH,
     journal_style,
     legend_columns,
     logarithmic_ticks,
@@ -117,9 +115,9 @@ def sweep_trajectory_figure(experiment: Experiment, finished: Sequence[FinishedR
 
 def _panels(methods: Sequence[AnyMethod]) -> tuple[Figure, list[Axes]]:
     """One panel for each method, sharing their axes, with the methods as titles."""
-    columns = min(3, len(methods))
+    columns = min(2, len(methods))
     rows = -(-len(methods) // columns)
-    figure = new_figure(COLUMN_WIDTH if columns == 1 else TEXT_WIDTH, 2.4 * rows + 0.4)
+    figure = new_figure((2.4 if columns == 1 else 1.8) * rows + 0.6)
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     styles = series_styles(methods)
     for axes, method in zip(grid.flat, methods, strict=False):
@@ -178,7 +176,7 @@ def _label(member: Member | None) -> str:
 def _finish(figure: Figure, axes: Axes, experiment: Experiment) -> None:
     """A legend below all panels, and above it what is swept where labels do not say it."""
     handles, labels = axes.get_legend_handles_labels()
-    columns = legend_columns(labels, float(figure.get_size_inches()[0]))
+    columns = legend_columns(labels)
     keys = ", ".join(key.removeprefix("problem.") for key in experiment.swept)
     title = f"{len(experiment.members)} members: {keys}"
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, title=title)

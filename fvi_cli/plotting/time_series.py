@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal, TypedDict
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,22 +12,30 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from fvi_cli.plotting.methods import SeriesStyle, series_styles
-from fvi_cli.plotting.style import (
-    COLUMN_WIDTH,
-    INK,
-    journal_style,
-    legend_columns,
-    new_figure,
-)
+from fvi_cli.plotting.style import journal_style, legend_above, new_figure
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.study import reference_of
 
 Array = NDArray[np.float64]
 
+
+class _Exact(TypedDict):
+    """Properties of the line of an exact solution."""
+
+    color: str
+    linewidth: float
+    label: str
+    zorder: float
+    solid_capstyle: Literal["butt"]
+
+
 _FINE_POINTS = 2001
 _MARKS = 12  # marks on one curve
 _MOST_COMPONENTS = 4
+_VISIBLE = 0.1  # of the largest position: an error that the eye sees
+EXACT = _Exact(color="#bdbdbd", linewidth=4.0, label="exact", zorder=2, solid_capstyle="butt")
+"""The exact solution: a broad light line, seen even where thin ones lie upon it."""
 
 
 def trajectory_figure(
@@ -39,18 +48,18 @@ def trajectory_figure(
     experiment, finished
         The experiment and its runs.
     n_steps
-        Which step of the ladder to show; None: the finest that most methods have reached.
+        Which step of the ladder to show; None: the finest at which methods are told apart.
 
     Raises
     ------
     ValueError
         If no run has that many steps.
     """
-    shown = select_runs(finished, n_steps)
+    shown = select_runs(finished, n_steps, visibly_apart=True)
     dimension = min(shown[0].trajectory.position.shape[1], _MOST_COMPONENTS)
     styles = series_styles([item.run.method for item in shown])
     with journal_style():
-        figure = new_figure(COLUMN_WIDTH, 1.1 + 1.45 * dimension)
+        figure = new_figure(1.1 + 1.45 * dimension)
         panels = figure.subplots(dimension, 1, squeeze=False, sharex=True)[:, 0]
         for component, axes in enumerate(panels):
             reference = _draw_exact(axes, experiment, component)
@@ -88,14 +97,14 @@ def energy_figure(
         raise ValueError(
             "energy: no method of the experiment has a momentum, so none has an energy"
         )
-    shown = select_runs(having, n_steps)
+    shown = select_runs(having, n_steps, visibly_apart=True)
     styles = series_styles([item.run.method for item in shown])
     with journal_style():
-        figure = new_figure(COLUMN_WIDTH, 2.5)
+        figure = new_figure(2.5)
         axes = figure.subplots()
         exact = exact_energy(experiment)
         if exact is not None:
-            axes.plot(*exact, color=INK, linewidth=1.6, alpha=0.55, label="exact", zorder=2)
+            axes.plot(*exact, **EXACT)
         ranges = [exact[1]] if exact is not None else []
         for position, item in enumerate(shown):
             energy = item.trajectory.energy
@@ -132,7 +141,7 @@ def error_figure(
         raise ValueError(f"reference: {experiment.name} has {reference.source}")
     styles = series_styles([item.run.method for item in shown])
     with journal_style():
-        figure = new_figure(COLUMN_WIDTH, 2.5)
+        figure = new_figure(2.5)
         axes = figure.subplots()
         axes.set_yscale("log")
         positive = []
@@ -162,10 +171,14 @@ def error_figure(
     return figure
 
 
-def select_runs(finished: Sequence[FinishedRun], n_steps: int | None) -> list[FinishedRun]:
+def select_runs(
+    finished: Sequence[FinishedRun], n_steps: int | None, *, visibly_apart: bool = False
+) -> list[FinishedRun]:
     """Of every method the run with `n_steps` steps.
 
-    By default that is the finest step that as many methods as possible have reached.
+    By default that is the finest step that as many methods as possible have reached; with
+    `visibly_apart` the finest of these steps at which some error is 10 % of the largest position,
+    so that a picture does not show one curve for all.
     """
     usable = [item for item in finished if item.trajectory.time.size > 1]
     there = sorted({item.run.n_steps for item in usable})
@@ -174,8 +187,16 @@ def select_runs(finished: Sequence[FinishedRun], n_steps: int | None) -> list[Fi
         raise ValueError(f"n_steps: {n_steps!r} is not one of the finished runs' {listed}")
     if n_steps is None:
         reached = [item.run.n_steps for item in usable if item.status in ("ok", "floor")]
-        n_steps = max(there, key=lambda n: (reached.count(n), n))
+        most = max(map(reached.count, there))
+        choices = [n for n in there if reached.count(n) == most]
+        apart = [n for n in choices if any(f.run.n_steps == n and _is_off(f) for f in usable)]
+        n_steps = max(apart if visibly_apart and apart else choices)
     return [item for item in usable if item.run.n_steps == n_steps]
+
+
+def _is_off(item: FinishedRun) -> bool:
+    largest = float(np.abs(item.trajectory.position).max())
+    return bool(np.isfinite(item.error) and item.error >= _VISIBLE * largest)
 
 
 def exact_energy(experiment: Experiment) -> tuple[Array, Array] | None:
@@ -198,7 +219,7 @@ def _draw_exact(axes: Axes, experiment: Experiment, component: int) -> Array | N
         return None
     time = np.linspace(0.0, problem.final_time, _FINE_POINTS)
     values = problem.exact(time)[:, component]
-    axes.plot(time, values, color=INK, linewidth=1.6, alpha=0.55, label="exact", zorder=2)
+    axes.plot(time, values, **EXACT)
     return values
 
 
@@ -248,6 +269,4 @@ def finish_figure(
     step = f" (step size $h = {sizes.pop():.8g}$)" if len(sizes) == 1 else ""
     axes.set_xlabel(f"time $t${step}")
     axes.set_xlim(0.0, experiment.problem.final_time)
-    handles, labels = axes.get_legend_handles_labels()
-    columns = legend_columns(labels, COLUMN_WIDTH)
-    figure.legend(handles, labels, loc="outside upper center", ncols=columns)
+    legend_above(figure, axes)

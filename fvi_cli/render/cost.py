@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from fvi_cli.plotting.cost import cost_figure_names
 from fvi_cli.reports.document import Block, Code, Heading, Paragraph
 from fvi_cli.reports.kinds.cost import cost_summary
 from fvi_cli.reports.writers.markdown import to_markdown
@@ -42,9 +43,12 @@ def write_page(output: Path, measured_tables: Mapping[str, Sequence[CostTable]])
         blocks += cost_summary(tables, level=3)[min(index, 1) :]
     # a picture is no block of a report: it is put below the heading of its configuration
     text = to_markdown(blocks)
-    for name in measured_tables:
-        picture = f"![Error against time and work](figures/{name}-cost.png)"
-        text = text.replace(f"\n## {name}\n", f"\n## {name}\n\n{picture}\n", 1)
+    for name, tables in measured_tables.items():
+        pictures = "".join(
+            f"\n![Error against time and work, {picture}](figures/{picture}.png)\n"
+            for picture in cost_figure_names(name, tables)
+        )
+        text = text.replace(f"\n## {name}\n", f"\n## {name}\n{pictures}", 1)
     path = output / PAGE
     output.mkdir(parents=True, exist_ok=True)
     replace_file(path, text.encode("utf-8"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,23 +11,28 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-FORMS = (".pdf", ".png", ".json")
-
-
-def write_figures(figures: Mapping[str, Figure], output: Path, *, anew: bool = False) -> list[Path]:
+def write_figures(
+    figures: Mapping[str, Figure],
+    output: Path,
+    *,
+    formats: Sequence[str] = (),
+    anew: bool = False,
+) -> list[Path]:
     """Bring figures under ``figures/`` in `output` up to date; returns the paths.
 
-    One whose files are all there and show what it shows (:func:`compare_figures`) is left as it
-    is, unless it is wanted `anew`.
+    Where the files show what the figure shows (:func:`compare_figures`) they are left as they are,
+    and only pictures that are missing are drawn, unless it is wanted `anew`.
     """
-    from fvi_cli.plotting import save_figure
+    from fvi_cli.plotting import USUAL_FORMS, save_figure
 
-    directory = output / "figures"
+    forms = list(dict.fromkeys((*formats, "json") if formats else USUAL_FORMS))
     paths: list[Path] = []
     for name, figure in figures.items():
-        if anew or compare_figures({name: figure}, output):
-            save_figure(figure, directory, name)
-        paths += [directory / f"{name}{form}" for form in FORMS]
+        files = {form: output / "figures" / f"{name}.{form}" for form in forms}
+        agrees = not anew and not compare_figures({name: figure}, output)
+        wanted = [form for form, path in files.items() if not (agrees and path.is_file())]
+        save_figure(figure, output / "figures", name, wanted)
+        paths += files.values()
     return paths
 
 
@@ -38,9 +43,9 @@ def compare_figures(figures: Mapping[str, Figure], output: Path) -> list[str]:
     differences = []
     for name, figure in figures.items():
         path = output / "figures" / f"{name}.json"
-        missing = [str(other) for other in map(path.with_suffix, FORMS) if not other.is_file()]
-        differences += [f"{other}: missing" for other in missing]
+        # a picture may be there in any format, or be made from this again
         if not path.is_file():
+            differences.append(f"{path}: missing")
             continue
         try:
             stored = json.loads(path.read_text(encoding="utf-8"))

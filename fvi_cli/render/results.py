@@ -120,9 +120,9 @@ def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
 
             return stability_figures(title, stabilities)
         if costs := _of(results, CostTable):
-            from fvi_cli.plotting.cost import cost_figure
+            from fvi_cli.plotting.cost import cost_figures
 
-            return {f"{title}-cost": cost_figure(costs)}
+            return cost_figures(title, costs)
     raise RequestError(
         "there are figures of outcomes, of tables of stability and of tables of cost only"
     )

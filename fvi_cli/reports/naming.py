@@ -9,11 +9,6 @@ from typing import TypeGuard
 
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 
-_FAMILIES: Mapping[str, str] = {
-    "gauss": "Gauss",
-    "radau-iia": "Radau IIA ",
-    "lobatto-iiic": "Lobatto IIIC ",
-}
 _RULES: Mapping[str, str] = {"gauss": "Gauss", "lobatto": "Lobatto", "radau": "Radau"}
 
 _FORCINGS: Mapping[str, str] = {
@@ -53,7 +48,7 @@ def method_names(methods: Sequence[AnyMethod]) -> dict[str, MethodName]:
     is_mixed = len({method.sampling for method in plain}) > 1
     names = {}
     for case, method in distinct.items():
-        family = _family(method)
+        family = method.label
         if is_mixed and _is_bdf(method):
             family = f"{family} {method.sampling}"
         variant = ", ".join(filter(None, (feature(method) for feature in told)))
@@ -87,14 +82,6 @@ def describe_method(method: AnyMethod) -> list[str]:
 
 def _is_bdf(method: AnyMethod) -> TypeGuard[Method]:
     return isinstance(method, Method) and not method.is_runge_kutta
-
-
-def _family(method: AnyMethod) -> str:
-    if isinstance(method, Baseline):
-        return method.label
-    if method.is_runge_kutta:
-        return f"{_FAMILIES[method.cq]}{method.stages}"
-    return f"BDF{method.bdf_order}"
 
 
 _Feature = Callable[[AnyMethod], str]
@@ -141,7 +128,7 @@ def _is_needed(feature: _Feature, methods: Sequence[AnyMethod]) -> bool:
 def _differs(feature: _Feature, methods: Sequence[AnyMethod], also: _Feature | None = None) -> bool:
     seen: dict[tuple[str, ...], str] = {}
     for method in methods:
-        key: tuple[str, ...] = (_family(method),)
+        key: tuple[str, ...] = (method.label,)
         if isinstance(method, Method):
             key += (method.sampling,)
         if also is not None:

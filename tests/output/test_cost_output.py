@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import json
 import math
@@ -15,14 +16,15 @@ from typer.testing import CliRunner
 from fvi_cli.cli.app import app
 from fvi_cli.integrator import peers
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.plotting.cost import BASELINE_COLOUR, cost_figure
-from fvi_cli.plotting.drawn import drawn_data
+from fvi_cli.plotting.cost import cost_figure, cost_figures
+from fvi_cli.plotting.methods import BASELINE_COLOURS
 from fvi_cli.render.cost import write_page
 from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.cost import SUMMARY_COLUMNS, cost_report
 from fvi_cli.runner import cost as cost_runner
 from fvi_cli.studies import cost
 from fvi_cli.studies.cost import CostCase, CostTable
+from fvi_cli.studies.price import cheapest_bands, cost_curves
 
 # as the design of the command promises them
 PROMISED = (
@@ -110,33 +112,57 @@ def test_json_has_no_number_that_is_none():
 
 class TestFigure:
     def test_methods_are_told_apart_without_colour_and_baselines_are_grey(self):
-        axes = cost_figure([measured()]).axes[0]
+        axes = cost_figure(measured()).axes[0]
         drawn = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
         assert [line.get_label() for line in drawn] == ["Gauss3", "Grünwald-Letnikov", "DOP853"]
         assert len({(line.get_marker(), line.get_linestyle()) for line in drawn}) == 3
-        assert [to_hex(line.get_color()) == BASELINE_COLOUR for line in drawn] == [
+        assert [to_hex(line.get_color()) in BASELINE_COLOURS for line in drawn] == [
             False,
             True,
             True,
         ]
 
     def test_the_answer_is_on_top(self):
-        figure = cost_figure([measured()])
+        figure = cost_figure(measured())
         texts = [text.get_text() for text in figure.axes[0].texts]
         assert "Gauss3" in texts
         left, right = figure.axes[0].get_xlim()
         assert left > right
 
     def test_work_is_drawn_where_there_is_memory(self):
-        assert len(cost_figure([measured()]).axes) == 2
-        assert len(cost_figure([measured(memory=False)]).axes) == 1
-        labels = [axes.get_ylabel() for axes in cost_figure([measured()]).axes]
+        assert len(cost_figure(measured()).axes) == 2
+        assert len(cost_figure(measured(memory=False)).axes) == 1
+        labels = [axes.get_ylabel() for axes in cost_figure(measured()).axes]
         assert labels == ["set-up and stepping, seconds", "multiply-adds on the history"]
 
-    def test_the_front_is_drawn(self):
-        data = drawn_data(cost_figure([measured()]))
-        labels = [line["label"] for line in data["panels"][0]["lines"]]
-        assert "Pareto front" in labels
+    def test_the_broad_line_is_the_time_of_the_method_that_the_strip_names(self):
+        table = measured()
+        curves = cost_curves(table)
+        axes = cost_figure(table).axes[0]
+        bands = cheapest_bands(curves, axes.get_xlim()[0], 160**-6.0)
+        broad = [line for line in axes.lines if line.get_label() == "_cheapest time"]
+        assert len(broad) == len(bands) > 1
+        for line, band in zip(broad, bands, strict=True):
+            times = [band.curve.seconds_to(error) for error in line.get_xdata()]
+            assert list(line.get_ydata()) == times
+
+    def test_what_is_exact_by_chance_is_named_and_not_drawn(self):
+        table = measured()
+        slow = table.cases[2]
+        lucky = dataclasses.replace(
+            slow,
+            rows=tuple(dataclasses.replace(r, error=1e-16, status="floor") for r in slow.rows),
+        )
+        figure = cost_figure(dataclasses.replace(table, cases=(table.cases[0], lucky)))
+        labels = [line.get_label() for line in figure.axes[0].lines]
+        assert "Grünwald-Letnikov" not in labels
+        assert figure.legends[0].get_title().get_text().endswith("not drawn: Grünwald-Letnikov")
+        assert "Grünwald" not in cost_figure(table).legends[0].get_title().get_text()
+
+    def test_every_experiment_has_its_figure(self):
+        first, second = (dataclasses.replace(measured(), experiment=name) for name in "ab")
+        assert list(cost_figures("both", [first, second])) == ["a-cost", "b-cost"]
+        assert list(cost_figures("both", [first])) == ["both-cost"]
 
 
 TEXT = """\
@@ -233,4 +259,4 @@ class TestCommand:
         text = path.read_text()
         assert "## one" in text
         assert "one more digit" in text
-        assert "![Error against time and work](figures/one-cost.png)" in text
+        assert "![Error against time and work, one-cost](figures/one-cost.png)" in text

@@ -15,14 +15,19 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from typer.testing import CliRunner
 
 from fvi_cli import plotting
+from fvi_cli.cli.app import app
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.plotting.methods import method_labels, series_styles
 from fvi_cli.plotting.saturation import leading_exponent
+from fvi_cli.plotting.style import COLUMN_WIDTH
 from fvi_cli.plotting.time_series import exact_energy
+from fvi_cli.render.figures import write_figures
+from fvi_cli.reports.naming import method_names
 from fvi_cli.scenes.named import linear_oscillator
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
@@ -154,7 +159,8 @@ def test_convergence_draws_every_error_of_every_method() -> None:
     assert figure.axes[0].get_title() == r"Bagley–Torvik, $\gamma = 3/2$"
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["BDF1", "BDF2", "BDF3"]
-    assert "degree $s=1$" in legend.get_title().get_text()
+    wanted = "degree 1, 1 Gauss point, damping sampled at the nodes"
+    assert legend.get_title().get_text() == wanted
 
 
 def test_reference_slopes_have_the_slope_that_their_label_says() -> None:
@@ -168,6 +174,33 @@ def test_reference_slopes_have_the_slope_that_their_label_says() -> None:
     other = plotting.convergence_figure([(one, finish(one))], orders=[1.5])
     assert [slope(line) for line in lines(other, "guide")] == pytest.approx([1.5])
     assert words(other) == ["order 3/2"]
+
+
+def test_slopes_that_the_source_states_are_dashed() -> None:
+    one = dataclasses.replace(experiment(), claims={"bdf2": 1.8, "bdf3": 2.0})
+    figure = plotting.convergence_figure([(one, finish(one))])
+    found = {line.get_label(): line for line in lines(figure, "guide")}
+    # 2 is expected anyhow
+    assert set(found) == {"_order 1", "_order 2", "_stated 1.8"}
+    assert slope(found["_stated 1.8"]) == pytest.approx(1.8)
+    dashes = {label: line.is_dashed() for label, line in found.items()}
+    assert dashes == {"_order 1": False, "_order 2": False, "_stated 1.8": True}
+
+
+def test_many_methods_of_one_experiment_have_a_panel_for_every_variant() -> None:
+    methods = [
+        Method(cq=f"bdf{p}", degree=d, sampling="nodes") for p in (1, 2, 3, 4) for d in (1, 2)
+    ]
+    one = experiment(methods=methods)
+    figure = plotting.convergence_figure([(one, finish(one, error=lambda run: run.step_size))])
+    title = r"Bagley–Torvik, $\gamma = 3/2$"
+    assert [axes.get_title() for axes in figure.axes] == [f"{title}, degree {d}" for d in (1, 2)]
+    for axes in figure.axes:
+        drawn = [line for line in axes.lines if str(line.get_gid()).startswith("floor")]
+        assert [line.get_label() for line in drawn] == ["BDF1", "BDF2", "BDF3", "BDF4"]
+    assert len(lines(figure)) == len(methods)
+    few = experiment(methods=methods[:6])
+    assert len(plotting.convergence_figure([(few, finish(few))]).axes) == 1
 
 
 def test_observed_slopes_stand_in_where_theory_says_nothing() -> None:
@@ -279,6 +312,13 @@ def test_diverged_runs_stand_hollow_at_the_top_under_their_word() -> None:
     for line in lines(figure):
         inside = line.get_transform().transform(line.get_xydata()[np.isfinite(line.get_ydata())])
         assert top.transform(inside)[:, 1].max() < min(marks.get_ydata())
+    # and so do the numbers of the axis
+    panel = figure.axes[0]
+    band = min(line.get_ydata()[0] for line in panel.lines if line.get_label() == "_edge")
+    bottom, high = np.log(panel.get_ylim())
+    ticks = [tick for tick in panel.get_yticks() if tick > 0]
+    assert ticks
+    assert (np.log(max(ticks)) - bottom) / (high - bottom) <= band
     control = plotting.convergence_figure([(one, finish(one))])
     assert not lines(control, "failure")
     assert "diverged" not in words(control)
@@ -321,32 +361,49 @@ def test_methods_are_told_apart_in_colour_and_in_grey() -> None:
     for a, b in combinations(list(styles.values()), 2):
         assert (a.marker, a.is_filled, a.line_style) != (b.marker, b.is_filled, b.line_style)
         assert (a.colour, a.is_filled, a.line_style) != (b.colour, b.is_filled, b.line_style)
-    plain = series_styles(methods[:6]).values()
-    alone = series_styles([m for m in methods if getattr(m, "cq", "") == "bdf2"]).values()
-    for some in (plain, alone):
-        for name in ("colour", "marker", "line_style"):
-            assert len({getattr(style, name) for style in some}) == len(some)
+    for look in ("colour", "marker"):
+        assert len({getattr(style, look) for style in list(styles.values())[:6]}) == 6
+
+
+def test_a_method_looks_the_same_in_every_figure() -> None:
+    families = [
+        *(Method(cq=f"bdf{p}", degree=d) for p in range(1, 7) for d in (1, 2)),
+        *(Method(cq=cq, degree=s) for cq in ("gauss", "radau-iia") for s in range(1, 5)),
+        Baseline(name="explicit-euler"),
+    ]
+    together = series_styles(families)
+    for method in families:
+        (alone,) = series_styles([method]).values()
+        among = together[method.case]
+        assert dataclasses.replace(alone, label="") == dataclasses.replace(among, label="")
+    # the control: another quadrature looks otherwise
+    assert len({(style.colour, style.is_filled) for style in together.values()}) == len(families)
 
 
 def test_labels_say_no_more_than_is_needed() -> None:
     assert list(method_labels(NODES).values()) == ["BDF1", "BDF2", "BDF3"]
     mixed = [NODES[1], Method(cq="bdf2", degree=2), Method(cq="gauss", degree=3)]
     assert list(method_labels(mixed).values()) == [
-        "BDF2, nodes, $s=1$",
-        "BDF2, points, $s=2$",
-        "Gauss 3",
+        "BDF2 nodes",
+        "BDF2 points",
+        "Gauss3",
     ]
     beside = [NODES[0], Baseline(name="explicit-euler")]
-    assert list(method_labels(beside).values()) == ["FVI-BDF1CQ", "explicit Euler"]
+    assert list(method_labels(beside).values()) == ["BDF1", "explicit Euler"]
     corrected = Method(
         cq="bdf3", degree=2, sampling="nodes", start="weights", start_exponents=(2.5,)
     )
-    assert method_labels([corrected])[corrected.case] == "BDF3, starting weights for $t^{5/2}$"
+    plain = Method(cq="bdf3", degree=2, sampling="nodes")
+    both = method_labels([corrected, plain])
+    assert list(both.values()) == ["BDF3, weights $t^{5/2}$", "BDF3, plain"]
+    # tables say the same, powers apart
+    told = method_names([*mixed, *beside])
+    assert {case: name.label for case, name in told.items()} == method_labels([*mixed, *beside])
 
 
 def test_trajectory_energy_and_error_show_every_method_and_the_exact_solution() -> None:
     methods = [NODES[0], Baseline(name="explicit-euler"), Baseline(name="implicit-euler")]
-    names = ["FVI-BDF1CQ", "explicit Euler", "implicit Euler"]
+    names = ["BDF1", "explicit Euler", "implicit Euler"]
     one = experiment(methods=methods, steps=[64])
     finished = finish(one)
     made = plotting.figures_for([(one, finished)])
@@ -378,9 +435,20 @@ def test_a_solution_that_runs_away_does_not_press_the_others_flat() -> None:
     assert 1 < high < 3
 
 
+def test_a_picture_of_motions_takes_the_finest_step_at_which_they_differ() -> None:
+    one = experiment(methods=NODES[:2])
+    finished = finish(one, error=lambda run: 0.4 * run.step_size)  # the largest position is 1.2
+    figure = plotting.trajectory_figure(one, finished)
+    assert "h = 0.5$" in figure.axes[0].get_xlabel()
+    # errors are drawn where they are least, and motions that agree everywhere on the finest grid
+    assert "h = 0.03125$" in plotting.error_figure(one, finished).axes[0].get_xlabel()
+    close = finish(one, error=lambda run: 1e-3)
+    assert "h = 0.03125$" in plotting.trajectory_figure(one, close).axes[0].get_xlabel()
+
+
 def test_choice_of_a_step_of_the_ladder() -> None:
     one = experiment(methods=NODES[:1])
-    finished = finish(one)
+    finished = finish(one, error=lambda run: 1e-3)
     finest = plotting.trajectory_figure(one, finished)
     assert "h = 0.03125$" in finest.axes[0].get_xlabel()
     # with several methods the finest step that all have reached
@@ -408,26 +476,29 @@ def derivative_study(b: int) -> tuple[Experiment, list[FinishedRun]]:
     return one, finish(one, error=lambda run: 1e-3 * run.step_size ** min(2, b - 0.5))
 
 
-def test_saturation_has_a_column_for_every_b_and_a_row_for_every_norm() -> None:
+def test_saturation_has_a_row_for_every_b_and_a_column_for_every_norm() -> None:
     studies = [derivative_study(b) for b in (1, 3, 4, 5)]
     made = plotting.figures_for(studies)
     assert set(made) == {"saturation"}
     figure = made["saturation"]
-    assert len(figure.axes) == 8
-    assert [axes.get_title() for axes in figure.axes[:4]] == [
-        f"$b = {b}$\norder $\\min(p, {2 * b - 1}/2)$" for b in (1, 3, 4, 5)
+    assert [axes.get_title().split("\n")[-1] for axes in figure.axes] == [
+        f"$b = {b}$: order $\\min(p, {limit})$"
+        for b in (1, 3, 4, 5)
+        for limit in (f"{2 * b - 1}/2", b + 1)
     ]
-    assert [axes.get_title() for axes in figure.axes[4:]] == [
-        f"order $\\min(p, {b + 1})$" for b in (1, 3, 4, 5)
-    ]
+    titles = [axes.get_title().split("\n")[0] for axes in figure.axes[:2]]
+    assert titles == ["largest on the grid", "at the final time"]
+    # every panel has the range of its own errors
+    ranges = [axes.get_ylim() for axes in figure.axes[::2]]
+    assert ranges[0] != ranges[1]
     assert len(lines(figure)) == 24
     heading = figure.get_suptitle()
     for phrase in ("b - 1/2", "b + 1", "captions of the paper say $b$", r"t^{\,b-1} \sin t"):
         assert phrase in heading
-    # the second row is measured at the end of the trajectory
+    # the second column is measured at the end of the trajectory
     (_, finished) = studies[0]
     last = [abs(f.trajectory.position[-1, 0] - np.sin(1.0)) for f in finished[: len(LADDER)]]
-    np.testing.assert_allclose(lines(figure)[12].get_ydata(), last[::-1], rtol=1e-12)
+    np.testing.assert_allclose(lines(figure)[3].get_ydata(), last[::-1], rtol=1e-12)
 
 
 @pytest.mark.parametrize("exponents", [(3,), (1, 3), (1, 3, 4, 5)])
@@ -568,6 +639,109 @@ def test_names_of_files_stay_in_their_folder(tmp_path: Path, name: str) -> None:
     assert not list(tmp_path.iterdir())
 
 
+def test_files_that_show_the_same_are_left_as_they_are(tmp_path: Path) -> None:
+    one = experiment(methods=NODES[:1])
+
+    def save(factor: float) -> dict[str, bytes]:
+        errors = finish(one, error=lambda run: factor * power_law(run))
+        figure = plotting.convergence_figure([(one, errors)])
+        paths = write_figures({"made-up": figure}, tmp_path, formats=("png",))
+        return {path.name: path.read_bytes() for path in paths}
+
+    first = save(1.0)
+    picture = tmp_path / "figures" / "made-up.png"
+    picture.write_bytes(b"of another machine")
+    kept = save(1 + 1e-6)
+    assert kept == {**first, "made-up.png": b"of another machine"}
+    picture.unlink()
+    assert save(1.0) == first
+    assert save(1.1) != first
+
+
+def test_formats_are_those_that_are_asked_for(tmp_path: Path) -> None:
+    figure = plotting.interpolation_figure()
+    paths = plotting.save_figure(figure, tmp_path, "sketch", ("svg", "png", "json"))
+    assert [path.name for path in paths] == ["sketch.svg", "sketch.png", "sketch.json"]
+    text = (tmp_path / "sketch.svg").read_text(encoding="utf-8")
+    assert "<svg" in text
+    assert "<dc:date>" not in text
+    again = plotting.interpolation_figure()
+    path = plotting.save_figure(again, tmp_path / "again", "sketch", ("svg",))[0]
+    assert path.read_text(encoding="utf-8") == text
+    with pytest.raises(ValueError, match="'gif' is not one of pdf, png, svg"):
+        plotting.save_figure(figure, tmp_path, "sketch", ("gif",))
+
+
+def test_a_style_file_sets_fonts_and_leaves_methods_their_colours(tmp_path: Path) -> None:
+    one = experiment()
+    style = tmp_path / "mine.mplstyle"
+    style.write_text("axes.labelsize: 13.0  # large\nlines.linewidth: 3\nbackend: svg\n")
+
+    def drawn() -> tuple[float, list[object], list[float]]:
+        figure = plotting.convergence_figure([(one, finish(one))])
+        write_figures({"made-up": figure}, tmp_path, formats=("png",))
+        curves = lines(figure)
+        return (
+            figure.axes[0].xaxis.label.get_fontsize(),
+            [line.get_color() for line in curves],
+            [line.get_linewidth() for line in curves],
+        )
+
+    plain = drawn()
+    path = tmp_path / "figures" / "made-up.png"
+    picture = path.read_bytes()
+    with plotting.style_file(style):
+        size, colours, widths = drawn()
+        styled = path.read_bytes()
+    assert (size, colours, widths) == (13.0, plain[1], [3.0] * 3)
+    assert styled != picture
+    # without the file everything is as before, and drawn anew
+    assert drawn() == plain
+    assert path.read_bytes() == picture
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("axes.grid: on\nline.width: 3\n", "line 2: 'line.width' is not a setting"),
+        ("font.size\n", "line 1: 'font.size' is not a setting"),
+        ("font.size: big\n", "font.size"),
+        (None, "cannot be read"),
+    ],
+)
+def test_a_style_file_that_cannot_be_followed(
+    tmp_path: Path, text: str | None, complaint: str
+) -> None:
+    style = tmp_path / "mine.mplstyle"
+    if text is not None:
+        style.write_text(text)
+    with pytest.raises(ValueError, match=complaint), plotting.style_file(style):
+        pass
+
+
+def test_the_command_takes_formats_and_a_style(tmp_path: Path) -> None:
+    config = tmp_path / "tiny.yaml"
+    config.write_text(
+        "name: tiny\nproblem: {kind: pendulum, final_time: 1.0, initial: {position: 1.0}}\n"
+        "method: {rk: gauss, degree: 2}\nladder: {steps: [8]}\nfigures: [trajectory]\n"
+    )
+    style = tmp_path / "mine.mplstyle"
+    style.write_text("font.size: 12\n")
+    asked = ["plot", str(config), "-q", "--output", str(tmp_path), "--style", str(style)]
+    answer = CliRunner().invoke(app, [*asked, "--format", "svg", "--format", "png"])
+    assert answer.exit_code == 0, answer.output
+    written = {path.name for path in (tmp_path / "figures").iterdir()}
+    assert written == {f"tiny-trajectory.{suffix}" for suffix in ("svg", "png", "json")}
+    refused = CliRunner().invoke(app, [*asked, "--format", "gif"])
+    assert refused.exit_code == 2
+    assert "--format: 'gif' is not one of pdf, png, svg" in refused.stderr
+    style.write_text("font.sise: 12\n")
+    refused = CliRunner().invoke(app, asked)
+    assert refused.exit_code == 2
+    assert "--style" in refused.stderr
+    assert "line 1: 'font.sise' is not a setting of matplotlib" in refused.stderr
+
+
 def test_drawn_data_survives_its_file(tmp_path: Path) -> None:
     one = experiment()
     figure = plotting.convergence_figure([(one, finish(one))])
@@ -632,7 +806,27 @@ def test_nothing_is_written_too_small_to_read() -> None:
         plotting.error_figure(one, finish(one)),
     ]
     for figure in made:
-        assert figure.get_figwidth() in (3.4, 7.0)
+        assert figure.get_figwidth() == COLUMN_WIDTH
         figure.draw_without_rendering()
         sizes = [text.get_fontsize() for text in figure.findobj(mpl.text.Text) if text.get_text()]
         assert min(sizes) >= 7
+
+
+def test_a_curve_that_breaks_off_explains_no_slope() -> None:
+    one = experiment(methods=[Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in (2, 3)])
+
+    def status(run: Run) -> str:
+        return "diverged" if run.method.case.startswith("bdf3") and run.n_steps == 128 else "ok"
+
+    def error(run: Run) -> float:
+        return (1.0 if run.method.case.startswith("bdf3") else 1e-4) * run.step_size**2
+
+    def height(**how: Callable[[Run], str]) -> float:
+        figure = plotting.convergence_figure([(one, finish(one, error=error, **how))])
+        (guide,) = lines(figure, "guide")
+        return float(np.mean(np.log(guide.get_ydata())))
+
+    # beside the lower curve, which has no gap
+    lower, upper = (np.log(scale * 0.25**2) for scale in (1e-4, 1.0))
+    broken = height(status=status)
+    assert abs(broken - lower) < abs(broken - upper)
