@@ -23,6 +23,7 @@ MOST_POINTS = 257
 """Longer lines are thinned evenly, first and last point kept."""
 
 _FLOOR = re.compile(r"floor (\S+)")
+_SHARE = re.compile(r"(\d+) %")
 # below this many times the floor the digits belong to the machine: what is near it for one may be
 # above for another
 _ABOVE_FLOOR = 2 * NEAR_FLOOR
@@ -108,8 +109,8 @@ def rounded(values: ArrayLike, *, logarithmic: bool) -> list[float | None]:
 def compare_drawn(committed: JsonValue, fresh: JsonValue) -> list[str]:
     """Compare two results of :func:`drawn_data`.
 
-    One unit in the last kept digit is no difference, nor is anything between two values below
-    a line's ``noise``.
+    One unit in the last kept digit is no difference, nor is one in a percentage, nor is
+    anything between two values below a line's ``noise``.
 
     Returns
     -------
@@ -153,7 +154,16 @@ def _differences(old: JsonValue, new: JsonValue, place: str, scales: _Scales) ->
         ]
     if isinstance(old, float) and isinstance(new, float):
         return _number_differences([old], [new], place, 0.0, logarithmic=True)
+    if isinstance(old, str) and isinstance(new, str) and _is_near_share(old, new):
+        return []
     return [] if old == new else [f"{place}: {old!r} is now {new!r}"]
+
+
+def _is_near_share(old: str, new: str) -> bool:
+    """Whether both are percentages that rounding may part."""
+    found = [_SHARE.fullmatch(text) for text in (old, new)]
+    shares = [int(match[1]) for match in found if match is not None]
+    return len(shares) == 2 and abs(shares[0] - shares[1]) <= 1
 
 
 def _is_logarithmic(axis: JsonValue, *, inherited: bool) -> bool:

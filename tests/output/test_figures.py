@@ -830,3 +830,9 @@ def test_a_curve_that_breaks_off_explains_no_slope() -> None:
     lower, upper = (np.log(scale * 0.25**2) for scale in (1e-4, 1.0))
     broken = height(status=status)
     assert abs(broken - lower) < abs(broken - upper)
+
+
+@pytest.mark.parametrize(("share", "differs"), [("59 %", False), ("60 %", True), ("59", True)])
+def test_comparison_forgives_a_percentage_its_last_digit(share: str, differs: bool) -> None:
+    found = plotting.compare_drawn({"texts": ["58 %"]}, {"texts": [share]})
+    assert bool(found) == differs
