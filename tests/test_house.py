@@ -9,6 +9,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+import yaml
 
 import fvi_cli
 
@@ -175,3 +176,17 @@ def test_versions_agree():
     citation = (PROJECT / "CITATION.cff").read_text(encoding="utf-8")
     authors = [f"- name: {author['name']}" for author in SETTINGS["project"]["authors"]]
     assert all(author in citation for author in authors)
+
+
+def test_the_workflow_covers_what_is_claimed():
+    text = (PROJECT / ".github/workflows/tests.yml").read_text(encoding="utf-8")
+    jobs = yaml.safe_load(text)["jobs"]
+    matrix = jobs["tests"]["strategy"]["matrix"]
+    claimed = SETTINGS["project"]["classifiers"]
+    python = "Programming Language :: Python :: 3."
+    assert {f"{python.removesuffix('3.')}{version}" for version in matrix["python"]} == {
+        name for name in claimed if name.startswith(python)
+    }
+    assert len(matrix["system"]) == sum(name.startswith("Operating System") for name in claimed)
+    scripts = {step["run"] for job in jobs.values() for step in job["steps"] if "run" in step}
+    assert {f".ci/{path.name}" for path in (PROJECT / ".ci").iterdir()} <= scripts

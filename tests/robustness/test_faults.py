@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import random
 import re
-import resource
 import signal
 import time
 from pathlib import Path
@@ -31,6 +29,9 @@ from fvi_cli.cli.app import app
 from fvi_cli.config import load_config
 from fvi_cli.config.memory import run_bytes
 from fvi_cli.runner.executors.batches import execute_batch
+
+fcntl = pytest.importorskip("fcntl", reason="limits and locks of Unix")
+resource = pytest.importorskip("resource", reason="limits and locks of Unix")
 
 pytestmark = pytest.mark.processes
 
