@@ -183,7 +183,7 @@ def test_what_is_stored_is_used_again_unless_fresh(folder):
     assert second.stdout == first.stdout
     assert "8 runs, 0 of them stored" in fvi("run", "quick.yaml", "--fresh").stderr
     # control: another problem of the same name is another run
-    changed = fvi("run", "quick.yaml", "--set", "problem.stiffness=2.0")
+    changed = fvi("run", "quick.yaml", "--set", "problem.final_time=0.5")
     assert "8 runs, 0 of them stored" in changed.stderr
 
 
@@ -358,11 +358,11 @@ def test_a_dry_run_says_why(folder):
     fvi("run", "quick.yaml", "-q")
     assert planned() == 8 * [("reuse", "stored")]
     assert planned("--fresh") == 8 * [("compute", "--fresh")]
-    assert planned("--set", "problem.stiffness=2.0") == 8 * [
-        ("compute", "changed: problem.stiffness")
+    assert planned("--set", "problem.final_time=0.5") == 8 * [
+        ("compute", "changed: problem.final_time")
     ]
-    assert planned("--set", "report.norm=final", "--set", "problem.damping.0.order=1.25") == 8 * [
-        ("compute", "changed: report.norm, problem.damping.0.order")
+    assert planned("--set", "report.norm=final", "--set", "problem.final_time=0.5") == 8 * [
+        ("compute", "changed: report.norm, problem.final_time")
     ]
     assert planned("--set", "method.history=direct") == 8 * [("compute", "changed: method.history")]
     # a run elsewhere that is not asked for any more, of another method
@@ -388,8 +388,8 @@ def test_a_dry_run_tells_half_runs_older_solvers_and_refusals(folder, monkeypatc
     assert "quick: computed again: 1 runs, incomplete" in told
     for module in ("storage.provenance", "storage.records", "storage.reasons"):
         monkeypatch.setattr(f"fvi_cli.{module}.SOLVER_VERSION", SOLVER_VERSION + 1)
-    changed = fvi("run", "quick.yaml", "--dry-run", "--set", "problem.stiffness=2.0")
-    assert reasons(changed) == 8 * [("compute", "changed: problem.stiffness; older solver")]
+    changed = fvi("run", "quick.yaml", "--dry-run", "--set", "problem.final_time=0.5")
+    assert reasons(changed) == 8 * [("compute", "changed: problem.final_time; older solver")]
     assert reasons(fvi("run", "quick.yaml", "--dry-run")) == 8 * [("compute", "older solver")]
     told = fvi("run", "quick.yaml", "-v").stderr
     assert "quick: computed again: 8 runs, older solver" in told
@@ -480,7 +480,7 @@ def test_plot_draws_and_checks_figures(folder):
     assert {path.suffix for path in written} == {".pdf", ".png", ".json"}
     assert all(path.is_file() for path in written)
     assert fvi("plot", "quick.yaml", "--check").exit_code == 0
-    changed = fvi("plot", "quick.yaml", "--check", "--set", "problem.stiffness=1.3")
+    changed = fvi("plot", "quick.yaml", "--check", "--set", "problem.final_time=0.5")
     assert changed.exit_code == 3
 
 

@@ -16,7 +16,7 @@ problem:
   kind: bagley-torvik
   mass: 1.0
   damping: [{order: 1.5, coefficient: 1.0}]
-  forcing: {pieces: [{until: 0.5, value: 8}, {value: t**2}]}
+  forcing: {pieces: [{until: 0.5, value: &f 2 + 4*sqrt(t/pi) + t**2}, {value: *f}]}
   initial: {position: &p 0.0, velocity: *p}
   final_time: 1.0
   exact: "t**2"

@@ -23,7 +23,6 @@ problem:
   damping: [{order: 0.5, coefficient: 1.0}]
   initial: {position: 1.0, velocity: 0.0}
   final_time: 1.0
-  exact: cos(t)
 method: {bdf: 2, sampling: nodes, degree: 1}
 ladder: {steps: [4, 8]}
 """
@@ -41,7 +40,6 @@ MATTERS = [
     "problem.initial.position=0.5",
     "problem.initial.velocity=-1.0",
     "problem.final_time=2.0",
-    "problem.exact=sin(t)",
     "problem.forcing=t",
     "problem.derivative=riemann-liouville",
     "method.bdf=1",
@@ -74,6 +72,11 @@ def test_identity_changes_with_what_matters(override):
 def test_all_identities_differ():
     found = {identity(run_of(override)) for override in [*MATTERS, "problem.stiffness=1.0"]}
     assert len(found) == len(MATTERS) + 1
+
+
+def test_identity_changes_with_the_solution_that_is_given():
+    undamped = ["problem.damping=[]"]
+    assert identity(run_of(*undamped, "problem.exact=cos(t)")) != identity(run_of(*undamped))
 
 
 @pytest.mark.parametrize("override", DOES_NOT)

@@ -63,7 +63,8 @@ CONFIGURATION = SimpleNamespace(
 
 
 def experiment(name: str = "sample", stiffness: float = 1.0, **keywords: Any) -> Experiment:
-    specification = {**SPECIFICATION, "stiffness": stiffness}
+    exact = SPECIFICATION["exact"] if stiffness == 1.0 else "auto"
+    specification = {**SPECIFICATION, "stiffness": stiffness, "exact": exact}
     values: dict[str, Any] = {
         "name": name,
         "problem": build_problem(specification),

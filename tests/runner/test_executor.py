@@ -78,7 +78,7 @@ def test_several_processes_give_the_same_numbers_to_the_last_bit():
         }
         assert not any(batch.lost for batch in answers)
     # control: another problem gives other numbers
-    other = singles(experiment(stiffness=2.0).runs())
+    other = singles(experiment(stiffness=2.0, exact="auto").runs())
     assert numbers(compute_batches(other, execute_batch, executor=InProcess())) != numbers(here)
 
 

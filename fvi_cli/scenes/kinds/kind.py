@@ -13,6 +13,7 @@ from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.scenes.data import SceneData, per_coordinate
+from fvi_cli.scenes.exact_check import objection
 from fvi_cli.scenes.forces import FORCING, build_forcing, expressions
 from fvi_cli.scenes.kinds.shared_keys import build_damping, scene_keys
 from fvi_cli.scenes.problem import AnyProblem, Array, Problem
@@ -168,6 +169,8 @@ class SceneKind(Kind):
         if values["exact"] != "auto":
             components = expressions(values["exact"], scene.dimension, "exact")
             exact, source = ForcingPiece(components=components).evaluate, "expression"
+            if said := objection(exact, scene):
+                raise ValueError(f"exact: {said}")
         elif search:
             # closed forms call for special functions, which take long to import
             from fvi_cli.scenes.linear_response import match_scene

@@ -1,0 +1,160 @@
+r"""Whether a given function solves the equation of motion that it is given for.
+
+The equation, integrated twice from 0, needs no derivative of the function. With
+:math:`J^a g(t) = \frac{1}{\Gamma(a)} \int_0^t (t-s)^{a-1} g(s)\,ds`,
+
+.. math:: M (x - x_0 - v_0 t) + \sum_j \mu_j J^{2-\gamma_j} (x - x_0 - [\gamma_j > 1]\, v_0 t)
+          + J^2 (\nabla V(x) - f) = 0
+
+for Caputo derivatives; Riemann-Liouville ones act on x itself. The integrals are taken by Gauss and
+Gauss-Jacobi rules on panels that are graded towards 0 and break points, apart from anything that
+integrates the equation.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.scene import Scene
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-6
+"""Of the largest value, or of the largest term of the equation."""
+
+SHARES = (1 / 64, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 1.0)
+"""The parts of [0, T] at whose ends the equation is tried."""
+
+_PANELS = 32
+_MOST_BREAKS = 64
+_GRADING = 0.25 ** np.arange(1.0, 21.0)
+_POINTS = (16, 24)  # the second rule gives the value, the first its error
+
+
+def objection(exact: Callable[[Array], Array], scene: Scene) -> str:
+    """What speaks against `exact` as the solution of `scene`; empty where nothing does.
+
+    Its value and its rate at 0 are compared with the initial data, and the equation is tried on
+    :data:`SHARES` of the interval. Nothing is said where the integrals are not resolved, and of
+    scenes with a Lagrangian only the initial data are compared.
+
+    Parameters
+    ----------
+    exact
+        Function of times, shape ``(n,)`` to ``(n, d)``.
+    scene
+        What it is to solve.
+    """
+    end = scene.final_time
+    with np.errstate(all="ignore"):
+        values = exact(np.linspace(0.0, end, 257))
+        size = float(np.abs(values).max(initial=0.0))
+        if not math.isfinite(size) or (size == 0.0 and not np.any(scene.initial_position)):
+            return "" if not np.any(scene.initial_velocity) else _at_start(exact, scene, size)
+        return _at_start(exact, scene, size) or _in_the_equation(exact, scene)
+
+
+def _at_start(exact: Callable[[Array], Array], scene: Scene, size: float) -> str:
+    found = exact(np.zeros(1))[0]
+    if np.abs(found - scene.initial_position).max() > TOLERANCE * max(
+        size, float(np.abs(scene.initial_position).max())
+    ):
+        return (
+            f"is {_numbers(found)} at t = 0, but initial.position is "
+            f"{_numbers(scene.initial_position)}"
+        )
+    steps = scene.final_time * np.array([1e-4, 1e-4 / 16])
+    rates = (exact(steps) - found) / steps[:, None]
+    coarse, fine = np.abs(rates - scene.initial_velocity).max(axis=1)
+    scale = max(float(np.abs(scene.initial_velocity).max()), size / scene.final_time)
+    # what shrinks with the step is curvature
+    if fine > 100 * TOLERANCE * scale and fine > 0.6 * coarse:
+        return (
+            f"has the derivative {_numbers(rates[1])} at t = 0, but initial.velocity is "
+            f"{_numbers(scene.initial_velocity)}"
+        )
+    return ""
+
+
+def _in_the_equation(exact: Callable[[Array], Array], scene: Scene) -> str:
+    if scene.lagrangian is not None or len(scene.break_points) > _MOST_BREAKS:
+        return ""
+    times = scene.final_time * np.array(SHARES)
+    rough, fine = (
+        [_terms(exact, scene, float(time), points) for time in times] for points in _POINTS
+    )
+    scale = max(float(np.abs(term).max()) for terms in fine for term in terms)
+    residuals = np.array([np.abs(sum(terms)).max() for terms in fine])
+    unsure = max(
+        float(np.abs(sum(one) - sum(other)).max()) for one, other in zip(rough, fine, strict=True)
+    )
+    worst = int(np.argmax(residuals))
+    if not residuals[worst] > max(TOLERANCE * scale, 10 * unsure):
+        return ""
+    return (
+        f"does not solve the equation: integrated twice, up to t = {times[worst]:.4g}, its terms "
+        f"leave {residuals[worst]:.2g}, the largest being {scale:.2g}; with auto the solution "
+        "is looked for"
+    )
+
+
+def _terms(exact: Callable[[Array], Array], scene: Scene, time: float, points: int) -> list[Array]:
+    """The terms of the equation, integrated twice from 0 to `time`, shape ``(d,)`` each."""
+    start, rate = scene.initial_position, scene.initial_velocity
+    mass = np.atleast_2d(scene.inertia.mass)
+    terms = [mass @ exact(np.array([time]))[0], -mass @ (start + rate * time)]
+    for damping in scene.active_damping:
+        nodes, weights = _rule(time, 1.0 - damping.order, scene.break_points, points)
+        moved = exact(nodes)
+        if scene.derivative == "caputo" or damping.order == 1:
+            moved = moved - start
+            if damping.order > 1:
+                moved = moved - nodes[:, None] * rate
+        integral = weights @ moved / math.gamma(2.0 - damping.order)
+        terms.append(np.atleast_2d(damping.coefficient) @ integral)
+    nodes, weights = _rule(time, 1.0, scene.break_points, points)
+    if scene.potential is not None:
+        terms.append(weights @ scene.potential.gradient(exact(nodes)))
+    if scene.forcing is not None:
+        terms.append(-weights @ scene.forcing(nodes))
+    return terms
+
+
+def _rule(time: float, power: float, breaks: tuple[float, ...], points: int) -> tuple[Array, Array]:
+    """Nodes and weights of the integral of ``(time - s)**power g(s)`` over [0, time]."""
+    own = [b for b in breaks if 0 < b < time]
+    edges = [np.linspace(0.0, time, _PANELS + 1), np.array(own)]
+    edges += [
+        begin + (time - begin) / _PANELS * _GRADING for begin in (0.0, *own[: _MOST_BREAKS // 4])
+    ]
+    ends = np.unique(np.concatenate(edges))
+    x, w = np.polynomial.legendre.leggauss(points)
+    half = np.diff(ends[:-1]) / 2
+    inner = (ends[:-2] + half)[:, None] + half[:, None] * x
+    inner_weights = half[:, None] * w * (time - inner) ** power
+    x, w = _jacobi(points, power)
+    last = (ends[-1] - ends[-2]) / 2
+    return (
+        np.concatenate([inner.ravel(), ends[-2] + last * (1 + x)]),
+        np.concatenate([inner_weights.ravel(), last ** (power + 1) * w]),
+    )
+
+
+@functools.lru_cache(maxsize=32)
+def _jacobi(points: int, power: float) -> tuple[Array, Array]:
+    """Gauss-Jacobi rule on [-1, 1] for the weight ``(1 - x)**power``."""
+    # slow to import, and needed for given solutions only
+    from scipy.special import roots_jacobi
+
+    nodes, weights = roots_jacobi(points, power, 0.0)
+    return np.asarray(nodes), np.asarray(weights)
+
+
+def _numbers(values: Array) -> str:
+    told = [f"{value:.6g}" for value in values[:4]]
+    return told[0] if values.size == 1 else f"[{', '.join(told)}{', ...' * (values.size > 4)}]"

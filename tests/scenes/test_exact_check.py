@@ -1,0 +1,114 @@
+"""A given solution is believed only where it solves the equation from the initial data."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import fvi_cli as fvi
+from fvi_cli.cli.app import app
+from fvi_cli.scenes.exact_check import objection
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.registry import build_problem
+
+
+def problem_of(**keys: object) -> Problem:
+    problem = build_problem({"kind": "damped-oscillator", "final_time": 8.0, **keys})
+    assert isinstance(problem, Problem)
+    return problem
+
+
+FREE = {"position": 1.0, "velocity": 0.5}
+JUMP = {"pieces": [{"until": 1.0, "value": "8"}, {"value": "0"}]}
+SOLVED = {
+    "undamped": problem_of(initial=FREE),
+    "viscous": problem_of(initial=FREE, damping=[{"order": 1.0, "coefficient": 0.7}]),
+    "one half": problem_of(initial=FREE, damping=[{"order": 0.5, "coefficient": 0.7}]),
+    "three halves": problem_of(initial=FREE, damping=[{"order": 1.5, "coefficient": 0.7}]),
+    "any order": problem_of(initial=FREE, damping=[{"order": 1.9, "coefficient": 0.7}]),
+    "stepped": problem_of(
+        kind="bagley-torvik", forcing=JUMP, damping=[{"order": 1.5, "coefficient": 0.5}]
+    ),
+    "riemann-liouville": problem_of(
+        initial=FREE,
+        derivative="riemann-liouville",
+        damping=[{"order": 0.5, "coefficient": 0.7}],
+    ),
+    "two masses": problem_of(
+        kind="bagley-torvik",
+        mass=[[1, 0], [0, 1]],
+        stiffness=[[2, -1], [-1, 2]],
+        damping=[{"order": 0.5, "coefficient": [[2, -1], [-1, 2]]}],
+        initial={"position": [1, 0], "velocity": 0},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SOLVED)
+def test_closed_forms_solve_their_equations_and_others_do_not(name: str) -> None:
+    problem = SOLVED[name]
+    exact = problem.exact
+    assert exact is not None
+    assert objection(exact, problem.scene) == ""
+    start = problem.scene.initial_position
+
+    def in_excess(t: np.ndarray) -> np.ndarray:
+        """Off by a part in 10,000 that begins like t^3: the initial data are right."""
+        return exact(t) + 1e-4 * t[:, None] ** 3 / 512 * np.abs(exact(np.array([2.0]))).max()
+
+    assert "does not solve the equation" in objection(in_excess, problem.scene)
+    assert "at t = 0, but initial.position" in objection(lambda t: exact(t) + 1e-3, problem.scene)
+    assert "derivative" in objection(
+        lambda t: exact(t) + 0.05 * t[:, None] * np.ones_like(start), problem.scene
+    )
+
+
+def test_a_nonlinear_scene() -> None:
+    """The pendulum from rest at the bottom with rate 2, without damping: 2 asin(tanh t)."""
+    pendulum = {
+        "kind": "pendulum",
+        "initial": {"position": 0.0, "velocity": 2.0},
+        "final_time": 12.0,
+    }
+    scene = build_problem(pendulum).scene  # type: ignore[union-attr]
+    solution = lambda t: 2 * np.arcsin(np.tanh(t))[:, None]  # noqa: E731
+    assert objection(solution, scene) == ""
+    slower = lambda t: 2 * np.arcsin(np.tanh(t - 1e-4 * t**3 / (1 + t**3)))[:, None]  # noqa: E731
+    assert "does not solve" in objection(slower, scene)
+
+
+def test_a_motion_that_is_zero() -> None:
+    assert objection(lambda t: np.zeros((t.size, 1)), problem_of().scene) == ""
+    assert "derivative 0 at t = 0, but initial.velocity is 0.5" in objection(
+        lambda t: np.zeros((t.size, 1)), problem_of(initial={"velocity": 0.5}).scene
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ("problem.damping.0.order=0.5", "does not solve the equation"),
+        ("problem.damping.0.coefficient=0.2001", "does not solve the equation"),
+        ("problem.initial.position=5", "is 0 at t = 0, but initial.position is 5"),
+        (
+            "problem.initial.velocity=1.0",
+            "has the derivative 1.199",
+        ),
+    ],
+)
+def test_a_changed_problem_with_the_old_solution_is_refused_at_its_line(
+    change: str, told: str
+) -> None:
+    for command in ("check", "convergence"):
+        result = CliRunner().invoke(app, [command, "damped-oscillator", "--set", change])
+        assert result.exit_code == 2
+        assert f":18:10: problem.exact: {told}" in result.stderr
+        assert "Traceback" not in result.output
+    found = ["check", "damped-oscillator", "--set", change, "--set", "problem.exact=auto"]
+    assert CliRunner().invoke(app, found).exit_code == 0
+
+
+def test_shipped_solutions_are_right() -> None:
+    # loading checks those that are given
+    assert all(fvi.load(name).experiments for name in fvi.shipped_configurations())
