@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 
@@ -103,15 +103,9 @@ class Grid:
         """Header and all rows."""
         return (self.header, *self.rows, *self.summary_rows)
 
-    def widths(self, widest_text: int | None = None) -> list[int]:
-        """Letters in the widest entry of every column; texts are folded at `widest_text`."""
-        widths = [max(len(line[k]) for line in self.lines) for k in range(len(self.header))]
-        if widest_text is None:
-            return widths
-        return [
-            min(width, widest_text) if k < self.text_columns else width
-            for k, width in enumerate(widths)
-        ]
+    def widths(self, letters: Callable[[str], int] = len) -> list[int]:
+        """Letters in the widest entry of every column."""
+        return [max(letters(line[k]) for line in self.lines) for k in range(len(self.header))]
 
     def select(self, columns: Sequence[int]) -> Grid:
         """The grid of the key columns and these groups' columns."""
@@ -133,12 +127,21 @@ COLUMN_GAP = 3
 """Letters between two columns."""
 
 
-def split_wide(grid: Grid, widest: int, widest_text: int | None = None) -> list[Grid]:
+def split_wide(
+    grid: Grid,
+    widest: int,
+    widest_text: int | None = None,
+    letters: Callable[[str], int] = len,
+) -> list[Grid]:
     """Grids of at most `widest` letters in a line, as few as possible and of similar width.
 
-    A group that is wider by itself stays whole. Columns of text count as `widest_text` at most.
+    A group that is wider by itself stays whole. Columns of text count as `widest_text` at most,
+    where they are folded; `letters` says how many letters wide an entry is.
     """
-    widths = [width + COLUMN_GAP for width in grid.widths(widest_text)]
+    widths = [
+        COLUMN_GAP + (min(width, widest_text or width) if k < grid.text_columns else width)
+        for k, width in enumerate(grid.widths(letters))
+    ]
     room = widest - sum(widths[: grid.key_columns])
     groups: list[list[int]] = []
     start = grid.key_columns

@@ -131,12 +131,12 @@ def _details(report: HardCaseReport) -> Iterator[Block]:
         by_place = {(finding.quantity, finding.method): finding for finding in findings}
         rows = []
         for quantity in quantities:
-            some = by_place[quantity, report.methods[0]]
+            some = next(finding for finding in findings if finding.quantity == quantity)
             rows.append(
                 (
                     quantity,
                     f"{some.sense} {some.limit:g}",
-                    *(_cell(by_place[quantity, method]) for method in report.methods),
+                    *(_cell(by_place.get((quantity, method))) for method in report.methods),
                 )
             )
         yield Grid(
@@ -150,7 +150,9 @@ def _details(report: HardCaseReport) -> Iterator[Block]:
             yield Paragraph(words=f"Unstable by prediction: {', '.join(unstable)}.")
 
 
-def _cell(finding: Finding) -> str:
+def _cell(finding: Finding | None) -> str:
+    if finding is None:
+        return "-"
     if finding.status != "ok":
         return finding.status
     number = "0" if finding.measured == 0 else f"{finding.measured:.1e}"

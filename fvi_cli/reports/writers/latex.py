@@ -78,7 +78,12 @@ def _block(block: Block) -> str:
     if isinstance(block, Bullets):
         items = "\n".join(f"\\item {{}}{_inline(item)}" for item in block.items)
         return f"\\begin{{itemize}}\n{items}\n\\end{{itemize}}"
-    return "\n\n".join(_grid(part) for part in split_wide(block, WIDEST, WIDEST_TEXT))
+    return "\n\n".join(_grid(part) for part in split_wide(block, WIDEST, WIDEST_TEXT, _letters))
+
+
+def _letters(cell: str) -> int:
+    # powers of ten are wider than the e that they are written with
+    return len(cell) + 2 * sum(match["exponent"] is not None for match in _NUMBER.finditer(cell))
 
 
 def _inline(words: Words) -> str:
@@ -141,7 +146,7 @@ def _grid(grid: Grid) -> str:
         ("l" if width <= WIDEST_TEXT else _paragraph_column()) if k < grid.text_columns else "r"
         for k, width in enumerate(widths)
     )
-    header = [_row(grid.header, text_columns=len(grid.header)), r"\midrule"]
+    header = [_row(grid.header, grid.text_columns), r"\midrule"]
     body = [_row(row, grid.text_columns) for row in grid.rows]
     if grid.summary_rows:
         body.append(r"\midrule")

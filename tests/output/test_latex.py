@@ -1,0 +1,194 @@
+"""The LaTeX forms compile as part of a plain article, and nothing in them runs off the page."""
+
+from __future__ import annotations
+
+import math
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from cost_tables import row, table
+from stored_results import stored_hard_cases
+
+from fvi_cli.config import parse_config
+from fvi_cli.integrator.method import Method
+from fvi_cli.reports import Column, Report, Sheet, rendered
+from fvi_cli.reports.document import Code, Equation, Grid, Heading, Paragraph
+from fvi_cli.reports.kinds.cost import cost_report
+from fvi_cli.reports.kinds.hard_cases import hard_case_report
+from fvi_cli.reports.kinds.orders import order_report
+from fvi_cli.reports.kinds.stability import stability_report
+from fvi_cli.reports.writers.equations import to_mathematics
+from fvi_cli.reports.writers.latex import PACKAGES, to_latex
+from fvi_cli.scenes.kinds import KINDS
+from fvi_cli.studies.cost import CostCase
+from fvi_cli.studies.order import OrderCase, OrderRow, OrderTable, with_orders
+from fvi_cli.studies.stability_study import StabilityTable, stability_rows
+
+HOSTILE = "a_b*c|d`e<f>&g#h$i%j^k~l{m}n\\o[p] ü γ \x00 2^k^j x_1_(2)_3 x^2' 1e3^2 sqrt(t"
+EQUATIONS = {name: kind.equation for name, kind in KINDS.items()}
+
+
+@pytest.mark.parametrize(
+    ("text", "typeset"),
+    [
+        ("M x'' + sum mu D^gamma x + K x = f(t)", r"M\,x'' + \sum\mu\,D^{\gamma}\,x + K\,x = f(t)"),
+        ("mass x_i'' - x_(i-1)", r"\mathrm{mass}\,x_{i}'' - x_{i-1}"),
+        ("wave_speed^2 u_ss", r"\mathrm{wave\_speed}^{2}\,u_{ss}"),
+        ("theta2 - theta1", r"\theta_{2} - \theta_{1}"),
+        ("x = t**2.5*sqrt(2e-3)", r"x = t^{2.5}\,\sqrt{2\cdot10^{-3}}"),
+        ("t^a^b", "t^{a}{}^{b}"),
+    ],
+)
+def test_equations_are_mathematics(text: str, typeset: str) -> None:
+    assert to_mathematics(text) == [(typeset, True)]
+
+
+def test_words_between_formulas_stay_words() -> None:
+    found = to_mathematics(EQUATIONS["double-pendulum"])
+    assert found[0] == ("two rods, angles", False)
+    assert (r"c\,D^{\gamma}", True) in found
+    assert to_mathematics("y = D^gamma f (Caputo)")[-1] == ("(Caputo)", False)
+
+
+def order_tables(equation: str) -> list[OrderTable]:
+    cases = []
+    for degree in (1, 2, 3):
+        for p in range(1, 7):
+            rows = tuple(
+                OrderRow(
+                    n_steps=2**k,
+                    step_size=2.0**-k,
+                    error=2.0 ** (-p * k),
+                    floor=1e-13,
+                    pairwise_order=math.nan,
+                    used_in_fit=True,
+                    status="ok",
+                    predicted="unknown",
+                    expected_order=float(p),
+                    message=HOSTILE if k == 2 else "",
+                )
+                for k in range(1, 9)
+            )
+            method = Method(cq=f"bdf{p}", degree=degree, sampling="nodes")
+            cases.append(
+                with_orders(OrderCase(method=method, rows=rows, slope=0.0, fit_residual=0.0))
+            )
+    common = {"gamma": "0.5;1.5", "reference": "expression", "norm": "max", "final_time": 1.0}
+    return [
+        OrderTable(experiment=name, equation=equation, cases=tuple(cases), **common)
+        for name in ("one-with-a-long-name", "two")
+    ]
+
+
+def long_costs() -> Report:
+    methods = [Method(cq="gauss", degree=s) for s in (1, 2, 3)]
+    rows = tuple(row(2**k, 2.0 ** (-2 * k), 1e-3) for k in range(1, 50))
+    return cost_report("long", [table(*(CostCase(method=m, rows=rows) for m in methods))])
+
+
+STABILITY = """\
+name: quick
+problem: {kind: bagley-torvik, damping: [{order: 1.5, coefficient: 1.0}], final_time: 1.0}
+method: [{rk: gauss, degree: 2}, {bdf: 6, sampling: nodes}]
+ladder: {steps: [4, 8]}
+"""
+
+
+def stability() -> Report:
+    (experiment,) = parse_config(STABILITY, "quick.yaml").experiments
+    rows = tuple(stability_rows(experiment, with_observation=False))
+    return stability_report("quick", [StabilityTable(experiment=experiment, rows=rows)])
+
+
+def every_report() -> list[Report]:
+    return [
+        order_report("hostile", order_tables(HOSTILE)),
+        *(order_report(kind, order_tables(text)[:1]) for kind, text in EQUATIONS.items()),
+        long_costs(),
+        stability(),
+        hard_case_report(stored_hard_cases()),
+    ]
+
+
+def compiled(folder: Path, texts: dict[str, str]) -> str:
+    """The log of a plain article that takes these texts in."""
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    packages = ",".join(PACKAGES)
+    inputs = "\n".join(rf"\input{{{name}}}\clearpage" for name in texts)
+    article = rf"\documentclass{{article}}\usepackage{{{packages}}}\begin{{document}}{inputs}"
+    (folder / "all.tex").write_text(article + r"\end{document}", encoding="utf-8")
+    # longtable takes its widths from the run before
+    for _ in range(2):
+        subprocess.run(
+            ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "-draftmode", "all.tex"],
+            cwd=folder,
+            check=False,
+            capture_output=True,
+            timeout=300,
+        )
+    return (folder / "all.log").read_text(encoding="latin-1")
+
+
+def has_latex() -> bool:
+    if shutil.which("pdflatex") is None or shutil.which("kpsewhich") is None:
+        return False
+    names = [f"{package}.sty" for package in PACKAGES]
+    found = subprocess.run(["kpsewhich", *names], check=False, capture_output=True, text=True)
+    return len(found.stdout.split()) == len(names)
+
+
+needs_latex = pytest.mark.skipif(not has_latex(), reason="no LaTeX here")
+
+
+def faults(log: str) -> list[str]:
+    """Errors, and what stands out of the text by more than a letter's stroke."""
+    wide = [
+        line
+        for line in log.splitlines()
+        if (found := re.match(r"Overfull \\hbox \((\d+\.\d+)pt", line)) and float(found[1]) > 1
+    ]
+    return [line for line in log.splitlines() if line.startswith("!")] + wide
+
+
+@needs_latex
+def test_every_report_compiles_within_the_page(tmp_path: Path) -> None:
+    texts = {
+        name: text
+        for report in every_report()
+        for name, text in rendered(report).items()
+        if name.endswith(".tex")
+    }
+    assert len(texts) == 4 + len(KINDS)
+    assert "longtable" in texts["long-cost.tex"]
+    log = compiled(tmp_path, texts)
+    assert faults(log) == []
+    assert "Output written" in log or "No pages of output" not in log
+
+
+@needs_latex
+def test_a_table_that_is_too_wide_and_a_mistake_are_found(tmp_path: Path) -> None:
+    wide = to_latex([Grid(header=("a" * 200, "b"), rows=(("1", "2"),), text_columns=0)])
+    assert any("Overfull" in line for line in faults(compiled(tmp_path, {"wide.tex": wide})))
+    wrong = to_latex([Paragraph(words="a")]).replace("a\\par", "$a\\par")
+    assert any(line.startswith("!") for line in faults(compiled(tmp_path, {"w.tex": wrong})))
+
+
+@needs_latex
+def test_whatever_the_words_they_compile(tmp_path: Path) -> None:
+    blocks = [
+        Heading(level=1, words=HOSTILE),
+        Paragraph(words=(Equation(HOSTILE), Code(HOSTILE))),
+        Grid(header=("[a]", HOSTILE), rows=(("[1pt]", HOSTILE),), text_columns=2),
+    ]
+    report = Report(
+        name="words",
+        sheets=(Sheet(name="rows", columns=(Column(name="a", meaning=""),), rows=(), keys=()),),
+        summary=(),
+        blocks=tuple(blocks),
+    )
+    log = compiled(tmp_path, {"words.tex": rendered(report)["words.tex"]})
+    assert [line for line in faults(log) if line.startswith("!")] == []
