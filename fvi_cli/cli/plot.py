@@ -126,7 +126,7 @@ def _draw(
     from fvi_cli.render.figures import compare_figures, write_figures
 
     if check:
-        return compare_figures(figures, output)
+        return compare_figures(figures, output, formats=formats or ("png",))
     for path in write_figures(figures, output, formats=formats, anew=anew):
         print(path)
     return []

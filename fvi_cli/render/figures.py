@@ -29,23 +29,28 @@ def write_figures(
     paths: list[Path] = []
     for name, figure in figures.items():
         files = {form: output / "figures" / f"{name}.{form}" for form in forms}
-        agrees = not anew and not compare_figures({name: figure}, output)
+        agrees = not anew and not compare_figures({name: figure}, output, formats=())
         wanted = [form for form, path in files.items() if not (agrees and path.is_file())]
         save_figure(figure, output / "figures", name, wanted)
         paths += files.values()
     return paths
 
 
-def compare_figures(figures: Mapping[str, Figure], output: Path) -> list[str]:
-    """One line for everything that the stored figures show differently."""
+def compare_figures(
+    figures: Mapping[str, Figure], output: Path, *, formats: Sequence[str] = ("png",)
+) -> list[str]:
+    """One line for everything that the stored figures show differently.
+
+    Pictures in `formats` must be there: by default those that documents show.
+    """
     from fvi_cli.plotting import compare_drawn, drawn_text
 
     differences = []
     for name, figure in figures.items():
         path = output / "figures" / f"{name}.json"
-        # a picture may be there in any format, or be made from this again
+        files = (path, *(path.with_suffix(f".{kind}") for kind in formats))
+        differences += [f"{other}: missing" for other in files if not other.is_file()]
         if not path.is_file():
-            differences.append(f"{path}: missing")
             continue
         try:
             stored = json.loads(path.read_text(encoding="utf-8"))

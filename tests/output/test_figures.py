@@ -26,7 +26,7 @@ from fvi_cli.plotting.methods import method_labels, series_styles
 from fvi_cli.plotting.saturation import leading_exponent
 from fvi_cli.plotting.style import COLUMN_WIDTH
 from fvi_cli.plotting.time_series import exact_energy
-from fvi_cli.render.figures import write_figures
+from fvi_cli.render.figures import compare_figures, write_figures
 from fvi_cli.reports.naming import method_names
 from fvi_cli.scenes.named import linear_oscillator
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
@@ -836,3 +836,11 @@ def test_a_curve_that_breaks_off_explains_no_slope() -> None:
 def test_comparison_forgives_a_percentage_its_last_digit(share: str, differs: bool) -> None:
     found = plotting.compare_drawn({"texts": ["58 %"]}, {"texts": [share]})
     assert bool(found) == differs
+
+
+def test_a_check_asks_for_the_pictures_that_are_wanted(tmp_path: Path) -> None:
+    figures = {"sketch": plotting.interpolation_figure()}
+    write_figures(figures, tmp_path, formats=("svg",))
+    assert compare_figures(figures, tmp_path, formats=("svg",)) == []
+    (line,) = compare_figures(figures, tmp_path)
+    assert line.endswith("sketch.png: missing")
