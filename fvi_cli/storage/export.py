@@ -7,6 +7,7 @@ import io
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import RequestError
+from fvi_cli.scenes.kinds import KINDS, SceneKind
 from fvi_cli.storage.arrays import StoredArrays, stored_arrays
 from fvi_cli.storage.atomic import replace_file
 
@@ -21,8 +23,8 @@ MATLAB_NAME_LENGTH = 63
 """Longest name of a field that MATLAB reads."""
 
 _LONG_FORM = ("member", "time")
-_NAMING = ("experiment", "case", "n_steps")
-"""Attributes that tell what a file is; they stand at its top."""
+_DUST = 1e-13
+"""Stored times this near to k T / N, relative to T, are taken for it."""
 
 
 def export_file(path: Path, form: str, directory: Path) -> list[Path]:
@@ -33,12 +35,13 @@ def export_file(path: Path, form: str, directory: Path) -> list[Path]:
     path
         Result file.
     form
-        ``csv``: one file for every run, ``<experiment>-<case>-n000016.csv``, with its attributes
-        as comments; a batch of a sweep is one file with a column ``member`` and the swept values,
-        and beside it ``...-members.csv`` with what is known of each member. The numbers are those
-        that were stored, to the last digit. ``npz``: one file with arrays named
-        ``<experiment>/<case>/n000016/position`` and the attributes as JSON beside them. ``mat``:
-        one file (MATLAB 5) of nested structures.
+        ``csv``: one file for every run, ``<experiment>-<case>-n000016.csv``, with a column for
+        every coordinate (``x1``, its momentum ``p_x1``), and beside it ``.json`` with what else is
+        known of the run; a batch of a sweep is one file with a column ``member`` and the swept
+        values, and beside it ``...-members.csv`` with what is known of each member. The numbers are
+        those that were stored, to the last digit; times k T / N are rounded once. ``npz``: one
+        file with arrays named ``<experiment>/<case>/n000016/position`` and the attributes as JSON
+        beside them. ``mat``: one file (MATLAB 5) of nested structures.
     directory
         Folder; it is made when it is missing.
 
@@ -72,17 +75,15 @@ def _csv_files(stem: str, runs: Iterator[StoredArrays]) -> Iterator[tuple[str, b
     for run in runs:
         name = f"{run.experiment}-{run.case}-{run.name}"
         yield f"{name}.csv", _csv(run, _LONG_FORM).encode()
+        about = json.dumps(_plain(run.attributes), indent=1, ensure_ascii=False)
+        yield f"{name}.json", f"{about}\n".encode()
         if "member" in run.arrays:
             yield f"{name}-members.csv", _csv(run, ("member",)).encode()
 
 
 def _csv(run: StoredArrays, along: Sequence[str]) -> str:
-    """Attributes as comments, then one row for every time of every member, or every member."""
+    """One row for every time of every member, or every member."""
     text = io.StringIO()
-    attributes = _plain(run.attributes)
-    first = {name: attributes[name] for name in _NAMING if name in attributes}
-    for name, value in (first | attributes).items():
-        text.write(f"# {name}: {json.dumps(value, ensure_ascii=False)}\n")
     columns = dict(_columns(run, [axis for axis in along if axis in run.arrays]))
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
@@ -95,19 +96,52 @@ def _columns(run: StoredArrays, along: Sequence[str]) -> Iterator[tuple[str, NDA
     shape = tuple(run.arrays[axis].size for axis in along)
     swept = json.loads(str(run.attributes.get("swept", "[]")))
     others = [name for name in run.arrays if name not in along and name not in swept]
+    problem = json.loads(str(run.attributes.get("specification", "{}"))).get("problem", {})
+    coordinates = _coordinates(run, problem)
     for name in (*along, *swept, *others):
         axes = run.dimensions[name]
         if name in others and (axes[: len(along)] != tuple(along)):
             continue  # labels of other axes, and what is known of a member as a whole
         if "time" in axes and "time" not in along:
             continue
-        values = run.arrays[name]
+        values = run.arrays[name] if name != "time" else _times(run.arrays[name], run, problem)
         # what lies along further axes, such as dof, is a column each
         further = range(len(along), len(axes)) if name in others else range(0)
         for label in np.ndindex(*(values.shape[axis] for axis in further)):
             part = values[(..., *label)] if label else values
             whole = part.reshape([run.arrays[a].size if a in axes else 1 for a in along])
-            yield name + "".join(f"_{k}" for k in label), np.broadcast_to(whole, shape).ravel()
+            told = [
+                coordinates[k] if axes[axis] == "dof" else str(k)
+                for axis, k in zip(further, label, strict=True)
+            ]
+            title = "_".join([_SHORT.get(name, name) if "dof" in axes else name, *told])
+            if name == "position" and told[0] not in run.arrays:
+                title = "_".join(told)
+            yield title, np.broadcast_to(whole, shape).ravel()
+
+
+_SHORT = {"momentum": "p"}
+
+
+def _coordinates(run: StoredArrays, problem: Mapping[str, Any]) -> Sequence[str]:
+    """Names of the coordinates, as the configuration has them; else ``x``, or ``x1``, ``x2``."""
+    size = run.arrays["dof"].size if "dof" in run.arrays else 0
+    kind = KINDS.get(problem.get("kind", ""))
+    names = problem.get("coordinates", kind.coordinates if isinstance(kind, SceneKind) else ())
+    if len(names) == size:
+        return [str(name) for name in names]
+    return ["x"] if size == 1 else [f"x{k}" for k in range(1, size + 1)]
+
+
+def _times(stored: NDArray[Any], run: StoredArrays, problem: Mapping[str, Any]) -> NDArray[Any]:
+    """Times k T / N rounded once, where these are what is stored but for round-off."""
+    final_time, n_steps = problem.get("final_time"), run.attributes.get("n_steps")
+    if not isinstance(final_time, int | float) or n_steps is None or stored.ndim != 1:
+        return stored
+    step = Fraction(repr(final_time)) / int(n_steps)
+    numbers = np.rint(stored / float(step)).astype(np.int64)
+    times = np.array([float(int(k) * step) for k in numbers])
+    return np.where(np.abs(times - stored) <= _DUST * final_time, times, stored)
 
 
 def _words(values: NDArray[Any]) -> Sequence[str]:
