@@ -16,16 +16,19 @@ def check(
     verbose: Verbose = False,
 ) -> int:
     """Validate configurations and compute nothing."""
-    from fvi_cli.render.json import checked_as_json
     from fvi_cli.runner.request import gather
 
     try:
         requests = gather(configs, overrides or ())
     except RequestError as error:
         if json:
+            from fvi_cli.render.json import checked_as_json
+
             print(checked_as_json((), error.complaints))
         raise
     if json:
+        from fvi_cli.render.json import checked_as_json
+
         print(checked_as_json(requests))
         return DONE
     for request in requests:

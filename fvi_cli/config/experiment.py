@@ -15,11 +15,16 @@ from fvi_cli.config.keys.stability import stability_settings
 from fvi_cli.config.keys.store import read_diagnostics
 from fvi_cli.config.keys.sweep import SWEEP
 from fvi_cli.config.members import ReadMembers, check_total_memory, make_members
-from fvi_cli.config.memory import in_gigabytes, machine_bytes, predicted_bytes, run_bytes
+from fvi_cli.config.memory import (
+    bytes_at_most,
+    in_gigabytes,
+    machine_bytes,
+    predicted_bytes,
+    run_bytes,
+)
 from fvi_cli.config.problem import break_points, make_problem
-from fvi_cli.integrator.baselines import baseline_objection
+from fvi_cli.effects.diagnostics_request import NOTHING
 from fvi_cli.integrator.break_points import TOLERANCE
-from fvi_cli.integrator.diagnostics import NOTHING
 from fvi_cli.integrator.method import Baseline
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
@@ -194,6 +199,9 @@ def _objection(problem: AnyProblem, found: ListedMethod) -> str:
         by_bdf = not isinstance(method, Baseline) and not method.is_runge_kutta
         return "" if by_bdf else f"{method.case}: a fractional derivative is taken by bdf only"
     if isinstance(method, Baseline):
+        # most experiments have none, and they take long to import
+        from fvi_cli.integrator.baselines import baseline_objection
+
         return baseline_objection(problem.scene, method)
     if problem.scene.lagrangian is not None and method.start == "weights":
         return "start: weights need a constant mass matrix; use series or none"
@@ -218,8 +226,11 @@ def _check_memory(
     def predicted(n_steps: int) -> int:
         if isinstance(problem, DerivativeProblem):
             return predicted_bytes(n_steps, 1)
-        sizes = (run_bytes(problem.scene, one.method, n_steps, every=every) for one in methods)
-        return max(sizes, default=0)
+        scene, found = problem.scene, [one.method for one in methods]
+        generous = [bytes_at_most(method, n_steps, scene.dimension) for method in found]
+        if available is not None and max(generous, default=0) <= available:
+            return 0
+        return max((run_bytes(scene, one, n_steps, every=every) for one in found), default=0)
 
     # memory grows with the number of steps
     for index in sorted(range(len(steps)), key=lambda index: -steps[index]):

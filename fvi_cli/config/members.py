@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -20,6 +21,11 @@ from fvi_cli.studies.members import Member, value_at, with_values
 
 MOST_TOLD: Final = 10
 """Members whose mistakes are told; the others are likely to have the same."""
+
+MANY: Final = 5000
+"""Members whose check takes so long that it is announced."""
+
+_logger = logging.getLogger(__name__)
 
 CheckMember = Callable[[Mapping[str, Any], AnyProblem, Cursor], None]
 
@@ -88,10 +94,14 @@ def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> 
     place = sweep.key_places[key]
     if not _is_there(template, key):
         return found
-    shared = with_values(template, {key: None})
+    # keys beside the outermost one are read alike for all values
+    outermost = key.split(".")[1]
+    kind = kinds.KINDS[template["kind"]]
+    shape = next(one.shape for one in kind.record.keys if one.name == outermost)
+    shared = with_values({outermost: template[outermost]}, {key: None})
     for value in sweep.values[key]:
         tree = replace(at, node=with_node(at.node, tuple(key.split(".")), value, place))
-        read = kinds.PROBLEM.read(tree.under(PROBLEM))
+        read = {outermost: shape.read(tree.under(PROBLEM, outermost))}
         if not is_complete(read) or not _is_there(read, key):
             continue
         if with_values(read, {key: None}) != shared:
@@ -124,6 +134,8 @@ def _check_members(
     check: CheckMember,
 ) -> None:
     told = 0
+    if len(members) >= MANY:
+        _logger.info("checking %d members of a sweep", len(members))
     for member, combination in zip(members, sweep.combinations, strict=True):
         specification = with_values(template, member.values)
         own = Complaints(folder=at.complaints.folder)

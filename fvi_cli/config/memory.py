@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import Final
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.method import AnyMethod
-from fvi_cli.planning.plan import planned_bytes
+from fvi_cli.integrator.method import AnyMethod, Baseline
 
 # Trajectory, samples, weights, their transforms and the copies that are made when storing.
 DOUBLES_PER_STEP: Final = 20
+GENEROUS_DOUBLES: Final = 200
+"""More than any method keeps for a step, a degree and a coordinate."""
+GENEROUS_BYTES: Final = 2**28
+"""More than the tables of any method take, whatever the number of steps."""
 _CONTAINER_LIMIT: Final = Path("/sys/fs/cgroup/memory.max")
 
 
@@ -28,6 +31,13 @@ def predicted_bytes(n_steps: int, dimension: int, *, every: int | None = None) -
     """
     points = n_steps if every is None else n_steps // every + 1
     return 8 * DOUBLES_PER_STEP * points * dimension
+
+
+def bytes_at_most(method: AnyMethod, n_steps: int, dimension: int) -> int:
+    """More bytes than the plan of any run comes to, without making one."""
+    degree = 1 if isinstance(method, Baseline) else method.degree
+    moving = GENEROUS_DOUBLES * degree * dimension * n_steps
+    return GENEROUS_BYTES + 8 * (moving + 10 * (degree * dimension) ** 2)
 
 
 def run_bytes(
@@ -52,6 +62,9 @@ def run_bytes(
     diagnosed
         Whether diagnostics are asked for.
     """
+    # plans know the whole engine, which takes long to import
+    from fvi_cli.planning.plan import planned_bytes
+
     return planned_bytes(scene, method, n_steps, every=every, members=members, diagnosed=diagnosed)
 
 

@@ -32,6 +32,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.diagnostics_request import NOTHING as NOTHING
+from fvi_cli.effects.diagnostics_request import Asked as Asked
 from fvi_cli.effects.symmetry import Symmetry
 from fvi_cli.integrator.known_balance import (
     collocated_rates,
@@ -50,30 +52,6 @@ from fvi_cli.integrator.motion import (
 )
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Asked:
-    """Which diagnostics are computed beside a trajectory; by default none.
-
-    Parameters
-    ----------
-    energy_balance
-        Dissipated work, work of the forcing, and the defect of the energy balance.
-    symmetries
-        Symmetries whose momentum maps are followed.
-    """
-
-    energy_balance: bool = False
-    symmetries: tuple[Symmetry, ...] = ()
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether nothing is asked for."""
-        return not (self.energy_balance or self.symmetries)
-
-
-NOTHING = Asked()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

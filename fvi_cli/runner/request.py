@@ -9,7 +9,6 @@ from pathlib import Path
 
 from fvi_cli.config import LoadedConfig, find_config, load_config, parse_config
 from fvi_cli.errors import RequestError
-from fvi_cli.storage import read_configuration
 
 STORED_SUFFIX = ".h5"
 
@@ -71,6 +70,9 @@ def _request(source: str, overrides: Sequence[str], *, allow_unstable: bool) -> 
     if overrides:
         raise RequestError(f"{source}: --set changes a configuration, not a result file")
     path = Path(source)
+    # most commands are given no result file, and reading one takes long to import
+    from fvi_cli.storage import read_configuration
+
     loaded = parse_config(read_configuration(path).resolved, source)
     return Request(name=loaded.name, loaded=loaded, stored=path)
 

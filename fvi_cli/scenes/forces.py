@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -245,6 +246,12 @@ def _per_coordinate(
 
 def _expression(value: object, place: str) -> Expression:
     try:
-        return Expression.parse(str(value), variables=("t",))
+        return _parsed(str(value))
     except ValueError as error:
         raise ValueError(f"{place}: {error}") from None
+
+
+@functools.lru_cache(maxsize=1024)
+def _parsed(text: str) -> Expression:
+    # thousands of members of a sweep have the same force
+    return Expression.parse(text, variables=("t",))

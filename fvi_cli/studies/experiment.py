@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar
 
-from fvi_cli.integrator.diagnostics import NOTHING, Asked
+from fvi_cli.effects.diagnostics_request import NOTHING, Asked
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import AnyProblem

@@ -8,8 +8,10 @@ import pytest
 
 from fvi_cli.config import find_config, json_schema, load_config, shipped_configs, starter_config
 from fvi_cli.config import parse_config as parse
+from fvi_cli.config.memory import bytes_at_most, run_bytes
 from fvi_cli.errors import RequestError
 from fvi_cli.scenes.kinds import PROBLEM
+from fvi_cli.scenes.problem import Problem
 
 PROJECT = Path(__file__).parents[2]
 NAMES = shipped_configs()
@@ -113,3 +115,19 @@ def test_the_schema_describes_every_key():
                 assert described["$ref"].removeprefix("#/$defs/") in schema["$defs"]
             else:
                 assert described["description"], name
+
+
+@pytest.mark.parametrize("name", [*shipped_configs()])
+def test_no_plan_comes_to_more_than_the_bound_that_saves_making_it(name):
+    config = load_config(find_config(name))
+    checked = 0
+    for experiment in config.experiments:
+        if not isinstance(experiment.problem, Problem):
+            continue
+        scene = experiment.problem.scene
+        for method in experiment.methods:
+            for n_steps in {2, *experiment.steps[-1:]}:
+                bound = bytes_at_most(method, n_steps, scene.dimension)
+                assert run_bytes(scene, method, n_steps) < bound
+                checked += 1
+    assert checked or name == "saturation"

@@ -9,9 +9,9 @@ import numpy as np
 
 from fvi_cli.config.keys.ladder import MOST_STEPS
 from fvi_cli.config.keys.methods import ListedMethod
+from fvi_cli.effects.diagnostics_request import NOTHING, Asked
 from fvi_cli.effects.scene import Scene
 from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
-from fvi_cli.integrator.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.method import Method
 from fvi_cli.keys.containers import ListOf
 from fvi_cli.keys.cursor import OPTIONAL, Cursor, is_complete

@@ -171,7 +171,7 @@ class SceneKind(Kind):
             exact, source = ForcingPiece(components=components).evaluate, "expression"
             if said := objection(exact, scene):
                 raise ValueError(f"exact: {said}")
-        elif search:
+        elif search and scene.is_linear:
             # closed forms call for special functions, which take long to import
             from fvi_cli.scenes.linear_response import match_scene
 

@@ -1,0 +1,31 @@
+"""What is to be computed beside a motion; a value of its own, so that asking loads no engine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fvi_cli.effects.symmetry import Symmetry
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Asked:
+    """Which diagnostics are computed beside a trajectory; by default none.
+
+    Parameters
+    ----------
+    energy_balance
+        Dissipated work, work of the forcing, and the defect of the energy balance.
+    symmetries
+        Symmetries whose momentum maps are followed.
+    """
+
+    energy_balance: bool = False
+    symmetries: tuple[Symmetry, ...] = ()
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is asked for."""
+        return not (self.energy_balance or self.symmetries)
+
+
+NOTHING = Asked()
