@@ -462,10 +462,26 @@ def test_a_check_holds_until_the_table_is_changed(folder):
     assert "error" in stale.stdout
 
 
-def test_a_check_without_tables_does_not_hold_and_writes_nothing(folder):
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        (("convergence", "quick.yaml"), ("tables/quick.csv", "tables/quick.md")),
+        (("hard-cases",), ("hard-cases.csv", "hard-cases.md")),
+    ],
+)
+def test_a_check_without_tables_computes_nothing_and_writes_nothing(
+    folder, monkeypatch, arguments, names
+):
+    def computed(*_):
+        raise AssertionError
+
+    monkeypatch.setattr("fvi_cli.runner.compute.execute_batch", computed)
+    monkeypatch.setattr("fvi_cli.runner.hard_cases.examine", computed)
     before = files(folder)
-    result = fvi("convergence", "quick.yaml", "--check", "--output", "nowhere")
+    result = fvi(*arguments, "--check", "--output", "nowhere")
     assert result.exit_code == 3
+    assert result.stdout.splitlines() == [f"{Path('nowhere') / name}: missing" for name in names]
+    assert "runs" not in result.stderr
     assert files(folder) == before
     assert not (folder / "nowhere").exists()
 

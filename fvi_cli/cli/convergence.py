@@ -49,6 +49,7 @@ def convergence(
     """Make tables of orders; without argument those of the paper and of full order."""
     from fvi_cli.render.plans import plans_as_text
     from fvi_cli.render.results import compare, order_tables, show, write
+    from fvi_cli.reports import missing
     from fvi_cli.runner.plan import plan_runs
     from fvi_cli.runner.request import gather
     from fvi_cli.runner.run import run_requests
@@ -67,6 +68,9 @@ def convergence(
     if dry_run:
         print(plans_as_text(plan_runs(requests, settings), in_full=verbose))
         return DONE
+    absent = [line for one in requests for line in missing(output / "tables", one.name)]
+    if check and absent:
+        return verdict(absent)
     outcomes: list[Outcome] = []
     differences: list[str] = []
     for request, computed in run_requests(requests, settings):

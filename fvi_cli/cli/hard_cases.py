@@ -41,9 +41,13 @@ def hard_cases(
 ) -> int:
     """Measure every method on hard cases, and tell what holds; Gauss3 must hold everywhere."""
     from fvi_cli.render.results import compare, show, write
+    from fvi_cli.reports import missing
     from fvi_cli.reports.kinds.hard_cases import failures
     from fvi_cli.runner.hard_cases import examine_named
 
+    absent = missing(output, "hard-cases")
+    if check and absent:
+        return verdict(absent)
     report = examine_named(case or (), method or (), show_progress=not quiet)
     if check:
         return verdict([*compare(report, output), *failures(report)])

@@ -30,6 +30,12 @@ _NUMBER = r"(?:\d+(?:\.\d+)?(?:e[+-]?\d+)?)"
 Key = tuple[str, ...]
 
 
+def missing(directory: Path, name: str) -> list[str]:
+    """One line for each file that is not there and without which nothing can be compared."""
+    needed = (directory / f"{name}.csv", directory / f"{name}.md")
+    return [f"{path}: missing" for path in needed if not path.is_file()]
+
+
 def compare(directory: Path, report: Report) -> list[str]:
     """One line for everything in which stored files differ from `report`.
 
