@@ -207,13 +207,13 @@ class TestCommand:
     def test_tables_and_figure(self, tmp_path):
         result = self.run("small.yaml")
         assert result.exit_code == 0, result.output
-        written = {path.name for path in (tmp_path / "results").rglob("*") if path.is_file()}
+        results = tmp_path / "results"
+        written = {path.relative_to(results).as_posix() for path in results.glob("*/*")}
+        # a JSON form of the table and one of the figure
         assert written == {
-            *(f"small-cost.{suffix}" for suffix in ("csv", "md", "tex")),
-            "small-cost-summary.csv",
-            "small-cost.json",
-            "small-cost.pdf",
-            "small-cost.png",
+            *(f"tables/small-cost.{suffix}" for suffix in ("csv", "md", "tex", "json")),
+            "tables/small-cost-summary.csv",
+            *(f"figures/small-cost.{suffix}" for suffix in ("pdf", "png", "json")),
         }
         assert "one more digit" in result.stdout
         assert (tmp_path / "results/tables/small-cost.csv").read_text().count("\n") == 7
