@@ -28,7 +28,7 @@ from fvi_cli.integrator.stepping import StepProblem
 Array = NDArray[np.float64]
 
 ITERATION_LIMIT = 40
-TOLERANCE = 1e-15
+TOLERANCE = 1e-16
 ROUND_OFF = 1e-14
 """Changes that round-off alone may make."""
 

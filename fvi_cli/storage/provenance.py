@@ -20,7 +20,7 @@ from fvi_cli.studies.experiment import Run
 FORMAT = 1
 """Number of the file format; a program reads files of its own number and below."""
 
-SOLVER_VERSION = 4
+SOLVER_VERSION = 5
 """To be raised whenever the same run gives other numbers; stored runs are then computed anew."""
 
 UNKNOWN = "unknown"
