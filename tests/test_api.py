@@ -96,7 +96,7 @@ def test_results_are_reused_recalled_and_exported(tmp_path: Path) -> None:
     (fresh,) = fvi.run(CONFIG, output=tmp_path, fresh=True)
     assert [f.trajectory.stepping_seconds for f in fresh.finished] != seconds[0]
     written = fvi.export(tmp_path / "free.h5", "csv", tmp_path / "csv")
-    assert len(written) == 4
+    assert len(written) == 8  # each with a JSON file beside it
 
 
 def test_what_would_be_done_is_told(tmp_path: Path) -> None:
