@@ -39,6 +39,9 @@ Array = NDArray[np.float64]
 EPSILON = float(np.finfo(float).eps)
 DIVERGED_RATIO = 10.0
 
+UNRELIABLE = 0.01
+"""A floor above this part of the largest value leaves no error to speak of."""
+
 
 def study(
     experiment: Experiment, finished: Callable[[Run], FinishedRun | None] = lambda run: None
@@ -90,7 +93,6 @@ def assessed(
     if isinstance(run.problem, Problem):
         remarks += interpolation_remarks(run.problem.scene, run.n_steps)
     remarks += stability_remarks(run, trajectory, prediction)
-    trajectory = dataclasses.replace(trajectory, remarks=remarks)
     exact = reference.values(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
     # what an error of one everywhere comes to: an error in l2 grows with the length of the run, and
@@ -99,6 +101,12 @@ def assessed(
     scale = unit * float(np.abs(compared).max(initial=0.0))
     round_off = 100 * EPSILON * scale * float(np.sqrt(run.n_steps))
     floor = max(round_off, 10 * unit * reference.error) if reference.is_known else round_off
+    if floor > UNRELIABLE * scale > 0:
+        remarks += (
+            "reference: unreliable, its refined runs differ by too much of the motion (chaos, or a "
+            "motion too rough for them): the error says nothing",
+        )
+    trajectory = dataclasses.replace(trajectory, remarks=remarks)
     spacing = trajectory.every * run.step_size
     error = error_norm(trajectory.position, exact, spacing, experiment.norm)
     return FinishedRun(

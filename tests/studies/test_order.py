@@ -13,8 +13,8 @@ from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed
 from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.order import fit_slope, order_table, pairwise_order
-from fvi_cli.studies.reference import find_reference
-from fvi_cli.studies.study import study
+from fvi_cli.studies.reference import Reference, find_reference
+from fvi_cli.studies.study import assessed, execute, prediction_of, study
 
 SPECIFICATION = {
     "kind": "bagley-torvik",
@@ -176,3 +176,20 @@ def test_a_reference_that_fails_costs_the_errors_but_not_the_runs() -> None:
     assert len(runs) == 2
     assert all(math.isnan(run.error) for run in runs)
     assert all(not row.used_in_fit for row in order_table(own, runs).cases[0].rows)
+
+
+@pytest.mark.parametrize(("error", "is_unreliable"), [(2.6, True), (1e-9, False)])
+def test_a_reference_that_is_no_better_than_the_runs_is_called_unreliable(
+    error: float, is_unreliable: bool
+) -> None:
+    run = experiment(steps=(8,)).runs()[0]
+    trajectory = execute(run).trajectory
+    reference = Reference(
+        values=lambda times: times[:, None] ** 3, error=error, source="refined run"
+    )
+    finished = assessed(run, trajectory, prediction_of(run), reference)
+    told = [
+        text for text in finished.trajectory.remarks if text.startswith("reference: unreliable")
+    ]
+    assert len(told) == is_unreliable
+    assert finished.status == ("floor" if is_unreliable else "ok")
