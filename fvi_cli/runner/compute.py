@@ -59,7 +59,7 @@ def compute_runs(
     _logger.info("%s: %d runs, %d of them stored", title, len(done) + len(waiting), len(done))
     if why is not None:
         _tell_reasons(title, waiting, why)
-    batches = batches_of(waiting, workers=settings.workers)
+    batches = batches_of(waiting)
     steps = sum(run.n_steps for run in waiting)
     with (
         run_bar(title, len(waiting), steps, wanted=settings.show_progress) as bar,

@@ -122,7 +122,7 @@ def check_memory(request: Request, settings: Settings) -> None:
         if not isinstance(problem, Problem):
             sizes += [predicted_bytes(n, 1) for n in experiment.steps]
             continue
-        together = pack_size(experiment, settings.workers) if experiment.members else 1
+        together = pack_size(experiment) if experiment.members else 1
         sizes += [
             run_bytes(
                 problem.scene,

@@ -82,7 +82,6 @@ def test_packs_follow_each_other_and_stay_below_the_bound_of_memory(monkeypatch)
     assert {run.member.number for batch in batches[:4] for run in batch} == {0, 1, 2, 3}
     monkeypatch.setattr(members_module, "BATCH_BYTES", 10**12)
     assert len(batches_of(one.runs())) == 4
-    assert [len(batch) for batch in batches_of(one.runs(), workers=3)] == [2] * 12
 
 
 def test_an_interruption_of_nonlinear_members_loses_few():
@@ -91,7 +90,8 @@ def test_an_interruption_of_nonlinear_members_loses_few():
     sizes = {len(batch) for batch in batches_of(experiment(PENDULUMS, override).runs())}
     assert sizes == {8, 4}
     override = "sweep.problem.stiffness={from: 1, to: 2, number: 20}"
-    assert {len(batch) for batch in batches_of(experiment(OSCILLATORS, override).runs())} == {40}
+    # linear ones are quicker side by side, up to a number that leaves work for every worker
+    assert {len(batch) for batch in batches_of(experiment(OSCILLATORS, override).runs())} == {32, 8}
 
 
 def test_runs_without_a_sweep_stand_alone_in_their_order():
@@ -130,7 +130,7 @@ def test_a_member_travels_to_another_process_and_is_one_object_there():
 
 @pytest.mark.slow
 def test_processes_give_the_same_members():
-    batches = batches_of(experiment(OSCILLATORS).runs(), workers=2)
+    batches = batches_of(experiment(OSCILLATORS).runs())
     found = {}
     for executor in (InProcess(), LocalProcesses(workers=2)):
         for batch in compute_batches(batches, execute_batch, executor=executor):

@@ -19,25 +19,27 @@ from fvi_cli.studies.study import (
     with_remark_on_thinning,
 )
 
+LARGEST_PACK = 32
+"""More members side by side are no quicker, and would leave workers without any."""
+
 LARGEST_NONLINEAR_PACK = 8
 """Members of nonlinear scenes are integrated one by one: a batch is what an interruption loses."""
 
 
-def batches_of(runs: Sequence[Run], *, workers: int = 1) -> list[tuple[Run, ...]]:
+def batches_of(runs: Sequence[Run]) -> list[tuple[Run, ...]]:
     """The runs in the groups that are computed together.
 
     A run that belongs to no sweep stands alone, in its place. Members of a sweep are dealt into
     packs, so that a batch on the finest grid takes at most
-    :data:`fvi_cli.studies.members.BATCH_BYTES` of memory and every worker has a pack; a batch
-    is one pack with one method and one number of steps. The batches of a pack follow each other,
-    for they share what errors are measured against.
+    :data:`fvi_cli.studies.members.BATCH_BYTES` of memory; a batch is one pack with one method and
+    one number of steps. Who is in a pack depends on the experiment alone, for the last digits of a
+    member depend on its neighbours: the numbers are the same wherever they are computed. The
+    batches of a pack follow each other, for they share what errors are measured against.
 
     Parameters
     ----------
     runs
         What to compute.
-    workers
-        How many batches are computed at a time.
     """
     packs: dict[tuple[object, ...], dict[tuple[object, ...], list[Run]]] = {}
     sizes: dict[Experiment, int] = {}
@@ -46,20 +48,20 @@ def batches_of(runs: Sequence[Run], *, workers: int = 1) -> list[tuple[Run, ...]
             packs[(run,)] = {(): [run]}
             continue
         experiment = run.experiment
-        size = sizes.setdefault(experiment, pack_size(experiment, workers))
+        size = sizes.setdefault(experiment, pack_size(experiment))
         pack = packs.setdefault((experiment, run.member.number // size), {})
         pack.setdefault((run.method, run.n_steps), []).append(run)
     return [tuple(batch) for pack in packs.values() for batch in pack.values()]
 
 
-def pack_size(experiment: Experiment, workers: int) -> int:
+def pack_size(experiment: Experiment) -> int:
     """How many members of a sweep are computed together at most; 1 where nothing is swept."""
     problem = experiment.problem
     dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
-    share = -(-len(experiment.members) // max(1, workers))
-    if isinstance(problem, Problem) and not problem.scene.is_linear:
-        share = min(share, LARGEST_NONLINEAR_PACK)
-    return min(max(1, share), members_at_a_time(max(experiment.steps), dimension))
+    is_linear = not isinstance(problem, Problem) or problem.scene.is_linear
+    largest = LARGEST_PACK if is_linear else LARGEST_NONLINEAR_PACK
+    members = max(1, len(experiment.members))
+    return min(members, largest, members_at_a_time(max(experiment.steps), dimension))
 
 
 def execute_batch(batch: tuple[Run, ...]) -> list[FinishedRun]:
