@@ -36,7 +36,7 @@ SAME_NUMBER = Within(relative=1e-9)
 """For numbers that do not depend on round-off: step sizes, expected orders."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Column:
     """One column of a sheet.
 

@@ -32,9 +32,6 @@ MOST_REPEATS = 25
 ENOUGH_SECONDS = 0.25
 """Shorter runs are repeated until they have taken this long together."""
 
-WIDE_SPREAD = 0.1
-"""Spreads above are marked."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class CostRow:
@@ -89,11 +86,6 @@ class CostRow:
     def is_usable(self) -> bool:
         """Whether the run reached an accuracy that is worth its time."""
         return self.status in ("ok", "floor") and math.isfinite(self.error)
-
-    @property
-    def has_wide_spread(self) -> bool:
-        """Whether the repeats disagree by more than a tenth."""
-        return self.spread > WIDE_SPREAD
 
 
 @dataclass(frozen=True, kw_only=True)

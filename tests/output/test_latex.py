@@ -186,7 +186,7 @@ def test_whatever_the_words_they_compile(tmp_path: Path) -> None:
     ]
     report = Report(
         name="words",
-        sheets=(Sheet(name="rows", columns=(Column(name="a", meaning=""),), rows=(), keys=()),),
+        sheets=(Sheet(name="rows", columns=(Column("a", ""),), rows=(), keys=()),),
         summary=(),
         blocks=tuple(blocks),
     )

@@ -35,7 +35,7 @@ from fvi_cli.reports.kinds.orders import COLUMNS, order_report
 from fvi_cli.reports.naming import method_names
 from fvi_cli.reports.writers.latex import escape_latex, to_latex
 from fvi_cli.reports.writers.markdown import escape_markdown, to_markdown
-from fvi_cli.reports.writers.text import to_text
+from fvi_cli.reports.writers.text import show, to_text
 from fvi_cli.scenes.named import linear_oscillator
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
@@ -601,6 +601,29 @@ def test_the_terminal_gets_the_summary_in_columns():
     assert re.search(r"^made-up +- +2 to 16 +1\.00, 1\.00 +2\.00, 2\.00$", text, re.MULTILINE)
     assert "5.00e-01" not in text
     assert "case" not in text
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_on_a_terminal_tables_are_folded_into_its_width(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "50")
+    monkeypatch.setenv("TERM", "xterm")
+    methods = [
+        Method(cq=f"bdf{p}", degree=s, sampling="nodes") for p in range(1, 7) for s in (1, 2)
+    ]
+    blocks = order_report("made-up", [table_of(powers, experiment(methods))]).summary
+    terminal, file = Terminal(), io.StringIO()
+    show(blocks, terminal)
+    lines = re.sub("\x1b\\[[0-9;]*m", "", terminal.getvalue()).splitlines()
+    assert max(map(len, lines)) <= 50
+    assert all(any(f"BDF{p}" in line for line in lines) for p in range(1, 7))
+    # elsewhere not
+    show(blocks, file)
+    assert file.getvalue() == to_text(blocks) + "\n"
+    assert max(map(len, file.getvalue().splitlines())) > 50
 
 
 # --- grids, escaping ------------------------------------------------------------------------------

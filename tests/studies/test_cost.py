@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import pytest
@@ -78,14 +77,7 @@ def test_long_runs_are_timed_once(monkeypatch):
     row = measure_cost(experiment().runs()[0])
     assert row.repeats == 1
     assert math.isnan(row.spread)
-    assert not row.has_wide_spread
     assert math.isnan(row.storage_seconds)
-
-
-def test_a_wide_spread_is_marked():
-    row = measure_cost(experiment().runs()[0])
-    assert dataclasses.replace(row, spread=0.11).has_wide_spread
-    assert not dataclasses.replace(row, spread=0.09).has_wide_spread
 
 
 def test_every_timed_run_begins_cold():

@@ -24,88 +24,71 @@ NOT_REACHED = "not reached"
 _COARSEST, _FINEST = 1.0, 1e-13
 
 RUN_COLUMNS = (
-    Column(name="experiment", meaning="name of the experiment"),
-    Column(name="case", meaning="name of the method in files"),
-    Column(name="method", meaning="name of the method", title="method"),
-    Column(name="n_steps", meaning="number N of steps", title="N"),
-    Column(name="step_size", meaning="h, in the scene's unit of time"),
-    Column(name="error", meaning="error of the position, in its unit", title="error", form=".2e"),
+    Column("experiment", "name of the experiment"),
+    Column("case", "name of the method in files"),
+    Column("method", "name of the method", title="method"),
+    Column("n_steps", "number N of steps", title="N"),
+    Column("step_size", "h, in the scene's unit of time"),
+    Column("error", "error of the position, in its unit", title="error", form=".2e"),
     Column(
-        name="setup_seconds",
-        meaning="everything of a run but its steps, from a cold start; least of the repeats",
+        "setup_seconds",
+        "everything of a run but its steps, from a cold start; least of the repeats",
         title="set-up, s",
         form=".2g",
     ),
     Column(
-        name="stepping_seconds_min",
-        meaning="the steps; least of the repeats",
-        title="stepping, s",
-        form=".2g",
+        "stepping_seconds_min", "the steps; least of the repeats", title="stepping, s", form=".2g"
     ),
     Column(
-        name="stepping_seconds_median",
-        meaning="the steps; median of the repeats",
-        title="median, s",
-        form=".2g",
+        "stepping_seconds_median", "the steps; median of the repeats", title="median, s", form=".2g"
     ),
+    Column("storage_seconds", "writing the run to a file", title="storage, s", form=".2g"),
     Column(
-        name="storage_seconds", meaning="writing the run to a file", title="storage, s", form=".2g"
-    ),
-    Column(
-        name="spread",
-        meaning="interquartile range of the stepping times over their median",
+        "spread",
+        "interquartile range of the stepping times over their median",
         title="spread",
         form=".0%",
     ),
-    Column(name="repeats", meaning="number of timed runs", title="repeats"),
-    Column(
-        name="peak_memory_bytes",
-        meaning="traced peak of a run of its own",
-        title="peak, bytes",
-        form=".2g",
-    ),
-    Column(
-        name="history_operations",
-        meaning="multiply-adds on the history",
-        title="history operations",
-    ),
-    Column(name="newton_iterations", meaning="iterations in all steps", title="Newton"),
-    Column(name="status", meaning="what was observed", title="status"),
+    Column("repeats", "number of timed runs", title="repeats"),
+    Column("peak_memory_bytes", "traced peak of a run of its own", title="peak, bytes", form=".2g"),
+    Column("history_operations", "multiply-adds on the history", title="history operations"),
+    Column("newton_iterations", "iterations in all steps", title="Newton"),
+    Column("status", "what was observed", title="status"),
 )
 SUMMARY_COLUMNS = (
-    Column(name="experiment", meaning="name of the experiment"),
-    Column(name="case", meaning="name of the method in files; one for all tolerances"),
-    Column(name="method", meaning="name of the method"),
-    Column(name="order", meaning="slope of log(error) against log(h) over the finest rows"),
-    Column(name="time_exponent", meaning="slope of log(seconds) against log(N) over these"),
-    Column(name="factor_per_digit", meaning="factor in seconds for a tenth of the error"),
+    Column("experiment", "name of the experiment"),
+    Column("case", "name of the method in files; one for all tolerances"),
+    Column("method", "name of the method"),
+    Column("order", "slope of log(error) against log(h) over the finest rows"),
+    Column("time_exponent", "slope of log(seconds) against log(N) over these"),
+    Column("factor_per_digit", "factor in seconds for a tenth of the error"),
     *(
         Column(
-            name=f"seconds_to_{accuracy:.0e}",
-            meaning=f"set-up plus stepping to an error of {accuracy:.0e}, interpolated",
+            f"seconds_to_{accuracy:.0e}",
+            f"set-up plus stepping to an error of {accuracy:.0e}, interpolated",
             missing=NOT_REACHED,
         )
         for accuracy in ACCURACIES
     ),
     *(
         Column(
-            name=f"extrapolated_to_{accuracy:.0e}",
-            meaning=f"a guess for an error of {accuracy:.0e}, which no run reached",
+            f"extrapolated_to_{accuracy:.0e}",
+            f"a guess for an error of {accuracy:.0e}, which no run reached",
         )
         for accuracy in ACCURACIES
     ),
 )
 CHEAPEST_COLUMNS = (
-    Column(name="experiment", meaning="name of the experiment"),
-    Column(name="error", meaning="accuracy to reach"),
-    Column(name="case", meaning="the method that reaches it first"),
-    Column(name="method", meaning="name of the method"),
-    Column(name="seconds", meaning="its set-up plus stepping"),
+    Column("experiment", "name of the experiment"),
+    Column("error", "accuracy to reach"),
+    Column("case", "the method that reaches it first"),
+    Column("method", "name of the method"),
+    Column("seconds", "its set-up plus stepping"),
 )
 FRONT_COLUMNS = (
-    Column(name="experiment", meaning="name of the experiment"),
-    Column(name="case", meaning="method of a run that no other beats in both error and time"),
-    Column(name="n_steps", meaning="its number of steps"),
+    Column("experiment", "name of the experiment"),
+    Column("case", "method of a run that no other beats in both error and time"),
+    Column("n_steps", "its number of steps"),
 )
 
 

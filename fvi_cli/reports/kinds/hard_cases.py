@@ -20,20 +20,20 @@ NEAR_THE_LIMIT = 10.0
 """Numbers that round-off decides may lie on either side of a limit within this factor."""
 
 COLUMNS = (
-    Column(name="case", meaning="name of the case"),
-    Column(name="quantity", meaning="what is measured"),
-    Column(name="method", meaning="name of the method"),
+    Column("case", "name of the case"),
+    Column("quantity", "what is measured"),
+    Column("method", "name of the method"),
     Column(
-        name="measured",
-        meaning="the number; infinite where a run did not come to its end",
+        "measured",
+        "the number; infinite where a run did not come to its end",
         compared=Within(relative=1e-3, absolute=ROUND_OFF),
     ),
-    Column(name="limit", meaning="what it is held against"),
-    Column(name="sense", meaning="whether it must be at most or at least the limit"),
-    Column(name="holds", meaning="whether it is"),
-    Column(name="status", meaning="the worst status of the runs"),
-    Column(name="predicted", meaning="the worst stability prediction for the runs"),
-    Column(name="is_comparable", meaning="whether every machine measures the same number"),
+    Column("limit", "what it is held against"),
+    Column("sense", "whether it must be at most or at least the limit"),
+    Column("holds", "whether it is"),
+    Column("status", "the worst status of the runs"),
+    Column("predicted", "the worst stability prediction for the runs"),
+    Column("is_comparable", "whether every machine measures the same number"),
 )
 
 

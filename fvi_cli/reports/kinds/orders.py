@@ -27,46 +27,43 @@ on either side of it.
 """
 
 COLUMNS = (
-    Column(name="experiment", meaning="name of the experiment"),
-    Column(name="case", meaning="name of the method in files"),
-    Column(name="cq", meaning="convolution quadrature, or the baseline"),
-    Column(name="sampling", meaning="where the damping is sampled"),
-    Column(name="degree", meaning="degree of the polynomials"),
-    Column(name="quadrature", meaning="quadrature of the action and its number of points"),
-    Column(name="start", meaning="start correction"),
-    Column(name="gamma", meaning="orders of the damping, joined by ;"),
-    Column(name="norm", meaning="norm of the error"),
-    Column(name="n_steps", meaning="number N of steps"),
-    Column(name="step_size", meaning="h, in the scene's unit of time"),
-    Column(name="error", meaning="error of the position, in its unit", compared=ERROR),
+    Column("experiment", "name of the experiment"),
+    Column("case", "name of the method in files"),
+    Column("cq", "convolution quadrature, or the baseline"),
+    Column("sampling", "where the damping is sampled"),
+    Column("degree", "degree of the polynomials"),
+    Column("quadrature", "quadrature of the action and its number of points"),
+    Column("start", "start correction"),
+    Column("gamma", "orders of the damping, joined by ;"),
+    Column("norm", "norm of the error"),
+    Column("n_steps", "number N of steps"),
+    Column("step_size", "h, in the scene's unit of time"),
+    Column("error", "error of the position, in its unit", compared=ERROR),
     # what follows from errors must follow from those beside it: within 0.01 of the fresh one
-    Column(name="pairwise_order", meaning="order against the row before", compared=None),
-    Column(name="used_in_fit", meaning="whether the slope uses the row"),
+    Column("pairwise_order", "order against the row before", compared=None),
+    Column("used_in_fit", "whether the slope uses the row"),
     Column(
-        name="slope",
-        meaning="least-squares slope of log(error) against log(h) over the rows used",
+        "slope",
+        "least-squares slope of log(error) against log(h) over the rows used",
         compared=None,
     ),
-    Column(name="fit_residual", meaning="rms residual of that fit in log10(error)", compared=None),
-    Column(name="expected_order", meaning="order that theory expects at this step"),
-    Column(name="predicted", meaning="predicted stability"),
-    Column(name="status", meaning="what was observed"),
+    Column("fit_residual", "rms residual of that fit in log10(error)", compared=None),
+    Column("expected_order", "order that theory expects at this step"),
+    Column("predicted", "predicted stability"),
+    Column("status", "what was observed"),
 )
 EXTRA_COLUMNS = (
     Column(
-        name="floor",
-        meaning="errors below are round-off or the reference's own",
-        compared=None,
-        is_extra=True,
+        "floor", "errors below are round-off or the reference's own", compared=None, is_extra=True
     ),
-    Column(name="message", meaning="what happened", compared=None, is_extra=True),
-    Column(name="remarks", meaning="what a reader should know", compared=None, is_extra=True),
+    Column("message", "what happened", compared=None, is_extra=True),
+    Column("remarks", "what a reader should know", compared=None, is_extra=True),
 )
 EXPERIMENT_COLUMNS = (
-    Column(name="experiment", meaning="name of the experiment, and member of a sweep"),
-    Column(name="equation", meaning="equation of motion"),
-    Column(name="reference", meaning="what errors are measured against", compared=None),
-    Column(name="final_time", meaning="T, in the scene's unit of time"),
+    Column("experiment", "name of the experiment, and member of a sweep"),
+    Column("equation", "equation of motion"),
+    Column("reference", "what errors are measured against", compared=None),
+    Column("final_time", "T, in the scene's unit of time"),
 )
 
 
@@ -80,7 +77,7 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
         name="runs",
         columns=(
             *COLUMNS,
-            *(Column(name=key, meaning="swept value of the configuration") for key in swept),
+            *(Column(key, "swept value of the configuration") for key in swept),
             *EXTRA_COLUMNS,
         ),
         rows=tuple(_runs(tables, swept)),

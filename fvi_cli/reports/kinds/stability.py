@@ -17,49 +17,38 @@ MOST_LINES = 200
 PREDICTED = Within(relative=2e-3, absolute=1e-9)
 
 COLUMNS = (
-    Column(name="experiment", meaning="name of the experiment"),
-    Column(name="member", meaning="swept values"),
-    Column(name="case", meaning="name of the method in files"),
-    Column(name="n_steps", meaning="number N of steps"),
-    Column(name="step_size", meaning="h, in the scene's unit of time"),
-    Column(name="predicted", meaning="stable, unstable or unknown"),
+    Column("experiment", "name of the experiment"),
+    Column("member", "swept values"),
+    Column("case", "name of the method in files"),
+    Column("n_steps", "number N of steps"),
+    Column("step_size", "h, in the scene's unit of time"),
+    Column("predicted", "stable, unstable or unknown"),
     Column(
-        name="growth_per_step",
-        meaning="natural logarithm of the growth of the worst mode in a step",
+        "growth_per_step",
+        "natural logarithm of the growth of the worst mode in a step",
         compared=PREDICTED,
     ),
-    Column(name="exact_growth_per_step", meaning="the same of the exact scene", compared=PREDICTED),
-    Column(name="growing_modes", meaning="number of modes that grow"),
+    Column("exact_growth_per_step", "the same of the exact scene", compared=PREDICTED),
+    Column("growing_modes", "number of modes that grow"),
+    Column("largest_stable_step", "smaller steps are stable over this time", compared=PREDICTED),
     Column(
-        name="largest_stable_step",
-        meaning="smaller steps are stable over this time",
+        "lasting_step",
+        "smaller steps are stable over a thousand times this time",
         compared=PREDICTED,
     ),
-    Column(
-        name="lasting_step",
-        meaning="smaller steps are stable over a thousand times this time",
-        compared=PREDICTED,
-    ),
-    Column(name="observed", meaning="what a run from random data did"),
-    Column(
-        name="observed_growth_per_step",
-        meaning="natural logarithm of its growth in a step",
-        compared=None,
-    ),
-    Column(name="observed_steps", meaning="its number of steps", compared=None),
-    Column(
-        name="predicted_over_observed_steps",
-        meaning="what is predicted for that number of steps",
-    ),
-    Column(name="agrees", meaning="whether the two say the same"),
-    Column(name="reason", meaning="of the prediction", compared=None),
+    Column("observed", "what a run from random data did"),
+    Column("observed_growth_per_step", "natural logarithm of its growth in a step", compared=None),
+    Column("observed_steps", "its number of steps", compared=None),
+    Column("predicted_over_observed_steps", "what is predicted for that number of steps"),
+    Column("agrees", "whether the two say the same"),
+    Column("reason", "of the prediction", compared=None),
 )
 REGION_COLUMNS = (
-    Column(name="experiment", meaning="name of the experiment"),
-    Column(name="case", meaning="name of the method in files"),
-    Column(name="order", meaning="order of the damping"),
-    Column(name="points", meaning="number of points of the plane"),
-    Column(name="stable_share", meaning="share of them that is stable", compared=PREDICTED),
+    Column("experiment", "name of the experiment"),
+    Column("case", "name of the method in files"),
+    Column("order", "order of the damping"),
+    Column("points", "number of points of the plane"),
+    Column("stable_share", "share of them that is stable", compared=PREDICTED),
 )
 
 
