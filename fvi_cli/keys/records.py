@@ -30,6 +30,8 @@ class Key:
         Of the numbers under it, in words, such as ``mass per time^2``; empty: said in `meaning`.
     default
         The plain value of an absent key, REQUIRED, or OPTIONAL for none.
+    build
+        What a builder gets in place of the plain value; None: that value.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Key:
     _: KW_ONLY
     unit: str = ""
     default: Any = field(default=REQUIRED, hash=False)
+    build: Callable[[Any], Any] | None = field(default=None, hash=False)
 
     @property
     def description(self) -> str:

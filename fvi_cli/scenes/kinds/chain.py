@@ -8,7 +8,7 @@ from fvi_cli.keys.records import Key
 from fvi_cli.keys.scalars import Choice, Integer, Number
 from fvi_cli.scenes.chains import chain
 from fvi_cli.scenes.kinds.kind import SceneKind, scene_record
-from fvi_cli.scenes.kinds.shared_keys import damper_pairs, dampers_key
+from fvi_cli.scenes.kinds.shared_keys import dampers_key
 
 CHAIN: Final = SceneKind(
     name="chain",
@@ -41,14 +41,7 @@ CHAIN: Final = SceneKind(
             "mass times time^(gamma-2)",
         ),
     ),
-    make=lambda values, data: chain(
-        masses=values["masses"],
-        mass=values["mass"],
-        stiffness=values["stiffness"],
-        ends=values["ends"],
-        dampers=damper_pairs(values["dampers"]),
-        **data,
-    ),
+    make=chain,
     size_key="masses",
     example={
         "masses": "3",

@@ -4,26 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
-from fvi_cli.effects.scene import Scene
 from fvi_cli.keys.containers import ListOf
 from fvi_cli.keys.records import Key
 from fvi_cli.keys.scalars import Number
-from fvi_cli.scenes.data import SceneData
-from fvi_cli.scenes.kinds.kind import SceneKind, Values, scene_record
-from fvi_cli.scenes.kinds.shared_keys import damper_pairs, dampers_key
+from fvi_cli.scenes.kinds.kind import SceneKind, scene_record
+from fvi_cli.scenes.kinds.shared_keys import dampers_key
 from fvi_cli.scenes.lagrangian import double_pendulum
 
 _PAIR: Final = ListOf(shape=Number(above=0.0), least=2, most=2, example="[1.0, 1.0]")
-
-
-def _make(values: Values, data: SceneData) -> Scene:
-    return double_pendulum(
-        masses=tuple(values["masses"]),
-        lengths=tuple(values["lengths"]),
-        gravity=values["gravity"],
-        joints=damper_pairs(values["joints"]),
-        **data,
-    )
 
 
 DOUBLE_PENDULUM: Final = SceneKind(
@@ -52,7 +40,7 @@ DOUBLE_PENDULUM: Final = SceneKind(
             "mass length^2 times time^(gamma-2)",
         ),
     ),
-    make=_make,
+    make=double_pendulum,
     size=2,
     coordinates=("theta1", "theta2"),
     example={

@@ -29,12 +29,7 @@ DUFFING: Final = SceneKind(
             default=1.0,
         ),
     ),
-    make=lambda values, data: duffing(
-        mass=values["mass"],
-        stiffness=values["stiffness"],
-        cubic_stiffness=values["cubic_stiffness"],
-        **data,
-    ),
+    make=duffing,
     size=1,
     example={
         "damping": "[{order: 0.5, coefficient: 0.2}]",

@@ -4,31 +4,17 @@ from __future__ import annotations
 
 from typing import Final
 
-from fvi_cli.effects.scene import Scene
 from fvi_cli.keys.containers import ByForm, ListOf
 from fvi_cli.keys.records import Key
 from fvi_cli.keys.scalars import Integer, Number
 from fvi_cli.scenes.chains import frame
-from fvi_cli.scenes.data import SceneData
-from fvi_cli.scenes.forces import GROUND_ACCELERATION, build_forcing
-from fvi_cli.scenes.kinds.kind import SceneKind, Values, scene_record
-from fvi_cli.scenes.kinds.shared_keys import damper_pairs, dampers_key
+from fvi_cli.scenes.forces import GROUND_ACCELERATION
+from fvi_cli.scenes.kinds.kind import SceneKind, scene_record
+from fvi_cli.scenes.kinds.shared_keys import dampers_key
 
 _PER_STOREY: Final = ByForm(
     single=Number(above=0.0), several=ListOf(shape=Number(above=0.0), example="[2.0, 1.0]")
 )
-
-
-def _make(values: Values, data: SceneData) -> Scene:
-    key = GROUND_ACCELERATION.name
-    return frame(
-        storeys=values["storeys"],
-        mass=values["mass"],
-        stiffness=values["stiffness"],
-        ground_acceleration=build_forcing(values[key], 1, key, final_time=data["final_time"]),
-        dampers=damper_pairs(values["dampers"]),
-        **data,
-    )
 
 
 FRAME: Final = SceneKind(
@@ -63,7 +49,7 @@ FRAME: Final = SceneKind(
         ),
         force=GROUND_ACCELERATION,
     ),
-    make=_make,
+    make=frame,
     size_key="storeys",
     example={
         "stiffness": "10.0",

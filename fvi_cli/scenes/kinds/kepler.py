@@ -21,7 +21,7 @@ KEPLER: Final = SceneKind(
             default=1.0,
         )
     ),
-    make=lambda values, data: kepler(attraction=values["attraction"], **data),
+    make=kepler,
     size=2,
     coordinates=("x", "y"),
     example={

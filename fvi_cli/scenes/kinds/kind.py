@@ -15,7 +15,7 @@ from fvi_cli.keys.records import Key, Record
 from fvi_cli.scenes.data import SceneData, per_coordinate
 from fvi_cli.scenes.exact_check import objection
 from fvi_cli.scenes.forces import FORCING, build_forcing, expressions
-from fvi_cli.scenes.kinds.shared_keys import build_damping, scene_keys
+from fvi_cli.scenes.kinds.shared_keys import SHARED_KEYS, build_damping, scene_keys
 from fvi_cli.scenes.problem import AnyProblem, Array, Problem
 
 Values = Mapping[str, Any]
@@ -96,7 +96,7 @@ class SceneKind(Kind):
     Parameters
     ----------
     make
-        The scene of the values under its keys and what all scenes share.
+        The scene of arguments that are called like the keys, and of :class:`SceneData`.
     size
         Number of coordinates where no other is possible.
     size_key
@@ -107,7 +107,7 @@ class SceneKind(Kind):
         The names where they stand in the values.
     """
 
-    make: Callable[[Values, SceneData], Scene]
+    make: Callable[..., Scene]
     size: int | None = None
     size_key: str = ""
     coordinates: tuple[str, ...] = ()
@@ -156,10 +156,20 @@ class SceneKind(Kind):
             "initial_velocity": per_coordinate(values["initial"]["velocity"], len(names)),
             "derivative": cast(Derivative, values["derivative"]),
         }
-        if self.force == FORCING.name:
-            final_time = data["final_time"]
-            data["forcing"] = build_forcing(values["forcing"], len(names), final_time=final_time)
-        return self.make(values, data)
+        own = {
+            key.name: values[key.name] if key.build is None else key.build(values[key.name])
+            for key in self.record.keys
+            if key.name not in SHARED_KEYS
+        }
+        moves_ground = self.force != FORCING.name
+        force = build_forcing(
+            values[self.force],
+            1 if moves_ground else len(names),
+            self.force,
+            final_time=data["final_time"],
+        )
+        driver = {self.force: force}
+        return self.make(**{**own, **data, **driver})
 
     def build(self, values: Values, *, search: bool = True) -> Problem:
         """The scene with its exact solution, as far as that is known."""

@@ -39,12 +39,7 @@ LAGRANGIAN: Final = SceneKind(
             unit="energy",
         ),
     ),
-    make=lambda values, data: lagrangian_scene(
-        coordinates=_names(values),
-        parameters=values["parameters"],
-        lagrangian=values["lagrangian"],
-        **data,
-    ),
+    make=lagrangian_scene,
     size_key="coordinates",
     names=_names,
     example={

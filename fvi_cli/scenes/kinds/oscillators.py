@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, Unpack
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from fvi_cli.keys.containers import ByForm
 from fvi_cli.keys.records import Key
 from fvi_cli.keys.scalars import Matrix, Number
 from fvi_cli.scenes.data import SceneData
-from fvi_cli.scenes.kinds.kind import SceneKind, Values, scene_record
+from fvi_cli.scenes.kinds.kind import SceneKind, scene_record
 from fvi_cli.scenes.kinds.shared_keys import NUMBER_OR_SYMMETRIC, matrix_of
 from fvi_cli.scenes.named import linear_oscillator
 
@@ -34,10 +34,10 @@ _KEYS: Final = (
 )
 
 
-def _make(values: Values, data: SceneData) -> Scene:
+def _make(mass: object, stiffness: object, **data: Unpack[SceneData]) -> Scene:
     size = np.size(data["initial_position"])
     return linear_oscillator(
-        mass=matrix_of(values["mass"], size), stiffness=matrix_of(values["stiffness"], size), **data
+        mass=matrix_of(mass, size), stiffness=matrix_of(stiffness, size), **data
     )
 
 

@@ -21,7 +21,7 @@ PENDULUM: Final = SceneKind(
             default=1.0,
         )
     ),
-    make=lambda values, data: pendulum(omega=values["omega"], **data),
+    make=pendulum,
     size=1,
     size_key="omega",
     example={

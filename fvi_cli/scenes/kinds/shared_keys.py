@@ -95,6 +95,10 @@ _EXACT: Final = Key(
 )
 
 
+SHARED_KEYS: Final = ("damping", "derivative", "forcing", "initial", "final_time", "exact")
+"""Names of the keys that all scenes share."""
+
+
 def _damping(default_order: float) -> Key:
     term = Record(
         keys=(
@@ -133,7 +137,7 @@ def dampers_key(name: str, meaning: str, unit: str) -> Key:
         refused=_WRONG_NAMES,
     )
     shape = ListOf(shape=term, least=0, example="[{order: 0.5, coefficient: 0.2}]")
-    return Key(name, shape, meaning, default=[])
+    return Key(name, shape, meaning, default=[], build=damper_pairs)
 
 
 def scene_keys(own: Sequence[Key], *, default_order: float, force: Key) -> Record:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from fvi_cli.effects.scene import Scene
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Integer, Number
 from fvi_cli.scenes.chains import string
-from fvi_cli.scenes.data import SceneData
-from fvi_cli.scenes.kinds.kind import SceneKind, Values, scene_record
-from fvi_cli.scenes.kinds.shared_keys import damper_pairs, dampers_key
+from fvi_cli.scenes.kinds.kind import SceneKind, scene_record
+from fvi_cli.scenes.kinds.shared_keys import dampers_key
 
 _PLUCK: Final = Record(
     keys=(
@@ -23,17 +21,6 @@ _PLUCK: Final = Record(
         Key("height", Number(), "Height there.", unit="length", default=0.0),
     )
 )
-
-
-def _make(values: Values, data: SceneData) -> Scene:
-    return string(
-        modes=values["modes"],
-        wave_speed=values["wave_speed"],
-        length=values["length"],
-        pluck=(values["pluck"]["at"], values["pluck"]["height"]),
-        internal_damping=damper_pairs(values["internal_damping"]),
-        **data,
-    )
 
 
 STRING: Final = SceneKind(
@@ -62,6 +49,7 @@ STRING: Final = SceneKind(
             _PLUCK,
             "A triangle that is added to the initial position.",
             default={"at": 0.5, "height": 0.0},
+            build=lambda pluck: (pluck["at"], pluck["height"]),
         ),
         dampers_key(
             "internal_damping",
@@ -69,7 +57,7 @@ STRING: Final = SceneKind(
             "length^2 times time^(gamma-2)",
         ),
     ),
-    make=_make,
+    make=string,
     size_key="modes",
     example={
         "modes": "4",
