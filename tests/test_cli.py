@@ -280,27 +280,6 @@ main()
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
-def test_runs_of_another_problem_are_not_replaced_in_silence(folder):
-    told = "stored runs belong to another problem"
-    forcing = "15/4*sqrt(t) + 15/8*sqrt(pi)*t + 2*t**2.5"
-    change = ("--set", "problem.stiffness=2.0", "--set", f"problem.forcing={forcing}")
-    stored = folder / "results" / "quick.h5"
-    first = fvi("run", "quick.yaml")
-    assert told not in first.stderr
-    before = stored.read_bytes()
-    drawn = fvi("plot", "quick.yaml", *change)
-    assert drawn.exit_code == 0
-    assert f"8 {told} of this name and stay" in drawn.stderr
-    planned = fvi("run", "quick.yaml", *change, "--dry-run")
-    assert f"8 {told} of this name and are replaced" in planned.stderr
-    assert stored.read_bytes() == before
-    again = fvi("run", "quick.yaml", *change)
-    assert f"8 {told} of this name and are replaced" in again.stderr
-    assert stored.read_bytes() != before
-    # control: another method belongs to the same problem
-    assert told not in fvi("run", "quick.yaml", *change, "--set", "method.bdf=3").stderr
-
-
 def test_a_configuration_is_not_shown_as_results(folder):
     for arguments in (["show", "quick.yaml"], ["export", "quick.yaml", "--to", "csv"]):
         result = fvi(*arguments)
@@ -407,9 +386,8 @@ def test_allowing_what_is_stable_anyway_computes_nothing_again(folder):
     assert allowed == 2 * [("compute", "changed: allow_unstable")] + 2 * [("reuse", "stored")]
     told = fvi("run", "diverging.yaml", "--allow-unstable").stderr
     assert "4 runs, 2 of them stored" in told
-    # and back: what has been computed is not what is wanted now
-    again = reasons(fvi("run", "diverging.yaml", "--dry-run"))
-    assert [action for action, _ in again] == 2 * ["refuse"] + 2 * ["reuse"]
+    # and back: the refusals are stored beside what has been computed since
+    assert reasons(fvi("run", "diverging.yaml", "--dry-run")) == 4 * [("reuse", "stored")]
     fvi("run", "diverging.yaml", "-q")
     assert reasons(fvi("run", "diverging.yaml", "--dry-run")) == 4 * [("reuse", "stored")]
     listed = fvi("show", "results/diverging.h5").stdout

@@ -27,7 +27,6 @@ CROWDED: dict[str, int] = {
     "fvi_cli/integrator": 64,
     "fvi_cli/mathematics": 24,
     "fvi_cli/plotting": 17,
-    "fvi_cli/storage": 19,
     "fvi_cli/studies": 17,
 }
 LONG: dict[str, int] = {

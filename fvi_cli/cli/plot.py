@@ -92,7 +92,6 @@ def plot(
         fail_fast=fail_fast,
         show_progress=not quiet,
         keep=not check,
-        may_replace=False,
     )
     requests = gather(sources or DEFAULT_FIGURES, overrides or (), allow_unstable=allow_unstable)
     if dry_run:

@@ -28,7 +28,7 @@ def show(
     from fvi_cli.render.plans import machinery_as_text
     from fvi_cli.render.runs import contents_as_text
     from fvi_cli.runner.request import gather
-    from fvi_cli.storage import list_runs, read_configuration
+    from fvi_cli.storage import list_runs, printable, read_configuration
 
     if json and not config:
         print(contents_as_json(list_runs(file)))
@@ -41,7 +41,7 @@ def show(
             print(f"\n{machinery_as_text(runs)}")
         return DONE
     configuration = read_configuration(file)
-    print(configuration.text, end="")
+    print(printable(configuration.text), end="")
     for override in configuration.overrides:
-        _logger.warning("made with --set %s", override)
+        _logger.warning("made with --set %s", printable(override))
     return DONE

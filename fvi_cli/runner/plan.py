@@ -11,7 +11,7 @@ from fvi_cli.runner.executors.batches import pack_size
 from fvi_cli.runner.executors.executor import crash
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import Known, Why, chosen_runs, is_kept, reasons, stored_runs
+from fvi_cli.runner.stored import Chosen, Known, Why, stored_runs
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.accurate_run import choices_for
 from fvi_cli.studies.experiment import Experiment, Predicted, Run
@@ -49,23 +49,21 @@ def plan_runs(requests: Sequence[Request], settings: Settings) -> list[PlannedRu
     plans = []
     for request in requests:
         check_memory(request, settings)
-        is_kept(request, settings)
-        with stored_runs(request, settings) as known, reasons(request, settings) as why:
+        with stored_runs(request, settings) as (store, why):
             for experiment in request.loaded.experiments:
-                plans += [_planned(run, known, why, request) for run in experiment.runs()]
-                plans += _choices_for_tolerance(experiment, request, settings)
+                plans += [_planned(run, store.finished, why, request) for run in experiment.runs()]
+                plans += _choices_for_tolerance(experiment, request, store.chosen)
     return plans
 
 
 def _choices_for_tolerance(
-    experiment: Experiment, request: Request, settings: Settings
+    experiment: Experiment, request: Request, chosen: Chosen
 ) -> list[PlannedRun]:
     """What would be tried for a tolerance: every method with the steps it is thought to take."""
     accuracy = experiment.accuracy
     if accuracy is None or not experiment.needs_search:
         return []
-    with chosen_runs(request, settings) as chosen:
-        earlier = chosen(experiment)
+    earlier = chosen(experiment)
     if earlier is not None:
         return [
             PlannedRun(

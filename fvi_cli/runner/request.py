@@ -62,18 +62,17 @@ def gather(
 
 
 def _request(source: str, overrides: Sequence[str], *, allow_unstable: bool) -> Request:
-    if not source.endswith(STORED_SUFFIX):
+    path = Path(source) if source.endswith(STORED_SUFFIX) else None
+    if path is None:
         loaded = load_config(find_config(source), overrides=overrides)
-        if allow_unstable:
-            loaded = allowing_unstable(loaded)
-        return Request(name=loaded.name, loaded=loaded)
-    if overrides:
-        raise RequestError(f"{source}: --set changes a configuration, not a result file")
-    path = Path(source)
-    # most commands are given no result file, and reading one takes long to import
-    from fvi_cli.storage import read_configuration
+    else:
+        # most commands are given no result file, and reading one takes long to import
+        from fvi_cli.storage import read_configuration
 
-    loaded = parse_config(read_configuration(path).resolved, source)
+        # the file's own configuration, or with changes that of other runs in it
+        loaded = parse_config(read_configuration(path).resolved, source, overrides=overrides)
+    if allow_unstable:
+        loaded = allowing_unstable(loaded)
     return Request(name=loaded.name, loaded=loaded, stored=path)
 
 

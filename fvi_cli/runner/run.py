@@ -9,17 +9,8 @@ from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.plan import check_memory
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import (
-    chosen_runs,
-    is_kept,
-    no_choice,
-    no_run,
-    reasons,
-    recall,
-    stored_runs,
-)
+from fvi_cli.runner.stored import recall, stored_runs
 from fvi_cli.runner.tolerance import run_tolerance_searches
-from fvi_cli.storage import open_results
 from fvi_cli.studies.experiment import Experiment
 
 
@@ -52,45 +43,24 @@ def run_request(request: Request, settings: Settings) -> list[Outcome]:
     """
     check_memory(request, settings)
     experiments = request.loaded.experiments
-    if request.stored is not None:
-        return recall(experiments, request.stored)
-    if not is_kept(request, settings):
-        with (
-            stored_runs(request, settings) as known,
-            chosen_runs(request, settings) as chosen,
-        ):
-            searched = run_tolerance_searches(experiments, settings, chosen=chosen)
-            return _all_outcomes(
-                experiments,
-                searched,
-                lambda rest: compute_runs(rest, settings, title=request.name, known=known),
-            )
-    with (
-        open_results(settings.output, request.name, fresh=settings.fresh) as results,
-        reasons(request, settings) as why,
-    ):
+    is_kept = settings.keep and request.stored is None
+    with stored_runs(request, settings, writes=is_kept) as (store, why):
+        if request.stored is not None:
+            return recall(experiments, store)
+        keep = store.add_batch if is_kept else None
         try:
-            searched = run_tolerance_searches(
-                experiments,
-                settings,
-                chosen=no_choice if settings.fresh else results.chosen,
-                keep=results.add_batch,
-            )
+            searched = run_tolerance_searches(experiments, settings, chosen=store.chosen, keep=keep)
             return _all_outcomes(
                 experiments,
                 searched,
                 lambda rest: compute_runs(
-                    rest,
-                    settings,
-                    title=request.name,
-                    known=no_run if settings.fresh else results.finished,
-                    why=why,
-                    keep=results.add_batch,
+                    rest, settings, title=request.name, known=store.finished, why=why, keep=keep
                 ),
             )
         finally:
-            # also on Ctrl-C: what is finished is there for the next time
-            results.consolidate(request.loaded)
+            if is_kept:
+                # also on Ctrl-C: what is finished is there for the next time
+                store.consolidate(request.loaded)
 
 
 def _all_outcomes(

@@ -32,8 +32,6 @@ class Settings:
         Draw a progress bar where there is a terminal.
     keep
         Write what is computed; otherwise nothing at all is written.
-    may_replace
-        Keep runs even where that replaces stored runs of another problem.
 
     Raises
     ------
@@ -48,7 +46,6 @@ class Settings:
     fail_fast: bool = False
     show_progress: bool = True
     keep: bool = True
-    may_replace: bool = True
 
     def __post_init__(self) -> None:
         if self.dask is not None and self.workers > 1:

@@ -3,8 +3,9 @@
 ``<name>.h5`` holds ``/<experiment>/<case>/n000016/`` with the datasets ``time(time)``,
 ``position(time, dof)``, ``momentum(time, dof)``, ``energy(time)`` and attributes that name method,
 run and result, and ``/<experiment>/<case>/convergence`` with ``n_steps``, ``step_size``, ``error``,
-``seconds``, ``history_operations`` and ``status``. The attributes of the root say where the file
-comes from.
+``seconds``, ``history_operations`` and ``status``; members of a sweep share a group, with an axis
+``member`` in front. Runs of other values than those of the file's configuration lie in the same way
+below ``/<experiment>@1a2b3c4d/``. The attributes of the root say where the file comes from.
 """
 
 from fvi_cli.storage.contents import (
@@ -15,29 +16,27 @@ from fvi_cli.storage.contents import (
     read_config_text,
     read_configuration,
 )
+from fvi_cli.storage.files import printable
 from fvi_cli.storage.reasons import NEW, Reasons
-from fvi_cli.storage.records import place_of
-from fvi_cli.storage.results import (
-    Results,
-    StoredRuns,
-    holds_runs,
-    open_results,
-    read_results,
-)
+from fvi_cli.storage.records import place_of, variant_of
+from fvi_cli.storage.snapshot import Location, key_of
+from fvi_cli.storage.store import Store, open_results, read_results
 
 __all__ = [
     "NEW",
+    "Location",
     "Reasons",
-    "Results",
+    "Store",
     "StoredConfiguration",
     "StoredFile",
     "StoredRun",
-    "StoredRuns",
-    "holds_runs",
+    "key_of",
     "list_runs",
     "open_results",
     "place_of",
+    "printable",
     "read_config_text",
     "read_configuration",
     "read_results",
+    "variant_of",
 ]

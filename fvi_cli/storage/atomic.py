@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, and are written by one process at a time."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from fvi_cli.errors import StorageError
 
 UNFINISHED = ".part"
 """Ending of files that are being written; what is left of them after a crash is of no use."""
+
+
+_WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
 
 
 def replace_file(path: Path, content: bytes) -> None:
@@ -84,3 +87,43 @@ def told(path: Path) -> Iterator[None]:
 def reason(error: OSError) -> str:
     """The reason of the operating system, without what libraries add."""
     return os.strerror(error.errno) if error.errno else str(error)
+
+
+@contextlib.contextmanager
+def file_lock(path: Path) -> Iterator[None]:
+    """Hold a result file, which need not exist, for one process alone.
+
+    The lock is the kernel's, on the file ``.<name>.lock`` beside it. That file stays: removing it
+    would let two processes hold locks on two files of that name.
+
+    Raises
+    ------
+    StorageError
+        If another process holds it, or the folder cannot be made or written.
+    """
+    from filelock import FileLock, Timeout
+
+    with told(path.parent):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    # a lock that is a mere file, as is done where there are no others, would outlive a death
+    lock = FileLock(path.with_name(f".{path.name}.lock"), timeout=0, fallback_to_soft=False)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise StorageError(
+            f"{path}: another fvi is writing it; wait until it has ended, or choose another "
+            "folder with --output"
+        ) from None
+    except OSError as error:
+        if error.errno in _WITHOUT_LOCKS:
+            raise StorageError(
+                f"{lock.lock_file}: cannot be locked: {os.strerror(error.errno)}; on a file system "
+                "without locks (some network folders) two commands could destroy each other's "
+                "results: choose a folder on another one with --output"
+            ) from None
+        with told(path):
+            raise
+    try:
+        yield
+    finally:
+        lock.release()

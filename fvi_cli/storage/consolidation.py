@@ -1,20 +1,15 @@
-"""All runs of a configuration in one file, with where they come from."""
+"""All runs of a result file are put into their groups, and written."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 import h5py
-import numpy as np
-from numpy.typing import NDArray
 
-from fvi_cli.storage.batch_reading import MemberReader, Row
-from fvi_cli.storage.batch_records import Columns, write_batch
-from fvi_cli.storage.batch_summary import write_member_convergence
-from fvi_cli.storage.files import NewFile
-from fvi_cli.storage.locations import CONVERGENCE, Location
+from fvi_cli.storage.files import replacing
+from fvi_cli.storage.groups import CONVERGENCE, Columns
 from fvi_cli.storage.provenance import (
     canonical_json,
     origin,
@@ -22,106 +17,129 @@ from fvi_cli.storage.provenance import (
     platform_name,
     sha256,
 )
-from fvi_cli.storage.records import (
-    SWEPT,
-    Place,
-    Record,
-    attribute,
-    write_datasets,
-    write_record,
-)
+from fvi_cli.storage.records import SWEPT, Record, group_path
+from fvi_cli.storage.snapshot import BLOCK_BYTES, VARIANT_MARK, Key, Location, Snapshot
+from fvi_cli.storage.writing import columns_of, write_convergence, write_group
+
+Layout = Mapping[str, Sequence[tuple[Key, Location]]]
+"""Runs by the path of the group that they belong to, with the key that they have there."""
 
 
-class Configuration(Protocol):
-    """What a file says of the configuration that made it."""
+def layout_of(
+    stored: Mapping[Key, Location], asked: Mapping[Key, Location], numbers: Mapping[Key, int]
+) -> Layout:
+    """Where runs belong: what is asked for under the name of its experiment, the rest beside it.
 
-    @property
-    def text(self) -> str:
-        """Word for word."""
+    Parameters
+    ----------
+    stored
+        Every run.
+    asked
+        Those that the file's configuration asks for, in the order of asking.
+    numbers
+        Place of members in their sweep.
+    """
+    placed: dict[str, list[tuple[Key, Location]]] = {}
+    taken: set[tuple[str, str]] = set()
+    variants = {key[0][0]: key[1] for key in asked}
 
-    @property
-    def resolved(self) -> Mapping[str, Any]:
-        """With every default filled in."""
+    def put(key: Key, location: Location, *, is_own: bool) -> None:
+        (experiment, case, n_steps, values), *kind = key
+        others = (key[1], canonical_json(kind))
+        names = [f"{experiment}{VARIANT_MARK}{sha256(what)[:8]}" for what in others]
+        for name in [experiment, *names] if is_own else names:
+            path = group_path((name, case, n_steps, values))
+            held = placed.setdefault(path, [])
+            if (path, values) not in taken and (not held or held[0][0][1:3] == key[1:3]):
+                taken.add((path, values))
+                held.append((key, location))
+                return
+        raise ValueError(f"{experiment}: two runs in one place")  # pragma: no cover - kinds differ
 
-    @property
-    def overrides(self) -> tuple[str, ...]:
-        """Changes that were asked for beside it."""
+    # members in the order of the sweep, whenever they were computed
+    for key in sorted(asked, key=lambda key: numbers.get(key, -1)):
+        put(key, stored.get(key, asked[key]), is_own=True)
+    for key, location in stored.items():
+        if key not in asked:
+            variant = variants.get(key[0][0])
+            is_own = location.is_of_configuration if variant is None else variant == key[1]
+            put(key, location, is_own=is_own)
+    return {path: runs for path, runs in placed.items() if runs}
 
 
-def described(configuration: Configuration) -> dict[str, str]:
-    """What the root of a file says of the configuration."""
-    resolved = canonical_json(configuration.resolved)
-    return {
-        "config": configuration.text,
-        "config_overrides": json.dumps(list(configuration.overrides)),
-        "resolved_config": resolved,
-        "resolved_config_sha256": sha256(resolved),
-    }
+def write_file(
+    path: Path,
+    layout: Layout,
+    said: Mapping[str, str],
+    *,
+    opened: Callable[[Path], Snapshot],
+    done: Callable[[], None],
+) -> None:
+    """Write all runs, some in memory at a time, and the summary of every case.
 
+    Parameters
+    ----------
+    path
+        Of the file.
+    layout
+        What belongs where.
+    said
+        What the root says of the configuration.
+    opened
+        Opens a file for reading.
+    done
+        Is called when everything is read, before the file is replaced.
 
-def write_root(file: h5py.File, configuration: Configuration) -> None:
-    """Write where the file comes from."""
-    attributes = {
-        **described(configuration),
+    Raises
+    ------
+    StorageError
+        If it cannot be written; then it is as it was.
+    """
+    root = {
+        **said,
         **origin(),
         "packages": canonical_json(package_versions()),
         "hdf5_version": h5py.version.hdf5_version,
         "platform": platform_name(),
     }
-    for name, value in attributes.items():
-        file.attrs[name] = attribute(value)
-
-
-def write_runs(new: NewFile, chosen: Mapping[Place, Location], reader: MemberReader) -> None:
-    """Write all runs, one or a block in memory at a time, and the summary of every case."""
-    rows: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
-    swept: dict[tuple[str, str, int], list[Row]] = {}
-    for place, location in chosen.items():
-        experiment, case, n_steps, _ = place
-        if location.row is not None:
-            swept.setdefault((experiment, case, n_steps), []).append(location.member_row)
-            continue
-        record = location.read(reader)
-        # the same numbers may have been stored under another experiment's name
-        named = {"experiment": experiment, "case": case, "n_steps": n_steps}
-        record = Record(attributes={**record.attributes, **named}, datasets=record.datasets)
-        write_record(new.file, record)
+    with replacing(path, root) as new:
+        ladders: dict[str, dict[int, Columns]] = {}
+        for group, runs in layout.items():
+            columns = _columns(runs, opened)
+            write_group(new.file, group, columns, _blocks([one for _, one in runs], opened))
+            new.check()
+            ladder = ladders.setdefault(group.rpartition("/")[0], {})
+            ladder[int(columns["n_steps"][0])] = columns
+        for case, ladder in ladders.items():
+            group = new.file.create_group(f"{case}/{CONVERGENCE}", track_order=True)
+            write_convergence(group, ladder)
         new.check()
-        rows.setdefault((experiment, case), []).append(record.attributes)
-    for (experiment, case), attributes in rows.items():
-        group = new.file.create_group(f"/{experiment}/{case}/{CONVERGENCE}", track_order=True)
-        ordered = sorted(attributes, key=lambda row: int(row["n_steps"]))
-        datasets = _convergence(ordered)
-        write_datasets(group, datasets, dict.fromkeys(datasets, ("n_steps",)))
-        group.attrs["norm"] = attribute(ordered[0]["norm"])
-    _write_sweeps(new, swept, reader)
+        done()
 
 
-def _write_sweeps(
-    new: NewFile, swept: Mapping[tuple[str, str, int], Sequence[Row]], reader: MemberReader
-) -> None:
-    ladders: dict[tuple[str, str], dict[int, Columns]] = {}
-    for (experiment, case, n_steps), rows in swept.items():
-        columns = reader.columns(rows)
-        named = {"experiment": experiment, "case": case, "n_steps": n_steps}
+def _columns(runs: Sequence[tuple[Key, Location]], opened: Callable[[Path], Snapshot]) -> Columns:
+    """The attributes of runs that share a group, under the name that they are asked for."""
+    columns = columns_of([opened(one.file).attributes(one) for _, one in runs])
+    experiment, case, n_steps, _ = runs[0][0][0]
+    named: dict[str, Any] = {"experiment": experiment, "case": case, "n_steps": n_steps}
+    if SWEPT in columns:
         # another sweep may name the same keys in another order
         named[SWEPT] = columns[SWEPT][0]
-        columns |= {name: [value] * len(rows) for name, value in named.items()}
-        write_batch(new.file, columns, reader.blocks(rows))
-        new.check()
-        ladders.setdefault((experiment, case), {})[n_steps] = columns
-    for (experiment, case), ladder in ladders.items():
-        group = new.file.create_group(f"/{experiment}/{case}/{CONVERGENCE}", track_order=True)
-        keys = json.loads(next(iter(ladder.values()))[SWEPT][0])
-        write_member_convergence(group, ladder, keys)
+    return columns | {name: [value] * len(runs) for name, value in named.items()}
 
 
-def _convergence(rows: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[Any]]:
-    return {
-        "n_steps": np.array([row["n_steps"] for row in rows], dtype=np.int64),
-        "step_size": np.array([row["step_size"] for row in rows], dtype=float),
-        "error": np.array([row["error"] for row in rows], dtype=float),
-        "seconds": np.array([row["stepping_seconds"] for row in rows], dtype=float),
-        "history_operations": np.array([row["history_operations"] for row in rows], dtype=np.int64),
-        "status": np.array([row["status"] for row in rows], dtype=object),
-    }
+def _blocks(
+    locations: Sequence[Location], opened: Callable[[Path], Snapshot]
+) -> Iterator[list[Record]]:
+    """The runs, some in memory at a time."""
+    waiting: list[Record] = []
+    size = 0
+    for location in locations:
+        record = opened(location.file).record(location)
+        waiting.append(record)
+        size += sum(values.nbytes for values in record.datasets.values())
+        if size >= BLOCK_BYTES:
+            yield waiting
+            waiting, size = [], 0
+    if waiting:
+        yield waiting

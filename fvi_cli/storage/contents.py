@@ -6,21 +6,49 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
-import h5py
 import numpy as np
 
-from fvi_cli.storage.batch_records import is_batch, values_in
-from fvi_cli.storage.files import reading
-from fvi_cli.storage.locations import run_groups
-from fvi_cli.storage.records import COMPLETE
+from fvi_cli.storage.differences import difference_in_words
+from fvi_cli.storage.files import printable, reading, root_attributes
+from fvi_cli.storage.groups import StoredGroup, run_groups
+from fvi_cli.storage.provenance import canonical_json, sha256
+from fvi_cli.storage.records import RUN_KEYS
 from fvi_cli.studies.members import value_in_words
 
 MOST_VALUES = 6
 """Values of a swept key that are told one by one."""
 
-_CONFIGURATION = ("config", "config_overrides", "resolved_config")
+CONFIGURATION = ("config", "config_overrides", "resolved_config", "resolved_config_sha256")
+"""Attributes of the root that tell of the configuration."""
+
+
+class Configuration(Protocol):
+    """What a file says of the configuration that made it."""
+
+    @property
+    def text(self) -> str:
+        """Word for word."""
+
+    @property
+    def resolved(self) -> Mapping[str, Any]:
+        """With every default filled in."""
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """Changes that were asked for beside it."""
+
+
+def described(configuration: Configuration) -> dict[str, str]:
+    """What the root of a file says of the configuration."""
+    resolved = canonical_json(configuration.resolved)
+    return {
+        "config": configuration.text,
+        "config_overrides": json.dumps(list(configuration.overrides)),
+        "resolved_config": resolved,
+        "resolved_config_sha256": sha256(resolved),
+    }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +83,8 @@ class StoredRun:
         Number of members; 0: a single run.
     swept
         What members differ in, in words.
+    variant
+        In words what the run has other than the file's configuration; empty for the runs of it.
     """
 
     experiment: str
@@ -70,6 +100,7 @@ class StoredRun:
     identity: str
     members: int = 0
     swept: str = ""
+    variant: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +128,8 @@ def read_configuration(path: Path) -> StoredConfiguration:
         If the file cannot be read or is not ours.
     """
     with reading(path) as file:
-        text, overrides, resolved = (str(file.attrs[name]) for name in _CONFIGURATION)
+        root = root_attributes(file)
+        text, overrides, resolved, _ = (str(root[name]) for name in CONFIGURATION)
         return StoredConfiguration(
             text=text, overrides=tuple(json.loads(overrides)), resolved=resolved
         )
@@ -124,39 +156,59 @@ def list_runs(path: Path) -> StoredFile:
     """
     with reading(path) as file:
         provenance = {
-            name: str(value) for name, value in file.attrs.items() if name not in _CONFIGURATION
+            printable(name): printable(str(value))
+            for name, value in root_attributes(file).items()
+            if name not in CONFIGURATION[:3]
         }
+        found = [(experiment, group) for experiment, _, group in run_groups(file)]
+        specifications = [json.loads(group.attributes["specification"]) for _, group in found]
+        own: dict[str, Any] = {}
+        for (name, _), specification in zip(found, specifications, strict=True):
+            own.setdefault(name, specification)
         runs = []
-        for experiment, case, group in run_groups(file):
-            a = group.attrs
-            of_several = _of_members(group) if is_batch(group) else {"error": float(a["error"])}
-            runs.append(
-                StoredRun(
-                    experiment=experiment,
-                    case=case,
-                    n_steps=int(a["n_steps"]),
-                    step_size=float(a["step_size"]),
-                    norm=str(a["norm"]),
-                    status=str(a["status"]),
-                    predicted=str(a["predicted"]),
-                    is_complete=COMPLETE in a,
-                    created=str(a.get("created", "at several times")),
-                    identity=str(a["identity"]),
-                    **of_several,
-                )
-            )
+        for (name, group), specification in zip(found, specifications, strict=True):
+            experiment = str(group.attributes["experiment"])
+            variant = ""
+            if name != experiment:
+                variant = _difference(own.get(experiment), specification) or name
+            runs.append(_stored_run(group, variant))
         return StoredFile(provenance=provenance, runs=tuple(runs))
 
 
-def _of_members(group: h5py.Group) -> dict[str, Any]:
+def _difference(base: dict[str, Any] | None, own: dict[str, Any]) -> str:
+    """In words what a run has other than the runs of the file's configuration."""
+    if base is None:
+        return ""
+    without = {key: own[key] for key in RUN_KEYS}
+    also = {key: own[key] for key in RUN_KEYS if key != "allow_unstable"}
+    return difference_in_words({**base, **without}, own) or difference_in_words(
+        {**base, **also}, own
+    )
+
+
+def _stored_run(group: StoredGroup, variant: str) -> StoredRun:
+    a = group.attributes
+    of_several: dict[str, Any] = _of_members(group) if group.keys else {"error": float(a["error"])}
+    names = ("experiment", "case", "norm", "status", "predicted", "identity")
+    words: dict[str, Any] = {name: printable(str(a[name])) for name in names}
+    return StoredRun(
+        **words,
+        n_steps=int(a["n_steps"]),
+        step_size=float(a["step_size"]),
+        is_complete=group.is_complete,
+        created=printable(str(a.get("created", "at several times"))),
+        variant=printable(variant),
+        **of_several,
+    )
+
+
+def _of_members(group: StoredGroup) -> dict[str, Any]:
     """What a line on members says beside what it says of any run."""
-    errors = np.asarray(group["error"][()])
-    columns = values_in(group)
-    keys = list(columns[0])
+    errors = np.asarray(group.by_member["error"])
     return {
         "error": float(np.nanmax(errors)) if np.isfinite(errors).any() else float("nan"),
-        "members": len(columns),
-        "swept": "; ".join(_told(key, [one[key] for one in columns]) for key in keys),
+        "members": len(group),
+        "swept": printable("; ".join(_told(key, group.by_member[key]) for key in group.keys)),
     }
 
 

@@ -7,17 +7,20 @@ import io
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import RequestError
 from fvi_cli.scenes.kinds import KINDS, SceneKind
-from fvi_cli.storage.arrays import StoredArrays, stored_arrays
 from fvi_cli.storage.atomic import replace_file
+from fvi_cli.storage.files import reading
+from fvi_cli.storage.groups import run_groups
 
 MATLAB_NAME_LENGTH = 63
 """Longest name of a field that MATLAB reads."""
@@ -25,6 +28,64 @@ MATLAB_NAME_LENGTH = 63
 _LONG_FORM = ("member", "time")
 _DUST = 1e-13
 """Stored times this near to k T / N, relative to T, are taken for it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StoredArrays:
+    """One group of a result file.
+
+    Parameters
+    ----------
+    experiment, case, name
+        Where it lies: ``/<experiment>/<case>/<name>``.
+    attributes
+        Text, integers, floats, or arrays of numbers.
+    arrays
+        Numbers or text (dtype object), by name.
+    dimensions
+        Name of every axis of every array.
+    """
+
+    experiment: str
+    case: str
+    name: str
+    attributes: Mapping[str, Any]
+    arrays: Mapping[str, NDArray[Any]]
+    dimensions: Mapping[str, tuple[str, ...]]
+
+
+def stored_arrays(path: Path) -> Iterator[StoredArrays]:
+    """Every run of a result file, or batch of runs, one at a time in the order of the file.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be read or is not ours.
+    """
+    with reading(path) as file:
+        for experiment, case, group in run_groups(file):
+            group.records(0, len(group))  # verified
+            yield StoredArrays(
+                experiment=experiment,
+                case=case,
+                name=group.group.name.rpartition("/")[2],
+                attributes=group.attributes,
+                arrays={name: _values(dataset) for name, dataset in group.nodes.items()},
+                dimensions={name: _axes(name, dataset) for name, dataset in group.nodes.items()},
+            )
+
+
+def _values(dataset: h5py.Dataset) -> NDArray[Any]:
+    if h5py.check_string_dtype(dataset.dtype) is not None:
+        return np.asarray(dataset.asstr()[()], dtype=object)
+    return np.asarray(dataset[()])
+
+
+def _axes(name: str, dataset: h5py.Dataset) -> tuple[str, ...]:
+    """The scale of every axis; a scale is its own axis."""
+    if dataset.is_scale:
+        return (name,)
+    return tuple(dim[0].name.rpartition("/")[2] if len(dim) else "" for dim in dataset.dims)
 
 
 def export_file(path: Path, form: str, directory: Path) -> list[Path]:

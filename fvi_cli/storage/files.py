@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import h5py
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.atomic import reason, replacement, told
-from fvi_cli.storage.provenance import FORMAT
-from fvi_cli.storage.seal import append_seal, is_broken
-from fvi_cli.storage.stream import SafeStream
+from fvi_cli.storage.atomic import UNFINISHED, reason, replacement, told
+from fvi_cli.storage.provenance import CHECKSUM, FORMAT, checksum
+from fvi_cli.storage.stream import DAMAGED, SafeStream, SealedStream, append_seal
 
 CREATOR = "fvi-cli"
+
+SUFFIX, PARTS_SUFFIX = ".h5", ".parts"
+"""Endings of a result file, and of the folder of the parts that wait beside it."""
+
+_WHAT_THEN = "it is left as it is: move it away, and its runs are computed again"
 
 
 @contextlib.contextmanager
@@ -25,18 +31,17 @@ def reading(path: Path) -> Iterator[h5py.File]:
     Raises
     ------
     StorageError
-        If it cannot be read, is damaged, was not written by this program, or has a newer format.
+        If it cannot be read, is damaged, was not written by this program, or has another format.
     """
-    file = open_stored(path)
-    try:
-        with damage_told(path):
-            yield file
-    finally:
-        file.close()
+    with open_stored(path) as file, damage_told(path):
+        yield file
 
 
-def open_stored(path: Path) -> h5py.File:
+@contextlib.contextmanager
+def open_stored(path: Path) -> Iterator[h5py.File]:
     """Open a result file for reading after a look at who wrote it.
+
+    What is read is as it was when it was opened, also when it is replaced meanwhile.
 
     Raises
     ------
@@ -46,34 +51,29 @@ def open_stored(path: Path) -> h5py.File:
     if not path.exists():
         hint = "" if path.suffix else f"; result files end in .h5, such as results/{path.name}.h5"
         raise StorageError(f"{path}: no such file{hint}")
-    if path.is_dir():
-        raise StorageError(f"{path}: is a folder, not a result file")
+    if not path.is_file():
+        kind = "a folder" if path.is_dir() else "no ordinary file"
+        raise StorageError(f"{path}: is {kind}, not a result file")
     if path.suffix in (".yaml", ".yml"):
         raise StorageError(
             f"{path}: is not a result file of fvi; `fvi check` and `fvi run` take configurations"
         )
-    try:
-        if is_broken(path):
+    with contextlib.ExitStack() as stack:
+        try:
+            stream = stack.enter_context(contextlib.closing(SealedStream(path)))
+            file = stack.enter_context(h5py.File(stream, "r"))
+        except PermissionError as error:
+            raise StorageError(f"{path}: cannot be read: {reason(error)}") from None
+        except (OSError, RuntimeError, ValueError) as error:
+            if str(error) == DAMAGED:
+                raise StorageError(f"{path}: is damaged: {DAMAGED}; {_WHAT_THEN}") from None
             raise StorageError(
-                f"{path}: is damaged: its bytes are not those that were written; it is left as it "
-                "is: move it away, and its runs are computed again"
-            )
-        # no lock of HDF5: files are replaced as a whole, never changed
-        file = h5py.File(path, "r", locking=False)
-    except PermissionError as error:
-        raise StorageError(f"{path}: cannot be read: {reason(error)}") from None
-    except (OSError, RuntimeError, ValueError):
-        raise StorageError(
-            f"{path}: is not a result file of fvi (not HDF5, or damaged or cut off); it is "
-            "left as it is: move it away, or choose another name or --output"
-        ) from None
-    try:
+                f"{path}: is not a result file of fvi (not HDF5, or damaged or cut off); it is "
+                "left as it is: move it away, or choose another name or --output"
+            ) from None
         with damage_told(path):
             _refuse_strangers(file, path)
-    except BaseException:
-        file.close()
-        raise
-    return file
+        yield file
 
 
 def _refuse_strangers(file: h5py.File, path: Path) -> None:
@@ -85,9 +85,37 @@ def _refuse_strangers(file: h5py.File, path: Path) -> None:
     number = int(file.attrs["format"])
     if number > FORMAT:
         raise StorageError(
-            f"{path}: has format {number}, this version of fvi reads up to {FORMAT}; update fvi, "
+            f"{path}: has format {number}, this version of fvi reads {FORMAT}; update fvi, "
             "or move the file away"
         )
+    if number < FORMAT:
+        version = printable(str(file.attrs.get("fvi_version", "an older version")))
+        raise StorageError(
+            f"{path}: has format {number}, this version of fvi reads {FORMAT}; move the file away, "
+            f"and its runs are computed again, or read it with the version that wrote it "
+            f"({version}); every version's files are plain HDF5"
+        )
+
+
+def root_attributes(file: h5py.File) -> dict[str, Any]:
+    """What the root says, verified.
+
+    Raises
+    ------
+    KeyError, ValueError
+        If it is not what was written.
+    """
+    said = {name: value for name, value in file.attrs.items() if name != CHECKSUM}
+    if checksum(said) != file.attrs[CHECKSUM]:
+        raise ValueError("what is said of the file is not what was written")
+    return said
+
+
+def printable(text: str) -> str:
+    """A text from a file as it may be printed: what would steer a terminal is escaped."""
+    return "".join(
+        c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text
+    )
 
 
 @contextlib.contextmanager
@@ -95,10 +123,21 @@ def damage_told(path: Path) -> Iterator[None]:
     """Turn what the library raises on a damaged file into an error that names it."""
     try:
         yield
-    except (OSError, KeyError, TypeError, ValueError, RuntimeError, AttributeError) as error:
+    except (
+        OSError,
+        LookupError,
+        TypeError,
+        ValueError,
+        RuntimeError,
+        AttributeError,
+        MemoryError,
+        OverflowError,
+    ) as error:
+        if str(error) == DAMAGED:
+            raise StorageError(f"{path}: is damaged: {DAMAGED}; {_WHAT_THEN}") from None
+        found = printable(f"{type(error).__name__}: {error}")
         raise StorageError(
-            f"{path}: is damaged or not a result file ({type(error).__name__}: {error}); it "
-            "is left as it is: move it away, and its runs are computed again"
+            f"{path}: is damaged or not a result file ({found}); {_WHAT_THEN}"
         ) from error
 
 
@@ -119,10 +158,17 @@ class NewFile:
 
 
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[NewFile]:
+def replacing(path: Path, attributes: Mapping[str, Any] | None = None) -> Iterator[NewFile]:
     """A new file under a temporary name; on success it is flushed to the disk and renamed.
 
     On any failure `path` stays as it was.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    attributes
+        Of its root, beside who wrote it.
 
     Raises
     ------
@@ -132,8 +178,24 @@ def replacing(path: Path) -> Iterator[NewFile]:
     with told(path), replacement(path) as handle:
         stream = SafeStream(handle)
         with h5py.File(stream, "w", track_order=True) as file:
-            file.attrs["creator"] = CREATOR
-            file.attrs["format"] = FORMAT
+            said = {"creator": CREATOR, "format": FORMAT, **(attributes or {})}
+            for name, value in {**said, CHECKSUM: checksum(said)}.items():
+                file.attrs[name] = value
             yield NewFile(file=file, check=stream.check)
         stream.check()
         append_seal(handle)
+
+
+def part_paths(path: Path) -> Sequence[Path]:
+    """The parts that wait beside a result file."""
+    return sorted(path.with_suffix(PARTS_SUFFIX).glob(f"[!.]*{SUFFIX}"))
+
+
+def remove_unfinished(path: Path) -> None:
+    """Remove what a crash has left half written; the lock says that nobody is writing it."""
+    parts = path.with_suffix(PARTS_SUFFIX)
+    for leftover in itertools.chain(
+        path.parent.glob(f".{path.name}.*{UNFINISHED}"), parts.glob(f".*{SUFFIX}.*{UNFINISHED}")
+    ):
+        with told(leftover):
+            leftover.unlink(missing_ok=True)

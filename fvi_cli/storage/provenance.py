@@ -13,15 +13,21 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 import fvi_cli
 from fvi_cli.studies.experiment import Run
 
-FORMAT = 1
-"""Number of the file format; a program reads files of its own number and below."""
+FORMAT = 2
+"""Number of the file format; a program reads files of its own number."""
 
 SOLVER_VERSION = 5
 """To be raised whenever the same run gives other numbers; stored runs are then computed anew."""
+
+CHECKSUM = "checksum"
+"""Attribute that holds the checksum of all others."""
 
 UNKNOWN = "unknown"
 
@@ -41,26 +47,29 @@ def canonical_json(value: object) -> str:
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
+def checksum(said: Mapping[str, Any]) -> str:
+    """SHA-256 of attributes and columns by name, whatever numbers they are."""
+    return sha256(json.dumps({name: plain(value) for name, value in said.items()}, sort_keys=True))
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return [plain(one) for one in value] if isinstance(value, list) else value
+
+
 def sha256(text: str) -> str:
     """Hexadecimal SHA-256 of a text in UTF-8."""
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
 def identity(run: Run) -> str:
-    """SHA-256 of what determines the numbers of a run, with format and version of the solver."""
-    return _identity(run.specification())
+    """SHA-256 of what determines the numbers of a run, with format and version of the solver.
 
-
-def identity_otherwise_allowed(run: Run) -> str:
-    """Identity of the run if ``allow_unstable`` were the opposite of what it is.
-
-    It is the same run unless it is predicted to blow up: then one is computed, the other refused.
+    Whether it may be unstable is no part of that.
     """
-    specification = run.specification()
-    return _identity({**specification, "allow_unstable": not specification["allow_unstable"]})
-
-
-def _identity(specification: Mapping[str, object]) -> str:
+    specification = {k: v for k, v in run.specification().items() if k != "allow_unstable"}
     described = {"format": FORMAT, "solver": SOLVER_VERSION, "run": specification}
     return sha256(canonical_json(described))
 

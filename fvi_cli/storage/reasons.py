@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from fvi_cli.storage.files import reading
-from fvi_cli.storage.locations import run_groups
+from fvi_cli.storage.differences import changed_keys
 from fvi_cli.storage.provenance import SOLVER_VERSION, canonical_json
-from fvi_cli.storage.records import COMPLETE, Place, group_path, place_of
-from fvi_cli.storage.results import StoredRuns
+from fvi_cli.storage.records import Place, group_path, place_of
+from fvi_cli.storage.store import Store
 from fvi_cli.studies.experiment import Run
 
 NEW, INCOMPLETE, OLDER_SOLVER, OTHER_SOLVER = "new", "incomplete", "older solver", "newer solver"
 
 MOST_KEYS = 4
 """Keys that are named at most."""
-
-_CONFIG_KEYS = {
-    "norm": "report.norm",
-    "store_every": "store.every",
-    "method.name": "method.baseline",
-}
 
 
 @dataclass(kw_only=True, eq=False)
@@ -40,7 +33,7 @@ class Reasons:
         asks for.
     """
 
-    stored: StoredRuns
+    stored: Store
     asked: Collection[Place]
     _read: dict[Place, Mapping[str, Any]] = field(default_factory=dict)
 
@@ -66,7 +59,7 @@ class Reasons:
         specification = json.loads(canonical_json(run.specification()))
         if place in self.stored.places():
             return self._difference(place, specification)
-        if group_path(place) in self._incomplete:
+        if group_path(place) in self.stored.incomplete():
             return INCOMPLETE
         return self._replaced(place, specification)
 
@@ -96,15 +89,6 @@ class Reasons:
         return self._read[place]
 
     @cached_property
-    def _incomplete(self) -> frozenset[str]:
-        """Groups of runs that are only half there."""
-        if not self.stored.path.exists():
-            return frozenset()
-        with reading(self.stored.path) as file:
-            groups = [group for _, _, group in run_groups(file)]
-            return frozenset(str(group.name) for group in groups if COMPLETE not in group.attrs)
-
-    @cached_property
     def _left_over(self) -> Mapping[tuple[object, ...], list[Place]]:
         """Stored runs that are not asked for any more, by all but their case."""
         found: dict[tuple[object, ...], list[Place]] = {}
@@ -112,34 +96,6 @@ class Reasons:
             if place not in self.asked:
                 found.setdefault((place[0], place[2:]), []).append(place)
         return found
-
-
-def changed_keys(old: Mapping[str, Any], new: Mapping[str, Any]) -> tuple[str, ...]:
-    """Key paths, as a configuration has them, at which two specifications of runs differ."""
-    before, after = dict(_leaves(old)), dict(_leaves(new))
-    differing = [key for key in after if before.get(key, _ABSENT) != after[key]]
-    differing += [key for key in before if key not in after]
-    return tuple(dict.fromkeys(_as_configured(key, {**before, **after}) for key in differing))
-
-
-_ABSENT = object()
-
-
-def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    if isinstance(value, Mapping) and value:
-        for key, inner in value.items():
-            yield from _leaves(inner, f"{path}.{key}" if path else str(key))
-    elif isinstance(value, list) and value:
-        for index, inner in enumerate(value):
-            yield from _leaves(inner, f"{path}.{index}")
-    else:
-        yield path, value
-
-
-def _as_configured(key: str, values: Mapping[str, Any]) -> str:
-    if key == "method.cq":
-        return "method.bdf" if str(values[key]).startswith("bdf") else "method.rk"
-    return _CONFIG_KEYS.get(key, key)
 
 
 def _named(keys: tuple[str, ...]) -> str:

@@ -1,34 +1,46 @@
-"""One finished run as attributes and datasets, and back."""
+"""One finished run as attributes and arrays, and back; and what tells runs apart."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.integrator.diagnostics import Diagnostics
 from fvi_cli.integrator.method import method_columns
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
-from fvi_cli.storage.assurance_records import assurance_attributes, assurance_of
-from fvi_cli.storage.diagnostic_records import (
-    DIAGNOSTIC_DIMENSIONS,
-    DIAGNOSTIC_NAMES,
-    diagnostic_attributes,
-    diagnostic_datasets,
-    diagnostics_of,
-)
+from fvi_cli.storage.files import printable
 from fvi_cli.storage.provenance import SOLVER_VERSION, canonical_json, identity, origin
-from fvi_cli.studies.experiment import FinishedRun, Run
-from fvi_cli.studies.members import value_at, without_values
+from fvi_cli.studies.accuracy_settings import Assurance
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+from fvi_cli.studies.members import without_values
 from fvi_cli.studies.order import damping_orders
 
-COMPLETE = "complete"
-"""Attribute of a run that is written last."""
+MAP_NAMES: Final = "momentum_maps"
+"""Attribute with the names of the momentum maps along the axis ``map``, as a JSON list."""
+
+DIAGNOSTIC_DIMENSIONS: Final[Mapping[str, tuple[str, ...]]] = {
+    "dissipated_work": ("time",),
+    "forcing_work": ("time",),
+    "energy_defect": ("time",),
+    "map": ("map",),
+    "momentum_map": ("time", "map"),
+    "momentum_map_defect": ("time", "map"),
+}
+DIAGNOSTIC_NAMES: Final[Mapping[str, str]] = {
+    "dissipated_work": "work done against the damping since the start",
+    "forcing_work": "work done by the forcing since the start",
+    "energy_defect": "energy less its start, plus dissipated work, less work of the forcing",
+    "map": "momentum map, named in the attribute momentum_maps of the run",
+    "momentum_map": "momentum of a symmetry",
+    "momentum_map_defect": "momentum of a symmetry less its start and what damping and forcing "
+    "have changed",
+}
 
 DIMENSIONS: Mapping[str, tuple[str, ...]] = {
     "time": ("time",),
@@ -54,11 +66,15 @@ LONG_NAMES: Mapping[str, str] = {
     "status": "what was observed",
 }
 
-RUN_KEYS = ("method", "n_steps", "store_every", "allow_unstable", "diagnostics", "accuracy")
-"""Keys of a run's specification in which runs of one experiment may differ."""
+SHARED = ("time", "dof", "map")
+"""Arrays that the members of a sweep have in common."""
 
-SWEPT = "swept"
-"""Attribute of a member of a sweep: a JSON list of the keys in which members differ."""
+SWEPT, POINTS, FIELDS = "swept", "points", "fields"
+"""Attributes: of a member of a sweep a JSON list of the keys in which members differ; number of
+points that a run has; names of its own arrays."""
+
+RUN_KEYS = ("method", "n_steps", "allow_unstable")
+"""Keys of a run's specification in which runs of one variant of an experiment may differ."""
 
 Form = tuple[str, ...]
 
@@ -85,40 +101,22 @@ def form_of(place: Place) -> Form:
     return tuple(sorted(json.loads(place[3]))) if place[3] else ()
 
 
-def place_in(attributes: Mapping[str, Any]) -> Place:
-    """Where the run with these attributes belongs."""
-    experiment, case = str(attributes["experiment"]), str(attributes["case"])
-    values = ""
-    if keys := json.loads(attributes.get(SWEPT, "[]")):
-        problem = json.loads(attributes["specification"])["problem"]
-        values = canonical_json({key: value_at(problem, key) for key in keys})
-    return experiment, case, int(attributes["n_steps"]), values
+def variant_of(specification: Mapping[str, Any], swept: Sequence[str] = ()) -> str:
+    """What the runs of an experiment that belong together have in common, as text.
 
-
-def basis_in(attributes: Mapping[str, Any]) -> str:
-    """What the runs of one experiment have in common, as text: its problem and norm."""
-    keys = tuple(json.loads(attributes.get(SWEPT, "[]")))
-    return basis(json.loads(attributes["specification"]), keys)
-
-
-def basis_of(run: Run) -> str:
-    """As :func:`basis_in`, for a run that may not be stored."""
-    keys = () if run.member is None else tuple(run.member.values)
-    return basis(json.loads(canonical_json(run.specification())), keys)
-
-
-def basis(specification: Mapping[str, Any], swept: tuple[str, ...]) -> str:
-    """What is left of a specification without what runs of one experiment may differ in."""
+    It is the specification without :data:`RUN_KEYS` and without the values of swept keys.
+    """
     shared = {k: v for k, v in specification.items() if k not in RUN_KEYS}
     if swept:
-        shared |= {"problem": without_values(shared["problem"], swept), SWEPT: list(swept)}
+        problem = without_values(shared["problem"], tuple(swept))
+        shared |= {"problem": problem, SWEPT: sorted(swept)}
     return canonical_json(shared)
 
 
-def checksum(datasets: Mapping[str, NDArray[Any]]) -> str:
+def digest_of(arrays: Mapping[str, NDArray[Any]]) -> str:
     """SHA-256 of names, shapes and numbers."""
     digest = hashlib.sha256()
-    for name, values in datasets.items():
+    for name, values in arrays.items():
         numbers = np.ascontiguousarray(values, dtype=stored_kind(values))
         digest.update(f"{name}{numbers.shape}".encode())
         digest.update(numbers.data)
@@ -131,13 +129,16 @@ def stored_kind(values: NDArray[Any]) -> str:
 
 
 def group_path(place: Place) -> str:
-    """Path of a run inside the file."""
+    """Path inside the file of the run that the file's configuration asks for."""
     experiment, case, n_steps, _ = place
     return f"/{experiment}/{case}/n{n_steps:06d}"
 
 
 def record_of(finished: FinishedRun) -> Record:
-    """What is stored of a finished run; the grid is thinned as its experiment asks for."""
+    """What is stored of a finished run; the grid is thinned as its experiment asks for.
+
+    Of a member of a sweep there is no point off the grid that all members share.
+    """
     run, trajectory = finished.run, finished.trajectory
     experiment, method, newton = run.experiment, run.method, trajectory.newton
     columns: dict[str, str | int] = dict(method_columns(method))
@@ -191,8 +192,25 @@ def record_of(finished: FinishedRun) -> Record:
     diagnostics = None if trajectory.diagnostics is None else trajectory.diagnostics.at(kept)
     datasets.update(diagnostic_datasets(diagnostics))
     attributes.update(diagnostic_attributes(diagnostics))
-    attributes["data_sha256"] = checksum(datasets)
+    points = datasets["time"].size
+    if run.member is not None:
+        points = _points_on_grid(run, datasets["time"])
+        attributes[SWEPT] = json.dumps(list(run.member.values))
+        datasets = {
+            name: values[:points] if "time" in DIMENSIONS[name] else values
+            for name, values in datasets.items()
+        }
+    own = {name: values for name, values in datasets.items() if name not in SHARED}
+    attributes |= {POINTS: points, FIELDS: ",".join(own), "data_sha256": digest_of(own)}
     return Record(attributes=attributes, datasets=datasets)
+
+
+def _points_on_grid(run: Run, time: NDArray[Any]) -> int:
+    """How many of the first points lie on the grid of the experiment."""
+    grid = run.step_size * kept_points(run.n_steps + 1, run.experiment.store_every)
+    common = min(time.size, grid.size)
+    off = np.flatnonzero(np.abs(time[:common] - grid[:common]) > 1e-6 * run.step_size)
+    return int(off[0]) if off.size else common
 
 
 def kept_points(points: int, every: int) -> NDArray[np.intp]:
@@ -217,7 +235,7 @@ def finished_of(record: Record, run: Run) -> FinishedRun:
         n_steps=int(a["n_steps"]),
         step_size=float(a["step_size"]),
         status=a["integration_status"],
-        message=a["message"],
+        message=printable(a["message"]),
         history_operations=int(a["history_operations"]),
         newton=NewtonRecord(
             iterations=int(a["newton_iterations"]),
@@ -227,7 +245,7 @@ def finished_of(record: Record, run: Run) -> FinishedRun:
         ),
         setup_seconds=float(a["setup_seconds"]),
         stepping_seconds=float(a["stepping_seconds"]),
-        remarks=tuple(json.loads(a["remarks"])),
+        remarks=tuple(map(printable, json.loads(a["remarks"]))),
         every=int(a["store_every"]),
         diagnostics=diagnostics_of(a, data),
     )
@@ -239,78 +257,83 @@ def finished_of(record: Record, run: Run) -> FinishedRun:
         status=a["status"],
         predicted=a["predicted"],
         expected_order=float(a["expected_order"]),
-        reference=a["reference"],
+        reference=printable(a["reference"]),
         assurance=assurance_of(a),
     )
 
 
-def write_record(file: h5py.File, record: Record) -> None:
-    """Write a record where it belongs."""
-    group = file.create_group(group_path(place_in(record.attributes)), track_order=True)
-    for name, value in record.attributes.items():
-        group.attrs[name] = attribute(value)
-    write_datasets(group, record.datasets, DIMENSIONS)
-    group.attrs[COMPLETE] = np.int64(1)
+def diagnostic_datasets(diagnostics: Diagnostics | None) -> dict[str, NDArray[Any]]:
+    """The datasets by name, in the order of :data:`DIAGNOSTIC_DIMENSIONS`."""
+    if diagnostics is None:
+        return {}
+    datasets: dict[str, NDArray[Any]] = {}
+    for name in DIAGNOSTIC_DIMENSIONS:
+        if name == "map":
+            values = np.arange(len(diagnostics.map_names)) if diagnostics.map_names else None
+        else:
+            values = getattr(diagnostics, name)
+        if values is not None:
+            datasets[name] = values
+    return datasets
 
 
-def write_datasets(
-    group: h5py.Group,
-    datasets: Mapping[str, NDArray[Any]],
-    dimensions: Mapping[str, tuple[str, ...]],
-) -> None:
-    """Write datasets with a scale on every axis; a scale is the dataset named like its axis."""
-    for name, values in datasets.items():
-        is_text = values.dtype.kind in "OUT"
-        dataset = (
-            group.create_dataset(name, data=values.tolist(), dtype=h5py.string_dtype())
-            if is_text
-            else group.create_dataset(name, data=values, dtype=stored_kind(values))
-        )
-        dataset.attrs["long_name"] = LONG_NAMES[name]
-        if dimensions[name] == (name,):
-            dataset.make_scale(name)
-    for name in datasets:
-        for axis, dimension in enumerate(dimensions[name]):
-            if dimension != name:
-                group[name].dims[axis].attach_scale(group[dimension])
+def diagnostic_attributes(diagnostics: Diagnostics | None) -> dict[str, str]:
+    """The attributes of a run that belong to its diagnostics."""
+    if diagnostics is None or not diagnostics.map_names:
+        return {}
+    return {MAP_NAMES: json.dumps(list(diagnostics.map_names), ensure_ascii=False)}
 
 
-def attribute(value: Any) -> Any:
-    """A value as other readers of HDF5 expect it: text, float64, int64, or an array of these.
-
-    Raises
-    ------
-    TypeError
-        For anything else; bool and None have no counterpart in netCDF.
-    """
-    if isinstance(value, bool) or value is None:
-        raise TypeError(f"attribute: {value!r} is not text, a number or an array of numbers")
-    if isinstance(value, str):
-        return value
-    if isinstance(value, int | np.integer):
-        return np.int64(value)
-    if isinstance(value, float | np.floating):
-        return np.float64(value)
-    if isinstance(value, np.ndarray) and value.dtype.kind in "if" and value.size:
-        return value
-    raise TypeError(f"attribute: {value!r} is not text, a number or an array of numbers")
+def diagnostics_of(
+    attributes: Mapping[str, Any], datasets: Mapping[str, NDArray[Any]]
+) -> Diagnostics | None:
+    """The diagnostics again; None if there are none."""
+    found = {name: datasets[name] for name in DIAGNOSTIC_DIMENSIONS if name in datasets}
+    found.pop("map", None)
+    if not found:
+        return None
+    return Diagnostics(**found, map_names=tuple(json.loads(attributes.get(MAP_NAMES, "[]"))))
 
 
-def read_record(group: h5py.Group) -> Record:
-    """A record as it was written.
+def assurance_attributes(assurance: Assurance) -> dict[str, str | float]:
+    """Attributes of a run."""
+    return {
+        "tolerance": assurance.tolerance,
+        "estimate": assurance.estimate,
+        "choice": assurance.choice,
+        "attempts": json.dumps(list(assurance.attempts), ensure_ascii=False),
+    }
+
+
+def assurance_of(attributes: Mapping[str, Any]) -> Assurance | None:
+    """The assurance again; None of a run that was not made for a tolerance.
 
     Raises
     ------
-    KeyError
-        If a dataset is missing.
-    ValueError
-        If its numbers are not those that were written.
+    KeyError, TypeError, ValueError
+        If the attributes are not those that were written.
     """
-    names = [name for name in DIMENSIONS if name in group]
-    if missing := {"time", "position"} - set(names):
-        raise KeyError(f"{group.name} has no {', '.join(sorted(missing))}")
-    attributes = {name: value for name, value in group.attrs.items() if name != COMPLETE}
-    datasets = {name: np.asarray(group[name][()]) for name in names}
-    if checksum(datasets) != attributes["data_sha256"]:
-        raise ValueError(f"the numbers in {group.name} are not those that were written")
-    return Record(attributes=attributes, datasets=datasets)
+    if "tolerance" not in attributes:
+        return None
+    return Assurance(
+        tolerance=float(attributes["tolerance"]),
+        estimate=float(attributes["estimate"]),
+        choice=str(attributes["choice"]),
+        attempts=tuple(json.loads(attributes["attempts"])),
+    )
+
+
+def asked_for_tolerance(experiment: Experiment, attributes: Mapping[str, Any]) -> Run | None:
+    """The run of `experiment`, if a stored run with these attributes was chosen among the same.
+
+    Whether it is the same experiment otherwise is told by its identity.
+    """
+    accuracy = experiment.accuracy
+    if accuracy is None or "tolerance" not in attributes:
+        return None
+    case, n_steps = str(attributes["case"]), int(attributes["n_steps"])
+    method = next((one for one in accuracy.candidates if one.case == case), None)
+    if method is None or float(attributes["tolerance"]) != accuracy.tolerance:
+        return None
+    (run,) = experiment.with_choice(method, n_steps).runs()
+    return run

@@ -1,14 +1,94 @@
-"""A file under the library's writer that never lets it see a failure.
+"""Files under the library: its writer never sees a failure, its reader no byte that is damaged.
 
 HDF5 cannot close a file that it could not write: it fails again with every object that is
 released, and may end the process with a segmentation fault. So the first failure, of the disk or
 by an interrupt, is kept for the caller, and what is written after it goes to memory.
+
+Nor may it see bytes that have changed: it may search in them for ever. Behind the last byte that it
+knows of lies a seal, the checksums of all blocks before, and every block is compared before it is
+given on; a large file need not be read whole before a part of it is. Other readers do not see the
+seal, and a program that changes a file by the library cuts it off; such a file is read as it is,
+and each run in it is looked at by itself.
 """
 
 from __future__ import annotations
 
+import hashlib
 import io
 import os
+from dataclasses import dataclass
+from pathlib import Path
+
+MARK = b"fvi-cli sha256 seal:"
+BLOCK = 2**18
+"""Bytes with a checksum of their own."""
+
+_DIGEST = hashlib.sha256().digest_size
+_ENOUGH = len(b"fvi-cli ")
+
+DAMAGED = "its bytes are not those that were written"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seal:
+    """Number of sealed bytes, and the SHA-256 of each block of them."""
+
+    size: int
+    digests: bytes
+
+
+def length_of(size: int) -> int:
+    """Length of the seal of so many bytes."""
+    return len(MARK) + -(-size // BLOCK) * _DIGEST + _DIGEST
+
+
+def append_seal(handle: int) -> None:
+    """Seal a file that is open for reading and writing, and written to its end."""
+    with os.fdopen(os.dup(handle), "r+b") as file:
+        file.seek(0)
+        digests = b""
+        while block := file.read(BLOCK):
+            digests += hashlib.sha256(block).digest()
+        size = file.tell()
+        file.write(MARK + digests + _digest_of(size, digests))
+
+
+def read_seal(path: Path) -> Seal | None:
+    """The seal of a file; None where there is none.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If the seal is cut off in part, or is not the one that was written.
+    """
+    whole = path.stat().st_size
+    # a seal is the longer the longer the file: that of all bytes is longer than that of some
+    longest = min(length_of(whole), whole)
+    with path.open("rb") as file:
+        file.seek(whole - longest)
+        end = file.read(longest)
+    begin = end.rfind(MARK)
+    if begin < 0:
+        if any(end.endswith(MARK[:n]) for n in range(_ENOUGH, len(MARK))):
+            raise ValueError(DAMAGED)
+        return None
+    size = whole - longest + begin
+    digests, own = end[begin + len(MARK) : -_DIGEST], end[-_DIGEST:]
+    if whole - size != length_of(size) or own != _digest_of(size, digests):
+        raise ValueError(DAMAGED)
+    return Seal(size=size, digests=digests)
+
+
+def _digest_of(size: int, digests: bytes) -> bytes:
+    return hashlib.sha256(size.to_bytes(8, "little") + digests).digest()
+
+
+def is_whole(seal: Seal, number: int, block: bytes) -> bool:
+    """Whether a block, counted from 0, is the one that was sealed."""
+    expected = seal.digests[number * _DIGEST : (number + 1) * _DIGEST]
+    return hashlib.sha256(block).digest() == expected
 
 
 class SafeStream:
@@ -94,6 +174,84 @@ class SafeStream:
 
     def flush(self) -> None:
         """Nothing is buffered here."""
+
+
+class SealedStream:
+    """A file for the library's reader that gives it no byte that is not as it was sealed.
+
+    It stays open, so that what is read is as it was, also when another file takes its name.
+
+    Parameters
+    ----------
+    path
+        A file.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    ValueError
+        If its seal is damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._seal = read_seal(path)
+        self._file = path.open("rb", buffering=0)
+        size = os.fstat(self._file.fileno()).st_size
+        self._size = size if self._seal is None else self._seal.size
+        self._looked_at: set[int] = set()
+        self._position = 0
+
+    @property
+    def is_sealed(self) -> bool:
+        """Whether there is a seal."""
+        return self._seal is not None
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        """Move to a place."""
+        begin = {io.SEEK_SET: 0, io.SEEK_CUR: self._position, io.SEEK_END: self._size}[whence]
+        self._position = begin + offset
+        return self._position
+
+    def tell(self) -> int:
+        """The place where the next byte is read."""
+        return self._position
+
+    def readinto(self, target: bytearray | memoryview) -> int:
+        """Read as many bytes as fit and are there.
+
+        Raises
+        ------
+        ValueError
+            If they are not those that were sealed.
+        """
+        view = memoryview(target).cast("B")
+        count = max(0, min(len(view), self._size - self._position))
+        if self._seal is not None and count:
+            for number in range(self._position // BLOCK, (self._position + count - 1) // BLOCK + 1):
+                self._look_at(self._seal, number)
+        self._file.seek(self._position)
+        view[:count] = _read_all(self._file.fileno(), count)
+        self._position += count
+        return count
+
+    def read(self, size: int) -> bytes:
+        """At most `size` bytes; the library takes for a file what has this."""
+        content = bytearray(size)
+        return bytes(content[: self.readinto(content)])
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _look_at(self, seal: Seal, number: int) -> None:
+        if number in self._looked_at:
+            return
+        self._file.seek(number * BLOCK)
+        block = _read_all(self._file.fileno(), min(BLOCK, self._size - number * BLOCK))
+        if not is_whole(seal, number, block):
+            raise ValueError(DAMAGED)
+        self._looked_at.add(number)
 
 
 def _write_all(handle: int, content: bytes, place: int) -> None:

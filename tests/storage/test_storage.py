@@ -38,8 +38,7 @@ from fvi_cli.storage import (
     read_config_text,
     read_configuration,
     read_results,
-    records,
-    seal,
+    writing,
 )
 from fvi_cli.storage import stream as stream_module
 from fvi_cli.storage.stream import SafeStream
@@ -332,7 +331,7 @@ def test_every_axis_has_a_scale_and_every_attribute_a_type_of_netcdf(path: Path)
         assert type(value) in (str, np.int64, np.float64, np.ndarray), name
     for wrong in (True, None, np.bool_(True), {"a": 1}, np.array([])):
         with pytest.raises(TypeError, match="is not text, a number"):
-            records.attribute(wrong)
+            writing.attribute(wrong)
 
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
@@ -374,7 +373,7 @@ def test_the_root_says_where_the_file_comes_from(path: Path) -> None:
     said = list_runs(path).provenance
     digest = hashlib.sha256(stored.resolved.encode()).hexdigest()
     assert said["resolved_config_sha256"] == digest
-    assert said["format"] == "1"
+    assert said["format"] == "2"
     assert json.loads(said["packages"])["numpy"] == np.__version__
     assert json.loads(said["packages"])["fvi-cli"] == fvi_cli.__version__
     assert said["created"].endswith("+00:00")
@@ -454,6 +453,7 @@ def test_what_is_current_is_not_written_again(tmp_path: Path, runs: list[Finishe
     # control: a new comment in the configuration is written
     changed = SimpleNamespace(**{**vars(CONFIGURATION), "text": TEXT + "# more\n"})
     with open_results(tmp_path, "sample") as results:
+        assert all(results.finished(finished.run) for finished in runs)
         results.consolidate(changed)
     assert read_config_text(path) == TEXT + "# more\n"
     assert len(places(path)) == len(runs)
@@ -475,9 +475,13 @@ def test_runs_that_were_not_asked_for_again_are_kept(path: Path, runs: list[Fini
     with h5py.File(path) as file:
         table = file["sample/gauss-s3-series/convergence"]
         assert table["n_steps"][()].tolist() == [4, 8, 16]
-    # control
-    store(path.parent, [made_up(longer.runs()[0])], fresh=True)
-    assert places(path) == {("sample", BDF.case, 16)}
+    # what is computed afresh replaces what it was, and nothing else
+    again = made_up(longer.runs()[0], error=0.5)
+    store(path.parent, [again], fresh=True)
+    assert len(places(path)) == len(runs) + 4 + 8
+    with read_results(path) as results:
+        assert_same(results.finished(again.run), again)
+        assert_same(results.finished(runs[0].run), runs[0])
 
 
 def test_an_experiment_that_has_become_another_one_is_not_mixed_with_what_it_was(
@@ -487,11 +491,24 @@ def test_an_experiment_that_has_become_another_one_is_not_mixed_with_what_it_was
     store(path.parent, [made_up(run) for run in other.runs()])
     changed = experiment(stiffness=2.0, steps=(8, 16), methods=(BDF,))
     store(path.parent, [made_up(run) for run in changed.runs()])
-    assert places(path) == {("sample", BDF.case, 8), ("sample", BDF.case, 16)} | {
-        ("other", run.method.case, run.n_steps) for run in other.runs()
+    # those of the configuration are where they are looked for, the others beside them
+    found = [(run.experiment, run.case, run.n_steps, run.variant) for run in list_runs(path).runs]
+    assert {one for one in found if one[0] == "sample" and not one[3]} == {
+        ("sample", BDF.case, 8, ""),
+        ("sample", BDF.case, 16, ""),
+    }
+    assert {one for one in found if one[3]} == {
+        ("sample", f.run.method.case, f.run.n_steps, "problem.stiffness = 1") for f in runs
     }
     with read_results(path) as results:
         assert results.finished(changed.runs()[0]) is not None
+        for finished in runs:
+            assert_same(results.finished(finished.run), finished)
+    # the other way round: what was beside comes back
+    with open_results(path.parent, "sample") as results:
+        assert all(results.finished(finished.run) for finished in runs)
+        results.consolidate(CONFIGURATION)
+    assert {run.variant for run in list_runs(path).runs} == {"", "problem.stiffness = 2"}
 
 
 def test_fresh_forgets_nothing_before_something_new_is_there(
@@ -685,7 +702,7 @@ def damaged(path: Path, how: str) -> None:
             file["x"] = 1.0
     elif how == "newer":
         with h5py.File(path, "r+") as file:
-            file.attrs["format"] = 2
+            file.attrs["format"] = 3
     elif how == "strange":
         with h5py.File(path, "r+") as file:
             file["sample/x"] = 1.0
@@ -702,7 +719,7 @@ KINDS = {
     "text": "is not a result file of fvi \\(not HDF5, or damaged or cut off\\)",
     "cut": "is not a result file of fvi \\(not HDF5, or damaged or cut off\\)",
     "foreign": "was not written by fvi",
-    "newer": "has format 2, this version of fvi reads up to 1",
+    "newer": "has format 3, this version of fvi reads 2",
     "strange": "is damaged or not a result file",
     "nameless": "is damaged or not a result file",
     "folder": "is a folder",
@@ -762,6 +779,10 @@ def test_cut_anywhere_a_file_is_told_to_be_damaged(path: Path, runs: list[Finish
             recall(path, runs)
 
 
+def seal_of(content: bytes) -> bytes:
+    return bytes(content[content.rindex(stream_module.MARK) :])
+
+
 def test_numbers_that_have_changed_since_are_noticed(path: Path, runs: list[FinishedRun]) -> None:
     with h5py.File(path) as file:
         dataset = file[f"sample/{BDF.case}/n000008/position"]
@@ -772,7 +793,7 @@ def test_numbers_that_have_changed_since_are_noticed(path: Path, runs: list[Fini
     with pytest.raises(StorageError, match="its bytes are not those that were written"):
         recall(path, runs)
     # without the seal, as a program leaves it that changes a file, each run is looked at
-    path.write_bytes(content[: -seal.LENGTH])
+    path.write_bytes(content[: -len(seal_of(content))])
     with read_results(path) as results:
         assert_same(results.finished(runs[0].run), runs[0])
         with pytest.raises(StorageError, match="not those that were written"):
@@ -849,6 +870,7 @@ def test_an_interrupt_in_the_midst_of_writing_leaves_what_was_there(
     monkeypatch.setattr(stream_module.os, "write", interrupted)
     with open_results(path.parent, "sample") as results:
         changed = SimpleNamespace(**{**vars(CONFIGURATION), "text": "another"})
+        assert results.finished(runs[0].run) is not None
         with pytest.raises(KeyboardInterrupt):
             results.consolidate(changed)
         assert tree(path.parent) == before

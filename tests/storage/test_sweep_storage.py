@@ -12,7 +12,7 @@ import pytest
 from fvi_cli.config import parse_config
 from fvi_cli.errors import StorageError
 from fvi_cli.runner.executors.batches import batches_of, execute_batch
-from fvi_cli.storage import batch_reading, list_runs, open_results, read_results
+from fvi_cli.storage import list_runs, open_results, read_results, snapshot
 from fvi_cli.storage.provenance import identity
 
 CONFIG = """\
@@ -159,26 +159,27 @@ def test_a_longer_sweep_computes_the_new_members_and_keeps_their_order(tmp_path)
     assert sorted(found) == sorted([0.1, 1, 300] * 2)
 
 
-def test_another_problem_replaces_all_members(tmp_path):
+def test_members_of_another_problem_stay_beside_those_that_are_asked_for(tmp_path):
     keep(tmp_path, load())
     changed = load(CONFIG, "problem.mass=2")
-    with read_results(tmp_path / "many.h5") as stored:
-        assert stored.of_another_problem(changed.experiments[0].runs()[:1]) == 12
-        assert stored.of_another_problem(load().experiments[0].runs()[:1]) == 0
     assert keep(tmp_path, changed) == 12
     with h5py.File(tmp_path / "many.h5") as file:
         assert file[GROUP]["position"].shape[0] == 6
+    told = [(run.members, run.variant) for run in list_runs(tmp_path / "many.h5").runs]
+    assert told == 2 * [(6, "")] + 2 * [(6, "problem.mass = 1")]
+    assert keep(tmp_path, load()) == 0
 
 
-def test_an_experiment_that_gets_a_sweep_replaces_its_single_runs(tmp_path):
+def test_an_experiment_that_gets_a_sweep_keeps_its_single_runs(tmp_path):
     alone = CONFIG.replace("sweep:", "# sweep:")
     assert keep(tmp_path, load(alone)) == 2
     assert keep(tmp_path, load()) == 12
     with h5py.File(tmp_path / "many.h5") as file:
         assert file[GROUP]["position"].ndim == 3
-    assert keep(tmp_path, load(alone)) == 2
+    assert keep(tmp_path, load(alone)) == 0
     with h5py.File(tmp_path / "many.h5") as file:
         assert file[GROUP]["position"].ndim == 2
+    assert keep(tmp_path, load()) == 0
 
 
 def test_members_are_read_in_small_blocks_as_well(tmp_path, monkeypatch):
@@ -186,7 +187,7 @@ def test_members_are_read_in_small_blocks_as_well(tmp_path, monkeypatch):
     finished = [
         one for batch in batches_of(loaded.experiments[0].runs()) for one in execute_batch(batch)
     ]
-    monkeypatch.setattr(batch_reading, "BLOCK_BYTES", 1500)
+    monkeypatch.setattr(snapshot, "BLOCK_BYTES", 1500)
     with open_results(tmp_path, "many") as results:
         results.add_batch(finished[:6])
         results.add_batch(finished[6:])

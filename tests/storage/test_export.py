@@ -14,8 +14,7 @@ from typer.testing import CliRunner
 
 from fvi_cli.cli.app import app
 from fvi_cli.errors import RequestError, StorageError
-from fvi_cli.storage.arrays import StoredArrays, stored_arrays
-from fvi_cli.storage.export import FORMATS, export_file
+from fvi_cli.storage.export import FORMATS, StoredArrays, export_file, stored_arrays
 
 CONFIG = """
 name: two-masses

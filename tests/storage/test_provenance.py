@@ -52,9 +52,9 @@ MATTERS = [
     "ladder.steps=[8, 16]",
     "report={norm: l2}",
     "store={every: 2}",
-    "allow_unstable=true",
 ]
 DOES_NOT = [
+    "allow_unstable=true",
     "name=slow",
     "expect={bdf2: unstable}",
     "ladder.steps=[4, 16, 32]",

@@ -1,0 +1,187 @@
+"""A group of a result file: one run, or the members of a sweep side by side.
+
+A single run is a batch of one. What the runs of a group have in common is an attribute; what
+members of a sweep differ in is a dataset along ``member``, and their arrays have that axis in
+front. A trajectory that stopped early ends in nan there; ``points`` says how much of it counts.
+
+The attribute ``checksum`` is the SHA-256 of everything that is said of the runs. Among that are the
+checksums of their arrays, so that a listing is verified without reading them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.storage.provenance import CHECKSUM, canonical_json, checksum
+from fvi_cli.storage.records import DIMENSIONS, FIELDS, POINTS, SHARED, SWEPT, Record, digest_of
+from fvi_cli.studies.members import with_values
+
+COMPLETE = "complete"
+"""Attribute of a group that is written last."""
+
+CONVERGENCE = "convergence"
+"""Group of a case that holds no run."""
+
+MEMBER = "member"
+
+_RESIDUALS = "newton_worst_residuals"
+
+Columns = dict[str, list[Any]]
+"""The attributes of runs by name, a value for each of them."""
+
+
+@dataclass(frozen=True)
+class StoredGroup:
+    """A group that holds a run, or members of a sweep; what is read of it is verified.
+
+    What is not as it was written raises ValueError, KeyError or TypeError.
+    """
+
+    group: h5py.Group
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether it was written to its end."""
+        return COMPLETE in self.group.attrs
+
+    @cached_property
+    def keys(self) -> tuple[str, ...]:
+        """What members of a sweep differ in; nothing where one run stands alone."""
+        return tuple(json.loads(self.group.attrs[SWEPT])) if SWEPT in self.group.attrs else ()
+
+    @cached_property
+    def nodes(self) -> dict[str, h5py.Dataset]:
+        """The datasets by name; nothing else may be there, and nothing outside of the file."""
+        found = children(self.group)
+        for name, node in found.items():
+            if not isinstance(node, h5py.Dataset):
+                raise TypeError(f"{self.group.name}/{name} is no dataset")
+            _refuse_strange(node)
+        return found
+
+    @cached_property
+    def attributes(self) -> dict[str, Any]:
+        """Attributes of the group."""
+        last = (COMPLETE, CHECKSUM)
+        said = {name: value for name, value in self.group.attrs.items() if name not in last}
+        columns = {f"{name}[member]": values for name, values in self.by_member.items()}
+        if checksum({**said, **columns}) != self.group.attrs[CHECKSUM]:
+            raise ValueError(f"what is said in {self.group.name} is not what was written")
+        return said
+
+    @cached_property
+    def by_member(self) -> Columns:
+        """What members differ in, by name."""
+        names = [n for n in self.nodes if n not in (MEMBER, *SHARED, *DIMENSIONS)]
+        return {name: _read_column(self.nodes[name]) for name in names}
+
+    @cached_property
+    def columns(self) -> Columns:
+        """The attributes of all runs, as they were given to :func:`write_group`."""
+        count = len(self)
+        own = {name: [value] * count for name, value in self.attributes.items()}
+        own |= {name: v for name, v in self.by_member.items() if name not in self.keys}
+        if self.keys:
+            template = json.loads(self.attributes["specification"])
+            own["specification"] = [
+                canonical_json({**template, "problem": with_values(template["problem"], values)})
+                for values in self.values
+            ]
+        del own["shared_sha256"]
+        return own
+
+    @property
+    def values(self) -> list[dict[str, Any]]:
+        """The swept values of every member."""
+        found = [self.by_member[key] for key in self.keys]
+        return [dict(zip(self.keys, one, strict=True)) for one in zip(*found, strict=True)]
+
+    def __len__(self) -> int:
+        """Number of runs."""
+        return int(self.nodes[MEMBER].shape[0]) if self.keys else 1
+
+    @cached_property
+    def shared(self) -> dict[str, NDArray[Any]]:
+        """Times, and labels of other axes."""
+        found = {name: np.asarray(self.nodes[name][()]) for name in SHARED if name in self.nodes}
+        longest = {
+            name: values[: np.count_nonzero(np.isfinite(values))] if self.keys else values
+            for name, values in found.items()
+        }
+        if digest_of(longest) != self.attributes["shared_sha256"]:
+            raise ValueError(f"the numbers in {self.group.name} are not those that were written")
+        return found
+
+    def records(self, start: int, stop: int) -> list[Record]:
+        """The runs from `start` up to `stop`, as they were written."""
+        rows: Any = (slice(start, stop),) if self.keys else (None,)
+        names = [name for name in self.nodes if name in DIMENSIONS and name not in SHARED]
+        data = {
+            name: np.asarray(self.nodes[name][rows[0]] if self.keys else self.nodes[name][()][None])
+            for name in names
+        }
+        records = []
+        for row in range(start, stop):
+            attributes = {name: values[row] for name, values in self.columns.items()}
+            points = int(attributes[POINTS])
+            fields = [name for name in attributes[FIELDS].split(",") if name]
+            own = {name: data[name][row - start, :points] for name in fields}
+            if digest_of(own) != attributes["data_sha256"]:
+                raise ValueError(
+                    f"the numbers in {self.group.name} are not those that were written"
+                )
+            datasets = {**self.shared, "time": self.shared["time"][:points], **own}
+            residuals = attributes.pop(_RESIDUALS, "")
+            if len(residuals):
+                attributes[_RESIDUALS] = np.asarray(residuals, dtype=float)
+            records.append(Record(attributes=attributes, datasets=datasets))
+        return records
+
+    def rows_at_a_time(self, most_bytes: int) -> int:
+        """How many runs are read at a time."""
+        size = sum(int(node.nbytes) for node in self.nodes.values())
+        return max(1, min(len(self), most_bytes * len(self) // max(size, 1)))
+
+
+def children(group: h5py.Group) -> dict[str, Any]:
+    """What lies in a group; links that lead elsewhere are refused."""
+    found = {}
+    for name in group:
+        if group.id.links.get_info(name.encode()).type != h5py.h5l.TYPE_HARD:
+            raise TypeError(f"{group.name}/{name} is a link that leads elsewhere")
+        found[name] = group[name]
+    return found
+
+
+def _refuse_strange(dataset: h5py.Dataset) -> None:
+    """Only what this program writes: numbers and texts that lie in the file itself."""
+    is_text = h5py.check_string_dtype(dataset.dtype) is not None
+    held = dataset.id.get_storage_size() == dataset.size * dataset.dtype.itemsize or is_text
+    if dataset.external is not None or dataset.is_virtual or dataset.chunks is not None or not held:
+        raise TypeError(f"{dataset.name} does not lie in the file as it was written")
+    if not is_text and dataset.dtype.str not in ("<f8", "<i8"):
+        raise TypeError(f"{dataset.name} holds {dataset.dtype}, not numbers or texts")
+
+
+def run_groups(file: h5py.File) -> Iterator[tuple[str, str, StoredGroup]]:
+    """Every group of runs of a file, with the names of the groups that it lies in."""
+    for experiment, cases in children(file).items():
+        for case, groups in children(cases).items():
+            for name, group in children(groups).items():
+                if name != CONVERGENCE:
+                    yield experiment, case, StoredGroup(group)
+
+
+def _read_column(dataset: h5py.Dataset) -> list[Any]:
+    if h5py.check_string_dtype(dataset.dtype) is None:
+        return list(dataset[()].tolist())
+    texts = list(dataset.asstr()[()])
+    return [json.loads(t) for t in texts] if "encoding" in dataset.attrs else texts

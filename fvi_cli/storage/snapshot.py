@@ -1,0 +1,167 @@
+"""One result file, or part of one, as it was when it was opened; and where runs lie in it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from fvi_cli.storage.files import damage_told, open_stored
+from fvi_cli.storage.groups import StoredGroup, run_groups
+from fvi_cli.storage.provenance import canonical_json
+from fvi_cli.storage.records import Place, Record, group_path, place_of, variant_of
+from fvi_cli.studies.experiment import FinishedRun, Run
+
+VARIANT_MARK = "@"
+"""Behind the name of an experiment in a group that holds runs of other values."""
+
+BLOCK_BYTES = 2**25
+"""Trajectories of members that are read at a time."""
+
+BLOCKS_KEPT = 2
+
+Key = tuple[Place, str, str, bool]
+"""What is stored once: place, variant, method, and whether it is a refusal. A run that a later
+version of the program computes, or that is computed afresh, has the key of the earlier one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Location:
+    """Where a complete run is stored, and which one it is.
+
+    Parameters
+    ----------
+    file, group, row
+        Result file or part, path of the group, number in it.
+    key
+        What is stored once.
+    identity, predicted
+        As stored.
+    """
+
+    file: Path
+    group: str
+    row: int
+    key: Key
+    identity: str
+    predicted: str
+
+    @property
+    def place(self) -> Place:
+        """Experiment, case, number of steps, swept values."""
+        return self.key[0]
+
+    @property
+    def is_refusal(self) -> bool:
+        """Whether it says only that the run was predicted to blow up."""
+        return self.key[3]
+
+    @property
+    def is_of_configuration(self) -> bool:
+        """Whether it lies where the runs lie that the file's configuration asks for."""
+        return VARIANT_MARK not in self.group
+
+
+class Snapshot:
+    """A result file, or a part, as it was when it was opened."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._stack = contextlib.ExitStack()
+        self.file: h5py.File = self._stack.enter_context(open_stored(path))
+        self._groups: dict[str, StoredGroup] = {}
+        self._blocks: OrderedDict[tuple[str, int], list[Record]] = OrderedDict()
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._groups.clear()
+        self._blocks.clear()
+        self._stack.close()
+
+    def locations(self) -> list[Location]:
+        """Every complete run; those of other values than the configuration's come first."""
+        with damage_told(self.path):
+            found = [
+                location
+                for _, _, group in run_groups(self.file)
+                if group.is_complete
+                for location in self._in_group(group)
+            ]
+        return sorted(found, key=lambda location: location.is_of_configuration)
+
+    def _in_group(self, group: StoredGroup) -> Iterator[Location]:
+        path = str(group.group.name)
+        self._groups[path] = group
+        # a run that stands alone is verified when it is read
+        a = group.group.attrs if not group.keys else group.attributes
+        specification = json.loads(a["specification"])
+        variant = variant_of(specification, group.keys)
+        method = canonical_json(specification["method"])
+        names = (str(a["experiment"]), str(a["case"]), int(a["n_steps"]))
+        values = [canonical_json(one) for one in group.values] if group.keys else [""]
+        columns = ("identity", "predicted", "status")
+        rows = [group.by_member[n] if group.keys else [str(a[n])] for n in columns]
+        for row, (own, mine, predicted, status) in enumerate(zip(values, *rows, strict=True)):
+            refused = _is_refusal(status, predicted, specification)
+            key = ((*names, own), variant, method, refused)
+            yield Location(
+                file=self.path, group=path, row=row, key=key, identity=mine, predicted=predicted
+            )
+
+    def record(self, location: Location) -> Record:
+        """A run as it was written."""
+        with damage_told(self.path):
+            group = self._group(location.group)
+            size = group.rows_at_a_time(BLOCK_BYTES)
+            number, within = divmod(location.row, size)
+            block = self._blocks.get((location.group, number))
+            if block is None:
+                start = number * size
+                block = group.records(start, min(start + size, len(group)))
+                self._blocks[location.group, number] = block
+                while len(self._blocks) > BLOCKS_KEPT:
+                    self._blocks.popitem(last=False)
+            return block[within]
+
+    def attributes(self, location: Location) -> dict[str, Any]:
+        """What is said of a run."""
+        with damage_told(self.path):
+            columns = self._group(location.group).columns
+            return {name: values[location.row] for name, values in columns.items()}
+
+    def _group(self, path: str) -> StoredGroup:
+        if path not in self._groups:
+            self._groups[path] = StoredGroup(self.file[path])
+        return self._groups[path]
+
+
+def _is_refusal(status: str, predicted: str, specification: Mapping[str, Any]) -> bool:
+    allowed = specification["allow_unstable"]
+    return status == "refused" and predicted == "unstable" and not allowed
+
+
+def key_of(run: Run) -> tuple[Place, str, str]:
+    """Place, variant and method of a run: what tells it from others in a file."""
+    specification = json.loads(canonical_json(run.specification()))
+    keys = () if run.member is None else tuple(run.member.values)
+    return place_of(run), variant_of(specification, keys), canonical_json(specification["method"])
+
+
+def location_of(path: Path, row: int, finished: FinishedRun, record: Record) -> Location:
+    """Where a run has just been written."""
+    run, own = finished.run, key_of(finished.run)
+    refusal = _is_refusal(finished.status, finished.predicted, run.specification())
+    return Location(
+        file=path,
+        group=group_path(own[0]),
+        row=row,
+        key=(*own, refusal),
+        identity=str(record.attributes["identity"]),
+        predicted=finished.predicted,
+    )

@@ -1,0 +1,399 @@
+"""The runs of a result file: looked up, kept one by one, consolidated, forgotten."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections import OrderedDict
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fvi_cli.errors import StorageError
+from fvi_cli.storage.atomic import file_lock, told
+from fvi_cli.storage.consolidation import Layout, layout_of, write_file
+from fvi_cli.storage.contents import CONFIGURATION, Configuration, described
+from fvi_cli.storage.files import (
+    PARTS_SUFFIX,
+    SUFFIX,
+    damage_told,
+    part_paths,
+    remove_unfinished,
+    replacing,
+    root_attributes,
+)
+from fvi_cli.storage.groups import run_groups
+from fvi_cli.storage.provenance import identity, sha256
+from fvi_cli.storage.records import (
+    Form,
+    Place,
+    asked_for_tolerance,
+    finished_of,
+    form_of,
+    group_path,
+    place_of,
+    record_of,
+)
+from fvi_cli.storage.snapshot import VARIANT_MARK, Key, Location, Snapshot, location_of
+from fvi_cli.storage.writing import columns_of, write_group
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+
+_logger = logging.getLogger(__name__)
+
+PARTS_KEPT = 8
+"""Parts that are open at a time."""
+
+
+@dataclass(kw_only=True, eq=False)
+class Store:
+    """A result file and the parts beside it, as one command sees them.
+
+    Made by :func:`open_results`, where new runs may be added, or :func:`read_results`. The file is
+    opened once, and what is read of it is as it was then.
+    """
+
+    path: Path
+    is_fresh: bool = False
+    _main: Snapshot | None = None
+    _parts: OrderedDict[Path, Snapshot] = field(default_factory=OrderedDict)
+    _by_identity: dict[tuple[str, Form, bool], Location] = field(default_factory=dict)
+    _by_key: dict[Key, Location] = field(default_factory=dict)
+    _by_place: dict[Place, Location] = field(default_factory=dict)
+    _asked: dict[Key, Location] = field(default_factory=dict)
+    _numbers: dict[Key, int] = field(default_factory=dict)
+
+    @property
+    def parts(self) -> Path:
+        """Folder of the parts."""
+        return self.path.with_suffix(PARTS_SUFFIX)
+
+    def locations(self) -> list[Location]:
+        """Every complete run."""
+        return list(self._by_key.values())
+
+    def finished(self, run: Run) -> FinishedRun | None:
+        """The run with its result, read back; None if it is not there or not complete.
+
+        A run that was computed although it was predicted to blow up is given only to an experiment
+        that allows that, the refusal of one only to others.
+
+        Raises
+        ------
+        StorageError
+            If what is stored is damaged.
+        """
+        location = None if self.is_fresh else self._find(run)
+        if location is None:
+            return None
+        found = self._read(location, Snapshot.record)
+        if found is None:
+            # its part went into the file since
+            location = self._find(run)
+            found = None if location is None else self._read(location, Snapshot.record)
+        if found is None or location is None:
+            return None
+        with damage_told(location.file):
+            if found.attributes["identity"] != location.identity:
+                raise ValueError(f"{location.group} holds another run than it is said to")
+            finished = finished_of(found, run)
+        self._ask(run, location)
+        return finished
+
+    def chosen(self, experiment: Experiment) -> FinishedRun | None:
+        """The run that was chosen for the tolerance of an open experiment; None if none was.
+
+        Raises
+        ------
+        StorageError
+            If what is stored is damaged.
+        """
+        for location in list(self._by_key.values()):
+            if location.place[0] == experiment.name and '"accuracy"' in location.key[1]:
+                attributes = self._read(location, Snapshot.attributes) or {}
+                run = asked_for_tolerance(experiment, attributes)
+                found = None if run is None else self.finished(run)
+                if found is not None:
+                    return found
+        return None
+
+    def _find(self, run: Run) -> Location | None:
+        # the same numbers may be there as a member of another sweep, in a group of another form
+        named, form = identity(run), form_of(place_of(run))
+        computed = self._by_identity.get((named, form, False))
+        if run.experiment.allow_unstable:
+            return computed
+        if computed is not None and computed.predicted != "unstable":
+            return computed
+        return self._by_identity.get((named, form, True))
+
+    def _read(self, location: Location, how: Callable[[Snapshot, Location], Any]) -> Any:
+        """What `how` reads; None if a part has gone, and all is looked up again."""
+        try:
+            return how(self._snapshot(location.file), location)
+        except StorageError:
+            if location.file == self.path or location.file.exists():
+                raise
+        self._look()
+        return None
+
+    def _snapshot(self, path: Path) -> Snapshot:
+        if path == self.path:
+            if self._main is None:
+                self._main = Snapshot(path)
+            return self._main
+        if path not in self._parts:
+            self._parts[path] = Snapshot(path)
+        self._parts.move_to_end(path)
+        while len(self._parts) > PARTS_KEPT:
+            self._parts.popitem(last=False)[1].close()
+        return self._parts[path]
+
+    def _look(self) -> None:
+        """Look up what there is."""
+        self.close()
+        self._forget_index()
+        # parts first: when they are consolidated meanwhile, the file is opened after that
+        parts: list[Location] = []
+        for path in part_paths(self.path):
+            try:
+                parts += self._snapshot(path).locations()
+            except StorageError:
+                if path.exists():
+                    raise
+        if self.path.exists():
+            self._learn(self._snapshot(self.path).locations())
+        self._learn(parts)
+
+    def _forget_index(self) -> None:
+        for index in (self._by_identity, self._by_key, self._by_place):
+            index.clear()
+
+    def _learn(self, locations: Iterable[Location]) -> None:
+        for location in locations:
+            form = form_of(location.place)
+            self._by_identity[location.identity, form, location.is_refusal] = location
+            self._by_key[location.key] = location
+            self._by_place[location.place] = location
+
+    def close(self) -> None:
+        """Let go of all files."""
+        while self._parts:
+            self._parts.popitem()[1].close()
+        if self._main is not None:
+            self._main.close()
+        self._main = None
+
+    def places(self) -> Collection[Place]:
+        """Where runs are stored that are complete."""
+        return self._by_place.keys()
+
+    def attributes(self, place: Place) -> Mapping[str, Any]:
+        """What is said of the run in one of :meth:`places`, that of the configuration if any."""
+        return self._read(self._by_place[place], Snapshot.attributes) or {}
+
+    def incomplete(self) -> frozenset[str]:
+        """Paths of groups of runs that are only half there."""
+        if self._main is None:
+            return frozenset()
+        with damage_told(self.path):
+            groups = [group for _, _, group in run_groups(self._main.file)]
+            return frozenset(str(one.group.name) for one in groups if not one.is_complete)
+
+    def add(self, finished: FinishedRun) -> None:
+        """Write a finished run at once, as a part of its own.
+
+        Raises
+        ------
+        StorageError
+            If it cannot be written; other runs stay as they are.
+        """
+        self.add_batch([finished])
+
+    def add_batch(self, batch: Sequence[FinishedRun]) -> None:
+        """Write the finished runs of a batch at once; those that share a group as one part.
+
+        Raises
+        ------
+        StorageError
+            As :meth:`add`.
+        """
+        with told(self.parts):
+            self.parts.mkdir(exist_ok=True)
+        alone = [[one] for one in batch if one.run.member is None]
+        members = [one for one in batch if one.run.member is not None]
+        for together in [*alone, *([members] if members else [])]:
+            records = [record_of(finished) for finished in together]
+            columns = columns_of([record.attributes for record in records])
+            # experiments may share a run, and a refusal has the identity of what it refuses
+            names = [*columns["identity"], columns["experiment"][0], *columns["status"]]
+            path = self.parts / f"{sha256(';'.join(names))}{SUFFIX}"
+            if path in self._parts:
+                self._parts.pop(path).close()
+            with replacing(path) as new:
+                write_group(new.file, group_path(place_of(together[0].run)), columns, [records])
+            for row, (finished, record) in enumerate(zip(together, records, strict=True)):
+                location = location_of(path, row, finished, record)
+                self._learn([location])
+                self._ask(finished.run, location)
+
+    def _ask(self, run: Run, location: Location) -> None:
+        """What is asked for belongs where the file's configuration points to."""
+        key = (place_of(run), *location.key[1:])
+        self._asked[key] = location
+        if run.member is not None:
+            self._numbers[key] = run.member.number
+
+    def consolidate(self, configuration: Configuration) -> Path | None:
+        """Put all finished runs into one file, then remove the parts.
+
+        Runs that were not asked for this time are kept, those of other values in groups of their
+        own. What was computed again replaces the earlier run.
+
+        Returns
+        -------
+        Path or None
+            The file; None when there is no finished run.
+
+        Raises
+        ------
+        StorageError
+            If it cannot be written; then the file that was there and the parts are untouched.
+        """
+        if not self._by_key:
+            return None
+        # nothing that is asked for is finished: the file keeps the configuration that it has
+        is_described = self._main is not None and not self._asked
+        said = self._said() if is_described else described(configuration)
+        layout = layout_of(self._by_key, self._asked, self._numbers)
+        if not self._is_current(layout, said):
+            others = sum(len(runs) for path, runs in layout.items() if VARIANT_MARK in path)
+            if others:
+                _logger.info(
+                    "%s: holds %d runs of other values as well; `fvi show` lists them, "
+                    "`fvi forget` removes them",
+                    self.path,
+                    others,
+                )
+            self._write(layout, said)
+        self._remove_parts()
+        return self.path
+
+    def _said(self) -> dict[str, str]:
+        """What the file says of its configuration."""
+        with damage_told(self.path):
+            root = root_attributes(self._snapshot(self.path).file)
+            return {name: root[name] for name in CONFIGURATION}
+
+    def forget(self, locations: Collection[Location]) -> None:
+        """Remove runs from the file; what else is in it stays, parts are taken in.
+
+        Raises
+        ------
+        StorageError
+            If it cannot be written; then everything is as it was.
+        """
+        unwanted = {location.key for location in locations}
+        remaining = [one for key, one in self._by_key.items() if key not in unwanted]
+        self._asked = {one.key: one for one in remaining if one.is_of_configuration}
+        self._by_key = {one.key: one for one in remaining}
+        if remaining:
+            self._write(layout_of(self._by_key, self._asked, self._numbers), self._said())
+        elif self.path.exists():
+            self.close()
+            with told(self.path):
+                self.path.unlink()
+        self._remove_parts()
+
+    def _is_current(self, layout: Layout, said: Mapping[str, str]) -> bool:
+        """Whether the file holds just that already."""
+        if self._main is None:
+            return False
+        held = {str(group.group.name) for _, _, group in run_groups(self._main.file)}
+        root = self._main.file.attrs
+        return (
+            held == set(layout)
+            and all(root.get(name) == value for name, value in said.items())
+            and all(
+                (one.file, one.group, one.row) == (self.path, path, row) and one.place == key[0]
+                for path, runs in layout.items()
+                for row, (key, one) in enumerate(runs)
+            )
+        )
+
+    def _write(self, layout: Layout, said: Mapping[str, str]) -> None:
+        try:
+            # some systems replace no file that is open
+            write_file(self.path, layout, said, opened=self._snapshot, done=self.close)
+        except StorageError as error:
+            kept = f"; finished runs are kept in {self.parts}" if part_paths(self.path) else ""
+            raise StorageError(f"{error}{kept}") from error
+        self._asked = {}
+        self._forget_index()
+        self._learn(self._snapshot(self.path).locations())
+
+    def _remove_parts(self) -> None:
+        while self._parts:
+            self._parts.popitem()[1].close()
+        with told(self.parts):
+            if self.parts.is_dir():
+                for path in part_paths(self.path):
+                    path.unlink()
+                with contextlib.suppress(OSError):  # somebody keeps other files there
+                    self.parts.rmdir()
+
+
+@contextlib.contextmanager
+def open_results(directory: Path, name: str, *, fresh: bool = False) -> Iterator[Store]:
+    """Open ``<name>.h5`` in `directory` for reading and for new runs.
+
+    The file is held by a lock of the kernel until the block ends.
+
+    Parameters
+    ----------
+    directory
+        Folder of results; it is made when it is missing.
+    name
+        Of the configuration.
+    fresh
+        Find nothing that is stored; it is replaced by what is computed again, run by run.
+
+    Raises
+    ------
+    StorageError
+        If another process writes it, the folder cannot be used, or a file of that name cannot
+        be read or is not ours.
+    """
+    path = directory / f"{name}{SUFFIX}"
+    with file_lock(path):
+        remove_unfinished(path)
+        with contextlib.closing(Store(path=path, is_fresh=fresh)) as store:
+            store._look()
+            yield store
+
+
+@contextlib.contextmanager
+def read_results(
+    path: Path, *, fresh: bool = False, may_be_missing: bool = False
+) -> Iterator[Store]:
+    """Look up runs of a result file, and of parts that wait beside it; nothing is written.
+
+    Parameters
+    ----------
+    path
+        The file.
+    fresh
+        Find nothing that is stored.
+    may_be_missing
+        Take a file that is not there for one without runs.
+
+    Raises
+    ------
+    StorageError
+        If neither is there, or one cannot be read.
+    """
+    with contextlib.closing(Store(path=path, is_fresh=fresh)) as store:
+        store._look()
+        if store._main is None and not store.locations() and not may_be_missing:
+            store._snapshot(path)  # says that it is not there
+        yield store

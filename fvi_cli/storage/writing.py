@@ -1,0 +1,307 @@
+"""Runs are written into groups of a file, and the summary of a case beside them."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.storage.groups import COMPLETE, MEMBER, Columns
+from fvi_cli.storage.provenance import CHECKSUM, canonical_json, checksum, plain, sha256
+from fvi_cli.storage.records import (
+    DIMENSIONS,
+    LONG_NAMES,
+    POINTS,
+    SHARED,
+    SWEPT,
+    Record,
+    digest_of,
+    stored_kind,
+)
+from fvi_cli.studies.members import value_at, without_values
+from fvi_cli.studies.sweep_summary import counts_in_words
+
+ALWAYS_BY_MEMBER = (
+    "identity",
+    "status",
+    "predicted",
+    "error",
+    "floor",
+    "expected_order",
+    "setup_seconds",
+    "stepping_seconds",
+    "history_operations",
+    "data_sha256",
+    POINTS,
+)
+"""Datasets along ``member`` even where all members have the same."""
+
+MEANINGS: Mapping[str, str] = {
+    **LONG_NAMES,
+    MEMBER: "member of the sweep",
+    POINTS: "number of points that the member has; nan behind them",
+    "identity": "SHA-256 of what determines the numbers",
+    "floor": "errors below are round-off or the reference's own",
+    "predicted": "what the stability analysis said",
+    "expected_order": "order that theory expects",
+    "setup_seconds": "time for weights and factorisations in seconds",
+    "stepping_seconds": "time for the steps in seconds",
+}
+
+_SUMMARIES: Mapping[str, Any] = {
+    "identity": lambda values: sha256(";".join(values)),
+    "status": counts_in_words,
+    "predicted": counts_in_words,
+    "gamma": lambda values: "swept",
+}
+_TEXT = h5py.string_dtype()
+
+
+def columns_of(attributes: Sequence[Mapping[str, Any]]) -> Columns:
+    """The attributes of runs by name; what a run does not have is an empty text."""
+    names = dict.fromkeys(name for one in attributes for name in one)
+    return {name: [one.get(name, "") for one in attributes] for name in names}
+
+
+def write_group(
+    file: h5py.File, path: str, columns: Columns, blocks: Iterable[Sequence[Record]]
+) -> None:
+    """Write a run, or members of a sweep, into one group.
+
+    Parameters
+    ----------
+    file
+        Open for writing.
+    path
+        Of the group.
+    columns
+        Attributes of all runs; without :data:`SWEPT` there is one run.
+    blocks
+        The runs in order, some at a time. The first block fixes the degrees of freedom.
+    """
+    group = file.create_group(path, track_order=True)
+    keys: list[str] = json.loads(columns[SWEPT][0]) if SWEPT in columns else []
+    count, length = len(columns["identity"]), max(int(points) for points in columns[POINTS])
+    said = _say_of_members(group, columns, keys) if keys else _say(group, columns)
+    shared: dict[str, NDArray[Any]] = {}
+    start = 0
+    for block in blocks:
+        for record in block:
+            for name in SHARED:
+                values = record.datasets.get(name)
+                if values is not None and (name not in shared or values.size > shared[name].size):
+                    shared[name] = values
+        _write_shared(group, shared, length)
+        for name in dict.fromkeys(n for record in block for n in record.datasets):
+            if name in SHARED:
+                continue
+            if not keys:
+                _create(group, name, data=block[0].datasets[name])
+                continue
+            if name not in group:
+                like = next(r.datasets[name] for r in block if name in r.datasets)
+                _create(group, name, shape=(count, length, *like.shape[1:]), keys=keys)
+            values = np.full((len(block), *group[name].shape[1:]), np.nan)
+            for row, record in enumerate(block):
+                if name in record.datasets:
+                    values[row, : record.datasets[name].shape[0]] = record.datasets[name]
+            group[name][start : start + len(block)] = values
+        start += len(block)
+    _attach_scales(group)
+    said["shared_sha256"] = group.attrs["shared_sha256"] = digest_of(shared)
+    group.attrs[CHECKSUM] = checksum(said)
+    group.attrs[COMPLETE] = np.int64(1)
+
+
+def _say(group: h5py.Group, columns: Columns) -> dict[str, Any]:
+    """Write the attributes of one run; returns them as they are read."""
+    said = {name: attribute(values[0]) for name, values in columns.items()}
+    for name, value in said.items():
+        group.attrs[name] = value
+    return said
+
+
+def _say_of_members(group: h5py.Group, columns: Columns, keys: Sequence[str]) -> dict[str, Any]:
+    """Write what is said of members; returns it as it is read."""
+    specifications = [json.loads(text) for text in columns["specification"]]
+    template = specifications[0]
+    shared_problem = without_values(template["problem"], tuple(keys))
+    said: dict[str, Any] = {
+        "specification": canonical_json({**template, "problem": shared_problem})
+    }
+    by_member: Columns = {
+        key: [value_at(one["problem"], key) for one in specifications] for key in keys
+    }
+    for name, values in columns.items():
+        if name == "specification":
+            continue
+        differs = not all(_same(value, values[0]) for value in values)
+        if not differs or name in _SUMMARIES:
+            summary = _SUMMARIES[name](values) if differs else values[0]
+            said[name] = attribute(summary)
+        if differs or name in ALWAYS_BY_MEMBER:
+            by_member[name] = values
+    for name, value in said.items():
+        group.attrs[name] = value
+    group.create_dataset(MEMBER, data=np.arange(len(specifications))).make_scale(MEMBER)
+    group[MEMBER].attrs["long_name"] = MEANINGS[MEMBER]
+    for name, values in by_member.items():
+        write_column(group, name, values, coordinates=() if name in keys else keys)
+    return said | {f"{name}[member]": values for name, values in by_member.items()}
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return np.array_equal(one, other)
+    if isinstance(one, float) and isinstance(other, float):
+        return one == other or (math.isnan(one) and math.isnan(other))
+    return type(one) is type(other) and bool(one == other)
+
+
+def attribute(value: Any) -> Any:
+    """A value as other readers of HDF5 expect it: text, float64, int64, or an array of these.
+
+    Raises
+    ------
+    TypeError
+        For anything else; bool and None have no counterpart in netCDF.
+    """
+    if isinstance(value, bool) or value is None:
+        raise TypeError(f"attribute: {value!r} is not text, a number or an array of numbers")
+    if isinstance(value, str):
+        return value
+    if isinstance(value, int | np.integer):
+        return np.int64(value)
+    if isinstance(value, float | np.floating):
+        return np.float64(value)
+    if isinstance(value, np.ndarray) and value.dtype.kind in "if" and value.size:
+        return value
+    raise TypeError(f"attribute: {value!r} is not text, a number or an array of numbers")
+
+
+def write_column(
+    group: h5py.Group, name: str, values: Sequence[Any], *, coordinates: Sequence[str] = ()
+) -> None:
+    """Write one value for every member: numbers, texts, or JSON where it is neither."""
+    encoding = ""
+    data: Any
+    kind: Any
+    if all(isinstance(v, int | np.integer) and not isinstance(v, bool) for v in values):
+        data, kind = np.array(values, dtype=np.int64), np.dtype("<i8")
+    elif all(isinstance(v, float | np.floating) for v in values):
+        data, kind = np.array(values, dtype=float), np.dtype("<f8")
+    else:
+        if not all(isinstance(v, str) for v in values):
+            encoding = "json"
+            values = [json.dumps(plain(v)) for v in values]
+        data, kind = list(values), _TEXT
+    dataset = group.create_dataset(name, data=data, dtype=kind)
+    dataset.attrs["long_name"] = MEANINGS.get(name, name.replace("_", " "))
+    if encoding:
+        dataset.attrs["encoding"] = encoding
+    if coordinates:
+        dataset.attrs["coordinates"] = " ".join(coordinates)
+
+
+def _write_shared(group: h5py.Group, shared: Mapping[str, NDArray[Any]], length: int) -> None:
+    for name, values in shared.items():
+        if name not in group:
+            # members that follow may have more points
+            size = length if name == "time" else values.size
+            _create(group, name, shape=(size,), kind=stored_kind(values))
+            group[name].make_scale(name)
+        group[name][: values.size] = values
+
+
+def _create(
+    group: h5py.Group,
+    name: str,
+    *,
+    data: NDArray[Any] | None = None,
+    shape: tuple[int, ...] | None = None,
+    kind: str = "<f8",
+    keys: Sequence[str] = (),
+) -> None:
+    if data is not None:
+        dataset = group.create_dataset(name, data=data, dtype=stored_kind(data))
+    else:
+        dataset = group.create_dataset(name, shape=shape, dtype=kind, fillvalue=_FILL[kind])
+    dataset.attrs["long_name"] = MEANINGS[name]
+    if keys:
+        dataset.attrs["coordinates"] = " ".join(keys)
+
+
+_FILL: Mapping[str, float] = {"<f8": math.nan, "<i8": 0}
+
+
+def _attach_scales(group: h5py.Group) -> None:
+    first = (MEMBER,) if MEMBER in group else ()
+    for name, dataset in group.items():
+        if dataset.is_scale:
+            continue
+        for axis, dimension in enumerate((*first, *DIMENSIONS.get(name, ()))[: dataset.ndim]):
+            dataset.dims[axis].attach_scale(group[dimension])
+
+
+_SUMMARY: Mapping[str, tuple[str, Any, Any]] = {
+    "error": ("error", np.nan, float),
+    "seconds": ("stepping_seconds", np.nan, float),
+    "history_operations": ("history_operations", 0, np.int64),
+    "status": ("status", "missing", object),
+}
+
+
+def write_convergence(group: h5py.Group, ladder: Mapping[int, Columns]) -> None:
+    """The summary of a case: errors and what they took, by number of steps, and by member.
+
+    Parameters
+    ----------
+    group
+        Empty.
+    ladder
+        The attributes of all runs by number of steps.
+    """
+    steps = sorted(ladder)
+    first = ladder[steps[0]]
+    keys: list[str] = json.loads(first[SWEPT][0]) if SWEPT in first else []
+    places: dict[str, int] = {}
+    values: list[list[Any]] = []
+    rows: dict[int, list[int]] = {}
+    for n_steps in ladder:
+        problems = [json.loads(text)["problem"] for text in ladder[n_steps]["specification"]]
+        own = [[value_at(problem, key) for key in keys] for problem in problems]
+        rows[n_steps] = [places.setdefault(canonical_json(one), len(places)) for one in own]
+        for one, row in zip(own, rows[n_steps], strict=True):
+            if row == len(values):
+                values.append(one)
+    group.attrs["norm"] = attribute(first["norm"][0])
+    axes = {"n_steps": np.array(steps, dtype=np.int64)}
+    if keys:
+        group.attrs[SWEPT] = json.dumps(keys)
+        axes = {MEMBER: np.arange(len(places)), **axes}
+    for name, numbers in axes.items():
+        group.create_dataset(name, data=numbers, dtype="<i8").make_scale(name)
+        group[name].attrs["long_name"] = MEANINGS[name]
+    for key, column in zip(keys, zip(*values, strict=True), strict=True):
+        write_column(group, key, column)
+        group[key].dims[0].attach_scale(group[MEMBER])
+    sizes = np.array([float(ladder[n]["step_size"][0]) for n in steps])
+    group.create_dataset("step_size", data=sizes).dims[0].attach_scale(group["n_steps"])
+    group["step_size"].attrs["long_name"] = MEANINGS["step_size"]
+    for name, (source, empty, kind) in _SUMMARY.items():
+        table = np.full((len(places), len(steps)), empty, dtype=kind)
+        for rung, n_steps in enumerate(steps):
+            table[rows[n_steps], rung] = ladder[n_steps][source]
+        held = table if keys else table[0]
+        own_kind = _TEXT if kind is object else stored_kind(held)
+        dataset = group.create_dataset(name, data=held.tolist(), dtype=own_kind)
+        dataset.attrs["long_name"] = MEANINGS[name]
+        if keys:
+            dataset.attrs["coordinates"] = " ".join(keys)
+        for axis, dimension in enumerate(axes):
+            dataset.dims[axis].attach_scale(group[dimension])

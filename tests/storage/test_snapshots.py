@@ -1,0 +1,139 @@
+"""What a command reads of a file is one state of it, whoever replaces it meanwhile."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import test_storage as t
+from typer.testing import CliRunner
+
+from fvi_cli.cli.app import app
+from fvi_cli.storage import open_results, read_results, store
+from fvi_cli.studies.experiment import FinishedRun
+
+CONFIG = """\
+name: ten
+problem: {kind: damped-oscillator, initial: {position: 1.0}, final_time: 1.0}
+method: {bdf: [1, 2], sampling: nodes}
+ladder: {steps: [4, 8, 12, 16, 20]}
+"""
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The mode of every file that is opened."""
+    modes: list[str] = []
+    real = h5py.File.__init__
+
+    def counted(self, name, mode="r", *arguments, **keywords):
+        if not isinstance(name, h5py.h5g.GroupID):  # the library's own way to a file that is open
+            modes.append(mode)
+        return real(self, name, mode, *arguments, **keywords)
+
+    monkeypatch.setattr(h5py.File, "__init__", counted)
+    return modes
+
+
+def test_a_command_opens_its_file_at_most_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, opened: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ten.yaml").write_text(CONFIG)
+
+    def count(*arguments: str) -> int:
+        opened.clear()
+        done = CliRunner().invoke(app, list(arguments))
+        assert done.exit_code == 0, done.output
+        return len(opened)
+
+    assert count("run", "ten.yaml") > 10  # control: a part for every run
+    assert count("run", "ten.yaml") == 1
+    assert count("run", "ten.yaml", "--dry-run") == 1
+    assert count("convergence", "ten.yaml") == 1
+    assert count("convergence", "results/ten.h5") == 2
+    assert count("show", "results/ten.h5") == 1
+    assert count("export", "results/ten.h5", "--to", "npz") == 1
+
+
+def stamped(stiffness: float) -> list[FinishedRun]:
+    """Runs whose numbers all tell of their problem."""
+    finished = []
+    for run in t.experiment(stiffness=stiffness, methods=(t.BDF, t.GAUSS)).runs():
+        one = t.made_up(run, error=stiffness)
+        one.trajectory.position[:] = stiffness
+        finished.append(one)
+    return finished
+
+
+def test_a_reader_beside_a_writer_never_mixes_two_problems(tmp_path: Path) -> None:
+    problems = {value: stamped(value) for value in (1.0, 2.0)}
+    path = t.store(tmp_path, problems[1.0])
+    stop = threading.Event()
+    written = 0
+
+    def write() -> None:
+        nonlocal written
+        for value in itertools.cycle((2.0, 1.0)):
+            if stop.is_set():
+                return
+            t.store(tmp_path, problems[value], fresh=True)
+            written += 1
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        reads = 0
+        while written < 12 or reads < 20:
+            with read_results(path) as stored:
+                for value in (1.0, 2.0):
+                    found = [stored.finished(finished.run) for finished in problems[value]]
+                    # those of the other problem may not all be written yet
+                    for one in found if value == 1.0 else filter(None, found):
+                        assert one is not None
+                        assert one.error == value
+                        assert np.all(one.trajectory.position == value)
+            reads += 1
+    finally:
+        stop.set()
+        writer.join()
+
+
+def test_parts_that_go_into_the_file_while_they_are_read_are_found_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(store, "PARTS_KEPT", 1)
+    runs = stamped(1.0)
+    with open_results(tmp_path, "sample") as results:
+        for finished in runs:
+            results.add(finished)
+        with read_results(tmp_path / "sample.h5") as stored:
+            results.consolidate(t.CONFIGURATION)
+            for finished in runs:
+                t.assert_same(stored.finished(finished.run), finished)
+    # control: what is nowhere any more is not there
+    others = t.experiment(stiffness=3.0).runs()[:2]
+    with open_results(tmp_path, "sample") as results:
+        for run in others:
+            results.add(t.made_up(run))
+    with read_results(tmp_path / "sample.h5") as stored:
+        for part in (tmp_path / "sample.parts").iterdir():
+            part.unlink()
+        assert None in [stored.finished(run) for run in others]
+        assert stored.finished(runs[0].run) is not None
+
+
+def test_a_file_that_is_open_is_read_as_it_was(tmp_path: Path) -> None:
+    runs = stamped(1.0)
+    path = t.store(tmp_path, runs)
+    with read_results(path) as stored:
+        path.unlink()
+        t.store(tmp_path, stamped(2.0))
+        for finished in runs:
+            t.assert_same(stored.finished(finished.run), finished)
+    with read_results(path) as stored:
+        assert stored.finished(runs[0].run) is None
