@@ -15,6 +15,7 @@ command             call
 ``fvi cost``        :func:`cost`
 ``fvi hard-cases``  :func:`hard_cases`
 ``fvi export``      :func:`export`
+``fvi forget``      :func:`forget`
 ``fvi new``         :func:`starter_config`
 ``fvi schema``      :func:`json_schema`
 =================== ===========================================================================
@@ -131,6 +132,7 @@ __all__ = [
     "cost",
     "export",
     "figures",
+    "forget",
     "hard_cases",
     "integrate",
     "integrate_members",
@@ -257,16 +259,49 @@ def plan(
     return plan_runs([_request(source, allow_unstable=allow_unstable)], settings)
 
 
-def recall(path: Path | str) -> list[Outcome]:
-    """Read every run of a result file; nothing is computed.
+def recall(path: Path | str, *, overrides: Sequence[str] = ()) -> list[Outcome]:
+    """Read the runs of a result file that its configuration asks for; nothing is computed.
+
+    Parameters
+    ----------
+    path
+        Result file.
+    overrides
+        Changes ``key.path=value`` of that configuration, for runs of other values in the file.
 
     Raises
     ------
     StorageError
         If it cannot be read.
     """
-    (request,) = gather([str(path)])
+    (request,) = gather([str(path)], overrides)
     return run_request(request, Settings(output=Path(path).parent))
+
+
+def forget(
+    path: Path | str,
+    *,
+    overrides: Sequence[str] = (),
+    case: str | None = None,
+    others: bool = False,
+    everything: bool = False,
+) -> int:
+    """Remove runs from a result file, as ``fvi forget`` does; returns how many.
+
+    Which: those that its configuration asks for with changes ``key.path=value``, those of a method,
+    those that the configuration does not ask for, or all.
+
+    Raises
+    ------
+    RequestError
+        If nothing is said, or there is no such run.
+    """
+    from fvi_cli.runner.forget import Selection, forget_runs
+
+    selection = Selection(
+        overrides=tuple(overrides), case=case, others=others, everything=everything
+    )
+    return len(forget_runs(Path(path), selection))
 
 
 def contents(path: Path | str) -> StoredFile:

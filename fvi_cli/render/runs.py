@@ -5,10 +5,11 @@ from __future__ import annotations
 import shutil
 import sys
 import textwrap
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from fvi_cli.runner.outcome import Outcome
-from fvi_cli.storage import StoredFile
+from fvi_cli.storage import Location, StoredFile
 from fvi_cli.studies.sweep_summary import sweep_lines
 
 
@@ -92,7 +93,9 @@ def _members_as_text(outcome: Outcome) -> str:
 def contents_as_text(stored: StoredFile) -> str:
     """Where a result file comes from, and one line for every run in it."""
     lines = [f"{name}: {value}" for name, value in stored.provenance.items()]
-    rows = [("experiment", "case", "n_steps", "step_size", "norm", "error", "status")]
+    rows: list[tuple[str, ...]] = [
+        ("experiment", "case", "n_steps", "step_size", "norm", "error", "status", "with")
+    ]
     rows += [
         (
             run.experiment,
@@ -102,9 +105,12 @@ def contents_as_text(stored: StoredFile) -> str:
             run.norm,
             f"{run.error:.3e}",
             run.status if run.is_complete else "incomplete",
+            run.variant,
         )
         for run in stored.runs
     ]
+    if not any(run.variant for run in stored.runs):
+        rows = [row[:-1] for row in rows]
     text = "\n".join([*lines, "", aligned(rows)])
     swept = dict.fromkeys(
         f"{run.experiment}: {run.members} members, {run.swept}; the largest error is shown"
@@ -127,3 +133,9 @@ def titles_as_text(titles: Mapping[str, str]) -> str:
         )
         for name, title in titles.items()
     )
+
+
+def locations_as_text(locations: Sequence[Location]) -> str:
+    """One line for every group of a result file, with the number of runs in it."""
+    counts = Counter(location.group for location in locations)
+    return aligned([("group", "runs"), *((group, str(n)) for group, n in counts.items())])

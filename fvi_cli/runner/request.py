@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fvi_cli.config import LoadedConfig, find_config, load_config, parse_config
 from fvi_cli.errors import RequestError
+
+if TYPE_CHECKING:
+    from fvi_cli.storage import StoredConfiguration
 
 STORED_SUFFIX = ".h5"
 
@@ -70,10 +75,18 @@ def _request(source: str, overrides: Sequence[str], *, allow_unstable: bool) -> 
         from fvi_cli.storage import read_configuration
 
         # the file's own configuration, or with changes that of other runs in it
-        loaded = parse_config(read_configuration(path).resolved, source, overrides=overrides)
+        loaded = parse_config(_as_written(read_configuration(path)), source, overrides=overrides)
     if allow_unstable:
         loaded = allowing_unstable(loaded)
     return Request(name=loaded.name, loaded=loaded, stored=path)
+
+
+def _as_written(configuration: StoredConfiguration) -> str:
+    """A stored configuration in full, a single experiment without a list, as people write it."""
+    resolved = json.loads(configuration.resolved)
+    experiments = resolved["experiments"]
+    is_single = len(experiments) == 1 and experiments[0]["name"] == resolved["name"]
+    return json.dumps(experiments[0]) if is_single else configuration.resolved
 
 
 def allowing_unstable(loaded: LoadedConfig) -> LoadedConfig:

@@ -1,0 +1,195 @@
+"""Runs of other values side by side in a file: listed, picked, exported, forgotten."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+from pathlib import Path
+
+import h5py
+import pytest
+from typer.testing import CliRunner
+
+import fvi_cli as api
+from fvi_cli.cli.app import app
+from fvi_cli.runner import compute
+from fvi_cli.storage import list_runs
+
+CONFIG = """\
+name: quick
+problem:
+  kind: damped-oscillator
+  initial: {position: 1.0}
+  final_time: 1.0
+  exact: cos(t)
+method: {bdf: [1, 2], sampling: nodes}
+ladder: {steps: [4, 8]}
+"""
+STIFF = ("--set", "problem.stiffness=2")
+FILE = "results/quick.h5"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "quick.yaml").write_text(CONFIG)
+    return tmp_path
+
+
+def fvi(*arguments: str, code: int = 0):
+    result = CliRunner().invoke(app, list(arguments))
+    assert result.exit_code == code, result.output
+    assert "Traceback" not in result.output
+    return result
+
+
+def told(*arguments: str) -> str:
+    return fvi("run", "quick.yaml", *arguments).stderr
+
+
+def errors(*arguments: str) -> list[str]:
+    """The errors in the table of orders."""
+    fvi("convergence", *arguments, "--output", "made")
+    with Path("made/tables/quick.csv").open() as file:
+        return [row["error"] for row in csv.DictReader(file)]
+
+
+def test_runs_of_other_values_stay_and_are_taken_again() -> None:
+    assert "4 runs, 0 of them stored" in told()
+    assert "4 runs, 0 of them stored" in told(*STIFF)
+    assert "4 runs, 4 of them stored" in told()
+    assert "4 runs, 4 of them stored" in told(*STIFF)
+    listed = fvi("show", FILE).stdout
+    assert listed.count("problem.stiffness = 1") == 4
+    told()
+    assert fvi("show", FILE).stdout.count("problem.stiffness = 2") == 4
+    # a change of the text is a change like any other
+    Path("quick.yaml").write_text(CONFIG.replace("position: 1.0", "position: 0.5"))
+    assert "4 runs, 0 of them stored" in told()
+    variants = {run.variant for run in list_runs(Path(FILE)).runs}
+    assert variants == {
+        "",
+        "problem.initial.position = 1",
+        "problem.initial.position = 1, problem.stiffness = 2",
+    }
+
+
+def test_a_file_stands_for_its_own_configuration_unless_other_values_are_set() -> None:
+    told(*STIFF)
+    told()
+    assert errors(FILE) == errors("quick.yaml")
+    stiff = errors("quick.yaml", *STIFF)
+    assert stiff != errors("quick.yaml")
+    told()
+    assert errors(FILE, *STIFF) == stiff
+    missing = fvi("convergence", FILE, "--set", "problem.stiffness=3", "--output", "made")
+    assert "4 runs of quick are missing" in missing.stderr
+    wrong = fvi("convergence", FILE, "--set", "problem.stifness=3", code=2)
+    assert "stiffness" in wrong.stderr
+
+
+def test_what_is_asked_for_lies_where_the_contract_says_and_all_is_exported() -> None:
+    told()
+    told(*STIFF)
+    with h5py.File(FILE) as file:
+        case = "bdf1-nodes-s1-gauss1-none"
+        (other,) = [name for name in file if name != "quick"]
+        assert other.startswith("quick@")
+        group, beside = file[f"quick/{case}/n000008"], file[f"{other}/{case}/n000008"]
+        assert '"stiffness":2.0' in group.attrs["specification"]
+        assert '"stiffness":1.0' in beside.attrs["specification"]
+        assert group["position"][()].tolist() != beside["position"][()].tolist()
+        assert file[f"{other}/{case}/convergence/error"].shape == (2,)
+    fvi("export", FILE, "--to", "csv")
+    names = {path.name for path in Path("results/export/quick").iterdir()}
+    assert {f"quick-{case}-n000008.csv", f"{other}-{case}-n000008.csv"} < names
+    assert len(names) == 8
+
+
+def test_what_is_forgotten_is_listed_first_and_nothing_else_goes() -> None:
+    told()
+    told(*STIFF)
+    before = Path(FILE).read_bytes()
+    tried = fvi("forget", FILE, *STIFF, "--case", "bdf1", "--dry-run")
+    assert f"{FILE}: 2 runs would be forgotten" in tried.stdout
+    assert "/quick/bdf1-nodes-s1-gauss1-none/n000004" in tried.stdout
+    assert Path(FILE).read_bytes() == before
+    done = fvi("forget", FILE, *STIFF, "--case", "bdf1")
+    assert f"{FILE}: 2 runs forgotten" in done.stdout
+    assert "4 runs, 2 of them stored" in fvi("run", "quick.yaml", *STIFF).stderr
+    fvi("forget", FILE, "--others")
+    assert {run.variant for run in list_runs(Path(FILE)).runs} == {""}
+    assert "4 runs, 4 of them stored" in fvi("run", "quick.yaml", *STIFF).stderr
+    assert "4 runs, 0 of them stored" in told()
+    # control: from Python the same
+    assert api.forget(FILE, overrides=["problem.stiffness=2"]) == 4
+    assert len(list_runs(Path(FILE)).runs) == 4
+    fvi("forget", FILE, "--all")
+    assert sorted(path.name for path in Path("results").iterdir()) == [".quick.h5.lock"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), "say which runs: --set KEY.PATH=VALUE, --case, --others or --all"),
+        (("--all", "--case", "bdf1"), "--all: means every run"),
+        (("--others", *STIFF), "--set and --others: give one of them"),
+        (("--case", "bdf7"), "holds no such run"),
+        (("--set", "problem.stiffness=7"), "holds no such run"),
+        (("--set", "problem.stifness=7"), "stiffness"),
+    ],
+)
+def test_a_mistake_forgets_nothing(arguments: tuple[str, ...], words: str) -> None:
+    told()
+    before = Path(FILE).read_bytes()
+    assert words in fvi("forget", FILE, *arguments, code=2).stderr
+    assert Path(FILE).read_bytes() == before
+    assert "no such file" in fvi("forget", "results/other.h5", "--all", code=2).stderr
+    assert "such as quick.h5" in fvi("forget", "quick.yaml", "--all", code=2).stderr
+
+
+UNSTABLE = """\
+name: quick
+problem:
+  kind: bagley-torvik
+  damping: [{order: 1.5, coefficient: 1.0}]
+  forcing: 15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5
+  initial: {position: 0.0, velocity: 0.0}
+  final_time: 1.0
+  exact: t**2.5
+method: {bdf: 6, sampling: nodes, degree: 1}
+ladder: {steps: [64, 128]}
+"""
+
+
+def test_a_refusal_and_what_it_refuses_are_both_kept() -> None:
+    Path("quick.yaml").write_text(UNSTABLE)
+    refused = fvi("run", "quick.yaml", code=1)
+    assert refused.stdout.count("refused") == 2
+    computed = fvi("run", "quick.yaml", "--allow-unstable", code=1)
+    assert "refused" not in computed.stdout
+    assert "2 runs, 0 of them stored" in computed.stderr
+    for options, statuses in (((), {"refused"}), (("--allow-unstable",), {"diverged", "ok"})):
+        again = fvi("run", "quick.yaml", *options, code=1)
+        assert "2 runs, 2 of them stored" in again.stderr
+        assert {line.split()[5] for line in again.stdout.splitlines()[1:3]} <= statuses
+        table = fvi("convergence", FILE, "--output", "made", code=1)
+        assert "missing" not in table.stderr
+    assert {run.variant for run in list_runs(Path(FILE)).runs} == {"", "allow_unstable = False"}
+
+
+def test_fresh_replaces_run_by_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is interrupted has lost nothing that was finished before."""
+    told()
+    real, calls = compute.execute_batch, []
+
+    def interrupted(batch):
+        calls.append(batch)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return [dataclasses.replace(one, error=0.5) for one in real(batch)]
+
+    monkeypatch.setattr(compute, "execute_batch", interrupted)
+    fvi("run", "quick.yaml", "--fresh", code=130)
+    found = [run.error == 0.5 for run in list_runs(Path(FILE)).runs]
+    assert sorted(found) == [False, False, True, True]
