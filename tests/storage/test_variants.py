@@ -21,7 +21,6 @@ problem:
   kind: damped-oscillator
   initial: {position: 1.0}
   final_time: 1.0
-  exact: cos(t)
 method: {bdf: [1, 2], sampling: nodes}
 ladder: {steps: [4, 8]}
 """
