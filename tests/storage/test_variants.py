@@ -102,7 +102,7 @@ def test_what_is_asked_for_lies_where_the_contract_says_and_all_is_exported() ->
     fvi("export", FILE, "--to", "csv")
     names = {path.name for path in Path("results/export/quick").iterdir()}
     assert {f"quick-{case}-n000008.csv", f"{other}-{case}-n000008.csv"} < names
-    assert len(names) == 8
+    assert len([name for name in names if name.endswith(".csv")]) == 8
 
 
 def test_what_is_forgotten_is_listed_first_and_nothing_else_goes() -> None:
