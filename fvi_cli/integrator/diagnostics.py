@@ -70,6 +70,8 @@ class Diagnostics:
         :math:`J_a = p \cdot \xi_a(q)`, one column for every symmetry, shape ``(n, a)``.
     momentum_map_defect
         :math:`J_a(t) - J_a(0) + \int_0^t (\sum_j \mu_j D^{\gamma_j} q - f) \cdot \xi_a(q)`.
+    stored_energy
+        Energy in the memory of the damping, shape ``(n,)``; methods with a sum of exponentials.
     map_names
         Names of the symmetries.
     """
@@ -79,6 +81,7 @@ class Diagnostics:
     energy_defect: Array | None = None
     momentum_map: Array | None = None
     momentum_map_defect: Array | None = None
+    stored_energy: Array | None = None
     map_names: tuple[str, ...] = ()
 
     def at(self, kept: NDArray[np.intp]) -> Diagnostics:
@@ -92,6 +95,7 @@ class Diagnostics:
             dissipated_work=picked(self.dissipated_work),
             forcing_work=picked(self.forcing_work),
             energy_defect=picked(self.energy_defect),
+            stored_energy=picked(self.stored_energy),
             momentum_map=picked(self.momentum_map),
             momentum_map_defect=picked(self.momentum_map_defect),
         )

@@ -20,6 +20,7 @@ from fvi_cli.integrator.memory import build_memory
 from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.integrator.moments import exact_moments, galerkin_moments
 from fvi_cli.integrator.motion import Motion
+from fvi_cli.integrator.run.regular import regular_until
 from fvi_cli.integrator.step_increments import run_with_increments
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.stepping import Stepped, StepProblem
@@ -174,41 +175,4 @@ def _trajectory(
         setup_seconds=seconds[0],
         stepping_seconds=seconds[1],
         remarks=remarks,
-    )
-
-
-def regular_until(
-    lagrangian: Lagrangian, position: Array, momentum: Array, energy: Array, grid: Array
-) -> tuple[int, str]:
-    """How many points of the grid have a positive definite mass matrix and an energy.
-
-    Parameters
-    ----------
-    lagrangian
-        L.
-    position, momentum, energy, grid
-        The path and its times; its end may be not finite.
-
-    Returns
-    -------
-    int, str
-        The number of points, and what comes then in words.
-    """
-    with np.errstate(all="ignore"):
-        velocity = lagrangian.velocity(position, momentum, grid)
-        mass = lagrangian.derivatives(position, velocity, grid).mass
-    wrong = np.logical_not(np.isfinite(mass.reshape(grid.size, -1)).all(axis=1))
-    smallest = np.linalg.eigvalsh(np.where(np.expand_dims(wrong, (1, 2)), 0.0, mass)).min(axis=1)
-    bad = np.flatnonzero(~(smallest > 0) | ~np.isfinite(energy))
-    if not bad.size:
-        return grid.size, ""
-    first = int(bad[0])
-    place = f"step {max(first - 1, 0)}, t = {grid[first]:.6g}: "
-    if smallest[first] > 0:
-        # derivatives may well be numbers where L is none, beyond the end of a logarithm
-        near = ", ".join(f"{value:.4g}" for value in position[first])
-        return first, f"{place}the Lagrangian is not finite near q = [{near}]"
-    return first, (
-        f"{place}the mass matrix d2L/dv2 is not positive definite any more "
-        f"(smallest eigenvalue {smallest[first]:.3g})"
     )

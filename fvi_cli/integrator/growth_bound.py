@@ -19,6 +19,10 @@ TOLERATED_FACTOR = 1e8
 """How far a position may go beyond what start values and forces move in the time of the run."""
 
 
+PROBED_FRACTIONS = (np.arange(64) + 0.5) / 64
+"""Where forces are looked at, on every part between break points."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class GrowthBound:
     r"""The bound :math:`|x(t)| \le C e^{\sigma t}` that no sound run leaves.
@@ -117,6 +121,42 @@ def first_outside(
         f"diverged: |x| = {np.abs(position[index]).max():.3g} after step {first + index - 1}, "
         f"t = {time[index]:.6g}, is {TOLERATED_FACTOR:.0e} times beyond what the scene can do"
     )
+
+
+def first_outside_at(
+    bound: GrowthBound, position: Array, times: Array, done: int
+) -> tuple[int, str] | None:
+    """The first position outside of `bound`, with the failure in words; None: all are inside.
+
+    Parameters
+    ----------
+    bound
+        The bound of the run.
+    position, times
+        Successive points, shapes ``(n, d)`` and ``(n,)``.
+    done
+        Number of steps before the first of them.
+    """
+    outside = np.abs(position).max(axis=1, initial=0.0) > bound.at(times)
+    if not outside.any():
+        return None
+    index = int(outside.argmax())
+    return index, (
+        f"diverged: |x| = {np.abs(position[index]).max():.3g} after step {done + index}, "
+        f"t = {times[index]:.6g}, is {TOLERATED_FACTOR:.0e} times beyond what the scene can do"
+    )
+
+
+def scene_bound(scene: Scene, step_size: float) -> GrowthBound:
+    """The bound of a run of `scene` with steps of about this size, from its own data."""
+    force = 0.0
+    if scene.forcing is not None:
+        ends = np.array([0.0, *scene.break_points, scene.final_time])
+        inside = (ends[:-1, None] + np.diff(ends)[:, None] * PROBED_FRACTIONS).ravel()
+        with np.errstate(all="ignore"):
+            values = np.abs(scene.forcing(inside))
+        force = float(values[np.isfinite(values)].max(initial=0.0))
+    return _bound(scene, step_size, scene.initial_position, scene.initial_velocity, force)
 
 
 def cut_at_bound(problem: StepProblem, stepped: Stepped, bound: GrowthBound) -> Stepped:

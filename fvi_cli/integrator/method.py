@@ -15,7 +15,7 @@ from fvi_cli.mathematics.quadrature import (
 
 RuleName = Literal["gauss", "lobatto", "radau"]
 Sampling = Literal["nodes", "points"]
-Start = Literal["none", "weights", "series"]
+Start = Literal["none", "weights", "series", "graded"]
 ForcingQuadrature = Literal["galerkin", "exact", "projected"]
 History = Literal["auto", "direct", "fft", "exponentials"]
 
@@ -131,7 +131,7 @@ class Method:
         permitted: dict[str, tuple[str, ...]] = {
             "cq": BDF_NAMES + RUNGE_KUTTA_NAMES,
             "sampling": ("nodes", "points"),
-            "start": ("none", "weights", "series"),
+            "start": ("none", "weights", "series", "graded"),
             "forcing_quadrature": ("galerkin", "exact", "projected"),
             "history": ("auto", "direct", "fft", "exponentials"),
         }
@@ -153,6 +153,10 @@ class Method:
             if self.start == "weights":
                 raise ValueError("start: weights correct BDF only; use series or none")
             object.__setattr__(self, "quadrature", own)
+            if self.history == "exponentials" and self.start == "series":
+                raise ValueError(
+                    "start: a series goes with history: auto, direct or fft; take start: graded"
+                )
         elif self.history == "exponentials":
             raise ValueError(
                 f"history: exponentials is for {', '.join(RUNGE_KUTTA_NAMES)} only, not {self.cq}"

@@ -92,7 +92,13 @@ def graded_edges(least_power: float = LEAST_POWER) -> Array:
     return np.concatenate([[0.0], GRADING_RATIO ** np.arange(levels - 1, -1, -1.0)])
 
 
-def _graded_rule(edges: Array) -> tuple[Array, Array]:
+def fine_rule() -> tuple[Array, Array]:
+    """Points and weights of the rule that takes smooth forces to round-off."""
+    rule = gauss_rule(FINE_POINTS)
+    return rule.nodes, rule.weights
+
+
+def graded_rule(edges: Array) -> tuple[Array, Array]:
     """Points and weights of a Gauss rule on every panel, in the order of the panels."""
     fine = gauss_rule(FINE_POINTS)
     widths = np.diff(edges)
@@ -101,7 +107,7 @@ def _graded_rule(edges: Array) -> tuple[Array, Array]:
 
 
 def _composite(force: StepFunction, method: Method, h: float, step: int, edges: Array) -> Array:
-    points, weights = _graded_rule(edges)
+    points, weights = graded_rule(edges)
     values = lobatto_basis(method.degree).values(points) * weights
     return np.asarray(h * values @ force(np.array([h * step]), h, points)[0])
 

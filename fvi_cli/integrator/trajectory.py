@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from fvi_cli.integrator.diagnostics import Diagnostics
+    from fvi_cli.integrator.run.steps_of_run import RunSteps
 
 Array = NDArray[np.float64]
 Status = Literal["ok", "diverged", "failed", "refused"]
@@ -65,6 +66,10 @@ class Trajectory:
         Only every n-th point of the grid is kept, with the first and the last.
     diagnostics
         Works, energy balance and momentum maps on the same points; None unless asked for.
+    steps
+        All steps as polynomials on their own mesh, where they were kept.
+    rejected
+        Steps of an adaptive run that were tried in vain.
     """
 
     time: Array
@@ -82,6 +87,8 @@ class Trajectory:
     remarks: tuple[str, ...] = ()
     every: int = 1
     diagnostics: Diagnostics | None = None
+    steps: RunSteps | None = None
+    rejected: int = 0
 
 
 def thinned(trajectory: Trajectory, every: int) -> Trajectory:

@@ -1,0 +1,1 @@
+"""Works, energies and momentum maps along a discrete motion."""

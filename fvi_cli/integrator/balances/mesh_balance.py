@@ -1,0 +1,196 @@
+r"""Balances of a run on any mesh, with the scheme's own quadrature.
+
+The force of the damping at the stages is found anew from the velocities there, with the energy
+that it stores. With the states :math:`s_j` of the damping and weights :math:`e_j` of the kernel
+
+.. math:: E^\text{stored} = \tfrac12 \sum_j e_j\, s_j \cdot D s_j,
+
+and :math:`H + E^\text{stored}` of a scene with quadratic potential, without forcing, with positive
+damping falls in every single step of every mesh: the work against the damping is the increase of
+what is stored and a sum of squares. (Caputo derivatives of order above 1 take the start velocity
+from the velocity; then this holds where it is zero.)
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.symmetry import Symmetry
+from fvi_cli.integrator.convolution.damping import Damping
+from fvi_cli.integrator.diagnostics import Asked, Diagnostics
+from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.steps.dynamics import General, Separable
+from fvi_cli.mathematics.lagrange import lobatto_basis
+
+Array = NDArray[np.float64]
+
+PIECE = 128
+"""Equal steps that are worked out together."""
+
+
+def damping_along(damping: Damping, steps: RunSteps) -> tuple[Array, Array]:
+    """Damping force at the stages, ``(n, r, d)``, and stored energy on the mesh, ``(n + 1,)``."""
+    d = damping.dimension
+    force = np.empty_like(steps.velocity)
+    stored = np.zeros(steps.n_steps + 1)
+    states = damping.initial_states()
+    weights = damping.energy_weights()
+    for first, last in _pieces(steps.step_size):
+        at = damping.tables(float(steps.step_size[first]))
+        velocity = steps.velocity[first:last]
+        driving = velocity
+        if damping.has_column:
+            nothing = np.zeros((*velocity.shape[:2], 1))
+            driving = np.concatenate([velocity, nothing], axis=2)
+        own = np.zeros_like(velocity)
+        for local, one in zip(at.local, damping.directions, strict=True):
+            own += np.einsum("ij,njc,cd->nid", local, driving, one.matrix)
+        own += at.constant_force
+        if damping.has_memory:
+            added = np.einsum("jr,nrc->njc", at.intake, driving)
+            path = np.empty((last - first + 1, *states.shape))
+            path[0] = states
+            for index in range(last - first):
+                path[index + 1] = path[index] * at.decay[:, None] + added[index]
+            states = path[-1]
+            for response, one, weight in zip(at.response, damping.directions, weights, strict=True):
+                own += np.einsum("rj,njc,cd->nrd", response, path[:-1], one.matrix)
+                free = path[1:, :, :d]
+                if one.is_relative:
+                    # states that began with the start velocity, or carry it in their column
+                    added = path[1:, :, d:] * damping.start_velocity if damping.has_column else 0.0
+                    free = free + added - damping.start_velocity
+                stored[first + 1 : last + 1] += 0.5 * np.einsum(
+                    "j,njc,cd,njd->n", weight, free, one.matrix[:d], free, optimize=True
+                )
+        force[first:last] = own
+    return force, stored
+
+
+def _pieces(sizes: Array) -> list[tuple[int, int]]:
+    """Ranges of equal step sizes, none longer than :data:`PIECE`."""
+    if sizes.size == 0:
+        return []
+    ends = [0, *(np.flatnonzero(np.diff(sizes)) + 1).tolist(), sizes.size]
+    return [
+        (first, min(first + PIECE, end))
+        for begin, end in itertools.pairwise(ends)
+        for first in range(begin, end, PIECE)
+    ]
+
+
+def diagnose_run(
+    steps: RunSteps,
+    damping: Damping | None,
+    dynamics: Separable | General,
+    loads: StepLoads,
+    fresh: NDArray[np.bool_],
+    asked: Asked,
+) -> Diagnostics:
+    """The diagnostics that are asked for, on the points of the mesh.
+
+    Parameters
+    ----------
+    steps
+        The run.
+    damping, dynamics, loads
+        What acted.
+    fresh
+        Steps that begin where a force may be singular, shape ``(n,)``.
+    asked
+        What is wanted.
+    """
+    force, stored = np.zeros_like(steps.velocity), np.zeros(steps.n_steps + 1)
+    if damping is not None:
+        force, stored = damping_along(damping, steps)
+    vectors = _all_loads(loads.of_forcing, steps, fresh)
+    added = _all_loads(loads.of_damping, steps, fresh)
+    unknowns, h = steps.unknowns, steps.step_size
+    basis = lobatto_basis(steps.tables.degree)
+    weights = steps.tables.weights
+    result = Diagnostics()
+    energy = dynamics.energy(steps.position, steps.momentum, steps.time)
+    if asked.energy_balance:
+        dissipated = np.einsum("n,i,nid,nid->n", h, weights, steps.velocity, force)
+        worked = np.zeros(steps.n_steps)
+        slopes = basis.derivatives(steps.tables.control_points)[1:]
+        rates = np.einsum("vj,nvd->njd", slopes, unknowns)
+        if vectors is not None:
+            worked = np.einsum("nvd,nvd->n", vectors, rates)
+        if added is not None:
+            dissipated = dissipated - np.einsum("nvd,nvd->n", added, rates)
+        if isinstance(dynamics, General) and dynamics.lagrangian.depends_on_time:
+            rate = dynamics.lagrangian.time_derivative(
+                steps.stage_position, steps.velocity, steps.stage_time
+            )
+            worked = worked - h * (rate @ weights)
+        lost, gained = _running(dissipated), _running(worked)
+        result = Diagnostics(
+            dissipated_work=lost,
+            forcing_work=gained,
+            energy_defect=energy - energy[0] + lost - gained,
+            stored_energy=stored,
+        )
+    if not asked.symmetries:
+        return result
+    places = np.concatenate(
+        [
+            steps.position[:-1, None],
+            steps.position[:-1, None] + h[:, None, None] * unknowns,
+        ],
+        axis=1,
+    )
+    maps, defects = [], []
+    for one in asked.symmetries:
+        value = one.momentum(steps.position, steps.momentum)
+        pull = _pull_along(one, steps, force)
+        for known in (vectors, added):
+            if known is not None:
+                pull = pull - np.einsum("nvd,nvd->n", known, one.direction(places))
+        maps.append(value)
+        defects.append(value - value[0] + _running(pull))
+    return replace(
+        result,
+        momentum_map=np.stack(maps, axis=1),
+        momentum_map_defect=np.stack(defects, axis=1),
+        map_names=tuple(one.name for one in asked.symmetries),
+    )
+
+
+def _pull_along(one: Symmetry, steps: RunSteps, force: Array) -> Array:
+    """Integral of the damping force along a symmetry over every step, shape ``(n,)``."""
+    along = one.direction(steps.stage_position)
+    return np.asarray(
+        np.einsum("n,i,nid,nid->n", steps.step_size, steps.tables.weights, along, force)
+    )
+
+
+def _all_loads(
+    of_steps: Callable[..., Array | None], steps: RunSteps, fresh: NDArray[np.bool_]
+) -> Array | None:
+    """Load vectors of all steps, shape ``(n, s + 1, d)``."""
+    found = []
+    for first, last in _pieces(steps.step_size):
+        begin = first
+        # a piece may hold several singular points: each begins a part of its own
+        for end in [*(first + 1 + np.flatnonzero(fresh[first + 1 : last])).tolist(), last]:
+            own = of_steps(
+                float(steps.time[begin]),
+                float(steps.step_size[begin]),
+                end - begin,
+                is_fresh=bool(fresh[begin]),
+            )
+            if own is not None:
+                found.append(own)
+            begin = end
+    return np.concatenate(found) if found else None
+
+
+def _running(changes: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum(changes)])

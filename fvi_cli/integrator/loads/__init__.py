@@ -1,0 +1,1 @@
+"""Forces that are known in advance, as load vectors of single steps."""

@@ -1,0 +1,120 @@
+r"""Load vectors :math:`g_\nu = h \int_0^1 l_\nu(\tau) f(t + \tau h) d\tau` of known forces."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import rgamma
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.moments import fine_rule, graded_edges, graded_rule
+from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
+
+Array = NDArray[np.float64]
+
+
+class StepLoads:
+    r"""Known forces of a scene, step by step or on many equal steps at once.
+
+    These are its forcing, and what Riemann-Liouville adds to Caputo derivatives of order
+    :math:`\gamma < 1` for an initial position,
+    :math:`-\mu q_0 t^{-\gamma} / \Gamma(1 - \gamma)`.
+
+    Parameters
+    ----------
+    scene, method, tables
+        What is integrated and how. ``forcing_quadrature: galerkin`` takes the action's rule,
+        ``exact`` and ``projected`` integrate to round-off; what Riemann-Liouville adds is always
+        integrated exactly, since it is singular at 0.
+    """
+
+    def __init__(self, scene: Scene, method: Method, tables: StepTables) -> None:
+        self._forcing, self._tables = scene.forcing, tables
+        self._rule = method.forcing_quadrature
+        self._basis = lobatto_basis(method.degree)
+        self._jump: list[tuple[float, Array]] = []
+        if scene.derivative == "riemann-liouville" and np.any(scene.initial_position != 0):
+            self._jump = [
+                (term.order, -rgamma(1 - term.order) * (scene.initial_position @ term.coefficient))
+                for term in scene.active_damping
+                if term.order < 1
+            ]
+        r = tables.points.size
+        at_points = np.ones((1, method.degree + 1))
+        if r > 1:
+            at_points = LagrangeBasis(control_points=tables.points).values(
+                self._basis.control_points
+            )
+        # from exact load vectors to those of the values of the L2 projection at the points
+        self._projection = tables.test_weights @ (at_points / tables.weights[:, None])
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is known in advance."""
+        return self._forcing is None and not self._jump
+
+    def of_steps(
+        self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
+    ) -> Array | None:
+        """Load vectors of equal steps, shape ``(n_steps, s + 1, d)``; None without forces.
+
+        Parameters
+        ----------
+        begin, step_size, n_steps
+            The steps.
+        is_fresh
+            Whether the first of them begins where a force may be singular.
+        """
+        forcing = self.of_forcing(begin, step_size, n_steps, is_fresh=is_fresh)
+        damping = self.of_damping(begin, step_size, n_steps, is_fresh=is_fresh)
+        if forcing is None or damping is None:
+            return damping if forcing is None else forcing
+        return forcing + damping
+
+    def of_forcing(
+        self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
+    ) -> Array | None:
+        """The part of the scene's forcing."""
+        if self._forcing is None:
+            return None
+        start = begin + step_size * np.arange(n_steps, dtype=float)
+        if self._rule == "galerkin":
+            values = self._forcing.on_steps(start, step_size, self._tables.points)
+            return np.asarray(
+                step_size * np.einsum("ni,kid->knd", self._tables.test_weights, values)
+            )
+        exact = self._exact(self._forcing.on_steps, start, step_size, is_fresh=is_fresh)
+        return self._projected(exact) if self._rule == "projected" else exact
+
+    def of_damping(
+        self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
+    ) -> Array | None:
+        """The part of the damping: minus what Riemann-Liouville derivatives have more."""
+        if not self._jump:
+            return None
+        start = begin + step_size * np.arange(n_steps, dtype=float)
+        at_zero = is_fresh and begin == 0.0
+        return self._exact(self._jump_force, start, step_size, is_fresh=at_zero)
+
+    def _projected(self, exact: Array) -> Array:
+        return np.asarray(np.einsum("nm,kmd->knd", self._projection, exact))
+
+    def _jump_force(self, start: Array, step_size: float, offsets: Array) -> Array:
+        times = start[:, None] + step_size * offsets
+        return np.asarray(
+            sum(times[..., None] ** -order * direction for order, direction in self._jump)
+        )
+
+    def _exact(self, force: object, start: Array, step_size: float, *, is_fresh: bool) -> Array:
+        if not callable(force):  # pragma: no cover - for the type checker
+            raise TypeError("force: not a function")
+        points, weights = fine_rule()
+        weighted = self._basis.values(points) * weights
+        total = step_size * np.einsum("ni,kid->knd", weighted, force(start, step_size, points))
+        if is_fresh:
+            points, weights = graded_rule(graded_edges())
+            weighted = self._basis.values(points) * weights
+            total[0] = step_size * weighted @ force(start[:1], step_size, points)[0]
+        return np.asarray(total)

@@ -1,0 +1,1 @@
+"""Meshes: where steps begin and end, given beforehand or found on the way."""

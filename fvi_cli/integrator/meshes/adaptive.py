@@ -1,0 +1,152 @@
+"""Steps that are found on the way: the local error decides."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+FIRST_STEP = 1e-7
+"""First step of a stretch on which the motion begins like a power of t, relative to T."""
+SMOOTH_FIRST_STEP = 1e-3
+"""The same where nothing is singular; it is rejected if it is too long."""
+SHORTEST_STEP = 1e-11
+"""Steps are never shorter than this, relative to T."""
+STEPS_PER_OCTAVE = 2
+"""Step sizes are powers of the square root of 2, so that the tables of a size are used again."""
+GROWTH = 8.0
+SHRINKAGE = 0.3
+REJECTED_SHRINKAGE = 0.2
+SAFETY = 0.85
+UNSOLVED = 0.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptiveSteps:
+    r"""What the steps are chosen for.
+
+    A step is accepted if the last Legendre coefficients :math:`a_k` of its velocity say that
+    :math:`h |a_{m-1}| \min(1, |a_{m-1} / a_{m-2}|)` is at most the tolerance; the next size is
+    :math:`0.85\, h\, (tol / est)^{1/(m+1)}`, at most four times as long.
+
+    Parameters
+    ----------
+    tolerance
+        Local tolerance, in the unit of length of the scene. The error of the whole run is
+        usually far smaller, see ``docs/mathematics.md``.
+    first_step
+        In the unit of time; None: 1e-7 T where the start is singular, 1e-3 T elsewhere.
+    most_steps
+        A run with more steps than this fails.
+
+    Raises
+    ------
+    ValueError
+        For a tolerance or first step that is not positive and finite.
+    """
+
+    tolerance: float
+    first_step: float | None = None
+    most_steps: int = 10**7
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "first_step"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < math.inf:
+                raise ValueError(f"{name}: {value!r} is not allowed; it must be positive")
+        if self.most_steps < 1:
+            raise ValueError(f"most_steps: {self.most_steps} is not allowed; it must be positive")
+
+
+class StepController:
+    """Sizes of successive steps of one run.
+
+    Parameters
+    ----------
+    steps
+        What is asked for.
+    final_time
+        T.
+    breaks
+        Break points inside (0, T); each becomes a point of the mesh.
+    stages
+        Number m of stages.
+    is_singular
+        Whether the motion begins like a fractional power of t, at 0 and after break points.
+
+    Attributes
+    ----------
+    time, is_fresh
+        Where the next step begins, and whether that is the start or a break point.
+    rejected, forced
+        Steps tried in vain, and steps of the shortest size that err by more than the tolerance.
+    is_stuck
+        Whether not even a step of the shortest size could be solved.
+    """
+
+    def __init__(
+        self,
+        steps: AdaptiveSteps,
+        *,
+        final_time: float,
+        breaks: tuple[float, ...],
+        stages: int,
+        is_singular: bool,
+    ) -> None:
+        self._tolerance, self._exponent = steps.tolerance, 1.0 / (stages + 1)
+        self._ends = [*breaks, final_time]
+        self._final_time = final_time
+        relative = FIRST_STEP if is_singular else SMOOTH_FIRST_STEP
+        self._first = steps.first_step or relative * final_time
+        lengths = [b - a for a, b in zip([0.0, *breaks], self._ends, strict=True)]
+        self._first = min(self._first, 0.1 * min(lengths))
+        self.shortest_step = min(SHORTEST_STEP * final_time, 1e-2 * self._first)
+        self._size = self._first
+        self.time = 0.0
+        self.is_fresh = True
+        self.rejected = 0
+        self.forced = 0
+        self.is_stuck = False
+        self._reaches_end = False
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether the end of the run is reached."""
+        return not self._ends
+
+    def propose(self) -> float:
+        """Size of the next step to try."""
+        left = self._ends[0] - self.time
+        size = self._rounded(self._size)
+        self._reaches_end = size >= left * (1 - 1e-12)
+        if self._reaches_end:
+            return left
+        if 2 * size > left:
+            return 0.5 * left
+        return size
+
+    def _rounded(self, size: float) -> float:
+        ratio = math.log2(size / self._final_time)
+        return float(
+            self._final_time * 2.0 ** (math.floor(STEPS_PER_OCTAVE * ratio) / STEPS_PER_OCTAVE)
+        )
+
+    def judge(self, size: float, estimate: float) -> bool:
+        """Whether a step with this estimate of its error is accepted; the next size follows."""
+        solved = math.isfinite(estimate)
+        factor = (self._tolerance / max(estimate, 1e-300)) ** self._exponent if solved else UNSOLVED
+        if solved and (estimate <= self._tolerance or size <= self.shortest_step):
+            at_end = self._reaches_end
+            self.forced += estimate > self._tolerance
+            self.time = self._ends[0] if at_end else self.time + size
+            self._size = size * min(GROWTH, max(SHRINKAGE, SAFETY * factor))
+            self.is_fresh = at_end
+            if at_end:
+                self._ends.pop(0)
+                self._size = self._first
+            return True
+        self.rejected += 1
+        if size <= self.shortest_step:
+            self.is_stuck = True
+        shorter = size * max(REJECTED_SHRINKAGE, min(0.7, 0.8 * factor))
+        self._size = max(shorter, self.shortest_step)
+        return False

@@ -1,0 +1,1 @@
+"""A run: what is prepared, the loop over steps, and what comes of it."""

@@ -1,0 +1,105 @@
+"""Where a run may stop and go on as if it had never stopped."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.compensated import CompensatedSum
+from fvi_cli.integrator.run.loop import Marker
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Checkpoint:
+    """Everything that the steps to come depend on, and the run that they belong to.
+
+    Parameters
+    ----------
+    case, n_steps, step_size
+        Method, number of reported steps, and T / N.
+    stretch, step
+        Place in the mesh: stretch, and finished steps of it.
+    done, reported
+        Finished steps and reported points of the whole run.
+    position, momentum, position_lost, momentum_lost
+        Compensated sums, shape ``(d,)`` each.
+    states
+        States of the damping, shape ``(J, columns)``.
+    unknowns, last_step
+        Polynomial of the last single step, ``(s, d)``, and its size; empty after blocks.
+    """
+
+    case: str
+    n_steps: int
+    step_size: float
+    stretch: int
+    step: int
+    done: int
+    reported: int
+    time: float
+    position: Array
+    momentum: Array
+    position_lost: Array
+    momentum_lost: Array
+    states: Array
+    unknowns: Array
+    last_step: float
+
+    def marker(self) -> Marker:
+        """The state from which the steps go on."""
+        return Marker(
+            time=self.time,
+            position=CompensatedSum(self.position, self.position_lost),
+            momentum=CompensatedSum(self.momentum, self.momentum_lost),
+            states=self.states.copy(),
+            unknowns=self.unknowns.copy() if self.unknowns.size else None,
+            step_size=self.last_step,
+        )
+
+    def to_bytes(self) -> bytes:
+        """As an ``.npz`` file."""
+        buffer = io.BytesIO()
+        arrays: dict[str, Any] = {
+            one.name: np.array(getattr(self, one.name)) for one in fields(self)
+        }
+        np.savez(buffer, **arrays)
+        return buffer.getvalue()
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Checkpoint:
+        """From what `to_bytes` gave.
+
+        Raises
+        ------
+        ValueError
+            If the bytes hold no checkpoint.
+        """
+        try:
+            with np.load(io.BytesIO(data), allow_pickle=False) as found:
+                arrays = {one.name: found[one.name] for one in fields(cls)}
+        except (KeyError, OSError, EOFError, ValueError, zipfile.BadZipFile) as error:
+            raise ValueError(f"checkpoint: the bytes hold none ({error})") from error
+        return cls(
+            case=str(arrays["case"]),
+            n_steps=int(arrays["n_steps"]),
+            step_size=float(arrays["step_size"]),
+            stretch=int(arrays["stretch"]),
+            step=int(arrays["step"]),
+            done=int(arrays["done"]),
+            reported=int(arrays["reported"]),
+            time=float(arrays["time"]),
+            position=arrays["position"],
+            momentum=arrays["momentum"],
+            position_lost=arrays["position_lost"],
+            momentum_lost=arrays["momentum_lost"],
+            states=arrays["states"],
+            unknowns=arrays["unknowns"],
+            last_step=float(arrays["last_step"]),
+        )

@@ -1,0 +1,249 @@
+"""Single steps of any size, and the loop that finds their sizes on the way."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.compensated import CompensatedSum
+from fvi_cli.integrator.growth_bound import GrowthBound, first_outside_at
+from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.meshes.adaptive import StepController
+from fvi_cli.integrator.steps.step import StepFailedError, StepMatrices, StepResult, StepSolver
+from fvi_cli.integrator.trajectory import NewtonRecord
+from fvi_cli.mathematics.lagrange import lobatto_basis
+
+Array = NDArray[np.float64]
+
+MATRICES_KEPT = 128
+"""Step sizes whose matrices are kept; adaptive runs take a few dozen."""
+
+
+@dataclass(kw_only=True, eq=False)
+class Marker:
+    """Where a run is: everything that the steps to come depend on.
+
+    Parameters
+    ----------
+    time
+        t.
+    position, momentum
+        Compensated sums, shape ``(d,)``.
+    states
+        States of the damping, shape ``(J, columns)``.
+    unknowns, step_size
+        Polynomial of the last step, for the next guess; None at the start and after breaks.
+    """
+
+    time: float
+    position: CompensatedSum
+    momentum: CompensatedSum
+    states: Array
+    unknowns: Array | None = None
+    step_size: float = 0.0
+
+
+@dataclass(kw_only=True, eq=False)
+class Course:
+    """Points and polynomials of the steps that are done, in lists that grow."""
+
+    times: list[float] = field(default_factory=list)
+    positions: list[Array] = field(default_factory=list)
+    momenta: list[Array] = field(default_factory=list)
+    sizes: list[float] = field(default_factory=list)
+    unknowns: list[Array] = field(default_factory=list)
+    failure: str = ""
+    rejected: int = 0
+    iterations: int = 0
+    most_iterations: int = 0
+    worst_step: int = -1
+    worst_residuals: tuple[float, ...] = ()
+
+    @property
+    def newton(self) -> NewtonRecord:
+        """Record of Newton's iteration."""
+        return NewtonRecord(
+            iterations=self.iterations,
+            largest=self.most_iterations,
+            worst_step=self.worst_step,
+            worst_residuals=self.worst_residuals,
+        )
+
+    def note(self, residuals: tuple[float, ...]) -> None:
+        """Count the iterations of a step."""
+        self.iterations += len(residuals)
+        if len(residuals) > self.most_iterations:
+            self.most_iterations, self.worst_residuals = len(residuals), residuals
+            self.worst_step = len(self.sizes)
+
+
+class Stepper:
+    """Steps of one run; matrices of the sizes used last are kept."""
+
+    def __init__(self, solver: StepSolver, loads: StepLoads) -> None:
+        self.solver, self.loads = solver, loads
+        self._kept: OrderedDict[float, StepMatrices] = OrderedDict()
+        tables = solver.tables
+        m = tables.points.size
+        values = np.polynomial.legendre.legvander(2.0 * tables.points - 1.0, m - 1)
+        # Legendre coefficients of the velocity from U
+        self._tail = (np.linalg.inv(values) @ tables.slopes[1:].T)[-2:]
+        self._basis = lobatto_basis(tables.degree)
+        self._control = tables.control_points
+
+    def matrices(self, step_size: float) -> StepMatrices:
+        """Matrices of a step size, made once while it is in use."""
+        found = self._kept.get(step_size)
+        if found is None:
+            found = self._kept[step_size] = self.solver.matrices(step_size)
+            if len(self._kept) > MATRICES_KEPT:
+                self._kept.popitem(last=False)
+        else:
+            self._kept.move_to_end(step_size)
+        return found
+
+    def guess(self, marker: Marker, step_size: float) -> Array:
+        """U of a step from the polynomial of the last one; uniform motion without one."""
+        if marker.unknowns is not None and step_size <= 1.5 * marker.step_size:
+            ratio = step_size / marker.step_size
+            ahead = self._basis.values(1.0 + ratio * self._control[1:])[1:].T @ marker.unknowns
+            return np.asarray((ahead - marker.unknowns[-1]) / ratio)
+        with np.errstate(all="ignore"):
+            velocity = self.solver.dynamics.velocity(
+                marker.position.value, marker.momentum.value, marker.time
+            )
+        velocity = np.where(np.isfinite(velocity), velocity, 0.0)
+        return np.outer(self._control[1:], velocity)
+
+    def attempt(self, marker: Marker, step_size: float, *, fresh: bool) -> StepResult:
+        """Solve a step; nothing is changed.
+
+        Raises
+        ------
+        StepFailedError
+            If its equations cannot be solved.
+        """
+        every = self.loads.of_steps(marker.time, step_size, 1, is_fresh=fresh)
+        return self.solve(marker, step_size, None if every is None else every[0])
+
+    def velocity_of(self, unknowns: Array) -> Array:
+        """Velocities at the stages from U, shape ``(s, d)`` to ``(r, d)``."""
+        return self.solver.tables.slopes[1:].T @ unknowns
+
+    def solve(self, marker: Marker, step_size: float, loads: Array | None) -> StepResult:
+        """The same with load vectors that are at hand, shape ``(s + 1, d)``."""
+        guess = None if self.solver.dynamics.is_linear else self.guess(marker, step_size)
+        try:
+            at = self.matrices(step_size)
+        except np.linalg.LinAlgError:
+            raise StepFailedError(
+                f"the equations of a step of length {step_size:.6g} have no unique solution; "
+                "take other steps",
+                (),
+            ) from None
+        return self.solver.solve(
+            at,
+            marker.time,
+            marker.position.value,
+            marker.momentum.value,
+            marker.states,
+            loads,
+            guess,
+        )
+
+    def estimate(self, result: StepResult, step_size: float) -> float:
+        """Local error from the last Legendre coefficients of the velocity, a length."""
+        before, last = np.abs(self._tail @ result.unknowns).max(axis=1)
+        found = step_size * last * min(1.0, last / (before + 1e-300))
+        return float(found) if math.isfinite(found) else math.inf
+
+    def accept(self, marker: Marker, result: StepResult, step_size: float, end: float) -> None:
+        """Go to the end of a solved step."""
+        damping = self.solver.damping
+        if damping is not None and damping.has_memory:
+            driving = damping.input_of(result.velocity)
+            tables = self.matrices(step_size).damping
+            marker.states = damping.advance(tables, marker.states, driving)
+        marker.position.add(step_size * result.unknowns[-1])
+        marker.momentum.add(result.momentum_change)
+        marker.time, marker.step_size, marker.unknowns = end, step_size, result.unknowns
+
+
+def march_adaptively(
+    stepper: Stepper,
+    marker: Marker,
+    controller: StepController,
+    *,
+    most_steps: int,
+    bound: GrowthBound,
+) -> Course:
+    """Steps whose sizes the controller finds, to the end or to a failure."""
+    course = _begun(marker)
+    with np.errstate(over="ignore", invalid="ignore"):
+        while not controller.is_finished:
+            size = controller.propose()
+            fresh = controller.is_fresh
+            if fresh:
+                marker.unknowns = None
+            try:
+                result = stepper.attempt(marker, size, fresh=fresh)
+                estimate = stepper.estimate(result, size)
+                course.note(result.residuals)
+                failure = "the local error cannot be kept"
+            except StepFailedError as error:
+                course.note(error.residuals)
+                result, estimate, failure = None, math.inf, str(error)
+            if not controller.judge(size, estimate):
+                if controller.is_stuck:
+                    course.failure = _at(len(course.sizes), marker.time, failure)
+                    break
+                continue
+            if result is None:
+                break
+            stepper.accept(marker, result, size, controller.time)
+            _append(course, marker, result, size)
+            if not _is_finite(marker):
+                course.failure = f"not finite after step {len(course.sizes) - 1}, "
+                course.failure += f"t = {marker.time:.6g}"
+                break
+            outside = first_outside_at(
+                bound, marker.position.value[None], np.array([marker.time]), len(course.sizes) - 1
+            )
+            if outside is not None:
+                course.failure = outside[1]
+                break
+            if len(course.sizes) >= most_steps:
+                course.failure = _at(len(course.sizes), marker.time, "the most steps are done")
+                break
+    course.rejected = controller.rejected
+    return course
+
+
+def _begun(marker: Marker) -> Course:
+    return Course(
+        times=[marker.time],
+        positions=[marker.position.value.copy()],
+        momenta=[marker.momentum.value.copy()],
+    )
+
+
+def _append(course: Course, marker: Marker, result: StepResult, size: float) -> None:
+    course.times.append(marker.time)
+    course.positions.append(marker.position.value)
+    course.momenta.append(marker.momentum.value)
+    course.sizes.append(size)
+    course.unknowns.append(result.unknowns)
+
+
+def _is_finite(marker: Marker) -> bool:
+    return bool(
+        np.isfinite(marker.position.value).all() and np.isfinite(marker.momentum.value).all()
+    )
+
+
+def _at(step: int, time: float, failure: str) -> str:
+    return f"step {step}, t = {time:.6g}: {failure}"

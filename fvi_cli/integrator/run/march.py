@@ -1,0 +1,365 @@
+"""The one loop: a run over the stretches of a mesh, or with steps that are found on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.advance import advanced
+from fvi_cli.integrator.compensated import CompensatedSum
+from fvi_cli.integrator.convolution.damping import Damping
+from fvi_cli.integrator.convolution.stages import StageOperator
+from fvi_cli.integrator.decoupling import Decoupling, decouple_forms
+from fvi_cli.integrator.growth_bound import GrowthBound, first_outside_at
+from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.memory import runge_kutta_tableau
+from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.loop import Course, Marker, Stepper
+from fvi_cli.integrator.run.newton_stretch import NewtonStretch, newton_block
+from fvi_cli.integrator.run.sink import Sink
+from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.steps.block_response import LinearSystems
+from fvi_cli.integrator.steps.dynamics import General, Separable, dynamics_of
+from fvi_cli.integrator.steps.linear_blocks import LinearBlocks, block_length, memory_operations
+from fvi_cli.integrator.steps.step import StepFailedError, StepSolver
+
+Array = NDArray[np.float64]
+
+CHUNK = 4096
+"""Steps after which a run may stop and go on: then nothing is left of how they were done."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunSetup:
+    """Everything that is ready before the first step.
+
+    Parameters
+    ----------
+    scene, method
+        What is integrated, and how.
+    stepper
+        Single steps.
+    damping
+        Fractional damping; None: there is none.
+    bound
+        Beyond which no sound run goes.
+    """
+
+    scene: Scene
+    method: Method
+    stepper: Stepper
+    damping: Damping | None
+    bound: GrowthBound
+
+    @property
+    def n_states(self) -> int:
+        """Number of exponentials that stand for the past."""
+        kernel = None if self.damping is None else self.damping.kernel
+        return 0 if kernel is None else kernel.n_states
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarchPlan:
+    """How the steps of a mesh will be done, and what their memory takes.
+
+    Parameters
+    ----------
+    n_steps, single
+        Steps of the mesh, and those of them that are done one by one.
+    block
+        Most steps of a block; 0: there are none.
+    systems, coupled
+        Independent systems that are stepped side by side, and components of each.
+    n_states
+        Exponentials that stand for the past.
+    operations
+        Multiply-adds of the memory.
+    """
+
+    n_steps: int
+    single: int
+    block: int
+    systems: int
+    coupled: int
+    n_states: int
+    operations: int
+
+
+def prepare_run(
+    scene: Scene, method: Method, *, shortest_step: float, n_steps: int | None, bound: GrowthBound
+) -> RunSetup:
+    """Tables and solvers for steps from `shortest_step` on.
+
+    Raises
+    ------
+    ValueError
+        If the method is no Runge-Kutta one.
+    """
+    if not method.is_runge_kutta:
+        raise ValueError(f"mesh: {method.cq} takes equal steps only; use rk: gauss")
+    tables = step_tables(method)
+    damping = None
+    if scene.active_damping:
+        operator = StageOperator(tableau=runge_kutta_tableau(method))
+        damping = Damping(scene, operator, shortest_step=shortest_step, n_steps=n_steps)
+    solver = StepSolver(dynamics_of(scene), damping, tables)
+    return RunSetup(
+        scene=scene,
+        method=method,
+        stepper=Stepper(solver, StepLoads(scene, method, tables)),
+        damping=damping,
+        bound=bound,
+    )
+
+
+def first_marker(setup: RunSetup) -> Marker:
+    """The start of a run."""
+    scene, dynamics = setup.scene, setup.stepper.solver.dynamics
+    momentum = dynamics.momentum(scene.initial_position, scene.initial_velocity, 0.0)
+    states = np.zeros((0, scene.dimension))
+    if setup.damping is not None:
+        states = setup.damping.initial_states()
+    return Marker(
+        time=0.0,
+        position=CompensatedSum(scene.initial_position),
+        momentum=CompensatedSum(momentum),
+        states=states,
+    )
+
+
+class March:
+    """Steps of a mesh, chunk by chunk.
+
+    Parameters
+    ----------
+    setup, mesh, sink
+        What is ready, where steps are, and what keeps the points.
+    done
+        Steps that are finished already.
+    """
+
+    def __init__(self, setup: RunSetup, mesh: Mesh, sink: Sink, *, done: int = 0) -> None:
+        self._setup, self._mesh, self._sink = setup, mesh, sink
+        self._solver = setup.stepper.solver
+        self._linear: dict[tuple[float, int], LinearBlocks] = {}
+        self._newton: dict[tuple[float, int], NewtonStretch] = {}
+        damping = setup.damping
+        self._per_step = 0 if damping is None else damping.operations_per_step
+        self._systems: tuple[LinearSystems, Decoupling] | None = None
+        self.course = Course()
+        self.failure = ""
+        self.done = done
+        self.operations = 0
+
+    def run(
+        self, marker: Marker, *, stretch: int = 0, step: int = 0, until: int | None = None
+    ) -> tuple[int, int] | None:
+        """Steps from a place in the mesh on; `failure` says what stopped them, if anything.
+
+        Parameters
+        ----------
+        marker
+            State at that place.
+        stretch, step
+            Number of the stretch, and finished steps of it.
+        until
+            Stop where at least so many steps of the whole run are done; the end by default.
+
+        Returns
+        -------
+        tuple of int, or None
+            Where to go on; None at the end and after a failure.
+        """
+        with np.errstate(all="ignore"):
+            for index in range(stretch, len(self._mesh.stretches)):
+                one = self._mesh.stretches[index]
+                first = step if index == stretch else 0
+                while first < one.n_steps and not self.failure:
+                    if until is not None and self.done >= until:
+                        return index, first
+                    count = min(CHUNK, one.n_steps - first)
+                    self._chunk(marker, one, first, count)
+                    first += count
+                if self.failure:
+                    break
+        return None
+
+    def plan(self) -> MarchPlan:
+        """How :meth:`run` will do the steps; nothing is computed."""
+        dynamics = self._solver.dynamics
+        stages, d = self._solver.tables.points.size, dynamics.dimension
+        q, e = 1, d
+        if dynamics.is_linear:
+            q, e = self._decoupled()[0].shape
+        single = largest = operations = 0
+        for one in self._mesh.stretches:
+            inside = min(one.n_steps, CHUNK)
+            if dynamics.is_linear:
+                block = block_length(stages, q, e, inside)
+            else:
+                general = isinstance(dynamics, General)
+                block = newton_block(stages, d, inside, general=general)
+            whole, rest = divmod(one.n_steps, CHUNK)
+            for count, times in ((CHUNK, whole), (rest, 1)):
+                if count == 0 or times == 0:
+                    continue
+                if block == 0 or (dynamics.is_linear and count < block):
+                    single += times * count
+                    operations += times * count * self._per_step
+                elif dynamics.is_linear:
+                    largest = max(largest, block)
+                    operations += times * memory_operations(
+                        count, block, q, e, stages, self._setup.n_states, self._per_step
+                    )
+                else:
+                    largest = max(largest, block)
+                    operations += times * count * self._per_step
+        return MarchPlan(
+            n_steps=self._mesh.n_steps,
+            single=single,
+            block=largest,
+            systems=q,
+            coupled=e,
+            n_states=self._setup.n_states,
+            operations=operations,
+        )
+
+    def _chunk(self, marker: Marker, one: Stretch, first: int, count: int) -> None:
+        """Steps `first` to `first + count` of a stretch."""
+        advanced(self.done, self._mesh.n_steps)
+        h, is_fresh = one.step_size, one.is_fresh and first == 0
+        if is_fresh:
+            marker.unknowns = None
+        loads = self._setup.stepper.loads.of_steps(
+            one.begin + first * h, h, count, is_fresh=is_fresh
+        )
+        stretch_steps = min(one.n_steps, CHUNK)
+        if self._solver.dynamics.is_linear:
+            found = self._linear_steps(marker, h, count, stretch_steps, loads)
+        else:
+            found = self._nonlinear_steps(marker, one, first, count, stretch_steps, loads)
+        position, momentum, velocity = found
+        n = position.shape[0]
+        steps = first + 1 + np.arange(n)
+        times = np.asarray(one.begin + h * steps, dtype=float)
+        if n and steps[-1] == one.n_steps:
+            times[-1] = one.end
+            marker.time = one.end
+        elif n:
+            marker.time = float(times[-1])
+        finite = np.isfinite(position).all(axis=1) & np.isfinite(momentum).all(axis=1)
+        if not finite.all():
+            n = int(np.argmin(finite)) + 1
+            self.failure = f"not finite after step {self.done + n - 1}, t = {times[n - 1]:.6g}"
+        outside = first_outside_at(self._setup.bound, position[:n], times[:n], self.done)
+        if outside is not None:
+            n, self.failure = outside[0] + 1, outside[1]
+        reported = np.zeros(0, dtype=np.intp)
+        if one.reported_every:
+            reported = np.flatnonzero(steps[:n] % one.reported_every == 0)
+        self._sink.add(times[:n], np.full(n, h), position[:n], momentum[:n], velocity[:n], reported)
+        self.done += n
+        if self.failure and n:
+            self._sink.finish(float(times[n - 1]), position[n - 1], momentum[n - 1])
+
+    def _linear_steps(
+        self, marker: Marker, h: float, count: int, stretch_steps: int, loads: Array | None
+    ) -> tuple[Array, Array, Array]:
+        systems, decoupling = self._decoupled()
+        q, e = systems.shape
+        stages = self._solver.tables.points.size
+        block = block_length(stages, q, e, stretch_steps)
+        if block == 0 or count < block:
+            return self._single_steps(marker, h, count, loads)
+        key = (h, block)
+        if key not in self._linear:
+            self._linear[key] = LinearBlocks(
+                systems,
+                decoupling,
+                self._setup.damping,
+                self._setup.stepper.matrices(h).damping,
+                self._solver.tables,
+                h,
+                block,
+            )
+        self.operations += memory_operations(
+            count, block, q, e, stages, self._setup.n_states, self._per_step
+        )
+        steps, marker.states = self._linear[key].advance(
+            marker.position, marker.momentum, marker.states, count, loads
+        )
+        marker.unknowns = None
+        return steps.position, steps.momentum, steps.velocity
+
+    def _nonlinear_steps(
+        self,
+        marker: Marker,
+        one: Stretch,
+        first: int,
+        count: int,
+        stretch_steps: int,
+        loads: Array | None,
+    ) -> tuple[Array, Array, Array]:
+        dynamics, h = self._solver.dynamics, one.step_size
+        stages = self._solver.tables.points.size
+        general = isinstance(dynamics, General)
+        block = newton_block(stages, dynamics.dimension, stretch_steps, general=general)
+        if block == 0:
+            return self._single_steps(marker, h, count, loads)
+        key = (h, block)
+        if key not in self._newton:
+            self._newton[key] = NewtonStretch(
+                self._setup.stepper, h, block, self._setup.scene.inertia.mass
+            )
+        position, momentum, velocity, self.failure = self._newton[key].advance(
+            marker, one.begin, first, count, loads, self.course
+        )
+        self.operations += position.shape[0] * self._per_step
+        return position, momentum, velocity
+
+    def _single_steps(
+        self, marker: Marker, h: float, count: int, loads: Array | None
+    ) -> tuple[Array, Array, Array]:
+        d, r = marker.position.value.size, self._solver.tables.points.size
+        positions, momenta = np.empty((count, d)), np.empty((count, d))
+        velocities = np.empty((count, r, d))
+        begin, stepper = marker.time, self._setup.stepper
+        for index in range(count):
+            try:
+                result = stepper.solve(marker, h, None if loads is None else loads[index])
+            except StepFailedError as error:
+                self.course.note(error.residuals)
+                self.failure = f"step {self.done + index}, t = {marker.time:.6g}: {error}"
+                return positions[:index], momenta[:index], velocities[:index]
+            self.course.note(result.residuals)
+            stepper.accept(marker, result, h, begin + (index + 1) * h)
+            positions[index], momenta[index] = marker.position.value, marker.momentum.value
+            velocities[index] = result.velocity
+            self.operations += self._per_step
+            if not np.isfinite(positions[index]).all():
+                return positions[: index + 1], momenta[: index + 1], velocities[: index + 1]
+        return positions, momenta, velocities
+
+    def _decoupled(self) -> tuple[LinearSystems, Decoupling]:
+        """The independent systems of a linear scene, found once."""
+        if self._systems is None:
+            dynamics, damping = self._solver.dynamics, self._setup.damping
+            if not isinstance(dynamics, Separable):
+                raise ValueError("blocks: the scene is not linear")
+            d = dynamics.dimension
+            directions = [] if damping is None else [o.matrix[:d] for o in damping.directions]
+            decoupling = decouple_forms(dynamics.mass, dynamics.stiffness, directions)
+            stiffness = dynamics.stiffness
+            self._systems = (
+                LinearSystems(
+                    mass=decoupling.matrices(dynamics.mass),
+                    stiffness=None if stiffness is None else decoupling.matrices(stiffness),
+                    directions=tuple(decoupling.matrices(one) for one in directions),
+                ),
+                decoupling,
+            )
+        return self._systems

@@ -1,0 +1,203 @@
+"""Equal steps of a nonlinear scene, in blocks as long as these contract."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.run.loop import Course, Marker, Stepper
+from fvi_cli.integrator.steps.block_memory import BlockMemory
+from fvi_cli.integrator.steps.dynamics import General
+from fvi_cli.integrator.steps.newton_blocks import FrozenBlocks, frozen_law
+from fvi_cli.integrator.steps.step import StepFailedError
+
+Array = NDArray[np.float64]
+
+LARGEST_BLOCK = 64
+LEAST_BLOCK = 4
+LARGEST_DENSE = 512
+"""Steps of a block times stages times components, at most."""
+LEAST_BLOCKS = 16
+"""Largest blocks in a stretch, at least."""
+GROWING_ITERATIONS = 12
+"""After a block with at most as many the next one is twice as long."""
+PATIENCE = 16
+"""Blocks before a size that has failed is tried again."""
+REFRESH_AFTER = 150
+"""Iterations beyond four per block that pay for a new linear response."""
+
+
+def newton_block(stages: int, dimension: int, n_steps: int, *, general: bool) -> int:
+    """Steps of the largest block; 0: steps are done one by one."""
+    size, least = stages * dimension, LEAST_BLOCKS
+    if general:
+        # velocities are unknowns as well, and the iteration takes longer
+        size, least = 2 * size, 4 * least
+    block = LARGEST_BLOCK
+    while block >= LEAST_BLOCK and (block * size > LARGEST_DENSE or least * block > n_steps):
+        block //= 2
+    return block if block >= LEAST_BLOCK else 0
+
+
+class NewtonStretch:
+    """Equal steps of one size; what is done depends on where a chunk begins only.
+
+    Parameters
+    ----------
+    stepper
+        Single steps of the run.
+    step_size, block
+        h, and the most steps of a block.
+    mass
+        Mass matrix where a Lagrangian has no positive one.
+    """
+
+    def __init__(self, stepper: Stepper, step_size: float, block: int, mass: Array) -> None:
+        self._stepper, self._h, self._block, self._mass = stepper, step_size, block, mass
+        self._solver = stepper.solver
+        self._at = stepper.matrices(step_size).damping
+        damping = self._solver.damping
+        self._memory: BlockMemory | None = None
+        if damping is not None and self._at.step is not None:
+            self._memory = BlockMemory(damping, self._at, block)
+
+    def advance(
+        self,
+        marker: Marker,
+        begin: float,
+        first: int,
+        count: int,
+        loads: Array | None,
+        course: Course,
+    ) -> tuple[Array, Array, Array, str]:
+        """Do `count` steps from step `first` of the stretch on.
+
+        Parameters
+        ----------
+        marker
+            Where the run is; it moves on.
+        begin
+            Time of the beginning of the stretch.
+        first, count
+            The steps, counted in the stretch.
+        loads
+            Load vectors of known forces, shape ``(count, s + 1, d)``.
+        course
+            Notes the iterations.
+
+        Returns
+        -------
+        tuple
+            Positions and momenta after the steps, ``(n, d)``, stage velocities ``(n, r, d)``, and
+            in words what stopped the steps, if anything did.
+        """
+        d, r = marker.position.value.size, self._solver.tables.points.size
+        positions, momenta = np.empty((count, d)), np.empty((count, d))
+        velocities = np.empty((count, r, d))
+        frozen = self._freeze(marker)
+        remainder = np.zeros(2 * d if isinstance(self._solver.dynamics, General) else d)
+        size = ceiling = self._block
+        quiet, waiting, patience, excess, done = 0, 0, LEAST_BLOCK, 0, 0
+        failure = ""
+        while done < count and not failure:
+            trial = 0 if waiting else size
+            while trial > count - done:
+                trial //= 2
+            found = None
+            if trial >= LEAST_BLOCK:
+                found = frozen.attempt(
+                    begin + (first + done) * self._h,
+                    marker.position.value,
+                    marker.momentum.value,
+                    marker.states,
+                    None if loads is None else loads[done : done + trial],
+                    remainder,
+                    trial,
+                )
+                if found is None:
+                    size, ceiling, quiet = trial // 2, max(trial // 2, LEAST_BLOCK), PATIENCE
+                    if size < LEAST_BLOCK:
+                        # single steps for a while, longer after every vain attempt
+                        size, waiting = LEAST_BLOCK, patience
+                        patience = min(2 * patience, 512)
+                    continue
+            if found is None:
+                waiting = max(0, waiting - 1)
+                own = None if loads is None else loads[done]
+                failure = self._single(marker, begin, first + done, own, course)
+                if not failure:
+                    at = done
+                    positions[at], momenta[at] = marker.position.value, marker.momentum.value
+                    if marker.unknowns is not None:
+                        velocities[at] = self._stepper.velocity_of(marker.unknowns)
+                    done += 1
+                continue
+            span = slice(done, done + trial)
+            positions[span] = marker.position.value + found.way
+            momenta[span] = marker.momentum.value + found.momentum_change
+            velocities[span] = found.velocity
+            marker.position.add(found.way[-1])
+            marker.momentum.add(found.momentum_change[-1])
+            self._push(marker, found.velocity)
+            marker.unknowns = None
+            done += trial
+            marker.time = begin + (first + done) * self._h
+            remainder, patience = found.remainder, LEAST_BLOCK
+            course.note(found.changes)
+            quiet = max(0, quiet - 1)
+            if quiet == 0:
+                ceiling = self._block
+            if len(found.changes) <= GROWING_ITERATIONS and trial == size:
+                size = min(2 * size, ceiling)
+            excess += len(found.changes) - 4
+            if excess > REFRESH_AFTER:
+                frozen, excess = self._freeze(marker), 0
+        return positions[:done], momenta[:done], velocities[:done], failure
+
+    def _freeze(self, marker: Marker) -> FrozenBlocks:
+        law = frozen_law(
+            self._solver.dynamics,
+            marker.position.value,
+            marker.momentum.value,
+            marker.time,
+            self._mass,
+        )
+        return FrozenBlocks(
+            law,
+            self._solver.damping,
+            self._at,
+            self._memory,
+            self._solver.tables,
+            self._h,
+            self._block,
+        )
+
+    def _push(self, marker: Marker, velocity: Array) -> None:
+        if self._memory is None:
+            return
+        count, r, d = velocity.shape
+        kernel = self._memory.kernel(count)
+        states = marker.states
+        moved = kernel.intake @ velocity.reshape(count * r, d)
+        after = states.copy()
+        after[:, :d] += kernel.change[:, None] * states[:, :d] + moved
+        if states.shape[1] > d:
+            after[:, -1] = self._memory.carried_after(states[:, -1], count)
+        marker.states = after
+
+    def _single(
+        self, marker: Marker, begin: float, step: int, loads: Array | None, course: Course
+    ) -> str:
+        """One step with its own Jacobian; in words what went wrong, if anything."""
+        marker.time = begin + step * self._h
+        try:
+            result = self._stepper.solve(marker, self._h, loads)
+        except StepFailedError as error:
+            course.note(error.residuals)
+            return f"step {step}, t = {marker.time:.6g}: {error}"
+        course.note(result.residuals)
+        self._stepper.accept(marker, result, self._h, begin + (step + 1) * self._h)
+        finite = (
+            np.isfinite(marker.position.value).all() and np.isfinite(marker.momentum.value).all()
+        )
+        return "" if finite else f"not finite after step {step}, t = {marker.time:.6g}"

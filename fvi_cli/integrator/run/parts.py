@@ -1,0 +1,138 @@
+"""A long run in parts: stopped, kept as a checkpoint, and taken up again."""
+
+from __future__ import annotations
+
+import time as clock
+from dataclasses import dataclass
+
+import numpy as np
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.growth_bound import scene_bound
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.checkpoint import Checkpoint
+from fvi_cli.integrator.run.march import March, first_marker, prepare_run
+from fvi_cli.integrator.run.runge_kutta import mesh_for, status_of
+from fvi_cli.integrator.run.sink import Sink
+from fvi_cli.integrator.trajectory import Trajectory
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Part:
+    """A stretch of a run.
+
+    Parameters
+    ----------
+    trajectory
+        The kept points after the start of the part (with the start for the first one).
+    checkpoint
+        Where the next part begins; None after the end of the run, or a failure.
+    """
+
+    trajectory: Trajectory
+    checkpoint: Checkpoint | None
+
+
+def integrate_part(
+    scene: Scene,
+    method: Method,
+    n_steps: int,
+    *,
+    until: int | None = None,
+    checkpoint: Checkpoint | None = None,
+    every: int = 1,
+) -> Part:
+    """Integrate by a Runge-Kutta method from a checkpoint to the next place to stop.
+
+    The trajectories of successive parts, one after the other, are that of the whole run to the
+    last bit: a run stops only where nothing is left of how its steps were done.
+
+    Parameters
+    ----------
+    scene, method, n_steps, every
+        As for :func:`fvi_cli.integrator.integrate.integrate`, always those of the whole run.
+    until
+        Stop when so many steps of the mesh are done, or up to 4096 later; the end by default.
+    checkpoint
+        Where to begin, the start by default.
+
+    Raises
+    ------
+    ValueError
+        If the checkpoint belongs to another run, or a number is outside of its range.
+    """
+    if every < 1:
+        raise ValueError(f"every: {every} is not allowed; it must be at least 1")
+    began = clock.perf_counter()
+    mesh = mesh_for(scene, method, n_steps)
+    step_size = scene.final_time / n_steps
+    asked = (method.case, n_steps, step_size)
+    if checkpoint is not None:
+        found = (checkpoint.case, checkpoint.n_steps, checkpoint.step_size)
+        if found != asked:
+            raise ValueError(f"checkpoint: it belongs to the run {found}, not to {asked}")
+    done = 0 if checkpoint is None else checkpoint.done
+    if until is not None and not done < until <= mesh.n_steps:
+        raise ValueError(f"until: {until} is not allowed; it must be {done + 1} to {mesh.n_steps}")
+    setup = prepare_run(
+        scene,
+        method,
+        shortest_step=mesh.shortest_step,
+        n_steps=None,
+        bound=scene_bound(scene, step_size),
+    )
+    sink = Sink(every=every, with_steps=False)
+    marker = first_marker(setup) if checkpoint is None else checkpoint.marker()
+    place = (0, 0) if checkpoint is None else (checkpoint.stretch, checkpoint.step)
+    if checkpoint is None:
+        sink.begin(0.0, marker.position.value, marker.momentum.value)
+    else:
+        sink.go_on(checkpoint.reported)
+    ready = clock.perf_counter()
+    march = March(setup, mesh, sink, done=done)
+    following = march.run(marker, stretch=place[0], step=place[1], until=until)
+    if following is None and not march.failure:
+        sink.finish(marker.time, marker.position.value, marker.momentum.value)
+    finished = clock.perf_counter()
+    position, momentum = sink.position, sink.momentum
+    with np.errstate(all="ignore"):
+        energy = setup.stepper.solver.dynamics.energy(position, momentum, sink.time)
+    finite = bool(np.isfinite(position).all() and np.isfinite(momentum).all())
+    trajectory = Trajectory(
+        time=sink.time,
+        position=position,
+        momentum=momentum,
+        energy=energy,
+        n_steps=n_steps,
+        step_size=step_size,
+        status=status_of(march.failure, finite=finite),
+        message=march.failure,
+        history_operations=march.operations,
+        newton=march.course.newton,
+        setup_seconds=ready - began,
+        stepping_seconds=finished - ready,
+        every=every,
+    )
+    if following is None:
+        return Part(trajectory=trajectory, checkpoint=None)
+    unknowns = np.zeros((0, scene.dimension)) if marker.unknowns is None else marker.unknowns
+    return Part(
+        trajectory=trajectory,
+        checkpoint=Checkpoint(
+            case=method.case,
+            n_steps=n_steps,
+            step_size=step_size,
+            stretch=following[0],
+            step=following[1],
+            done=march.done,
+            reported=sink.reported,
+            time=marker.time,
+            position=marker.position.value.copy(),
+            momentum=marker.momentum.value.copy(),
+            position_lost=marker.position.lost.copy(),
+            momentum_lost=marker.momentum.lost.copy(),
+            states=marker.states.copy(),
+            unknowns=unknowns.copy(),
+            last_step=marker.step_size,
+        ),
+    )

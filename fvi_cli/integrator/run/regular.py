@@ -1,0 +1,47 @@
+"""How far a motion is regular: where it has a positive mass matrix and an energy."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.lagrangian import Lagrangian
+
+Array = NDArray[np.float64]
+
+
+def regular_until(
+    lagrangian: Lagrangian, position: Array, momentum: Array, energy: Array, grid: Array
+) -> tuple[int, str]:
+    """How many points of the grid have a positive definite mass matrix and an energy.
+
+    Parameters
+    ----------
+    lagrangian
+        L.
+    position, momentum, energy, grid
+        The path and its times; its end may be not finite.
+
+    Returns
+    -------
+    int, str
+        The number of points, and what comes then in words.
+    """
+    with np.errstate(all="ignore"):
+        velocity = lagrangian.velocity(position, momentum, grid)
+        mass = lagrangian.derivatives(position, velocity, grid).mass
+    wrong = np.logical_not(np.isfinite(mass.reshape(grid.size, -1)).all(axis=1))
+    smallest = np.linalg.eigvalsh(np.where(np.expand_dims(wrong, (1, 2)), 0.0, mass)).min(axis=1)
+    bad = np.flatnonzero(~(smallest > 0) | ~np.isfinite(energy))
+    if not bad.size:
+        return grid.size, ""
+    first = int(bad[0])
+    place = f"step {max(first - 1, 0)}, t = {grid[first]:.6g}: "
+    if smallest[first] > 0:
+        # derivatives may well be numbers where L is none, beyond the end of a logarithm
+        near = ", ".join(f"{value:.4g}" for value in position[first])
+        return first, f"{place}the Lagrangian is not finite near q = [{near}]"
+    return first, (
+        f"{place}the mass matrix d2L/dv2 is not positive definite any more "
+        f"(smallest eigenvalue {smallest[first]:.3g})"
+    )

@@ -1,0 +1,261 @@
+"""A run of a Runge-Kutta method, from scene and steps to the trajectory."""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.balances.mesh_balance import diagnose_run
+from fvi_cli.integrator.diagnostics import NOTHING, Asked
+from fvi_cli.integrator.growth_bound import GrowthBound, scene_bound
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
+from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
+from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
+from fvi_cli.integrator.meshes.singular_start import start_power
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.loop import march_adaptively
+from fvi_cli.integrator.run.march import March, MarchPlan, RunSetup, first_marker, prepare_run
+from fvi_cli.integrator.run.regular import regular_until
+from fvi_cli.integrator.run.sink import Sink
+from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.steps.dynamics import General
+from fvi_cli.integrator.trajectory import NewtonRecord, Status, Trajectory
+
+Array = NDArray[np.float64]
+AnySteps = int | Mesh | AdaptiveSteps
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Ended:
+    """How the loop ended."""
+
+    failure: str
+    newton: NewtonRecord
+    rejected: int = 0
+    operations: int = 0
+
+
+def mesh_for(scene: Scene, method: Method, n_steps: int) -> Mesh:
+    """The mesh of N reported steps that a method takes: equal, or finer behind singular points."""
+    if method.start == "graded":
+        return graded_start_mesh(
+            scene.final_time,
+            n_steps,
+            scene.break_points,
+            stages=method.degree,
+            exponent=lambda at_start: start_power(scene, at_start=at_start),
+        )
+    return uniform_mesh(scene.final_time, n_steps, scene.break_points)
+
+
+def plan_runge_kutta(scene: Scene, method: Method, n_steps: int) -> MarchPlan:
+    """How :func:`integrate_runge_kutta` will do the steps of a run; no step is done."""
+    mesh = mesh_for(scene, method, n_steps)
+    setup = prepare_run(
+        scene,
+        method,
+        shortest_step=mesh.shortest_step,
+        n_steps=None,
+        bound=GrowthBound(size=math.inf, rate=0.0),
+    )
+    return March(setup, mesh, Sink(every=1, with_steps=False)).plan()
+
+
+def integrate_runge_kutta(
+    scene: Scene,
+    method: Method,
+    steps: AnySteps,
+    *,
+    every: int = 1,
+    diagnostics: Asked = NOTHING,
+    with_steps: bool = False,
+) -> Trajectory:
+    """Integrate a scene over [0, T].
+
+    Parameters
+    ----------
+    scene, method
+        What, and by which Runge-Kutta method.
+    steps
+        Number of steps, a mesh, or what the steps are chosen for.
+    every
+        Keep every n-th reported point, the first and the last.
+    diagnostics
+        What else is computed; it does not touch the trajectory.
+    with_steps
+        Keep all steps as polynomials, for dense output.
+
+    Raises
+    ------
+    ValueError
+        For a mesh that does not end at T or a method that has no variable steps.
+    """
+    began = clock.perf_counter()
+    keeps = with_steps or not diagnostics.is_empty
+    sink = Sink(every=every, with_steps=keeps)
+    if isinstance(steps, AdaptiveSteps):
+        setup, ended, finished, count = _adaptive(scene, method, steps, sink)
+        fresh_at = (0.0, *scene.break_points)
+        ready = began
+    else:
+        mesh = steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps)
+        if not math.isclose(mesh.final_time, scene.final_time, rel_tol=1e-12):
+            raise ValueError(
+                f"mesh: it ends at {mesh.final_time:g}, the run at {scene.final_time:g}"
+            )
+        count = mesh.n_reported
+        bound = scene_bound(scene, scene.final_time / max(count, 1))
+        setup = prepare_run(
+            scene, method, shortest_step=mesh.shortest_step, n_steps=None, bound=bound
+        )
+        ready = clock.perf_counter()
+        ended = _given(setup, mesh, sink)
+        finished = clock.perf_counter()
+        fresh_at = tuple(one.begin for one in mesh.stretches if one.is_fresh)
+    return _trajectory(
+        setup,
+        sink,
+        ended,
+        count,
+        every,
+        diagnostics,
+        fresh_at,
+        with_steps=with_steps,
+        seconds=(ready - began, finished - ready),
+    )
+
+
+def _given(setup: RunSetup, mesh: Mesh, sink: Sink) -> _Ended:
+    """The steps of a mesh."""
+    marker = first_marker(setup)
+    sink.begin(0.0, marker.position.value, marker.momentum.value)
+    march = March(setup, mesh, sink)
+    march.run(marker)
+    if not march.failure:
+        sink.finish(marker.time, marker.position.value, marker.momentum.value)
+    return _Ended(failure=march.failure, newton=march.course.newton, operations=march.operations)
+
+
+def _adaptive(
+    scene: Scene, method: Method, steps: AdaptiveSteps, sink: Sink
+) -> tuple[RunSetup, _Ended, float, int]:
+    """Steps that are found on the way."""
+    if method.cq != "gauss" or method.degree < 2:
+        raise ValueError(
+            f"mesh: adaptive steps are for Gauss methods of degree 2 and more, not "
+            f"for {method.case}"
+        )
+    is_singular = start_power(scene, at_start=True) is not None
+    controller = StepController(
+        steps,
+        final_time=scene.final_time,
+        breaks=scene.break_points,
+        stages=method.degree,
+        is_singular=is_singular or bool(scene.break_points),
+    )
+    bound = scene_bound(scene, scene.final_time / 1024)
+    setup = prepare_run(
+        scene, method, shortest_step=controller.shortest_step, n_steps=None, bound=bound
+    )
+    marker = first_marker(setup)
+    sink.begin(0.0, marker.position.value, marker.momentum.value)
+    course = march_adaptively(
+        setup.stepper, marker, controller, most_steps=steps.most_steps, bound=bound
+    )
+    count = len(course.sizes)
+    if count:
+        velocity = np.array([setup.stepper.velocity_of(one) for one in course.unknowns])
+        sink.add(
+            np.array(course.times[1:]),
+            np.array(course.sizes),
+            np.array(course.positions[1:]),
+            np.array(course.momenta[1:]),
+            velocity,
+            np.arange(count),
+        )
+    sink.finish(marker.time, marker.position.value, marker.momentum.value)
+    per_step = 0 if setup.damping is None else setup.damping.operations_per_step
+    ended = _Ended(
+        failure=course.failure,
+        newton=course.newton,
+        rejected=course.rejected,
+        operations=count * per_step,
+    )
+    return setup, ended, clock.perf_counter(), count
+
+
+def _trajectory(
+    setup: RunSetup,
+    sink: Sink,
+    ended: _Ended,
+    n_steps: int,
+    every: int,
+    diagnostics: Asked,
+    fresh_at: tuple[float, ...],
+    *,
+    with_steps: bool,
+    seconds: tuple[float, float],
+) -> Trajectory:
+    """What is reported of a finished run."""
+    scene, dynamics = setup.scene, setup.stepper.solver.dynamics
+    time, position, momentum = sink.time, sink.position, sink.momentum
+    failure = ended.failure
+    with np.errstate(all="ignore"):
+        energy = dynamics.energy(position, momentum, time)
+    if isinstance(dynamics, General):
+        kept, irregular = regular_until(dynamics.lagrangian, position, momentum, energy, time)
+        if irregular:
+            time, position, momentum, energy = (
+                one[:kept] for one in (time, position, momentum, energy)
+            )
+            failure = irregular
+    finite = bool(np.isfinite(position).all() and np.isfinite(momentum).all())
+    steps = None
+    found = None
+    if with_steps or not diagnostics.is_empty:
+        mesh, sizes, positions, momenta, velocity = sink.steps()
+        steps = RunSteps(
+            tables=setup.stepper.solver.tables,
+            time=mesh,
+            position=positions,
+            momentum=momenta,
+            step_size=sizes,
+            velocity=velocity,
+        )
+    if steps is not None and not diagnostics.is_empty and steps.n_steps:
+        fresh = np.isin(mesh[:-1], np.array(fresh_at))
+        with np.errstate(all="ignore"):
+            every_point = diagnose_run(
+                steps, setup.damping, dynamics, setup.stepper.loads, fresh, diagnostics
+            )
+        found = every_point.at(np.searchsorted(mesh, time))
+    return Trajectory(
+        time=time,
+        position=position,
+        momentum=momentum,
+        energy=energy,
+        n_steps=n_steps,
+        step_size=scene.final_time / max(n_steps, 1),
+        status=status_of(failure, finite=finite),
+        message=failure,
+        history_operations=ended.operations,
+        newton=ended.newton,
+        setup_seconds=seconds[0],
+        stepping_seconds=seconds[1],
+        every=every,
+        diagnostics=found,
+        steps=steps if with_steps else None,
+        rejected=ended.rejected,
+    )
+
+
+def status_of(failure: str, *, finite: bool) -> Status:
+    """What a run is called that ended with this failure, or without one."""
+    if not failure:
+        return "ok"
+    return "diverged" if failure.startswith("diverged") or not finite else "failed"

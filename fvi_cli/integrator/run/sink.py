@@ -1,0 +1,140 @@
+"""What is kept of a run while it goes on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Sink:
+    """Reported points, thinned, and where wanted every step with its stage velocities.
+
+    Parameters
+    ----------
+    every
+        Keep every n-th reported point, the first and the last.
+    with_steps
+        Keep all points of the mesh and the velocities at the stages.
+    """
+
+    def __init__(self, *, every: int, with_steps: bool) -> None:
+        self._every, self._with_steps = every, with_steps
+        self._reported = 0
+        self._times: list[Array] = []
+        self._positions: list[Array] = []
+        self._momenta: list[Array] = []
+        self._last: tuple[Array, Array, Array] | None = None
+        self._is_last_kept = True
+        self._mesh: list[Array] = []
+        self._mesh_positions: list[Array] = []
+        self._mesh_momenta: list[Array] = []
+        self._sizes: list[Array] = []
+        self._velocities: list[Array] = []
+
+    @property
+    def reported(self) -> int:
+        """Number of reported points so far, the start of the run not counted."""
+        return self._reported
+
+    def go_on(self, reported: int) -> None:
+        """Begin behind a checkpoint with so many reported points before it."""
+        self._reported = reported
+
+    def begin(self, time: float, position: Array, momentum: Array) -> None:
+        """The start of the run."""
+        at = np.array([time])
+        self._times.append(at)
+        self._positions.append(position[None].copy())
+        self._momenta.append(momentum[None].copy())
+        if self._with_steps:
+            self._mesh.append(at)
+            self._mesh_positions.append(position[None].copy())
+            self._mesh_momenta.append(momentum[None].copy())
+
+    def add(
+        self,
+        times: Array,
+        sizes: Array,
+        position: Array,
+        momentum: Array,
+        velocity: Array,
+        reported: NDArray[np.intp],
+    ) -> None:
+        """Steps that are done.
+
+        Parameters
+        ----------
+        times, position, momentum
+            At their ends, shapes ``(n,)``, ``(n, d)``.
+        sizes
+            Step sizes, shape ``(n,)``.
+        velocity
+            At the stages, shape ``(n, r, d)``.
+        reported
+            Indices of the points among them that are reported.
+        """
+        if self._with_steps:
+            self._mesh.append(times)
+            self._sizes.append(sizes)
+            self._mesh_positions.append(position)
+            self._mesh_momenta.append(momentum)
+            self._velocities.append(velocity)
+        if reported.size == 0:
+            return
+        numbers = self._reported + 1 + np.arange(reported.size)
+        kept = reported[numbers % self._every == 0]
+        self._reported += reported.size
+        if kept.size:
+            self._times.append(times[kept])
+            self._positions.append(position[kept])
+            self._momenta.append(momentum[kept])
+        last = reported[-1]
+        self._is_last_kept = bool(kept.size) and kept[-1] == last
+        self._last = (
+            times[last : last + 1].copy(),
+            position[last : last + 1].copy(),
+            momentum[last : last + 1].copy(),
+        )
+
+    def finish(self, time: float, position: Array, momentum: Array) -> None:
+        """The run ends here; its last point is kept, whatever it is."""
+        last = self._last
+        if last is None or last[0][0] != time:
+            kept = bool(self._times) and self._times[-1][-1] == time
+            if not kept:
+                self._times.append(np.array([time]))
+                self._positions.append(position[None].copy())
+                self._momenta.append(momentum[None].copy())
+        elif not self._is_last_kept:
+            for store, value in zip(
+                (self._times, self._positions, self._momenta), last, strict=True
+            ):
+                store.append(value)
+
+    @property
+    def time(self) -> Array:
+        """Times of the kept points."""
+        return np.concatenate([np.zeros(0), *self._times])
+
+    @property
+    def position(self) -> Array:
+        """Positions of the kept points, shape ``(n, d)``."""
+        return np.concatenate(self._positions)
+
+    @property
+    def momentum(self) -> Array:
+        """Momenta of the kept points, shape ``(n, d)``."""
+        return np.concatenate(self._momenta)
+
+    def steps(self) -> tuple[Array, Array, Array, Array, Array]:
+        """Mesh, step sizes, positions, momenta and stage velocities of all steps."""
+        d = self._positions[0].shape[1]
+        return (
+            np.concatenate(self._mesh),
+            np.concatenate([np.zeros(0), *self._sizes]),
+            np.concatenate(self._mesh_positions),
+            np.concatenate(self._mesh_momenta),
+            np.concatenate(self._velocities) if self._velocities else np.zeros((0, 1, d)),
+        )

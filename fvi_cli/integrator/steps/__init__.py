@@ -1,0 +1,1 @@
+"""One step of the integrator: its equations, and what solves them."""

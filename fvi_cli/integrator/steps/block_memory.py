@@ -1,0 +1,69 @@
+"""The damping's past over blocks of equal steps."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.convolution.damping import Damping, DampingTables
+from fvi_cli.integrator.convolution.stages import BlockKernel, block_of
+
+Array = NDArray[np.float64]
+
+
+class BlockMemory:
+    """Forces of the past on the steps of a block, and what a block adds to the states.
+
+    Parameters
+    ----------
+    damping, tables
+        The damping and its numbers for the step size; with memory.
+    block
+        Most steps B of a block.
+    """
+
+    def __init__(self, damping: Damping, tables: DampingTables, block: int) -> None:
+        if tables.step is None:
+            raise ValueError("damping: without memory there is no past")
+        self._damping, self._tables = damping, tables
+        self._stages = tables.intake.shape[1]
+        self._made: dict[int, BlockKernel] = {}
+        self.block = block
+        whole = self.kernel(block)
+        combined = [damping.combined(one, whole.response) for one in damping.directions]
+        self.responses = tuple(combined)
+
+    def kernel(self, steps: int) -> BlockKernel:
+        """Tables of blocks of so many steps."""
+        if steps not in self._made:
+            step = self._tables.step
+            if step is None:
+                raise ValueError("damping: without memory there is no past")
+            self._made[steps] = block_of(step, steps)
+        return self._made[steps]
+
+    def carried_force(self, carried: Array, steps: int) -> Array:
+        """Force, on every stage, of the start velocity in the column of its own.
+
+        Parameters
+        ----------
+        carried
+            That column of the states, shape ``(J,)``.
+        steps
+            At most B.
+
+        Returns
+        -------
+        Array
+            Shape ``(steps, m, d)``.
+        """
+        m, d = self._stages, self._damping.dimension
+        total = np.zeros((steps, m, d))
+        for response, one in zip(self.responses, self._damping.directions, strict=True):
+            own = (response[: steps * m] @ carried).reshape(steps, m)
+            total += own[:, :, None] * one.matrix[d]
+        return total
+
+    def carried_after(self, carried: Array, steps: int) -> Array:
+        """The same column so many steps later."""
+        return np.asarray(carried * self.kernel(steps).decay)

@@ -1,0 +1,335 @@
+r"""Blocks of equal steps of linear scenes, without a loop over steps.
+
+Where the scene is one system with few states, the states of the damping, position and momentum
+together obey one linear recurrence from block to block, and all that is not that recurrence is one
+matrix product for many blocks. A batch of systems shares the tables of the damping; each has its
+own dense matrices for the steps of a block.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.compensated import CompensatedSum
+from fvi_cli.integrator.convolution.damping import Damping, DampingTables
+from fvi_cli.integrator.decoupling import Decoupling
+from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.steps.block_memory import BlockMemory
+from fvi_cli.integrator.steps.block_response import LinearSystems, block_response
+
+Array = NDArray[np.float64]
+
+LARGEST_RECURRENCE = 700
+"""Numbers in the state of a recurrence, at most."""
+LARGEST_DENSE = 1024
+"""Steps of a block times stages times components, at most."""
+LARGEST_BATCH = 2**22
+"""Numbers in the matrices of a batch, at most."""
+LEAST_BLOCK = 4
+LARGEST_BLOCK = 128
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlockSteps:
+    """What a number of steps gave.
+
+    Parameters
+    ----------
+    position, momentum
+        After every step, shape ``(n, d)``.
+    velocity
+        At the stages of every step, shape ``(n, r, d)``.
+    """
+
+    position: Array
+    momentum: Array
+    velocity: Array
+
+
+def block_length(stages: int, batch: int, coupled: int, n_steps: int) -> int:
+    """Steps of a block for a run of `n_steps` equal steps; 0: steps are done one by one."""
+    block = LARGEST_BLOCK
+    while block >= LEAST_BLOCK and (
+        block * stages * coupled > LARGEST_DENSE
+        or (batch > 1 and batch * (block * stages * coupled) ** 2 > LARGEST_BATCH)
+        or block * block > 16 * n_steps
+    ):
+        block //= 2
+    return block if LEAST_BLOCK <= block <= n_steps else 0
+
+
+def is_recurrence(batch: int, coupled: int, n_states: int) -> bool:
+    """Whether blocks of one system are taken as a recurrence of its whole state."""
+    return batch == 1 and (n_states + 2) * coupled <= LARGEST_RECURRENCE
+
+
+def memory_operations(
+    n_steps: int, block: int, batch: int, coupled: int, stages: int, n_states: int, per_step: int
+) -> int:
+    """Multiply-adds of the memory in `n_steps` steps in blocks.
+
+    Parameters
+    ----------
+    n_steps, block
+        Number of steps, and steps of a block.
+    batch, coupled
+        Systems, and components of each.
+    stages, n_states, per_step
+        Stages of the method, states of the damping, and what a single step takes.
+    """
+    if not is_recurrence(batch, coupled, n_states) or per_step == 0:
+        return n_steps * per_step
+    n_blocks, rest = divmod(n_steps, block)
+    size = (n_states + 2) * coupled
+    outputs = block * (stages + 2) * coupled
+    return n_blocks * size * (size + outputs) + rest * per_step
+
+
+class LinearBlocks:
+    """Equal steps of one size of a linear scene.
+
+    Parameters
+    ----------
+    systems, decoupling
+        Independent systems and the coordinates in which the scene falls apart into them.
+    damping, at
+        The damping, if any, and its numbers for this step size.
+    tables, step_size
+        Numbers of the method, and h.
+    block
+        Steps of a block.
+    """
+
+    def __init__(
+        self,
+        systems: LinearSystems,
+        decoupling: Decoupling,
+        damping: Damping | None,
+        at: DampingTables,
+        tables: StepTables,
+        step_size: float,
+        block: int,
+    ) -> None:
+        self._decoupling, self._damping, self._tables = decoupling, damping, tables
+        self._h, self.block = step_size, block
+        self._q, self._e = systems.shape
+        self._r, self._rows = tables.points.size, tables.degree + 1
+        self._directions = systems.directions
+        self._response = block_response(systems, at, tables, step_size, block)
+        self._to_loads = -step_size * tables.test_weights
+        # load vectors of the constant force
+        self._constant = self._to_loads @ at.constant_force
+        self._memory: BlockMemory | None = None
+        if damping is not None and at.step is not None:
+            self._memory = BlockMemory(damping, at, block)
+        n_states = 0 if self._memory is None else self._memory.responses[0].shape[1]
+        self._is_recurrence = is_recurrence(self._q, self._e, n_states)
+        if self._is_recurrence:
+            self._prepare_recurrence(n_states)
+
+    def advance(
+        self,
+        position: CompensatedSum,
+        momentum: CompensatedSum,
+        states: Array,
+        n_steps: int,
+        loads: Array | None,
+    ) -> tuple[BlockSteps, Array]:
+        """Do `n_steps` steps; position and momentum move on.
+
+        Parameters
+        ----------
+        position, momentum
+            Of the scene, shape ``(d,)``.
+        states
+            Of the damping, shape ``(J, columns)``.
+        n_steps
+            Any number.
+        loads
+            Load vectors of known forces, shape ``(n_steps, s + 1, d)``.
+
+        Returns
+        -------
+        BlockSteps, Array
+            What the steps gave, and the states after them.
+        """
+        d = position.value.size
+        q, e, block = self._q, self._e, self.block
+        forces, states_after = self._known_loads(states, n_steps, loads)
+        z = np.ascontiguousarray(
+            self._decoupling.positions(states[:, :d]).transpose(1, 0, 2).reshape(-1, q * e)
+        )
+        ends_position = self._decoupling.positions(position.value)
+        ends_momentum = self._decoupling.forces(momentum.value)
+        start = np.concatenate([ends_position, ends_momentum], axis=1)
+        n_blocks, rest = divmod(n_steps, block)
+        parts = []
+        if n_blocks:
+            driven = None if forces is None else forces[:, : n_blocks * block]
+            run = self._recur if self._is_recurrence else self._repeat
+            ends, velocity, z, start = run(z, start, n_blocks, driven)
+            parts.append((ends, velocity))
+        if rest:
+            driven = None if forces is None else forces[:, n_blocks * block :]
+            ends, velocity, z, start = self._one(z, start, rest, driven)
+            parts.append((ends, velocity))
+        ends = np.concatenate([part[0] for part in parts], axis=1)
+        velocity = np.concatenate([part[1] for part in parts], axis=1)
+        steps = BlockSteps(
+            position=self._decoupling.scene_positions(ends[..., :e]),
+            momentum=self._decoupling.scene_forces(ends[..., e:]),
+            velocity=self._decoupling.scene_positions(velocity),
+        )
+        after = states_after
+        if z.size:
+            moved = z.reshape(-1, q, e).transpose(1, 0, 2)
+            after[:, :d] = self._decoupling.scene_positions(moved)
+        position.add(steps.position[-1] - position.value)
+        momentum.add(steps.momentum[-1] - momentum.value)
+        return steps, after
+
+    def _known_loads(
+        self, states: Array, n_steps: int, loads: Array | None
+    ) -> tuple[Array | None, Array]:
+        """All load vectors that are known beforehand, ``(q, n, s + 1, e)``; states to fill in."""
+        after = states.copy()
+        memory, damping = self._memory, self._damping
+        constant = self._constant
+        if memory is not None and damping is not None and damping.has_column:
+            done, carried = 0, states[:, -1]
+            parts = []
+            while done < n_steps:
+                count = min(self.block, n_steps - done)
+                parts.append(memory.carried_force(carried, count))
+                carried = memory.carried_after(carried, count)
+                done += count
+            after[:, -1] = carried
+            own = np.einsum("nr,krd->knd", self._to_loads, np.concatenate(parts))
+            loads = own if loads is None else loads + own
+        if constant.any():
+            own = np.broadcast_to(constant, (n_steps, *constant.shape))
+            loads = own if loads is None else loads + own
+        if loads is None:
+            return None, after
+        return self._decoupling.forces(loads), after
+
+    def _prepare_recurrence(self, n_states: int) -> None:
+        """Matrices of one system: w = (states, position, momentum) from block to block."""
+        e, block = self._e, self.block
+        loads = block * self._rows * e
+        velocity, ends = self._response.velocity[0], self._response.ends[0]
+        size = n_states * e + 2 * e
+        # from w to the load vectors of the past
+        past = np.zeros((loads, n_states * e))
+        if self._memory is not None:
+            for response, direction in zip(self._memory.responses, self._directions, strict=True):
+                by_stage = response.reshape(block, self._r, n_states)
+                rows = np.einsum("nr,brj->bnj", self._to_loads, by_stage)
+                past += np.einsum("bnj,ca->bnajc", rows, direction[0]).reshape(loads, n_states * e)
+        self._outputs = np.concatenate([ends[:, :loads] @ past, ends[:, loads:]], axis=1)
+        self._velocities = np.concatenate([velocity[:, :loads] @ past, velocity[:, loads:]], axis=1)
+        change = np.zeros((size, size))
+        driven = np.zeros((size, loads))
+        if self._memory is not None:
+            kernel = self._memory.kernel(block)
+            intake = np.kron(kernel.intake, np.eye(e))
+            change[: n_states * e] = intake @ self._velocities
+            change[: n_states * e, : n_states * e] += np.diag(np.repeat(kernel.change, e))
+            driven[: n_states * e] = intake @ velocity[:, :loads]
+        change[n_states * e :] = self._outputs[-2 * e :]
+        driven[n_states * e :] = ends[-2 * e :, :loads]
+        self._change, self._driven = change, driven
+
+    def _recur(
+        self, z: Array, start: Array, n_blocks: int, loads: Array | None
+    ) -> tuple[Array, Array, Array, Array]:
+        """Whole blocks of one system: ends ``(1, n, 2 e)``, velocities, states, state."""
+        e, block = self._e, self.block
+        size = self._change.shape[0]
+        path = np.empty((n_blocks, size))
+        value = np.concatenate([z.ravel(), start[0]])
+        lost = np.zeros(size)
+        flat = None if loads is None else loads[0].reshape(n_blocks, -1)
+        driven = None if flat is None else flat @ self._driven.T
+        for index in range(n_blocks):
+            path[index] = value
+            change = self._change @ value
+            if driven is not None:
+                change += driven[index]
+            change -= lost
+            total = value + change
+            lost = (total - value) - change
+            value = total
+        width = block * self._rows * e
+        ends, velocity = path @ self._outputs.T, path @ self._velocities.T
+        if flat is not None:
+            ends += flat @ self._response.ends[0][:, :width].T
+            velocity += flat @ self._response.velocity[0][:, :width].T
+        ends = ends.reshape(n_blocks, block, 2 * e) + path[:, None, -2 * e :]
+        return (
+            ends.reshape(1, n_blocks * block, 2 * e),
+            velocity.reshape(1, n_blocks * block, self._r, e),
+            value[: -2 * e].reshape(z.shape),
+            value[None, -2 * e :],
+        )
+
+    def _repeat(
+        self, z: Array, start: Array, n_blocks: int, loads: Array | None
+    ) -> tuple[Array, Array, Array, Array]:
+        """Whole blocks of a batch, one after the other."""
+        found = []
+        for index in range(n_blocks):
+            own = None
+            if loads is not None:
+                own = loads[:, index * self.block : (index + 1) * self.block]
+            ends, velocity, z, start = self._one(z, start, self.block, own)
+            found.append((ends, velocity))
+        return (
+            np.concatenate([one[0] for one in found], axis=1),
+            np.concatenate([one[1] for one in found], axis=1),
+            z,
+            start,
+        )
+
+    def _one(
+        self, z: Array, start: Array, count: int, loads: Array | None
+    ) -> tuple[Array, Array, Array, Array]:
+        """One block of `count` steps."""
+        q, e, r = self._q, self._e, self._r
+        width, every = count * self._rows * e, self.block * self._rows * e
+        inputs = np.zeros((q, width + 2 * e))
+        if loads is not None:
+            inputs[:, :width] = loads.reshape(q, width)
+        inputs[:, width:] = start
+        if self._memory is not None:
+            force = np.zeros((q, count, r, e))
+            for response, direction in zip(self._memory.responses, self._directions, strict=True):
+                own = (response[: count * r] @ z).reshape(count, r, q, e).transpose(2, 0, 1, 3)
+                if e == 1:
+                    force += own * direction[:, None]
+                else:
+                    force += np.matmul(own, direction[:, None])
+            inputs[:, :width] += np.einsum("nr,qkre->qkne", self._to_loads, force).reshape(q, -1)
+        if count == self.block:
+            velocity, ends = self._response.velocity, self._response.ends
+        else:
+            columns = np.r_[0:width, every : every + 2 * e]
+            velocity = self._response.velocity[:, : count * r * e][:, :, columns]
+            ends = self._response.ends[:, : count * 2 * e][:, :, columns]
+        driving = _times(velocity, inputs).reshape(q, count, r, e)
+        path = _times(ends, inputs).reshape(q, count, 2 * e) + start[:, None]
+        if self._memory is not None:
+            kernel = self._memory.kernel(count)
+            moved = driving.transpose(1, 2, 0, 3).reshape(count * r, q * e)
+            z = z + (kernel.change[:, None] * z + kernel.intake @ moved)
+        return path, driving, z, path[:, -1]
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Matrix times vector for every system."""
+    if matrices.shape[0] == 1:
+        return np.asarray(matrices[0] @ vectors[0])[None]
+    return np.asarray(np.matmul(matrices, vectors[..., None])[..., 0])

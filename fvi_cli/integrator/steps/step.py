@@ -1,0 +1,297 @@
+r"""One step of a Galerkin variational integrator on any mesh.
+
+The trajectory on a step is :math:`x(t_n + \tau h) = q_n + h \sum_{\nu=1}^{s} l_\nu(\tau) U_\nu`;
+the unknowns U have the unit of a velocity, so that nothing is lost to round-off when h is small.
+With P and Q of :mod:`~fvi_cli.integrator.steps.dynamics` at the quadrature points
+:math:`(c_i, b_i)`, load vectors :math:`g_\nu = h \int l_\nu f` and damping forces
+:math:`F_i`, the discrete Euler-Lagrange equations in momentum form are, for
+:math:`\nu = 0 .. s - 1`,
+
+.. math:: \sum_i b_i \bigl[l_\nu'(c_i) P_i + h\, l_\nu(c_i) (Q_i - F_i)\bigr]
+          + g_\nu + p_n \delta_{\nu 0} = 0,
+
+and, because the basis sums to one,
+:math:`q_{n+1} = q_n + h U_s`, :math:`p_{n+1} = p_n + \sum_\nu g_\nu + h \sum_i b_i (Q_i - F_i)`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.convolution.damping import Damping, DampingTables, no_damping
+from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.steps.dynamics import General, Separable
+
+Array = NDArray[np.float64]
+
+QUADRATIC_TOLERANCE = 1e-15
+"""Relative size of an update that is not worth an iteration of its own."""
+STALLED = 1e-9
+NEWTON_LIMIT = 40
+
+
+class StepFailedError(Exception):
+    """A step whose equations could not be solved, with the record of the attempt."""
+
+    def __init__(self, message: str, residuals: tuple[float, ...]) -> None:
+        self.residuals = residuals
+        super().__init__(message)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StepResult:
+    """What solving a step gave.
+
+    Parameters
+    ----------
+    unknowns
+        U, shape ``(s, d)``, in the unit of a velocity.
+    velocity
+        At the quadrature points, shape ``(r, d)``.
+    damping_force
+        F at the quadrature points, shape ``(r, d)``.
+    momentum_change
+        p_{n+1} - p_n, shape ``(d,)``.
+    residuals
+        Sizes of Newton's residuals, in the unit of a momentum; empty for linear scenes.
+    """
+
+    unknowns: Array
+    velocity: Array
+    damping_force: Array
+    momentum_change: Array
+    residuals: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StepMatrices:
+    """Matrices of one step size.
+
+    Parameters
+    ----------
+    step_size
+        h.
+    damping
+        Local blocks and responses of the states.
+    constant
+        Derivative of the equations by U as far as it does not change: mass (and stiffness) of
+        linear parts and the local damping, shape ``(s d, s d)``.
+    inverse
+        Its inverse, for linear scenes.
+    """
+
+    step_size: float
+    damping: DampingTables
+    constant: Array
+    inverse: Array | None
+
+
+def kronecker(a: Array, b: Array) -> Array:
+    """The Kronecker product of two matrices; ``numpy.kron`` is slow on small ones."""
+    rows, columns = a.shape[0] * b.shape[0], a.shape[1] * b.shape[1]
+    return np.asarray((a[:, None, :, None] * b[None, :, None, :]).reshape(rows, columns))
+
+
+class StepSolver:
+    """Solves steps of one scene by one method.
+
+    Parameters
+    ----------
+    dynamics
+        The conservative part.
+    damping
+        Fractional damping; None: there is none.
+    tables
+        Numbers of the method.
+    """
+
+    def __init__(
+        self, dynamics: Separable | General, damping: Damping | None, tables: StepTables
+    ) -> None:
+        self.dynamics, self.damping, self.tables = dynamics, damping, tables
+        self._shape = (tables.degree, dynamics.dimension)
+        self._size = tables.degree * dynamics.dimension
+        self._to_velocity = np.ascontiguousarray(tables.slopes[1:].T)
+        self._to_position = np.ascontiguousarray(tables.basis[1:].T)
+        self._rate_test = tables.weights * tables.slopes[:-1]
+        self._test = np.ascontiguousarray(tables.test_weights[:-1])
+        self._separable = dynamics if isinstance(dynamics, Separable) else None
+        stiffness = None if self._separable is None else self._separable.stiffness
+        self._stiffness = stiffness
+        rate, test = self._rate_test.T, self._test.T
+        velocity, position = self._to_velocity, self._to_position
+        self._inertia = np.zeros((self._size, self._size))
+        if self._separable is not None:
+            self._inertia = kronecker(tables.mass_matrix, self._separable.mass)
+        self._pull_matrix: Array | None = None
+        if stiffness is not None:
+            self._pull_matrix = kronecker(self._test @ self._to_position, stiffness)
+        self._by_mass = np.einsum("in,im->inm", rate, velocity)
+        self._by_mixed = np.einsum("in,im->inm", rate, position)
+        self._by_transposed = np.einsum("in,im->inm", test, velocity)
+        self._by_stiffness = np.einsum("in,im->inm", test, position)
+
+    def matrices(self, step_size: float) -> StepMatrices:
+        """Matrices of steps of this size.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If the equations of a linear step have no unique solution.
+        """
+        h = step_size
+        constant = np.zeros((self._size, self._size))
+        if self._separable is not None:
+            constant += self._inertia
+            if self._pull_matrix is not None:
+                constant -= h**2 * self._pull_matrix
+        d = self._shape[1]
+        if self.damping is None:
+            damping = no_damping(self.tables.points.size, d)
+        else:
+            damping = self.damping.tables(h)
+            for local, one in zip(damping.local, self.damping.directions, strict=True):
+                block = h * self._test @ local @ self._to_velocity
+                constant -= kronecker(block, one.matrix[:d].T)
+        inverse: Array | None = None
+        if self.dynamics.is_linear:
+            inverse = np.asarray(np.linalg.inv(constant))
+        return StepMatrices(step_size=h, damping=damping, constant=constant, inverse=inverse)
+
+    def solve(
+        self,
+        at: StepMatrices,
+        time: float,
+        position: Array,
+        momentum: Array,
+        states: Array,
+        loads: Array | None,
+        guess: Array | None,
+    ) -> StepResult:
+        """Solve the step from `time` on.
+
+        Parameters
+        ----------
+        at
+            Matrices of its step size.
+        time, position, momentum, states
+            Where it begins.
+        loads
+            Load vectors g of the known force, shape ``(s + 1, d)``; None: no such force.
+        guess
+            First guess of U for nonlinear scenes, shape ``(s, d)``.
+
+        Raises
+        ------
+        StepFailedError
+            If Newton's iteration does not converge, or meets numbers that are not finite.
+        """
+        h, damping = at.step_size, self.damping
+        right = np.zeros(self._shape)
+        history: Array | None = None
+        if damping is not None:
+            history = damping.history_force(at.damping, states) + at.damping.constant_force
+            right += h * self._test @ history
+        right[0] -= momentum
+        if loads is not None:
+            right -= loads[:-1]
+        residuals: tuple[float, ...] = ()
+        if at.inverse is not None:
+            if self._stiffness is not None:
+                pull = position @ self._stiffness
+                right += h * self._test.sum(axis=1)[:, None] * pull
+            unknowns = (at.inverse @ right.ravel()).reshape(self._shape)
+        else:
+            with np.errstate(all="ignore"):
+                unknowns, residuals = self._newton(at, time, position, right, guess)
+        velocity = self._to_velocity @ unknowns
+        change = np.zeros(self._shape[1])
+        force = np.zeros_like(velocity)
+        if damping is not None and history is not None:
+            force = history + damping.local_force(at.damping, velocity)
+            change -= h * self.tables.weights @ force
+        if self._stiffness is not None or self.dynamics.is_linear is False:
+            points = position + h * (self._to_position @ unknowns)
+            pulls = self._pull(points, velocity, time + h * self.tables.points)
+            change += h * self.tables.weights @ pulls
+        if loads is not None:
+            change += loads.sum(axis=0)
+        return StepResult(
+            unknowns=unknowns,
+            velocity=velocity,
+            damping_force=force,
+            momentum_change=change,
+            residuals=residuals,
+        )
+
+    def _pull(self, position: Array, velocity: Array, time: Array) -> Array:
+        if self._separable is not None:
+            potential = self._separable.potential
+            return np.zeros_like(position) if potential is None else -potential.gradient(position)
+        with np.errstate(all="ignore"):
+            return self.dynamics.forces(position, velocity, time)[1]
+
+    def _newton(
+        self, at: StepMatrices, time: float, position: Array, right: Array, guess: Array | None
+    ) -> tuple[Array, tuple[float, ...]]:
+        """Solve the equations with their exact Jacobian."""
+        h, tables = at.step_size, self.tables
+        unknowns = np.zeros(self._shape) if guess is None else guess.copy()
+        times = time + h * tables.points
+        residuals: list[float] = []
+        previous = math.inf
+        for _ in range(NEWTON_LIMIT):
+            points = position + h * (self._to_position @ unknowns)
+            if self._separable is not None and self._separable.potential is not None:
+                potential = self._separable.potential
+                residual = (at.constant @ unknowns.ravel()).reshape(self._shape) - right
+                residual -= h * self._test @ potential.gradient(points)
+                jacobian = at.constant - h**2 * np.einsum(
+                    "inm,iab->namb", self._by_stiffness, potential.hessian(points)
+                ).reshape(self._size, self._size)
+            else:
+                velocity = self._to_velocity @ unknowns
+                found = self.dynamics.derivatives(points, velocity, times)
+                residual = (at.constant @ unknowns.ravel()).reshape(self._shape) - right
+                residual += self._rate_test @ found.momentum + h * self._test @ found.force
+                full = np.einsum("inm,iab->namb", self._by_mass, found.mass)
+                full += h * np.einsum("inm,iab->namb", self._by_mixed, found.mixed)
+                full += h * np.einsum("inm,iba->namb", self._by_transposed, found.mixed)
+                full += h**2 * np.einsum("inm,iab->namb", self._by_stiffness, found.stiffness)
+                jacobian = at.constant + full.reshape(self._size, self._size)
+            residuals.append(float(np.abs(residual).max()))
+            if not (math.isfinite(residuals[-1]) and np.isfinite(jacobian).all()):
+                raise StepFailedError(
+                    "the force is not finite (no real number, or a division by zero) near "
+                    f"q = {_shown(points[-1])}; take a smaller step if the motion itself stays "
+                    "away from there",
+                    tuple(residuals),
+                )
+            try:
+                update = np.linalg.solve(jacobian, residual.ravel()).reshape(self._shape)
+            except np.linalg.LinAlgError:
+                break
+            unknowns -= update
+            size, scale = float(np.abs(update).max()), float(np.abs(unknowns).max())
+            # where positions are large against the way of a step, their rounding is what is left
+            floor = 1e-15 * float(np.abs(position).max()) / h
+            stalled = size >= 0.5 * previous and size <= max(STALLED * scale, 100 * floor)
+            # quadratic convergence: what the next update would be
+            following = size * (size / previous) ** 2 if previous < math.inf else size
+            if following <= max(QUADRATIC_TOLERANCE * scale, floor) or stalled or size == 0:
+                return unknowns, tuple(residuals)
+            previous = size
+        raise StepFailedError(
+            f"Newton's iteration did not converge in {len(residuals)} iterations "
+            f"(residuals {residuals[0]:.1e} .. {residuals[-1]:.1e}); take a smaller step, or see "
+            f"whether the mass matrix is singular near q = {_shown(position)}",
+            tuple(residuals),
+        )
+
+
+def _shown(position: Array) -> str:
+    return "[" + ", ".join(f"{value:.4g}" for value in position) + "]"
