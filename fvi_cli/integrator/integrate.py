@@ -34,6 +34,7 @@ from fvi_cli.integrator.moments import (
     projected_moments,
 )
 from fvi_cli.integrator.motion import Motion
+from fvi_cli.integrator.run.runge_kutta import AnySteps, integrate_runge_kutta
 from fvi_cli.integrator.step_increments import run_with_increments
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.integrator.stepping import Stepped, StepProblem
@@ -48,12 +49,13 @@ LONGEST_PILOT = 2**20
 def integrate(
     scene: Scene,
     method: AnyMethod,
-    n_steps: int,
+    n_steps: AnySteps,
     *,
     every: int = 1,
     diagnostics: Asked = NOTHING,
+    with_steps: bool = False,
 ) -> Trajectory:
-    """Integrate `scene` over [0, T] by `method` in `n_steps` equal steps.
+    """Integrate `scene` over [0, T] by `method` in `n_steps` steps.
 
     Parameters
     ----------
@@ -62,13 +64,15 @@ def integrate(
     method
         Method or baseline.
     n_steps
-        Number N >= 1 of steps; h = T / N.
+        Number N >= 1 of steps, h = T / N; for Runge-Kutta methods also a mesh, or what the steps
+        are to be chosen for (:class:`~fvi_cli.integrator.meshes.adaptive.AdaptiveSteps`).
     every
-        Keep every n-th point of the grid, the first and the last. With ``history: exponentials``
-        the others are nowhere in memory.
+        Keep every n-th point of the grid, the first and the last. With Runge-Kutta methods the
+        others are nowhere in memory.
     diagnostics
-        What else is computed. It needs the increments of every step, which are found again where
-        steps are done in blocks; general Lagrangians are then stepped one after the other.
+        What else is computed; it does not change the trajectory.
+    with_steps
+        Keep the steps of a Runge-Kutta method as polynomials, for values at any time.
 
     Returns
     -------
@@ -84,14 +88,21 @@ def integrate(
         steps, the method is not made for a general Lagrangian, or diagnostics are asked of a
         baseline or of ``history: exponentials``, which keep no increments.
     """
-    check_counts(n_steps, every)
+    check_counts(n_steps if isinstance(n_steps, int | np.integer) else 1, every)
+    if isinstance(method, Method) and takes_any_mesh(method):
+        steps = int(n_steps) if isinstance(n_steps, int | np.integer) else n_steps
+        return integrate_runge_kutta(
+            scene, method, steps, every=every, diagnostics=diagnostics, with_steps=with_steps
+        )
+    if not isinstance(n_steps, int | np.integer):
+        raise ValueError(
+            f"mesh: {method.case} takes equal steps only; give a number, or take a Gauss method"
+        )
+    if with_steps:
+        raise ValueError(f"with_steps: {method.case} keeps no polynomials")
     if not diagnostics.is_empty and not can_be_diagnosed(method):
         raise ValueError(f"diagnostics: {method.case} keeps no increments of its steps")
     try:
-        if isinstance(method, Method) and method.history == "exponentials":
-            from fvi_cli.integrator.exponential_run import integrate_part
-
-            return integrate_part(scene, method, int(n_steps), every=every).trajectory
         return thinned(_integrate(scene, method, int(n_steps), diagnostics), every)
     except np.linalg.LinAlgError:
         return _without_steps(scene, int(n_steps))
@@ -117,6 +128,15 @@ def _without_steps(scene: Scene, n_steps: int) -> Trajectory:
     )
 
 
+def takes_any_mesh(method: Method) -> bool:
+    """Whether a method's steps may have any size: its past is a sum of exponentials."""
+    return (
+        method.is_runge_kutta
+        and method.start in ("none", "graded")
+        and method.history in ("auto", "exponentials")
+    )
+
+
 def check_counts(n_steps: int, every: int) -> None:
     """Refuse numbers of steps and of points that are no positive integers.
 
@@ -132,7 +152,7 @@ def check_counts(n_steps: int, every: int) -> None:
 
 def can_be_diagnosed(method: AnyMethod) -> bool:
     """Whether a method keeps what diagnostics are made of, the increments of its steps."""
-    return isinstance(method, Method) and method.history != "exponentials"
+    return isinstance(method, Method)
 
 
 def _integrate(scene: Scene, method: AnyMethod, n_steps: int, asked: Asked) -> Trajectory:

@@ -213,18 +213,6 @@ def large_operations(shape: Shape, n_steps: int, ends: int) -> int:
     return total
 
 
-def exponential_operations(
-    shape: Shape, block: int, n_states: int, n_steps: int, pushes: int
-) -> int:
-    """The past as `n_states` exponentials, for blocks of `block` steps.
-
-    `pushes` is the number of blocks whose samples the states take up.
-    """
-    width = shape.batch * shape.coupled
-    known = -(-n_steps // block) * len(shape.channels) * block * shape.samples * width
-    return n_states * (known + pushes * block * shape.samples * width)
-
-
 def baseline_operations(
     method: Baseline, damping: tuple[FractionalDamping, ...], dimension: int, n_steps: int
 ) -> int | None:

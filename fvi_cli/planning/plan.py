@@ -14,14 +14,14 @@ from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP, newton_block
 from fvi_cli.integrator.block_sizes import batch_sizes
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.engine import Route, choose_route, scene_decoupling, sums_directly
-from fvi_cli.integrator.exponential_march import block_length
+from fvi_cli.integrator.integrate import takes_any_mesh
 from fvi_cli.integrator.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.known_part import NO_SERIES, plan_series, settled_method
 from fvi_cli.integrator.large_linear import GROUP as LARGE_GROUP
 from fvi_cli.integrator.members import goes_together
-from fvi_cli.integrator.memory import runge_kutta_tableau, terms_by_direction
+from fvi_cli.integrator.memory import terms_by_direction
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.integrator.stage_basis import legendre_exponentials
+from fvi_cli.integrator.run.runge_kutta import plan_runge_kutta
 from fvi_cli.integrator.stepped_history import STEPPED_GROUP
 from fvi_cli.planning.history_work import (
     Shape,
@@ -29,7 +29,6 @@ from fvi_cli.planning.history_work import (
     block_operations,
     channel_shapes,
     direct_operations,
-    exponential_operations,
     large_operations,
     newton_operations,
     stepped_operations,
@@ -225,6 +224,8 @@ def _sizes(
         route=machinery.route,
         has_series=has_series,
         n_states=machinery.n_states,
+        n_mesh_steps=machinery.n_mesh_steps,
+        block=machinery.block,
         members=machinery.members,
         diagnosed=diagnosed,
     )
@@ -241,6 +242,8 @@ class _Machinery:
     operations: int
     n_states: int = 0
     members: int = 1
+    n_mesh_steps: int = 0
+    block: int = 0
 
 
 @functools.lru_cache(maxsize=256)
@@ -251,8 +254,8 @@ def _machinery(
     channels = channel_shapes(method, n_steps + 1, scene.active_damping)
     shape = Shape(channels=channels, samples=samples, coupled=scene.dimension)
     ends = int(method.sampling == "nodes" and bool(shape.channels))
-    if method.history == "exponentials":
-        return _exponentials(scene, method, n_steps, shape, _decoupling(scene))
+    if takes_any_mesh(method):
+        return _any_mesh(scene, method, n_steps, shape)
     decoupling = None
     if not sums_directly(method.history, n_steps):
         decoupling = _decoupling(scene)
@@ -336,43 +339,36 @@ def _linear_blocks(
     )
 
 
-def _exponentials(
-    scene: Scene, method: Method, n_steps: int, shape: Shape, decoupling: Decoupling | None
-) -> _Machinery:
-    if decoupling is not None:
-        shape = replace(shape, coupled=scene.dimension // decoupling.batch, batch=decoupling.batch)
-    block = block_length(shape.samples * shape.coupled, shape.batch)
-    n_states = 0
-    if shape.memory > 1:
-        n_states = _number_of_states(method, n_steps)
-    steps = (
-        f"Newton's iteration on blocks of up to {block} steps with a frozen linear response, "
-        "single steps with the exact Jacobian where that does not contract"
-    )
-    # the states take up whole blocks only, of linear scenes the last one too
-    pushes = n_steps // block
-    if decoupling is not None:
-        pushes = -(-n_steps // block)
+def _any_mesh(scene: Scene, method: Method, n_steps: int, shape: Shape) -> _Machinery:
+    """Steps of a Runge-Kutta method on its own mesh, as the run itself plans them."""
+    plan = plan_runge_kutta(scene, method, n_steps)
+    shape = replace(shape, coupled=plan.coupled, batch=plan.systems)
+    blocks = plan.n_steps - plan.single
+    if scene.is_linear:
+        steps = f"blocks of {plan.block} steps as one matrix product"
+        single = f"{plan.single} single steps with one factorisation for each size"
+    else:
         steps = (
-            f"blocks of {block} steps as one matrix product, {systems_in_words(shape, decoupling)}"
+            f"Newton's iteration on blocks of up to {plan.block} steps with a frozen linear "
+            "response, single steps with the exact Jacobian where that does not contract"
         )
+        single = f"Newton's iteration with the exact Jacobian, {plan.single} single steps"
+    words = [steps] if blocks else []
+    words += [single] if plan.single else []
     history = history_in_words(shape, 1)
-    if n_states:
-        history = f"{n_states} exponentials in place of the past"
+    if plan.n_states:
+        history = f"{plan.n_states} exponentials in place of the past"
+    systems = f"{plan.systems} systems of {plan.coupled} component side by side"
     return _Machinery(
-        route="exponentials",
+        route="any mesh",
         shape=shape,
-        steps=steps,
+        steps=", ".join([*words, *([systems] if plan.systems > 1 else [])]),
         history=history,
-        operations=exponential_operations(shape, block, n_states, n_steps, pushes),
-        n_states=n_states,
+        operations=plan.operations,
+        n_states=plan.n_states,
+        n_mesh_steps=plan.n_steps,
+        block=plan.block,
     )
-
-
-@functools.lru_cache(maxsize=64)
-def _number_of_states(method: Method, n_steps: int) -> int:
-    # ratios do not depend on the order of the derivative
-    return legendre_exponentials(runge_kutta_tableau(method), -0.5, n_steps).n_states
 
 
 def _baseline_plan(scene: Scene, method: Baseline, n_steps: int) -> Plan:

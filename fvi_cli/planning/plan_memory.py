@@ -13,8 +13,9 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.block_history import LARGEST_NEAR
 from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP, newton_block
 from fvi_cli.integrator.block_sizes import BlockSizes, batch_sizes
-from fvi_cli.integrator.exponential_march import CHUNK, block_length
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.march import CHUNK
+from fvi_cli.integrator.steps.linear_blocks import is_recurrence
 from fvi_cli.planning.history_work import Shape
 
 WEIGHTS_AT_WORK = 2**18
@@ -34,11 +35,12 @@ class Sizes:
     shape
         What is convolved, in the coordinates of the steps.
     route
-        How the steps are done, ``exponentials`` among the ways.
+        How the steps are done, ``any mesh`` among the ways.
     has_series
         Whether a part of the solution is known in advance.
-    n_states
-        Number of exponentials.
+    n_states, n_mesh_steps, block
+        Of a method on any mesh: number of exponentials, steps of its own mesh, and steps of a
+        block.
     members
         How many scenes of this kind are integrated together.
     diagnosed
@@ -53,6 +55,8 @@ class Sizes:
     route: str
     has_series: bool
     n_states: int = 0
+    n_mesh_steps: int = 0
+    block: int = 0
     members: int = 1
     diagnosed: bool = False
 
@@ -75,9 +79,9 @@ class Sizes:
 
 def peak_bytes(sizes: Sizes) -> int:
     """Largest memory of a run in bytes, the program itself left out."""
-    if sizes.route == "exponentials":
-        numbers = _exponentials(sizes)
-    elif sizes.route in ("linear blocks", "newton blocks"):
+    if sizes.route == "any mesh":
+        return int(8 * (SMALLEST + _any_mesh(sizes)))
+    if sizes.route in ("linear blocks", "newton blocks"):
         numbers = _blocks(sizes)
     else:
         numbers = _single_steps(sizes)
@@ -242,23 +246,21 @@ def _single_steps(sizes: Sizes) -> float:
     return numbers
 
 
-def _exponentials(sizes: Sizes) -> float:
+def _any_mesh(sizes: Sizes) -> float:
     """No more of the past than the states, and of the run what is kept."""
     shape, d, n = sizes.shape, sizes.scene.dimension, sizes.n_steps
     m, e, q = shape.samples, shape.coupled, shape.batch
     kept = (2 + 3 * d) * (n / sizes.every + 3)
-    block = block_length(m * e, q) if sizes.scene.is_linear else block_length(m * d, 1)
-    channels = len(shape.channels)
-    states = sizes.n_states * (block * m * (channels + 1) * 1.5 + 2 * block + 2 * d + 8 * m)
-    chunk = min(CHUNK, n) * d * (6 + 3 * (sizes.method.degree + 1) + 2 * m)
-    if sizes.has_series:
-        chunk += min(CHUNK, n) * d * 25
-    if not sizes.scene.is_linear:
-        return max(kept + chunk, WEIGHTS_AT_WORK / 8) + states
-    size, state = block * m * e, 2 * e + m * e + 1
-    columns = size + state + block * (sizes.method.degree + 1) * e
-    first, outputs = size + state, 2 * block * e
-    dense = (2 * size + outputs) * columns + first * columns + 2 * outputs * columns
-    dense += first * columns
-    # what is kept comes when most of the set-up is gone
-    return states + max(kept + chunk + 0.5 * q * dense, q * dense)
+    block, states, rows = sizes.block, sizes.n_states, sizes.method.degree + 1
+    channels = max(len(shape.channels), 1)
+    chunk = min(CHUNK, sizes.n_mesh_steps) * d * (6 + 3 * rows + 2 * m)
+    tables = states * (block * m * (2 * channels + 1) + 2 * block + 4 * m + 2 * d)
+    columns = block * rows * e + 2 * e
+    dense = q * block * (2 * m + 2) * e * columns
+    if sizes.scene.is_linear and is_recurrence(q, e, states):
+        dense += (states + 2) * e * ((states + 2) * e + block * (2 * m + 2 + rows) * e)
+    elif not sizes.scene.is_linear:
+        dense += 3 * (block * m * d) ** 2
+    if sizes.diagnosed:
+        kept += (4 + 3 * d + 4 * m * d + 8 * (rows + 1) * d) * sizes.n_mesh_steps
+    return max(kept + chunk, dense) + tables + min(dense, kept + chunk)

@@ -12,7 +12,6 @@ import time
 import numpy as np
 
 from fvi_cli.integrator.block_sizes import batch_sizes
-from fvi_cli.integrator.exponential_march import block_length
 from fvi_cli.planning.history_work import direct_operations
 from fvi_cli.planning.plan_memory import Sizes
 
@@ -71,9 +70,13 @@ def predicted_seconds(sizes: Sizes, operations: int | None) -> float:
         # products of matrices are quicker than transforms
         inside = 0.3 * block * shape.coupled * (m + degree + 3) * n * d
         return setup + work + per_operation * inside + each * 40 * per_call * systems * n / block
-    if sizes.route == "exponentials" and sizes.scene.is_linear:
-        block = block_length(m * shape.coupled, shape.batch)
-        return setup + work + 30 * per_call * n / block + per_operation * 12 * block * n * d
+    if sizes.route == "any mesh":
+        steps = sizes.n_mesh_steps
+        if sizes.scene.is_linear:
+            own = per_call * (30 * steps / max(sizes.block, 1) + 60 * min(steps, 60))
+        else:
+            own = per_call * (8 * steps + 300 * min(steps, 60))
+        return 10_000 * per_call * 0.1 + 0.3 * work + own + per_operation * 40 * steps * (d * m)
     if sizes.route == "newton blocks":
         return setup + work + n * (8 * per_call + per_operation * 60 * (d * m) ** 2)
     calls = 30 if sizes.scene.is_linear else 150

@@ -12,11 +12,11 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import block_newton
-from fvi_cli.integrator.checkpoint import Checkpoint
-from fvi_cli.integrator.exponential_run import integrate_part
 from fvi_cli.integrator.frozen_laws import LagrangianLaw
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.checkpoint import Checkpoint
+from fvi_cli.integrator.run.parts import integrate_part
 from fvi_cli.planning.plan import plan_run
 from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
 
