@@ -484,6 +484,9 @@ def test_runs_that_were_not_asked_for_again_are_kept(path: Path, runs: list[Fini
         assert_same(results.finished(runs[0].run), runs[0])
 
 
+BESIDE = "problem.exact = t**3, problem.stiffness = 1"
+
+
 def test_an_experiment_that_has_become_another_one_is_not_mixed_with_what_it_was(
     path: Path, runs: list[FinishedRun]
 ) -> None:
@@ -498,7 +501,7 @@ def test_an_experiment_that_has_become_another_one_is_not_mixed_with_what_it_was
         ("sample", BDF.case, 16, ""),
     }
     assert {one for one in found if one[3]} == {
-        ("sample", f.run.method.case, f.run.n_steps, "problem.stiffness = 1") for f in runs
+        ("sample", f.run.method.case, f.run.n_steps, BESIDE) for f in runs
     }
     with read_results(path) as results:
         assert results.finished(changed.runs()[0]) is not None
@@ -508,7 +511,10 @@ def test_an_experiment_that_has_become_another_one_is_not_mixed_with_what_it_was
     with open_results(path.parent, "sample") as results:
         assert all(results.finished(finished.run) for finished in runs)
         results.consolidate(CONFIGURATION)
-    assert {run.variant for run in list_runs(path).runs} == {"", "problem.stiffness = 2"}
+    assert {run.variant for run in list_runs(path).runs} == {
+        "",
+        "problem.exact = auto, problem.stiffness = 2",
+    }
 
 
 def test_fresh_forgets_nothing_before_something_new_is_there(
