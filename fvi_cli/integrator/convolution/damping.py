@@ -141,6 +141,7 @@ class Damping:
         self._columns = scene.dimension + (1 if self.has_column else 0)
         exponents = sorted({e for one in groups for e in one.exponents})
         self._index = {exponent: index for index, exponent in enumerate(exponents)}
+        self._blocks = {e: operator.local_block(e) for e in exponents}
         self.kernel: Kernel | None = None
         if exponents:
             self.kernel = power_kernel(
@@ -177,7 +178,7 @@ class Damping:
     def tables(self, step_size: float) -> DampingTables:
         """Numbers of a step of size `step_size`."""
         m = self._stages
-        blocks = {e: step_size**e * self._operator.local_block(e) for e in self._index}
+        blocks = {e: step_size**e * block for e, block in self._blocks.items()}
         step = None
         if self.kernel is not None:
             step = self._operator.step_tables(self.kernel, step_size)

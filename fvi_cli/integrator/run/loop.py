@@ -87,6 +87,7 @@ class Stepper:
     def __init__(self, solver: StepSolver, loads: StepLoads) -> None:
         self.solver, self.loads = solver, loads
         self._kept: OrderedDict[float, StepMatrices] = OrderedDict()
+        self._continuations: OrderedDict[float, Array] = OrderedDict()
         tables = solver.tables
         m = tables.points.size
         values = np.polynomial.legendre.legvander(2.0 * tables.points - 1.0, m - 1)
@@ -109,15 +110,24 @@ class Stepper:
     def guess(self, marker: Marker, step_size: float) -> Array:
         """U of a step from the polynomial of the last one; uniform motion without one."""
         if marker.unknowns is not None and step_size <= 1.5 * marker.step_size:
-            ratio = step_size / marker.step_size
-            ahead = self._basis.values(1.0 + ratio * self._control[1:])[1:].T @ marker.unknowns
-            return np.asarray((ahead - marker.unknowns[-1]) / ratio)
+            return self._continued(step_size / marker.step_size) @ marker.unknowns
         with np.errstate(all="ignore"):
             velocity = self.solver.dynamics.velocity(
                 marker.position.value, marker.momentum.value, marker.time
             )
         velocity = np.where(np.isfinite(velocity), velocity, 0.0)
         return np.outer(self._control[1:], velocity)
+
+    def _continued(self, ratio: float) -> Array:
+        """U of the next step from this one's by going on with the polynomial, ``(s, s)``."""
+        found = self._continuations.get(ratio)
+        if found is None:
+            ahead = self._basis.values(1.0 + ratio * self._control[1:])[1:].T
+            found = np.asarray((ahead - np.eye(self._control.size - 1)[-1]) / ratio)
+            self._continuations[ratio] = found
+            if len(self._continuations) > MATRICES_KEPT:
+                self._continuations.popitem(last=False)
+        return found
 
     def attempt(self, marker: Marker, step_size: float, *, fresh: bool) -> StepResult:
         """Solve a step; nothing is changed.
