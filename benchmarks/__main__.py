@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from benchmarks.accuracy import accuracy_table, run_accuracy
+from benchmarks.adaptive import adaptive_table, run_adaptive
 from benchmarks.many import many_table, run_many
 from benchmarks.memory import memory_table, run_memory
 from benchmarks.stepping import run_stepping, stepping_table
@@ -15,6 +16,7 @@ from fvi_cli.storage.provenance import package_versions, platform_name
 
 SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
     "stepping": ("Time and error", lambda exponent: stepping_table(run_stepping(exponent))),
+    "adaptive": ("Adaptive steps", lambda exponent: adaptive_table(run_adaptive())),
     "many": ("Many oscillators", lambda exponent: many_table(run_many(exponent))),
     "memory": ("Memory", lambda exponent: memory_table(run_memory(exponent))),
     "accuracy": ("What accuracy costs", lambda exponent: accuracy_table(run_accuracy())),

@@ -13,8 +13,7 @@ from benchmarks.measuring import in_own_process, number, peak_doubles, table, ye
 from benchmarks.stepping import quartic_scene
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine import run
-from fvi_cli.integrator.integrate import integrate, prepare
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.named import linear_oscillator
 
@@ -94,7 +93,7 @@ class MemoryRow:
 def memory_table(rows: Sequence[MemoryRow]) -> str:
     """The table."""
     return table(
-        "Doubles are the traced peak of set-up and steps; with `exponentials` of the finished "
+        "Doubles are the traced peak of set-up and steps; with the finished "
         "trajectory (time, position, momentum, energy) as well.",
         (
             "case",
@@ -129,12 +128,10 @@ def memory_table(rows: Sequence[MemoryRow]) -> str:
 def memory_cases(exponent: int = 22, long_steps: int = 10**7) -> tuple[MemoryCase, ...]:
     """The figures on memory; whole trajectories of 2 to the power of `exponent` steps."""
     gauss2, gauss3 = Method(cq="gauss", degree=2), Method(cq="gauss", degree=3)
-    free2 = Method(cq="gauss", degree=2, history="exponentials")
     whole = (
         ("points, BDF4, degree 2", Method(cq="bdf4", degree=2), 20.0),
-        ("Gauss2", gauss2, 30.0),
-        ("Gauss3", gauss3, 50.0),
-        ("Gauss2, exponentials", free2, 8.0),
+        ("Gauss2", gauss2, 8.0),
+        ("Gauss3", gauss3, 8.0),
     )
     cases = [
         MemoryCase(
@@ -147,8 +144,8 @@ def memory_cases(exponent: int = 22, long_steps: int = 10**7) -> tuple[MemoryCas
     ]
     cases.append(
         MemoryCase(
-            name="free oscillator, gamma = 0.5, Gauss2, exponentials",
-            method=free2,
+            name="free oscillator, gamma = 0.5, Gauss2",
+            method=gauss2,
             n_steps=long_steps,
             every=max(2, long_steps // 1000),
             largest_bytes=300e6,
@@ -184,9 +181,7 @@ def measure_memory(case: MemoryCase) -> MemoryRow:
     scene, method, n_steps = _scene(case), case.method, case.n_steps
 
     def action() -> object:
-        if method.history == "exponentials":
-            return integrate(scene, method, n_steps, every=case.every)
-        return run(prepare(scene, method, n_steps).problem, "fft")
+        return integrate(scene, method, n_steps, every=case.every)
 
     began = time.perf_counter()
     action()

@@ -220,12 +220,16 @@ def march_adaptively(
                 course.failure = f"not finite after step {len(course.sizes) - 1}, "
                 course.failure += f"t = {marker.time:.6g}"
                 break
-            outside = first_outside_at(
-                bound, marker.position.value[None], np.array([marker.time]), len(course.sizes) - 1
-            )
-            if outside is not None:
-                course.failure = outside[1]
-                break
+            if float(np.abs(marker.position.value).max()) > bound.size:
+                outside = first_outside_at(
+                    bound,
+                    marker.position.value[None],
+                    np.array([marker.time]),
+                    len(course.sizes) - 1,
+                )
+                if outside is not None:
+                    course.failure = outside[1]
+                    break
             if len(course.sizes) >= most_steps:
                 course.failure = _at(len(course.sizes), marker.time, "the most steps are done")
                 break

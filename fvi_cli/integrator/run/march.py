@@ -290,7 +290,12 @@ class March:
             count, block, q, e, stages, self._setup.n_states, self._per_step
         )
         steps, marker.states = self._linear[key].advance(
-            marker.position, marker.momentum, marker.states, count, loads
+            marker.position,
+            marker.momentum,
+            marker.states,
+            count,
+            loads,
+            with_velocity=self._sink.with_steps,
         )
         marker.unknowns = None
         return steps.position, steps.momentum, steps.velocity

@@ -20,7 +20,7 @@ class Sink:
     """
 
     def __init__(self, *, every: int, with_steps: bool) -> None:
-        self._every, self._with_steps = every, with_steps
+        self._every, self.with_steps = every, with_steps
         self._reported = 0
         self._times: list[Array] = []
         self._positions: list[Array] = []
@@ -48,7 +48,7 @@ class Sink:
         self._times.append(at)
         self._positions.append(position[None].copy())
         self._momenta.append(momentum[None].copy())
-        if self._with_steps:
+        if self.with_steps:
             self._mesh.append(at)
             self._mesh_positions.append(position[None].copy())
             self._mesh_momenta.append(momentum[None].copy())
@@ -75,7 +75,7 @@ class Sink:
         reported
             Indices of the points among them that are reported.
         """
-        if self._with_steps:
+        if self.with_steps:
             self._mesh.append(times)
             self._sizes.append(sizes)
             self._mesh_positions.append(position)

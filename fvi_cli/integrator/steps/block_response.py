@@ -122,9 +122,11 @@ def _impulses(
     test, weights = tables.test_weights[:-1], tables.weights
     basis, slopes = tables.basis[1:].T, tables.slopes[1:].T
     units = np.eye(width).reshape(s + 3, e, width)
-    position = np.broadcast_to(units[s + 1], (q, e, width)).copy()
-    momentum = np.broadcast_to(units[s + 2], (q, e, width)).copy()
-    start = position.copy(), momentum.copy()
+    start_position = np.broadcast_to(units[s + 1], (q, e, width))
+    start_momentum = np.broadcast_to(units[s + 2], (q, e, width))
+    # changes are summed up on their own: beside a start of 1 their last digits would be lost, the
+    # same ones in every block of a run
+    moved, gained = np.zeros((q, e, width)), np.zeros((q, e, width))
     states = np.zeros((damping.decay.size, q * e * width))
     velocities = np.empty((q, block, r, e, width))
     ways = np.empty((q, block, r, e, width))
@@ -136,12 +138,12 @@ def _impulses(
             own = (response @ states).reshape(r, q, e, width)
             force += np.einsum("rqac,qab->qrbc", own, direction)
         right = h * np.einsum("nr,qrac->qnac", test, force)
-        right[:, 0] -= momentum
+        right[:, 0] -= start_momentum + gained
         if loads is not None:
             right -= loads[:s]
         pull = None
         if systems.stiffness is not None:
-            pull = np.einsum("qab,qbc->qac", systems.stiffness, position)
+            pull = np.einsum("qab,qbc->qac", systems.stiffness, start_position + moved)
             right += h * np.einsum("n,qac->qnac", test.sum(axis=1), pull)
         unknowns = np.matmul(inverse, right.reshape(q, s * e, width)).reshape(q, s, e, width)
         velocity = np.einsum("rn,qnac->qrac", slopes, unknowns)
@@ -157,10 +159,10 @@ def _impulses(
         if loads is not None:
             change += loads.sum(axis=0)
         velocities[:, index] = velocity
-        ways[:, index] = (position - start[0])[:, None] + own_way
-        position = position + h * unknowns[:, -1]
-        momentum = momentum + change
-        ends[:, index, 0], ends[:, index, 1] = position - start[0], momentum - start[1]
+        ways[:, index] = moved[:, None] + own_way
+        moved = moved + h * unknowns[:, -1]
+        gained = gained + change
+        ends[:, index, 0], ends[:, index, 1] = moved, gained
         if damping.decay.size:
             driving = velocity.transpose(1, 0, 2, 3).reshape(r, q * e * width)
             states = damping.decay[:, None] * states + damping.intake @ driving

@@ -41,7 +41,7 @@ class BlockSteps:
     position, momentum
         After every step, shape ``(n, d)``.
     velocity
-        At the stages of every step, shape ``(n, r, d)``.
+        At the stages of every step, shape ``(n, r, d)``; only where it was wanted.
     """
 
     position: Array
@@ -137,6 +137,8 @@ class LinearBlocks:
         states: Array,
         n_steps: int,
         loads: Array | None,
+        *,
+        with_velocity: bool,
     ) -> tuple[BlockSteps, Array]:
         """Do `n_steps` steps; position and momentum move on.
 
@@ -150,6 +152,8 @@ class LinearBlocks:
             Any number.
         loads
             Load vectors of known forces, shape ``(n_steps, s + 1, d)``.
+        with_velocity
+            Whether the velocities at the stages are wanted; otherwise there may be none.
 
         Returns
         -------
@@ -169,8 +173,12 @@ class LinearBlocks:
         parts = []
         if n_blocks:
             driven = None if forces is None else forces[:, : n_blocks * block]
-            run = self._recur if self._is_recurrence else self._repeat
-            ends, velocity, z, start = run(z, start, n_blocks, driven)
+            if self._is_recurrence:
+                ends, velocity, z, start = self._recur(
+                    z, start, n_blocks, driven, with_velocity=with_velocity
+                )
+            else:
+                ends, velocity, z, start = self._repeat(z, start, n_blocks, driven)
             parts.append((ends, velocity))
         if rest:
             driven = None if forces is None else forces[:, n_blocks * block :]
@@ -244,7 +252,7 @@ class LinearBlocks:
         self._change, self._driven = change, driven
 
     def _recur(
-        self, z: Array, start: Array, n_blocks: int, loads: Array | None
+        self, z: Array, start: Array, n_blocks: int, loads: Array | None, *, with_velocity: bool
     ) -> tuple[Array, Array, Array, Array]:
         """Whole blocks of one system: ends ``(1, n, 2 e)``, velocities, states, state."""
         e, block = self._e, self.block
@@ -264,14 +272,18 @@ class LinearBlocks:
             lost = (total - value) - change
             value = total
         width = block * self._rows * e
-        ends, velocity = path @ self._outputs.T, path @ self._velocities.T
+        ends = path @ self._outputs.T
         if flat is not None:
             ends += flat @ self._response.ends[0][:, :width].T
-            velocity += flat @ self._response.velocity[0][:, :width].T
+        velocity = np.zeros((n_blocks if with_velocity else 0, block * self._r * e))
+        if with_velocity:
+            velocity += path @ self._velocities.T
+            if flat is not None:
+                velocity += flat @ self._response.velocity[0][:, :width].T
         ends = ends.reshape(n_blocks, block, 2 * e) + path[:, None, -2 * e :]
         return (
             ends.reshape(1, n_blocks * block, 2 * e),
-            velocity.reshape(1, n_blocks * block, self._r, e),
+            velocity.reshape(1, -1, self._r, e),
             value[: -2 * e].reshape(z.shape),
             value[None, -2 * e :],
         )

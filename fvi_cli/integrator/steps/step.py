@@ -119,6 +119,7 @@ class StepSolver:
         self._to_position = np.ascontiguousarray(tables.basis[1:].T)
         self._rate_test = tables.weights * tables.slopes[:-1]
         self._test = np.ascontiguousarray(tables.test_weights[:-1])
+        self._test_sum = self._test.sum(axis=1)[:, None]
         self._separable = dynamics if isinstance(dynamics, Separable) else None
         stiffness = None if self._separable is None else self._separable.stiffness
         self._stiffness = stiffness
@@ -203,7 +204,7 @@ class StepSolver:
         if at.inverse is not None:
             if self._stiffness is not None:
                 pull = position @ self._stiffness
-                right += h * self._test.sum(axis=1)[:, None] * pull
+                right += h * self._test_sum * pull
             unknowns = (at.inverse @ right.ravel()).reshape(self._shape)
         else:
             with np.errstate(all="ignore"):
@@ -229,6 +230,8 @@ class StepSolver:
         )
 
     def _pull(self, position: Array, velocity: Array, time: Array) -> Array:
+        if self._stiffness is not None:
+            return -(position @ self._stiffness)
         if self._separable is not None:
             potential = self._separable.potential
             return np.zeros_like(position) if potential is None else -potential.gradient(position)
