@@ -26,6 +26,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.convolution.kernel import Kernel, power_kernel
 from fvi_cli.integrator.convolution.stages import StageOperator, StepKernel
 from fvi_cli.integrator.memory import terms_by_direction
+from fvi_cli.integrator.steps.algebra import Form, form, times
 
 Array = NDArray[np.float64]
 
@@ -107,6 +108,16 @@ class Damping:
         known beforehand.
     accuracy
         Relative accuracy of the sum of exponentials.
+    support
+        Components that are damped at all, where the states are to be kept for these only; None:
+        for all.
+
+    Attributes
+    ----------
+    forms
+        Matrix of every direction, shape ``(d, d)``, sparse where that is worth while.
+    matrices
+        The same for the components that are remembered, with the row of the start velocity.
     """
 
     def __init__(
@@ -117,6 +128,7 @@ class Damping:
         shortest_step: float,
         n_steps: int | None = None,
         accuracy: float = 1e-14,
+        support: NDArray[np.intp] | None = None,
     ) -> None:
         self._operator = operator
         self.start_velocity = scene.initial_velocity
@@ -138,7 +150,17 @@ class Damping:
             groups = [_widened(one, scene.dimension) for one in groups]
         self.directions = tuple(groups)
         self.dimension = scene.dimension
-        self._columns = scene.dimension + (1 if self.has_column else 0)
+        self.forms = tuple(form(one.matrix[: scene.dimension]) for one in groups)
+        self.support = support
+        self._remembered = scene.dimension if support is None else support.size
+        self._columns = self._remembered + (1 if self.has_column else 0)
+        matrices = [one.matrix for one in groups]
+        if support is not None:
+            rows = np.append(support, scene.dimension) if self.has_column else support
+            matrices = [one.matrix[np.ix_(rows, support)] for one in groups]
+        self.matrices = tuple(
+            form(one) if one.shape[0] == one.shape[1] else one for one in matrices
+        )
         exponents = sorted({e for one in groups for e in one.exponents})
         self._index = {exponent: index for index, exponent in enumerate(exponents)}
         self._blocks = {e: operator.local_block(e) for e in exponents}
@@ -170,7 +192,8 @@ class Damping:
         """The states at the start, shape ``(J, columns)``."""
         rates = 0 if self.kernel is None else self.kernel.n_states
         states = np.zeros((rates, self._columns))
-        states[:, : self.dimension] = self._first_state
+        first = self._first_state
+        states[:, : self._remembered] = first if self.support is None else first[self.support]
         if self.has_column:
             states[:, -1] = 1.0
         return states
@@ -199,10 +222,12 @@ class Damping:
             )
         response = [self.combined(one, step.response) for one in self.directions]
         constant = np.zeros((m, self.dimension))
-        for block, own, one in zip(local, response, self.directions, strict=True):
+        for block, own, one, own_form in zip(
+            local, response, self.directions, self.forms, strict=True
+        ):
             if one.is_relative:
                 left = block.sum(axis=1) + own.sum(axis=1)
-                constant -= left[:, None] * (self.start_velocity @ one.matrix[: self.dimension])
+                constant -= left[:, None] * times(self.start_velocity, own_form)
         return DampingTables(
             local=tuple(local),
             response=tuple(response),
@@ -228,29 +253,45 @@ class Damping:
 
     def input_of(self, velocity: Array) -> Array:
         """What drives the states for stage velocities ``(m, d)``, shape ``(m, columns)``."""
+        remembered = velocity if self.support is None else velocity[:, self.support]
         if self.has_column:
-            return np.concatenate([velocity, np.zeros((velocity.shape[0], 1))], axis=1)
-        return velocity
+            return np.concatenate([remembered, np.zeros((velocity.shape[0], 1))], axis=1)
+        return remembered
 
     def history_force(self, tables: DampingTables, states: Array) -> Array:
         """Force of the past at the stages, shape ``(m, d)``."""
-        if not tables.response:
-            return np.zeros((self._stages, self.dimension))
-        total = (tables.response[0] @ states) @ self.directions[0].matrix
-        for response, one in zip(tables.response[1:], self.directions[1:], strict=True):
-            total += (response @ states) @ one.matrix
-        return np.asarray(total)
+        total = np.zeros((self._stages, self._remembered))
+        for response, matrix in zip(tables.response, self.matrices, strict=True):
+            total += _along(response @ states, matrix)
+        return self.spread(total)
 
     def local_force(self, tables: DampingTables, velocity: Array) -> Array:
         """Force of the step's own velocities, shape ``(m, d)`` to the same."""
-        total = np.zeros((self._stages, self.dimension))
-        for local, one in zip(tables.local, self.directions, strict=True):
-            total += (local @ velocity) @ one.matrix[: self.dimension]
+        remembered = velocity if self.support is None else velocity[:, self.support]
+        total = np.zeros((self._stages, self._remembered))
+        for local, matrix in zip(tables.local, self.matrices, strict=True):
+            own = matrix
+            if isinstance(matrix, np.ndarray):
+                own = matrix[: self._remembered]
+            total += _along(local @ remembered, own)
+        return self.spread(total)
+
+    def spread(self, force: Array) -> Array:
+        """From the remembered components, last axis, to all."""
+        if self.support is None:
+            return force
+        total = np.zeros((*force.shape[:-1], self.dimension))
+        total[..., self.support] = force
         return total
 
     def advance(self, tables: DampingTables, states: Array, driving: Array) -> Array:
         """The states after a step."""
         return tables.decay[:, None] * states + tables.intake @ driving
+
+
+def _along(values: Array, matrix: Form) -> Array:
+    """Rows of values times a matrix, which is square where it is sparse."""
+    return np.asarray(values @ matrix) if isinstance(matrix, np.ndarray) else times(values, matrix)
 
 
 def _directions(terms: tuple[FractionalDamping, ...]) -> list[Direction]:

@@ -7,59 +7,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import advanced
-from fvi_cli.integrator.compensated import CompensatedSum
-from fvi_cli.integrator.convolution.damping import Damping
-from fvi_cli.integrator.convolution.stages import StageOperator
-from fvi_cli.integrator.decoupling import Decoupling, decouple_forms
-from fvi_cli.integrator.growth_bound import GrowthBound, first_outside_at
-from fvi_cli.integrator.loads.step_loads import StepLoads
-from fvi_cli.integrator.memory import runge_kutta_tableau
+from fvi_cli.integrator.decoupling import Decoupling
+from fvi_cli.integrator.growth_bound import first_outside_at
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
-from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.loop import Course, Marker, Stepper
+from fvi_cli.integrator.run.loop import Course, Marker
 from fvi_cli.integrator.run.newton_stretch import NewtonStretch, newton_block
+from fvi_cli.integrator.run.setup import RunSetup
 from fvi_cli.integrator.run.sink import Sink
-from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.steps.block_response import LinearSystems
-from fvi_cli.integrator.steps.dynamics import General, Separable, dynamics_of
-from fvi_cli.integrator.steps.linear_blocks import LinearBlocks, block_length, memory_operations
-from fvi_cli.integrator.steps.step import StepFailedError, StepSolver
+from fvi_cli.integrator.steps.dynamics import General, Separable
+from fvi_cli.integrator.steps.linear_blocks import (
+    LinearBlocks,
+    block_length,
+    memory_operations,
+)
+from fvi_cli.integrator.steps.step import StepFailedError
 
 Array = NDArray[np.float64]
 
 CHUNK = 4096
 """Steps after which a run may stop and go on: then nothing is left of how they were done."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RunSetup:
-    """Everything that is ready before the first step.
-
-    Parameters
-    ----------
-    scene, method
-        What is integrated, and how.
-    stepper
-        Single steps.
-    damping
-        Fractional damping; None: there is none.
-    bound
-        Beyond which no sound run goes.
-    """
-
-    scene: Scene
-    method: Method
-    stepper: Stepper
-    damping: Damping | None
-    bound: GrowthBound
-
-    @property
-    def n_states(self) -> int:
-        """Number of exponentials that stand for the past."""
-        kernel = None if self.damping is None else self.damping.kernel
-        return 0 if kernel is None else kernel.n_states
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,48 +55,6 @@ class MarchPlan:
     coupled: int
     n_states: int
     operations: int
-
-
-def prepare_run(
-    scene: Scene, method: Method, *, shortest_step: float, n_steps: int | None, bound: GrowthBound
-) -> RunSetup:
-    """Tables and solvers for steps from `shortest_step` on.
-
-    Raises
-    ------
-    ValueError
-        If the method is no Runge-Kutta one.
-    """
-    if not method.is_runge_kutta:
-        raise ValueError(f"mesh: {method.cq} takes equal steps only; use rk: gauss")
-    tables = step_tables(method)
-    damping = None
-    if scene.active_damping:
-        operator = StageOperator(tableau=runge_kutta_tableau(method))
-        damping = Damping(scene, operator, shortest_step=shortest_step, n_steps=n_steps)
-    solver = StepSolver(dynamics_of(scene), damping, tables)
-    return RunSetup(
-        scene=scene,
-        method=method,
-        stepper=Stepper(solver, StepLoads(scene, method, tables)),
-        damping=damping,
-        bound=bound,
-    )
-
-
-def first_marker(setup: RunSetup) -> Marker:
-    """The start of a run."""
-    scene, dynamics = setup.scene, setup.stepper.solver.dynamics
-    momentum = dynamics.momentum(scene.initial_position, scene.initial_velocity, 0.0)
-    states = np.zeros((0, scene.dimension))
-    if setup.damping is not None:
-        states = setup.damping.initial_states()
-    return Marker(
-        time=0.0,
-        position=CompensatedSum(scene.initial_position),
-        momentum=CompensatedSum(momentum),
-        states=states,
-    )
 
 
 class March:
@@ -353,11 +279,11 @@ class March:
         """The independent systems of a linear scene, found once."""
         if self._systems is None:
             dynamics, damping = self._solver.dynamics, self._setup.damping
-            if not isinstance(dynamics, Separable):
+            decoupling = self._setup.decoupling
+            if not isinstance(dynamics, Separable) or decoupling is None:
                 raise ValueError("blocks: the scene is not linear")
             d = dynamics.dimension
             directions = [] if damping is None else [o.matrix[:d] for o in damping.directions]
-            decoupling = decouple_forms(dynamics.mass, dynamics.stiffness, directions)
             stiffness = dynamics.stiffness
             self._systems = (
                 LinearSystems(

@@ -11,8 +11,9 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.growth_bound import scene_bound
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.checkpoint import Checkpoint
-from fvi_cli.integrator.run.march import March, first_marker, prepare_run
+from fvi_cli.integrator.run.march import March
 from fvi_cli.integrator.run.runge_kutta import mesh_for, status_of
+from fvi_cli.integrator.run.setup import first_marker, prepare_run
 from fvi_cli.integrator.run.sink import Sink
 from fvi_cli.integrator.trajectory import Trajectory
 

@@ -19,8 +19,9 @@ from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.loop import march_adaptively
-from fvi_cli.integrator.run.march import March, MarchPlan, RunSetup, first_marker, prepare_run
+from fvi_cli.integrator.run.march import March, MarchPlan
 from fvi_cli.integrator.run.regular import regular_until
+from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_run
 from fvi_cli.integrator.run.sink import Sink
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.steps.dynamics import General

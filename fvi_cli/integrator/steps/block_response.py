@@ -119,54 +119,63 @@ def _impulses(
     s, r = tables.degree, tables.points.size
     width = (s + 3) * e
     inverse = np.linalg.inv(step_matrix(systems, damping, tables, h))
-    test, weights = tables.test_weights[:-1], tables.weights
-    basis, slopes = tables.basis[1:].T, tables.slopes[1:].T
-    units = np.eye(width).reshape(s + 3, e, width)
-    start_position = np.broadcast_to(units[s + 1], (q, e, width))
-    start_momentum = np.broadcast_to(units[s + 2], (q, e, width))
+    test, weights = h * tables.test_weights[:-1], h * tables.weights
+    basis, slopes = h * tables.basis[1:].T, tables.slopes[1:].T
+    units = np.eye(width).reshape(s + 3, e * width)
+    start_position, start_momentum = units[s + 1], units[s + 2]
+    pulled = np.zeros((q, e * width))
+    stiffness = None
+    if systems.stiffness is not None:
+        # what the stiffness of a step's own way adds to its change of momentum
+        stiffness = systems.stiffness
+        pulled = _along(stiffness, np.broadcast_to(start_position, (q, 1, e * width)), e)[:, 0]
+    own_pull = weights @ basis
     # changes are summed up on their own: beside a start of 1 their last digits would be lost, the
     # same ones in every block of a run
-    moved, gained = np.zeros((q, e, width)), np.zeros((q, e, width))
-    states = np.zeros((damping.decay.size, q * e * width))
-    velocities = np.empty((q, block, r, e, width))
-    ways = np.empty((q, block, r, e, width))
-    ends = np.empty((q, block, 2, e, width))
+    moved, gained = np.zeros((q, e * width)), np.zeros((q, e * width))
+    states = np.zeros((q, damping.decay.size, e * width))
+    velocities = np.empty((q, block, r, e * width))
+    ways = np.empty((q, block, r, e * width))
+    ends = np.empty((q, block, 2, e * width))
+    test_sum = test.sum(axis=1)[:, None]
     for index in range(block):
-        loads = units[: s + 1] if index == 0 else None
-        force = np.zeros((q, r, e, width))
+        force = np.zeros((q, r, e * width))
         for response, direction in zip(damping.response, systems.directions, strict=True):
-            own = (response @ states).reshape(r, q, e, width)
-            force += np.einsum("rqac,qab->qrbc", own, direction)
-        right = h * np.einsum("nr,qrac->qnac", test, force)
+            force += _along(direction, response @ states, e)
+        right = test @ force
         right[:, 0] -= start_momentum + gained
-        if loads is not None:
-            right -= loads[:s]
-        pull = None
-        if systems.stiffness is not None:
-            pull = np.einsum("qab,qbc->qac", systems.stiffness, start_position + moved)
-            right += h * np.einsum("n,qac->qnac", test.sum(axis=1), pull)
-        unknowns = np.matmul(inverse, right.reshape(q, s * e, width)).reshape(q, s, e, width)
-        velocity = np.einsum("rn,qnac->qrac", slopes, unknowns)
-        own_way = h * np.einsum("rn,qnac->qrac", basis, unknowns)
+        if index == 0:
+            right -= units[:s]
+        if stiffness is not None:
+            pull = pulled + _along(stiffness, moved[:, None], e)[:, 0]
+            right += test_sum * pull[:, None]
+        unknowns = np.matmul(inverse, right.reshape(q, s * e, width)).reshape(q, s, e * width)
+        velocity = slopes @ unknowns
         for local, direction in zip(damping.local, systems.directions, strict=True):
-            own = np.einsum("rk,qkac->qrac", local, velocity)
-            force += np.einsum("qrac,qab->qrbc", own, direction)
-        change = -h * np.einsum("r,qrac->qac", weights, force)
-        if systems.stiffness is not None and pull is not None:
-            change -= h * pull + h * np.einsum(
-                "r,qab,qrbc->qac", weights, systems.stiffness, own_way
-            )
-        if loads is not None:
-            change += loads.sum(axis=0)
+            force += _along(direction, local @ velocity, e)
+        change = -(weights @ force)
+        if stiffness is not None:
+            change -= h * pull + _along(stiffness, (own_pull @ unknowns)[:, None], e)[:, 0]
+        if index == 0:
+            change += units[: s + 1].sum(axis=0)
         velocities[:, index] = velocity
-        ways[:, index] = moved[:, None] + own_way
+        np.add(moved[:, None], basis @ unknowns, out=ways[:, index])
         moved = moved + h * unknowns[:, -1]
         gained = gained + change
         ends[:, index, 0], ends[:, index, 1] = moved, gained
         if damping.decay.size:
-            driving = velocity.transpose(1, 0, 2, 3).reshape(r, q * e * width)
-            states = damping.decay[:, None] * states + damping.intake @ driving
-    return velocities, ways, ends
+            states = damping.decay[:, None] * states + damping.intake @ velocity
+    shape = (q, block, -1, e, width)
+    return velocities.reshape(shape), ways.reshape(shape), ends.reshape(shape)
+
+
+def _along(matrices: Array, values: Array, coupled: int) -> Array:
+    """Symmetric matrices ``(q, e, e)`` on the components of values ``(q, rows, e width)``."""
+    if coupled == 1:
+        return np.asarray(matrices * values)
+    q, rows, size = values.shape
+    parts = values.reshape(q, rows, coupled, size // coupled)
+    return np.asarray(np.matmul(matrices[:, None], parts).reshape(values.shape))
 
 
 def _dense(impulses: Array, tables: StepTables, block: int) -> Array:

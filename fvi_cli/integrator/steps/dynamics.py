@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Derivatives, Lagrangian
 from fvi_cli.effects.potential import Potential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
@@ -54,19 +55,24 @@ class Separable:
 
     Parameters
     ----------
-    mass
-        M, symmetric and positive definite, shape ``(d, d)``.
+    inertia
+        M, symmetric and positive definite.
     potential
         V; quadratic ones make the equations linear.
     """
 
-    mass: Array
+    inertia: Inertia
     potential: Potential | None
 
     @property
     def dimension(self) -> int:
         """Number d of degrees of freedom."""
-        return int(self.mass.shape[0])
+        return self.inertia.dimension
+
+    @property
+    def mass(self) -> Array:
+        """M, shape ``(d, d)``."""
+        return self.inertia.mass
 
     @property
     def is_linear(self) -> bool:
@@ -85,7 +91,7 @@ class Separable:
 
     def velocity(self, position: Array, momentum: Array, time: Array | float) -> Array:
         """Inverse of M times p."""
-        return np.asarray(np.linalg.solve(self.mass, momentum[..., None])[..., 0])
+        return self.inertia.velocity(momentum)
 
     def energy(self, position: Array, momentum: Array, time: Array | float) -> Array:
         """Kinetic energy p M^-1 p / 2 plus V(q)."""
@@ -158,4 +164,4 @@ def dynamics_of(scene: Scene) -> Separable | General:
     """The conservative part of `scene`."""
     if scene.lagrangian is not None:
         return General(lagrangian=scene.lagrangian)
-    return Separable(mass=scene.inertia.mass, potential=scene.potential)
+    return Separable(inertia=scene.inertia, potential=scene.potential)

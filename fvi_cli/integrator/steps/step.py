@@ -24,6 +24,15 @@ from numpy.typing import NDArray
 
 from fvi_cli.integrator.convolution.damping import Damping, DampingTables, no_damping
 from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.steps.algebra import (
+    Form,
+    Solve,
+    dense,
+    form,
+    kronecker,
+    solver_of,
+    times,
+)
 from fvi_cli.integrator.steps.dynamics import General, Separable
 
 Array = NDArray[np.float64]
@@ -78,22 +87,16 @@ class StepMatrices:
     damping
         Local blocks and responses of the states.
     constant
-        Derivative of the equations by U as far as it does not change: mass (and stiffness) of
-        linear parts and the local damping, shape ``(s d, s d)``.
-    inverse
-        Its inverse, for linear scenes.
+        Derivative of the equations by U as far as it does not change: mass of linear parts and
+        the local damping, shape ``(s d, s d)``; None for linear scenes.
+    solve
+        What solves the equations of linear scenes; None for others.
     """
 
     step_size: float
     damping: DampingTables
-    constant: Array
-    inverse: Array | None
-
-
-def kronecker(a: Array, b: Array) -> Array:
-    """The Kronecker product of two matrices; ``numpy.kron`` is slow on small ones."""
-    rows, columns = a.shape[0] * b.shape[0], a.shape[1] * b.shape[1]
-    return np.asarray((a[:, None, :, None] * b[None, :, None, :]).reshape(rows, columns))
+    constant: Array | None
+    solve: Solve | None
 
 
 class StepSolver:
@@ -121,16 +124,14 @@ class StepSolver:
         self._test = np.ascontiguousarray(tables.test_weights[:-1])
         self._test_sum = self._test.sum(axis=1)[:, None]
         self._separable = dynamics if isinstance(dynamics, Separable) else None
-        stiffness = None if self._separable is None else self._separable.stiffness
-        self._stiffness = stiffness
+        self._mass: Form = np.zeros((0, 0))
+        self._stiffness: Form | None = None
+        if self._separable is not None:
+            self._mass = form(self._separable.mass)
+            if self._separable.stiffness is not None:
+                self._stiffness = form(self._separable.stiffness)
         rate, test = self._rate_test.T, self._test.T
         velocity, position = self._to_velocity, self._to_position
-        self._inertia = np.zeros((self._size, self._size))
-        if self._separable is not None:
-            self._inertia = kronecker(tables.mass_matrix, self._separable.mass)
-        self._pull_matrix: Array | None = None
-        if stiffness is not None:
-            self._pull_matrix = kronecker(self._test @ self._to_position, stiffness)
         self._by_mass = np.einsum("in,im->inm", rate, velocity)
         self._by_mixed = np.einsum("in,im->inm", rate, position)
         self._by_transposed = np.einsum("in,im->inm", test, velocity)
@@ -144,24 +145,26 @@ class StepSolver:
         numpy.linalg.LinAlgError
             If the equations of a linear step have no unique solution.
         """
-        h = step_size
-        constant = np.zeros((self._size, self._size))
-        if self._separable is not None:
-            constant += self._inertia
-            if self._pull_matrix is not None:
-                constant -= h**2 * self._pull_matrix
-        d = self._shape[1]
+        h, d = step_size, self._shape[1]
         if self.damping is None:
             damping = no_damping(self.tables.points.size, d)
+            directions: tuple[Form, ...] = ()
         else:
             damping = self.damping.tables(h)
-            for local, one in zip(damping.local, self.damping.directions, strict=True):
-                block = h * self._test @ local @ self._to_velocity
-                constant -= kronecker(block, one.matrix[:d].T)
-        inverse: Array | None = None
+            directions = self.damping.forms
+        parts: list[tuple[Array, Form]] = []
+        if self._separable is not None:
+            parts.append((self.tables.mass_matrix, self._mass))
+        if self._stiffness is not None:
+            parts.append((-(h**2) * (self._test @ self._to_position), self._stiffness))
+        for local, direction in zip(damping.local, directions, strict=True):
+            parts.append((-h * (self._test @ local @ self._to_velocity), direction))
         if self.dynamics.is_linear:
-            inverse = np.asarray(np.linalg.inv(constant))
-        return StepMatrices(step_size=h, damping=damping, constant=constant, inverse=inverse)
+            return StepMatrices(step_size=h, damping=damping, constant=None, solve=solver_of(parts))
+        constant = np.zeros((self._size, self._size))
+        for small, large in parts:
+            constant += kronecker(small, dense(large))
+        return StepMatrices(step_size=h, damping=damping, constant=constant, solve=None)
 
     def solve(
         self,
@@ -201,11 +204,10 @@ class StepSolver:
         if loads is not None:
             right -= loads[:-1]
         residuals: tuple[float, ...] = ()
-        if at.inverse is not None:
+        if at.solve is not None:
             if self._stiffness is not None:
-                pull = position @ self._stiffness
-                right += h * self._test_sum * pull
-            unknowns = (at.inverse @ right.ravel()).reshape(self._shape)
+                right += h * self._test_sum * times(position, self._stiffness)
+            unknowns = at.solve(right.ravel()).reshape(self._shape)
         else:
             with np.errstate(all="ignore"):
                 unknowns, residuals = self._newton(at, time, position, right, guess)
@@ -231,7 +233,7 @@ class StepSolver:
 
     def _pull(self, position: Array, velocity: Array, time: Array) -> Array:
         if self._stiffness is not None:
-            return -(position @ self._stiffness)
+            return -times(position, self._stiffness)
         if self._separable is not None:
             potential = self._separable.potential
             return np.zeros_like(position) if potential is None else -potential.gradient(position)
@@ -242,7 +244,9 @@ class StepSolver:
         self, at: StepMatrices, time: float, position: Array, right: Array, guess: Array | None
     ) -> tuple[Array, tuple[float, ...]]:
         """Solve the equations with their exact Jacobian."""
-        h, tables = at.step_size, self.tables
+        h, tables, constant = at.step_size, self.tables, at.constant
+        if constant is None:
+            raise ValueError("matrices: those of a linear scene")
         unknowns = np.zeros(self._shape) if guess is None else guess.copy()
         times = time + h * tables.points
         residuals: list[float] = []
@@ -251,21 +255,21 @@ class StepSolver:
             points = position + h * (self._to_position @ unknowns)
             if self._separable is not None and self._separable.potential is not None:
                 potential = self._separable.potential
-                residual = (at.constant @ unknowns.ravel()).reshape(self._shape) - right
+                residual = (constant @ unknowns.ravel()).reshape(self._shape) - right
                 residual -= h * self._test @ potential.gradient(points)
-                jacobian = at.constant - h**2 * np.einsum(
+                jacobian = constant - h**2 * np.einsum(
                     "inm,iab->namb", self._by_stiffness, potential.hessian(points)
                 ).reshape(self._size, self._size)
             else:
                 velocity = self._to_velocity @ unknowns
                 found = self.dynamics.derivatives(points, velocity, times)
-                residual = (at.constant @ unknowns.ravel()).reshape(self._shape) - right
+                residual = (constant @ unknowns.ravel()).reshape(self._shape) - right
                 residual += self._rate_test @ found.momentum + h * self._test @ found.force
                 full = np.einsum("inm,iab->namb", self._by_mass, found.mass)
                 full += h * np.einsum("inm,iab->namb", self._by_mixed, found.mixed)
                 full += h * np.einsum("inm,iba->namb", self._by_transposed, found.mixed)
                 full += h**2 * np.einsum("inm,iab->namb", self._by_stiffness, found.stiffness)
-                jacobian = at.constant + full.reshape(self._size, self._size)
+                jacobian = constant + full.reshape(self._size, self._size)
             residuals.append(float(np.abs(residual).max()))
             if not (math.isfinite(residuals[-1]) and np.isfinite(jacobian).all()):
                 raise StepFailedError(

@@ -1,0 +1,127 @@
+"""What is ready before the first step of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.compensated import CompensatedSum
+from fvi_cli.integrator.convolution.damping import Damping
+from fvi_cli.integrator.convolution.stages import StageOperator
+from fvi_cli.integrator.decoupling import Decoupling, decouple_forms
+from fvi_cli.integrator.growth_bound import GrowthBound
+from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.memory import runge_kutta_tableau, terms_by_direction
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.loop import Marker, Stepper
+from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.steps.dynamics import dynamics_of
+from fvi_cli.integrator.steps.linear_blocks import LARGEST_DENSE, LEAST_BLOCK
+from fvi_cli.integrator.steps.step import StepSolver
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunSetup:
+    """Everything that is ready before the first step.
+
+    Parameters
+    ----------
+    scene, method
+        What is integrated, and how.
+    stepper
+        Single steps.
+    damping
+        Fractional damping; None: there is none.
+    decoupling
+        Coordinates in which a linear scene falls apart; None for others.
+    bound
+        Beyond which no sound run goes.
+    """
+
+    scene: Scene
+    method: Method
+    stepper: Stepper
+    damping: Damping | None
+    decoupling: Decoupling | None
+    bound: GrowthBound
+
+    @property
+    def n_states(self) -> int:
+        """Number of exponentials that stand for the past."""
+        kernel = None if self.damping is None else self.damping.kernel
+        return 0 if kernel is None else kernel.n_states
+
+
+def prepare_run(
+    scene: Scene, method: Method, *, shortest_step: float, n_steps: int | None, bound: GrowthBound
+) -> RunSetup:
+    """Tables and solvers for steps from `shortest_step` on.
+
+    Raises
+    ------
+    ValueError
+        If the method is no Runge-Kutta one.
+    """
+    if not method.is_runge_kutta:
+        raise ValueError(f"mesh: {method.cq} takes equal steps only; use rk: gauss")
+    tables = step_tables(method)
+    damping = None
+    decoupling = linear_decoupling(scene) if scene.is_linear else None
+    if scene.active_damping:
+        operator = StageOperator(tableau=runge_kutta_tableau(method))
+        damping = Damping(
+            scene,
+            operator,
+            shortest_step=shortest_step,
+            n_steps=n_steps,
+            support=_damped_components(scene, method.stages, decoupling),
+        )
+    solver = StepSolver(dynamics_of(scene), damping, tables)
+    return RunSetup(
+        scene=scene,
+        method=method,
+        stepper=Stepper(solver, StepLoads(scene, method, tables)),
+        damping=damping,
+        decoupling=decoupling,
+        bound=bound,
+    )
+
+
+def _damped_components(
+    scene: Scene, stages: int, decoupling: Decoupling | None
+) -> NDArray[np.intp] | None:
+    """Where scenes are too large for blocks, the components that any damping acts on."""
+    if decoupling is None or decoupling.batch > 1:
+        return None
+    if scene.dimension * stages * LEAST_BLOCK <= LARGEST_DENSE:
+        return None
+    terms = scene.active_damping
+    touched = np.any([np.any(term.coefficient != 0, axis=0) for term in terms], axis=0)
+    return None if touched.all() else np.flatnonzero(touched)
+
+
+def linear_decoupling(scene: Scene) -> Decoupling:
+    """The coordinates in which a linear scene falls apart."""
+    potential = scene.potential
+    stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
+    directions = [matrix for matrix, _ in terms_by_direction(scene.active_damping)]
+    return decouple_forms(scene.inertia.mass, stiffness, directions)
+
+
+def first_marker(setup: RunSetup) -> Marker:
+    """The start of a run."""
+    scene, dynamics = setup.scene, setup.stepper.solver.dynamics
+    momentum = dynamics.momentum(scene.initial_position, scene.initial_velocity, 0.0)
+    states = np.zeros((0, scene.dimension))
+    if setup.damping is not None:
+        states = setup.damping.initial_states()
+    return Marker(
+        time=0.0,
+        position=CompensatedSum(scene.initial_position),
+        momentum=CompensatedSum(momentum),
+        states=states,
+    )
