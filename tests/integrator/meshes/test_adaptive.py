@@ -1,0 +1,132 @@
+"""The controller of step sizes alone, fed with estimates that are known functions of the size."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from fvi_cli.integrator.meshes.adaptive import (
+    FIRST_STEP,
+    SHORTEST_STEP,
+    SMOOTH_FIRST_STEP,
+    AdaptiveSteps,
+    StepController,
+)
+
+
+def controller(
+    tolerance: float = 1e-6, *, breaks: tuple[float, ...] = (), singular: bool = True, **more
+) -> StepController:
+    return StepController(
+        AdaptiveSteps(tolerance=tolerance, **more),
+        final_time=8.0,
+        breaks=breaks,
+        stages=4,
+        is_singular=singular,
+    )
+
+
+def steps(one: StepController, estimate: Callable[[float, float], float]) -> list[float]:
+    """Ends of the accepted steps."""
+    ends = [0.0]
+    while not one.is_finished and not one.is_stuck:
+        size = one.propose()
+        assert size > 0
+        before = one.time
+        if one.judge(size, estimate(before, size)):
+            ends.append(one.time)
+        else:
+            assert one.time == before
+        assert len(ends) + one.rejected < 20_000
+    return ends
+
+
+def of_order(order: float, scale: float = 1.0) -> Callable[[float, float], float]:
+    return lambda _, size: scale * size**order
+
+
+@pytest.mark.parametrize("breaks", [(), (1.0,), (0.1234, 0.12345, 7.999)])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-9])
+def test_break_points_and_the_end_are_met_exactly(
+    breaks: tuple[float, ...], tolerance: float
+) -> None:
+    one = controller(tolerance, breaks=breaks)
+    ends = steps(one, of_order(5.0))
+    assert {*breaks, 8.0} <= set(ends)
+    assert (np.diff(ends) > 0).all()
+    assert one.is_finished
+    # behind each of them it is as careful as at the start
+    for begin in (0.0, *breaks):
+        at = ends.index(begin)
+        assert ends[at + 1] - begin <= FIRST_STEP * 8.0 * (1 + 1e-9)
+
+
+def test_sizes_are_powers_of_the_root_of_two() -> None:
+    sizes = np.diff(steps(controller(1e-12), of_order(5.0, 3.0)))
+    ratio = 2.0 * np.log2(sizes / 8.0)
+    # the last two share what is left
+    assert np.abs(ratio - np.round(ratio))[:-2].max() < 1e-6
+    assert len(sizes) > 200
+    assert len({round(r) for r in ratio[:-2]}) < 60
+
+
+@pytest.mark.parametrize("order", [3.0, 5.0, 8.0])
+def test_the_estimate_is_kept_at_the_tolerance(order: float) -> None:
+    """Steady steps are as long as the tolerance allows, up to the rounding and the safety."""
+    one, estimate = controller(1e-6), of_order(order, 4.0)
+    sizes = np.diff(steps(one, estimate))
+    allowed = (1e-6 / 4.0) ** (1.0 / order)
+    assert sizes.max() <= allowed
+    assert np.median(sizes[20:]) > 0.4 * allowed
+
+
+def test_a_rejected_step_is_counted_and_tried_shorter() -> None:
+    one = controller(singular=False)
+    size = one.propose()
+    assert size <= SMOOTH_FIRST_STEP * 8.0
+    assert not one.judge(size, 1.0)
+    assert one.rejected == 1
+    assert one.propose() < size
+    assert one.judge(one.propose(), 1e-9)
+    assert one.rejected == 1
+
+
+@pytest.mark.parametrize("estimate", [math.inf, math.nan])
+def test_steps_that_cannot_be_solved_are_rejected_until_it_is_stuck(estimate: float) -> None:
+    one = controller()
+    ends = steps(one, lambda time, size: estimate if time + size > 2.0 else 1e-12)
+    assert one.is_stuck
+    assert not one.is_finished
+    assert ends[-1] < 2.0
+    assert 2.0 - ends[-1] < 1e-8
+    assert one.rejected > 10
+    assert one.forced == 0
+
+
+def test_the_shortest_step_is_taken_whatever_it_errs() -> None:
+    """A jump nobody told of: no step over it is good enough, the shortest one is done and told."""
+    one = controller(first_step=1e-2)
+    ends = np.array(steps(one, lambda time, size: 1.0 if time < 2.0 <= time + size else 1e-12))
+    assert one.forced == 1
+    assert one.is_finished
+    crossing = int(np.searchsorted(ends, 2.0)) - 1
+    assert ends[crossing + 1] - ends[crossing] <= 2.0 * SHORTEST_STEP * 8.0
+
+
+def test_the_first_step_can_be_given() -> None:
+    assert controller(first_step=1e-3).propose() <= 1e-3
+    assert controller(first_step=1e-3).propose() > 0.7e-3
+    # but never reaches over a tenth of the shortest part
+    assert controller(first_step=1.0, breaks=(0.1,)).propose() <= 0.01
+
+
+@pytest.mark.parametrize("bad", [0.0, -1e-6, math.inf, math.nan])
+@pytest.mark.parametrize("name", ["tolerance", "first_step"])
+def test_what_is_no_tolerance_is_refused(name: str, bad: float) -> None:
+    with pytest.raises(ValueError, match=f"{name}: .* is not allowed; it must be positive"):
+        AdaptiveSteps(**({"tolerance": 1e-6} | {name: bad}))
+    with pytest.raises(ValueError, match="most_steps: 0 is not allowed"):
+        AdaptiveSteps(tolerance=1e-6, most_steps=0)

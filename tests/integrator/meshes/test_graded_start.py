@@ -1,0 +1,140 @@
+"""Equal steps that are halved towards singular points."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from test_mesh import fresh, points
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.integrator.meshes.graded_start import WINDOW_MOST, graded_start_mesh
+from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
+from fvi_cli.integrator.meshes.singular_start import start_power
+from fvi_cli.scenes.named import linear_oscillator
+
+Array = np.ndarray
+
+
+def graded(n_steps: int, power: float | None, m: int = 4, breaks: tuple[float, ...] = ()) -> Mesh:
+    return graded_start_mesh(3.0, n_steps, breaks, stages=m, exponent=lambda _: power)
+
+
+def reported(mesh: Mesh) -> Array:
+    found = [np.zeros(1)]
+    for one in mesh.stretches:
+        own = one.begin + one.step_size * np.arange(1, one.n_steps + 1)
+        own[-1] = one.end
+        if one.reported_every:
+            found.append(own[one.reported_every - 1 :: one.reported_every])
+    return np.concatenate(found)
+
+
+@pytest.mark.parametrize("n_steps", [1, 2, 3, 8, 17, 100, 1000, 6000])
+@pytest.mark.parametrize("m", [1, 2, 4, 8])
+@pytest.mark.parametrize("power", [1.1, 2.5, 3.5, 3.95])
+def test_the_reported_points_are_the_uniform_grid(n_steps: int, m: int, power: float) -> None:
+    mesh = graded(n_steps, power, m)
+    at = reported(mesh)
+    assert mesh.n_reported == n_steps == at.size - 1
+    assert np.allclose(at, 3.0 / n_steps * np.arange(n_steps + 1), rtol=1e-13, atol=1e-15)
+    every = points(mesh)
+    assert (np.diff(every) > 0).all()
+    assert every.size - 1 == mesh.n_steps
+    # sizes are halves of halves to the last bit, so that tables are shared
+    halvings = [math.log2(3.0 / n_steps / one.step_size) for one in mesh.stretches]
+    several = [k for k, one in zip(halvings, mesh.stretches, strict=True) if one.n_steps > 1]
+    assert all(k == round(k) for k in several)
+    assert fresh(mesh) == [0.0]
+
+
+def test_a_smooth_start_has_equal_steps() -> None:
+    assert graded(40, None).stretches == uniform_mesh(3.0, 40).stretches
+
+
+@pytest.mark.parametrize("breaks", [(1.0,), (0.7123, 2.2), (0.01,)])
+def test_steps_are_halved_behind_break_points_too(breaks: tuple[float, ...]) -> None:
+    for n_steps in (12, 96, 1000):
+        mesh = graded(n_steps, 2.5, 3, breaks)
+        at = points(mesh)
+        assert mesh.n_reported == n_steps
+        assert fresh(mesh) == [0.0, *breaks]
+        for begin, end in itertools.pairwise((0.0, *breaks, 3.0)):
+            part = at[(at >= begin) & (at <= end)]
+            longest, sizes = np.diff(part).max(), np.diff(part)
+            assert sizes[0] < 1e-3 * longest
+            first = int((part - begin < 0.1 * longest).sum())
+            assert first > 4
+            # halved steps fill what the one above them left over, so sizes never fall
+            assert (sizes[1:first] >= sizes[: first - 1] * (1 - 1e-6)).all()
+
+
+@pytest.mark.parametrize(("m", "power"), [(2, 2.5), (3, 2.5), (4, 2.1), (4, 3.7)])
+def test_steps_grow_like_those_of_a_graded_mesh(m: int, power: float) -> None:
+    """Behind the first grid point no step is longer than the law of the grading has it."""
+    n_steps = 2048
+    at, h = points(graded(n_steps, power, m)), 3.0 / n_steps
+    r = (2 * m + 0.5) / power
+    begin, sizes = at[:-1], np.diff(at)
+    window = n_steps // 8
+    inside = (begin >= h) & (begin < window * h * (1 - 1e-9))
+    law = h * (begin[inside] / (window * h)) ** (1 - 1 / r)
+    assert (sizes[inside] <= 1.01 * law).all()
+    # halving: never shorter than a quarter of it
+    assert (sizes[inside] >= 0.24 * law).all()
+    assert np.allclose(sizes[begin >= window * h * (1 - 1e-9)], h, rtol=1e-9)
+    # a control: the first steps of the uniform grid break that law
+    assert h > 2 * law[0]
+
+
+@pytest.mark.parametrize("n_steps", [64, 4096, 2**17])
+def test_the_steps_added_are_few(n_steps: int) -> None:
+    for m, power in ((2, 3.5), (4, 2.1), (8, 1.1)):
+        added = graded(n_steps, power, m).n_steps - n_steps
+        window = max(1, min(n_steps // 8, WINDOW_MOST))
+        grading = (2 * m + 0.5) / power
+        # each level halves that share of the steps of the one above
+        share = 2.0 ** (-1.0 / (grading - 1.0))
+        levels = math.log(window) / -math.log(share) + 1
+        assert added <= window / (1.0 - share) + levels + 60
+
+
+def oscillator(order: float, *, position: float, velocity: float, **more):
+    return linear_oscillator(
+        final_time=1.0,
+        damping=[FractionalDamping(order=order, coefficient=1.0)],
+        initial_position=position,
+        initial_velocity=velocity,
+        **more,
+    )
+
+
+@pytest.mark.parametrize(
+    ("order", "position", "velocity", "derivative", "power"),
+    [
+        (0.3, 1.0, 0.5, "caputo", 2.7),
+        (0.3, 1.0, 0.0, "caputo", 3.7),
+        (1.5, 1.0, 0.5, "caputo", 2.5),
+        (0.3, 1.0, 0.5, "riemann-liouville", 1.7),
+        (0.3, 0.0, 0.5, "riemann-liouville", 2.7),
+        (1.5, 0.0, 0.5, "riemann-liouville", 1.5),
+        (1.0, 1.0, 0.5, "caputo", None),
+    ],
+)
+def test_the_power_with_which_a_motion_begins(
+    order: float, position: float, velocity: float, derivative, power: float | None
+) -> None:
+    scene = oscillator(order, position=position, velocity=velocity, derivative=derivative)
+    assert start_power(scene, at_start=True) == (
+        None if power is None else pytest.approx(power, abs=1e-12)
+    )
+    if power is not None:
+        assert start_power(scene, at_start=False) == pytest.approx(4.0 - order)
+
+
+def test_forces_may_begin_like_a_root() -> None:
+    scene = oscillator(0.5, position=0.0, velocity=0.0, forcing=Forcing.from_text("sqrt(t)"))
+    assert start_power(scene, at_start=True) == 2.5

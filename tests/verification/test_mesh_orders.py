@@ -1,0 +1,220 @@
+"""Orders of Gauss methods on meshes that are graded, over all points of the mesh or of the grid.
+
+Slopes are fitted through four errors or more and are neither less nor more than 2m. (With m = 4 and
+orders of damping above 1 a second part of the error, of order m + 5 - gamma, shows below 1e-11; the
+scenes here stay above that.)
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+
+import mpmath
+import numpy as np
+import pytest
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, mesh_of
+from fvi_cli.integrator.method import Method
+from fvi_cli.mathematics.talbot import talbot_inverse
+from fvi_cli.scenes.linear_response import match_scene
+from fvi_cli.scenes.named import linear_oscillator, pendulum
+from fvi_cli.scenes.nonlinear import duffing
+
+Array = np.ndarray
+Exact = Callable[[Array], Array]
+
+ORDERS = [0.3, 0.5, 1.25, 1.5, 1.9]
+STAGES = [1, 2, 3, 4]
+
+
+def damping(order: float, coefficient: float) -> list[FractionalDamping]:
+    return [FractionalDamping(order=order, coefficient=coefficient)]
+
+
+def singular(order: float, final_time: float, mu: float) -> tuple[Scene, Exact]:
+    """A motion that begins with t^(3 - gamma) or t^(4 - gamma)."""
+    scene = linear_oscillator(
+        final_time=final_time,
+        damping=damping(order, mu),
+        stiffness=2.0,
+        initial_position=1.0,
+        initial_velocity=0.5,
+    )
+    found = match_scene(scene)
+    assert found is not None
+    return scene, found.position
+
+
+@functools.cache
+def smooth(order: float) -> tuple[Scene, Array, Array]:
+    """A motion from rest under t^9 exp(-t), with its values at quarters of T and at T / 16."""
+    scene = linear_oscillator(
+        final_time=30.0,
+        damping=damping(order, 0.7),
+        stiffness=2.0,
+        forcing=Forcing.from_text("t**9*exp(-t)/1e5"),
+    )
+    times = 30.0 * np.array([1 / 16, 1 / 4, 9 / 16, 1.0])
+
+    def transform(s: mpmath.mpc) -> mpmath.mpc:
+        force = mpmath.factorial(9) / mpmath.mpf(10) ** 5 / (s + 1) ** 10
+        return force / (s**2 + mpmath.mpf("0.7") * s ** mpmath.mpf(order) + 2)
+
+    return scene, times, talbot_inverse(transform, times.tolist(), largest_frequency=2.0)
+
+
+@functools.cache
+def nonlinear(name: str, order: float) -> tuple[Scene, Exact]:
+    """A pendulum or Duffing oscillator, with a run of 12 stages on an unrelated mesh."""
+    data = {
+        "final_time": 16.0,
+        "damping": damping(order, 0.1),
+        "initial_position": 1.0,
+        "initial_velocity": 0.5,
+    }
+    scene = duffing(**data) if name == "duffing" else pendulum(omega=1.5, **data)
+    method = Method(cq="gauss", degree=12)
+    found = integrate(scene, method, AdaptiveSteps(tolerance=1e-11), with_steps=True)
+    assert found.steps is not None
+    return scene, found.steps
+
+
+def error(scene: Scene, exact: Exact, method: Method, steps: Mesh | int) -> float:
+    found = integrate(scene, method, steps)
+    assert found.status == "ok"
+    return float(np.abs(found.position - exact(found.time)).max())
+
+
+def slope(numbers: Sequence[int], errors: Sequence[float]) -> float:
+    assert len(numbers) >= 4
+    return float(-np.polyfit(np.log(numbers), np.log(errors), 1)[0])
+
+
+def grading(order: float, m: int) -> float:
+    """r with r sigma > 2m, sigma the power with which the motion begins."""
+    return max(1.2, (2 * m + 0.5) / ((3 if order < 1 else 4) - order))
+
+
+NUMBERS = (48, 64, 96, 128)
+
+
+@pytest.mark.parametrize("m", STAGES)
+@pytest.mark.parametrize("order", ORDERS)
+def test_singular_motions_on_graded_meshes(order: float, m: int) -> None:
+    scene, exact = singular(order, 8.0, 0.7)
+    method, r = Method(cq="gauss", degree=m), grading(order, m)
+    errors = [error(scene, exact, method, graded_mesh(8.0, n, r)) for n in NUMBERS]
+    assert slope(NUMBERS, errors) == pytest.approx(2 * m, abs=0.1)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_equal_steps_lose_their_order(order: float) -> None:
+    """The control."""
+    scene, exact = singular(order, 8.0, 0.7)
+    errors = [error(scene, exact, Method(cq="gauss", degree=4), n) for n in NUMBERS]
+    assert slope(NUMBERS, errors) == pytest.approx((3 if order < 1 else 4) - order, abs=0.5)
+
+
+@pytest.mark.parametrize("m", STAGES)
+@pytest.mark.parametrize("order", ORDERS)
+def test_smooth_motions_on_graded_meshes(order: float, m: int) -> None:
+    scene, times, values = smooth(order)
+    numbers = (240, 300, 360, 480) if m == 1 else (96, 128, 160, 192)
+    errors = []
+    for n in numbers:
+        found = integrate(scene, Method(cq="gauss", degree=m), graded_mesh(30.0, n, 2.0))
+        places = [n // 4, n // 2, 3 * n // 4, n]
+        assert np.allclose(found.time[places], times, rtol=1e-14)
+        errors.append(float(np.abs(found.position[places, 0] - values).max()))
+    assert slope(numbers, errors) == pytest.approx(2 * m, abs=0.15)
+
+
+@pytest.mark.parametrize("m", STAGES)
+@pytest.mark.parametrize("order", ORDERS)
+def test_graded_starts_on_equal_steps(order: float, m: int) -> None:
+    scene, exact = singular(order, 16.0, 0.2)
+    method, numbers = Method(cq="gauss", degree=m, start="graded"), (48, 64, 80, 96)
+    if m == 1:
+        numbers = (96, 128, 192, 256)
+    errors = []
+    for n in numbers:
+        found = integrate(scene, method, n)
+        assert np.allclose(found.time, 16.0 / n * np.arange(n + 1), rtol=1e-13)
+        errors.append(float(np.abs(found.position - exact(found.time)).max()))
+    assert slope(numbers, errors) == pytest.approx(2 * m, abs=0.1)
+
+
+@pytest.mark.parametrize("m", [3, 4])
+@pytest.mark.parametrize("order", ORDERS)
+def test_finer_steps_inside_the_first_one_alone_are_not_enough(order: float, m: int) -> None:
+    """The control: the step after them is as long as its distance from the singular point."""
+    scene, exact = singular(order, 8.0, 0.7)
+    errors = []
+    for n in (48, 96, 192, 384):
+        h = 8.0 / n
+        inside = h * 2.0 ** np.arange(-40.0, 0.0)
+        mesh = mesh_of(np.concatenate([[0.0], inside, h * np.arange(1, n + 1)]))
+        found = integrate(scene, Method(cq="gauss", degree=m), mesh)
+        whole = found.position[-n:] - exact(found.time[-n:])
+        errors.append(float(np.abs(whole).max()))
+    late = slope((48, 96, 192, 384), errors)
+    assert late < 2 * m - 1
+    assert math.log2(errors[-2] / errors[-1]) == pytest.approx(
+        (3 if order < 1 else 4) - order, abs=0.3
+    )
+
+
+NONLINEAR = [
+    pytest.param(name, order, m, marks=() if quick else pytest.mark.slow)
+    for name in ("pendulum", "duffing")
+    for order in ORDERS
+    for m in STAGES
+    for quick in [(name == "pendulum") == (order in (0.5, 1.9)) and m in (2, 4)]
+]
+
+
+@pytest.mark.parametrize(("name", "order", "m"), NONLINEAR)
+def test_nonlinear_motions(name: str, order: float, m: int) -> None:
+    scene, exact = nonlinear(name, order)
+    r = grading(order, m)
+    numbers = (128, 160, 192, 224)
+    method = Method(cq="gauss", degree=m)
+    errors = [error(scene, exact, method, graded_mesh(16.0, n, r)) for n in numbers]
+    # long last steps of a strong grading, and not yet as small as they should be
+    assert slope(numbers, errors) == pytest.approx(2 * m, abs=0.4 if r > 4 else 0.15)
+    numbers = (48, 64, 80, 96)
+    method = Method(cq="gauss", degree=m, start="graded")
+    errors = [error(scene, exact, method, n) for n in numbers]
+    assert slope(numbers, errors) == pytest.approx(2 * m, abs=0.15)
+
+
+@pytest.mark.parametrize("breaks", [(2.0,), (1.7123,)], ids=["on the grid", "off the grid"])
+@pytest.mark.parametrize("order", [0.5, 1.5])
+def test_jumps_of_the_force(order: float, breaks: tuple[float, ...]) -> None:
+    """Behind a break point steps are halved as at the start."""
+    parts = [
+        ForcingPiece(components=Forcing.from_text(text).pieces[0].components, until=until)
+        for text, until in (("3", breaks[0]), ("-1", math.inf))
+    ]
+    scene = linear_oscillator(
+        final_time=8.0,
+        damping=damping(order, 0.2),
+        stiffness=4.0,
+        forcing=Forcing(pieces=tuple(parts)),
+        initial_position=1.0,
+    )
+    found = match_scene(scene)
+    assert found is not None
+    numbers = (48, 64, 80, 96)
+    method = Method(cq="gauss", degree=3, start="graded")
+    errors = [error(scene, found.position, method, n) for n in numbers]
+    assert slope(numbers, errors) == pytest.approx(6, abs=0.3)
+    plain = [error(scene, found.position, Method(cq="gauss", degree=3), n) for n in numbers]
+    assert plain[-1] > 2 * errors[-1]
