@@ -22,7 +22,7 @@ from fvi_cli.integrator.steps.block_response import LinearSystems, block_respons
 
 Array = NDArray[np.float64]
 
-LARGEST_RECURRENCE = 700
+LARGEST_RECURRENCE = 300
 """Numbers in the state of a recurrence, at most."""
 LARGEST_DENSE = 1024
 """Steps of a block times stages times components, at most."""
@@ -55,7 +55,7 @@ def block_length(stages: int, batch: int, coupled: int, n_steps: int) -> int:
     while block >= LEAST_BLOCK and (
         block * stages * coupled > LARGEST_DENSE
         or (batch > 1 and batch * (block * stages * coupled) ** 2 > LARGEST_BATCH)
-        or block * block > 16 * n_steps
+        or block * block > 4 * n_steps
     ):
         block //= 2
     return block if LEAST_BLOCK <= block <= n_steps else 0
