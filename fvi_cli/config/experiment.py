@@ -9,7 +9,13 @@ from fractions import Fraction
 from typing import Any, Final
 
 from fvi_cli.config.keys.accuracy import USUAL, accuracy_of, check_accuracy
-from fvi_cli.config.keys.ladder import MOST_STEPS, refuse_step, steps_of
+from fvi_cli.config.keys.ladder import (
+    MOST_STEPS,
+    check_grading,
+    grading_of,
+    refuse_step,
+    steps_of,
+)
 from fvi_cli.config.keys.methods import ListedMethod, read_methods
 from fvi_cli.config.keys.stability import stability_settings
 from fvi_cli.config.keys.store import read_diagnostics
@@ -59,10 +65,17 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
     described, store = values["problem"], values["store"]
     is_described = isinstance(described, Mapping)
     problem = make_problem(described, at.under("problem")) if is_described else None
-    methods = read_methods(values.get("method"), at, USUAL if "accuracy" in values else {})
-    steps = steps_of(values.get("ladder"))
+    steps, grading = steps_of(values.get("ladder")), grading_of(values.get("ladder"))
+    methods = read_methods(
+        values.get("method"),
+        at,
+        USUAL if "accuracy" in values else {},
+        start="series" if grading == 1.0 else "none",
+    )
     check_accuracy(at)
-    if is_described:
+    ends = () if problem is None else (*break_points(described), problem.final_time)
+    check_grading(grading, steps, methods, ends, at)
+    if is_described and grading == 1.0:
         _check_break_points(described, steps, at)
     for key in ("expect", "claims"):
         _check_cases(values[key], methods, at.under(key))
@@ -73,9 +86,9 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         if isinstance(every, int):
             _check_memory(problem, methods, steps, every, at)
         accuracy = accuracy_of(values.get("accuracy"), problem, methods, at)
-        diagnostics = read_diagnostics(store, problem, methods, at)
+        diagnostics = read_diagnostics(store, problem, at)
         if at.has(SWEEP):
-            members = _make_members(described, problem, methods, steps, at)
+            members = _make_members(described, problem, methods, steps, grading, at)
             if members is not None and isinstance(every, int):
                 dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
                 points = [n_steps // every + 2 for n_steps in steps]
@@ -94,6 +107,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         problem_specification=described,
         methods=tuple(listed_method.method for listed_method in methods),
         steps=steps,
+        grading=grading,
         norm=values["report"]["norm"],
         expect=values["expect"],
         allow_unstable=values["allow_unstable"],
@@ -113,12 +127,16 @@ def _make_members(
     first: AnyProblem,
     methods: Sequence[ListedMethod],
     steps: tuple[int, ...],
+    grading: float,
     at: Cursor,
 ) -> ReadMembers | None:
     """The members of the sweep, checked like the experiment without one."""
 
     def check(specification: Mapping[str, Any], problem: AnyProblem, at: Cursor) -> None:
-        _check_break_points(specification, steps, at)
+        if grading == 1.0:
+            _check_break_points(specification, steps, at)
+        ends = (*break_points(specification), problem.final_time)
+        check_grading(grading, steps, methods, ends, at)
         _check_meeting(problem, methods, at)
 
     return make_members(template, at, check)

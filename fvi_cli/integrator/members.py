@@ -47,8 +47,8 @@ def integrate_members(
 
     Linear scenes of the same number of degrees of freedom, orders of damping, kind of derivative
     and final time share all weights, and their steps are done side by side, without a loop over
-    scenes. The others, and all of them with ``start: weights``, ``history: direct`` or
-    ``exponentials``, or on very few steps, are integrated one by one.
+    scenes. The others, and all of them with ``start: weights`` or ``graded``, ``history: direct``
+    or ``exponentials``, or on very few steps, are integrated one by one.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def goes_together(scene: Scene, method: AnyMethod, n_steps: int) -> bool:
     """Whether a scene may be one of a batch."""
     if not isinstance(method, Method) or not scene.is_linear:
         return False
-    if method.history not in ("auto", "fft"):
+    if method.history not in ("auto", "fft") or method.start == "graded":
         return False
     if method.history == "auto" and n_steps < LEAST_BLOCK_STEPS:
         return False

@@ -100,7 +100,8 @@ class Method:
         Where the fractional action is sampled: ``nodes`` (the paper) or ``points`` (the
         quadrature points; always so for Runge-Kutta).
     start
-        What is done about a singular start: ``none``, ``weights`` (BDF only) or ``series``.
+        What is done about a singular start: ``none``, ``weights`` (BDF only), ``series``, or
+        ``graded`` (Runge-Kutta only): steps behind singular points are halved again and again.
     start_exponents
         For ``weights``: exponents on which the corrected quadrature is exact; empty: those of
         the scene's own expansion.
@@ -157,6 +158,16 @@ class Method:
                 raise ValueError(
                     "start: a series goes with history: auto, direct or fft; take start: graded"
                 )
+            if self.history in ("direct", "fft") and self.start == "graded":
+                raise ValueError(
+                    f"history: {self.history} needs equal steps, and start: graded has others; "
+                    "take history: auto"
+                )
+        elif self.start == "graded":
+            raise ValueError(
+                f"start: graded is for {', '.join(RUNGE_KUTTA_NAMES)} only; with {self.cq} take "
+                "series, weights or none"
+            )
         elif self.history == "exponentials":
             raise ValueError(
                 f"history: exponentials is for {', '.join(RUNGE_KUTTA_NAMES)} only, not {self.cq}"

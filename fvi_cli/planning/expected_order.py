@@ -18,6 +18,7 @@ from fvi_cli.integrator.known_part import (
     plan_series,
     settled_method,
 )
+from fvi_cli.integrator.meshes.singular_start import FORCED_POWER
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.mathematics.power_series import SeriesError
 
@@ -37,7 +38,9 @@ _BASELINE_ORDERS = {
 """Of others nothing is stated: their steps are not ours."""
 
 
-def expected_order(scene: Scene, method: AnyMethod, norm: Norm, n_steps: int) -> float:
+def expected_order(
+    scene: Scene, method: AnyMethod, norm: Norm, n_steps: int, *, grading: float = 1.0
+) -> float:
     r"""Order to expect on `scene` in `norm` with `n_steps` steps; nan where none is stated.
 
     Smooth starts, and starts carried by a series: the order on smooth data (for Radau IIA and
@@ -56,10 +59,21 @@ def expected_order(scene: Scene, method: AnyMethod, norm: Norm, n_steps: int) ->
     costs :math:`h^{1 - \gamma}`, the kick at 0 being left out, the second :math:`h^{3 - \gamma}`.
     A jump of the force that is left without a series counts with the power t**2 of its response.
     Samples of the force set a limit of their own (`interpolation_limit`).
+
+    Meshes with halved steps behind singular points (``start: graded``) keep the order on smooth
+    data; a force that begins with less than the root of t leaves nothing to be stated. On graded
+    meshes, :math:`t_k = T (k / N)^r`, the limit of a singular start is r times that on equal steps
+    in the maximum norm; in other norms none is stated where it is below the order on smooth data.
     """
     if isinstance(method, Baseline):
         return _baseline_order(scene, method)
-    smooth = min(smooth_order(scene, method), interpolation_limit(scene, n_steps))
+    limit = interpolation_limit(scene, n_steps, grading=grading)
+    smooth = min(smooth_order(scene, method), limit)
+    if method.start == "graded":
+        return smooth if _is_graded_enough(scene) else math.nan
+    if grading != 1.0:
+        order = float(np.minimum(smooth, grading * _singular_order(scene, method, "max")))
+        return order if norm == "max" or order == smooth else math.nan
     if method.start == "series":
         plan = plan_series(scene, method, n_steps)
         if plan.known is not None and not plan.fell_back:
@@ -72,6 +86,16 @@ def expected_order(scene: Scene, method: AnyMethod, norm: Norm, n_steps: int) ->
         return _weighted_order(scene, method, smooth)
     # not `min`, for which nothing stated would be no limit
     return float(np.minimum(smooth, _singular_order(scene, method, norm)))
+
+
+def _is_graded_enough(scene: Scene) -> bool:
+    """Whether the steps of ``start: graded`` are short enough for the powers of the force."""
+    try:
+        forcing = forcing_powers(scene)
+    except SeriesError:
+        return False
+    singular = forcing[~_is_integer(forcing)]
+    return not singular.size or float(singular.min()) + 2.0 >= FORCED_POWER
 
 
 def _baseline_order(scene: Scene, method: Baseline) -> float:

@@ -20,6 +20,7 @@ from fvi_cli.integrator.known_part import NO_SERIES, plan_series, settled_method
 from fvi_cli.integrator.large_linear import GROUP as LARGE_GROUP
 from fvi_cli.integrator.members import goes_together
 from fvi_cli.integrator.memory import terms_by_direction
+from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.run.runge_kutta import plan_runge_kutta
 from fvi_cli.integrator.stepped_history import STEPPED_GROUP
@@ -125,6 +126,7 @@ def plan_run(
     every: int = 1,
     members: int = 1,
     diagnosed: bool = False,
+    grading: float = 1.0,
 ) -> Plan:
     """Tell how `integrate` or `integrate_members` will do a run, without doing it.
 
@@ -137,6 +139,8 @@ def plan_run(
         :func:`fvi_cli.integrator.members.companions`.
     diagnosed
         Whether diagnostics are asked for.
+    grading
+        Of the mesh; 1: equal steps.
 
     Returns
     -------
@@ -149,7 +153,7 @@ def plan_run(
         return _baseline_plan(scene, method, n_steps)
     plan = plan_series(scene, method, n_steps) if method.start == "series" else NO_SERIES
     settled = settled_method(scene, method, plan)
-    machinery = _machinery(scene, method, n_steps, members, diagnosed=diagnosed)
+    machinery = _machinery(scene, method, n_steps, members, diagnosed=diagnosed, grading=grading)
     sizes = _sizes(
         scene,
         method,
@@ -158,12 +162,13 @@ def plan_run(
         members,
         has_series=plan.known is not None,
         diagnosed=diagnosed,
+        grading=grading,
     )
     return Plan(
         effects=effects_of_scene(scene),
         steps=machinery.steps,
         history=machinery.history,
-        series=series_in_words(scene, method, plan),
+        series=series_in_words(scene, method, plan, machinery.n_mesh_steps),
         forcing=forcing_in_words(scene, settled, plan),
         history_operations=machinery.operations,
         memory_bytes=peak_bytes(sizes),
@@ -171,7 +176,7 @@ def plan_run(
         n_sequences=len(machinery.shape.channels),
         systems=machinery.shape.batch,
         coupled=machinery.shape.coupled,
-        remarks=interpolation_remarks(scene, n_steps),
+        remarks=interpolation_remarks(scene, n_steps, grading=grading),
     )
 
 
@@ -213,8 +218,9 @@ def _sizes(
     *,
     has_series: bool,
     diagnosed: bool = False,
+    grading: float = 1.0,
 ) -> Sizes:
-    machinery = _machinery(scene, method, n_steps, members, diagnosed=diagnosed)
+    machinery = _machinery(scene, method, n_steps, members, diagnosed=diagnosed, grading=grading)
     return Sizes(
         scene=scene,
         method=method,
@@ -248,14 +254,23 @@ class _Machinery:
 
 @functools.lru_cache(maxsize=256)
 def _machinery(
-    scene: Scene, method: Method, n_steps: int, members: int = 1, *, diagnosed: bool = False
+    scene: Scene,
+    method: Method,
+    n_steps: int,
+    members: int = 1,
+    *,
+    diagnosed: bool = False,
+    grading: float = 1.0,
 ) -> _Machinery:
     samples = 1 if method.sampling == "nodes" else method.stages
     channels = channel_shapes(method, n_steps + 1, scene.active_damping)
     shape = Shape(channels=channels, samples=samples, coupled=scene.dimension)
     ends = int(method.sampling == "nodes" and bool(shape.channels))
     if takes_any_mesh(method):
-        return _any_mesh(scene, method, n_steps, shape)
+        steps: int | Mesh = n_steps
+        if grading != 1.0:
+            steps = graded_mesh(scene.final_time, n_steps, grading, scene.break_points)
+        return _any_mesh(scene, method, steps, shape)
     decoupling = None
     if not sums_directly(method.history, n_steps):
         decoupling = _decoupling(scene)
@@ -339,9 +354,9 @@ def _linear_blocks(
     )
 
 
-def _any_mesh(scene: Scene, method: Method, n_steps: int, shape: Shape) -> _Machinery:
+def _any_mesh(scene: Scene, method: Method, mesh: int | Mesh, shape: Shape) -> _Machinery:
     """Steps of a Runge-Kutta method on its own mesh, as the run itself plans them."""
-    plan = plan_runge_kutta(scene, method, n_steps)
+    plan = plan_runge_kutta(scene, method, mesh)
     shape = replace(shape, coupled=plan.coupled, batch=plan.systems)
     blocks = plan.n_steps - plan.single
     if scene.is_linear:

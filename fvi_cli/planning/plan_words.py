@@ -30,8 +30,10 @@ def history_in_words(shape: Shape, group: int) -> str:
     return f"{sequences}, direct inside of {group} steps, FFT beyond"
 
 
-def series_in_words(scene: Scene, method: Method, plan: SeriesPlan) -> str:
-    """What becomes of a singular start."""
+def series_in_words(scene: Scene, method: Method, plan: SeriesPlan, n_steps: int) -> str:
+    """What becomes of a singular start; `n_steps` are those of the mesh, reported or not."""
+    if method.start == "graded":
+        return f"steps behind singular points are halved again and again, {n_steps} steps in all"
     if method.start == "series":
         return "; ".join(plan.remarks) or "no start series: nothing is singular for this method"
     if method.start == "weights" and scene.active_damping:

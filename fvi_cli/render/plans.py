@@ -91,6 +91,7 @@ def planned(run: Run, members: int = 1) -> EnginePlan | None:
         every=run.experiment.store_every,
         members=members,
         diagnosed=not run.experiment.diagnostics.is_empty,
+        grading=run.experiment.grading,
     )
 
 

@@ -49,7 +49,7 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
                     run.method.case,
                     str(run.n_steps),
                     f"{run.step_size:.6g}",
-                    f"{finished.error:.3e}",
+                    "-" if run.problem.exact_source == "none" else f"{finished.error:.3e}",
                     f"{finished.status}{member}",
                     "may fail" if run.experiment.expects_failure(run.method) else "",
                 )

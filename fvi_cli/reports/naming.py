@@ -72,7 +72,11 @@ def describe_method(method: AnyMethod) -> list[str]:
         words.append(f"{method.rule.points} {_RULES[method.rule.rule]} {points}")
         where = "nodes" if method.sampling == "nodes" else "quadrature points"
         words.append(f"damping sampled at the {where}")
-    starts = {"none": "no start correction", "series": "start by series"}
+    starts = {
+        "none": "no start correction",
+        "series": "start by series",
+        "graded": "short steps behind singular points",
+    }
     words.append(starts.get(method.start) or f"starting {_start(method)}")
     words.append(_FORCINGS[method.forcing_quadrature])
     if method.history != "auto":
@@ -99,7 +103,7 @@ def _start(method: AnyMethod) -> str:
     if not isinstance(method, Method):
         return ""
     if method.start != "weights":
-        return "plain" if method.start == "none" else "series"
+        return "plain" if method.start == "none" else method.start
     powers = ", ".join(f"t^{exponent:g}" for exponent in method.start_exponents)
     return f"weights {powers}" if powers else "weights"
 

@@ -43,6 +43,11 @@ def refuse_what_has_no_price(requests: Sequence[Request]) -> None:
                 complaints.append(f"{experiment.name}: a sweep has no one price; leave out sweep")
             if experiment.needs_search:
                 complaints.append(f"{experiment.name}: {NEEDS_LADDER}")
+            if experiment.problem.exact_source == "none":
+                complaints.append(
+                    f"{experiment.name}: exact: none leaves no errors to compare costs by; "
+                    "give --set problem.exact=auto"
+                )
             if not isinstance(experiment.problem, Problem):
                 complaints.append(f"{experiment.name}: a fractional derivative is no scene")
     if complaints:

@@ -207,9 +207,9 @@ def record_of(finished: FinishedRun) -> Record:
 
 def _points_on_grid(run: Run, time: NDArray[Any]) -> int:
     """How many of the first points lie on the grid of the experiment."""
-    grid = run.step_size * kept_points(run.n_steps + 1, run.experiment.store_every)
+    grid = run.times[kept_points(run.n_steps + 1, run.experiment.store_every)]
     common = min(time.size, grid.size)
-    off = np.flatnonzero(np.abs(time[:common] - grid[:common]) > 1e-6 * run.step_size)
+    off = np.flatnonzero(np.abs(time[:common] - grid[:common]) > 1e-6 * np.diff(grid).min())
     return int(off[0]) if off.size else common
 
 

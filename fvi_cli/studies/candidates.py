@@ -216,14 +216,15 @@ def usual_candidates(
         )
         on_grid = min([order, *(one.order for one in resolution.singularities)])
         has_series = method.start == "series"
+        is_carried = has_series or method.start == "graded"
         found.append(
             Candidate(
                 method=method,
                 order=order,
                 motions=motions,
-                limits=() if has_series else limits,
+                limits=() if is_carried else limits,
                 without_series=limits if has_series else (),
-                lowest_order=order if has_series else on_grid,
+                lowest_order=order if is_carried else on_grid,
                 limits_on_grid=on_grid,
                 norm=norm,
             )

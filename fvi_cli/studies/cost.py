@@ -155,9 +155,9 @@ def measure_costs(experiment: Experiment, store: Store | None = None) -> Iterato
         raise ValueError(f"{experiment.name}: costs are measured of scenes, not of a derivative")
     runs = experiment.runs()
     reference_of(runs[0])
-    for method in experiment.methods:
+    for run in runs[:: len(experiment.steps)]:
         # imports, and pages of memory that the process has not touched before
-        integrate(experiment.problem.scene, method, experiment.steps[0])
+        _integrate(run)
     for run in runs:
         yield measure_cost(run, store)
 
@@ -250,7 +250,7 @@ def _integrate(run: Run) -> Trajectory:
     problem = run.problem
     if not isinstance(problem, Problem):  # pragma: no cover - refused before
         raise ValueError("cost: nothing is integrated")
-    return integrate(problem.scene, run.method, run.n_steps)
+    return integrate(problem.scene, run.method, run.steps)
 
 
 def _seconds(action: Callable[[], object]) -> float:

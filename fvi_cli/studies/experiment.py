@@ -7,10 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fvi_cli.effects.diagnostics_request import NOTHING, Asked
+from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.scenes.problem import AnyProblem
+from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
 from fvi_cli.studies.members import Member
 from fvi_cli.studies.stability_settings import USUAL, StabilitySettings
@@ -42,6 +46,8 @@ class Experiment:
         Every combination, in the order of the configuration.
     steps
         Step counts N, increasing.
+    grading
+        r of the mesh :math:`a + (b - a) (k/N)^r` between break points; 1: equal steps.
     norm
         Norm of the error.
     expect
@@ -71,6 +77,7 @@ class Experiment:
     problem_specification: Mapping[str, Any]
     methods: tuple[AnyMethod, ...]
     steps: tuple[int, ...]
+    grading: float = 1.0
     norm: Norm = "max"
     expect: Mapping[str, str] = field(default_factory=dict)
     allow_unstable: bool = False
@@ -149,8 +156,24 @@ class Run:
 
     @property
     def step_size(self) -> float:
-        """H = T / N; the final time is never swept."""
+        """H = T / N, on a graded mesh the mean step; the final time is never swept."""
         return self.experiment.problem.final_time / self.n_steps
+
+    @property
+    def steps(self) -> int | Mesh:
+        """What `integrate` is asked for: N, or the graded mesh of N steps."""
+        grading, problem = self.experiment.grading, self.problem
+        if grading == 1.0 or not isinstance(problem, Problem):
+            return self.n_steps
+        return graded_mesh(problem.final_time, self.n_steps, grading, problem.scene.break_points)
+
+    @property
+    def times(self) -> NDArray[np.float64]:
+        """The points that a whole run reports, shape ``(N + 1,)``."""
+        steps = self.steps
+        if isinstance(steps, Mesh):
+            return np.array([0.0, *(one.end for one in steps.stretches)])
+        return self.step_size * np.arange(self.n_steps + 1, dtype=float)
 
     @property
     def title(self) -> str:
@@ -172,6 +195,7 @@ class Run:
             "problem": json.loads(json.dumps(problem)),
             "method": fields,
             "n_steps": self.n_steps,
+            **({} if self.experiment.grading == 1.0 else {"grading": self.experiment.grading}),
             "norm": self.experiment.norm,
             "store_every": self.experiment.store_every,
             "allow_unstable": self.experiment.allow_unstable,

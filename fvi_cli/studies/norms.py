@@ -11,11 +11,12 @@ Array = NDArray[np.float64]
 Norm = Literal["max", "final", "l2"]
 
 
-def error_norm(position: Array, exact: Array, step_size: float, norm: Norm) -> float:
+def error_norm(position: Array, exact: Array, step_size: float | Array, norm: Norm) -> float:
     r"""Norm of position - exact, both of shape ``(n, d)``.
 
     ``max``: over components and grid points; ``final``: over components at the last point;
-    ``l2``: :math:`(h \sum_k |e_k|^2)^{1/2}` with the Euclidean norm of the components.
+    ``l2``: :math:`(\sum_k h_k |e_k|^2)^{1/2}` with the Euclidean norm of the components, where
+    h_k is `step_size`, or one size for every point, shape ``(n,)``.
     Values that are not finite give nan or infinity, never a number that looks right.
 
     Raises
@@ -35,5 +36,6 @@ def error_norm(position: Array, exact: Array, step_size: float, norm: Norm) -> f
             scale = float(error.max())
             if not 0 < scale < np.inf:
                 return scale
-            return scale * float(np.sqrt(step_size * ((error / scale) ** 2).sum()))
+            squares = ((error / scale) ** 2).sum(axis=1)
+            return scale * float(np.sqrt((step_size * squares).sum()))
     raise ValueError(f"norm: {norm!r} is not one of max, final, l2")

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 from fvi_cli.studies.members import members_at_a_time
@@ -22,6 +24,8 @@ REFERENCE_METHOD = Method(cq="gauss", degree=4, start="series")
 LEAST_STEPS = 256
 MOST_STEPS = 2**14
 SUFFICIENT = 2e-14
+TOLERANCES = (1e-13, 1e-11, 1e-9)
+"""Local tolerances of runs with adaptive steps, relative to the motion; the first that does."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,7 +53,9 @@ class Reference:
         return not math.isnan(self.error)
 
 
-def find_reference(problem: AnyProblem, steps: tuple[int, ...]) -> Reference:
+def find_reference(
+    problem: AnyProblem, steps: tuple[int, ...], *, grading: float = 1.0
+) -> Reference:
     """The exact solution where it is known, otherwise a refined run.
 
     The refined run is made by the Gauss method of degree 4 with a start series on a grid that
@@ -58,22 +64,74 @@ def find_reference(problem: AnyProblem, steps: tuple[int, ...]) -> Reference:
     stated as its error, although the finer one, which is used, is usually much better. Where the
     smallest common grid is larger than that, every grid gets a refinement of its own.
 
+    For graded meshes the steps of the refined run are adaptive, and its polynomials give the values
+    between them; its difference from a run of another degree and tolerance is stated as its error.
+
     A refined run that does not reach the end leaves nothing to compare with; the source says why.
     """
-    (reference,) = find_references([problem], steps)
+    (reference,) = find_references([problem], steps, grading=grading)
     return reference
 
 
-def find_references(problems: Sequence[AnyProblem], steps: tuple[int, ...]) -> list[Reference]:
+def find_references(
+    problems: Sequence[AnyProblem], steps: tuple[int, ...], *, grading: float = 1.0
+) -> list[Reference]:
     """What :func:`find_reference` finds for each problem; their refined runs are made together."""
-    unknown = [problem for problem in problems if problem.exact is None]
-    refined = iter(_refined_together([_scene_of(problem) for problem in unknown], steps))
-    return [
-        next(refined)
-        if problem.exact is None
-        else Reference(values=problem.exact, error=0.0, source=problem.exact_source)
-        for problem in problems
-    ]
+    unknown = [_scene_of(one) for one in problems if one.exact is None and _is_wanted(one)]
+    if grading == 1.0:
+        refined = iter(_refined_together(unknown, steps))
+    else:
+        refined = iter([_refined_adaptively(scene) for scene in unknown])
+    references = []
+    for problem in problems:
+        if problem.exact is not None:
+            values, source = problem.exact, problem.exact_source
+            references.append(Reference(values=values, error=0.0, source=source))
+        elif _is_wanted(problem):
+            references.append(next(refined))
+        else:
+            references.append(_unknown(_scene_of(problem), "none, as asked for"))
+    return references
+
+
+def _is_wanted(problem: AnyProblem) -> bool:
+    """Whether errors are wanted: ``exact: none`` wants none."""
+    return problem.exact_source != "none"
+
+
+def _refined_adaptively(scene: Scene) -> Reference:
+    """Polynomials of a run with adaptive steps, whatever the times that are asked for."""
+    told = ""
+    scale = float(np.abs(scene.initial_position).max())
+    scale = max(scale, scene.final_time * float(np.abs(scene.initial_velocity).max())) or 1.0
+    for tolerance in (1e-4, *TOLERANCES):
+        runs = [
+            integrate(
+                scene,
+                Method(cq="gauss", degree=degree),
+                AdaptiveSteps(tolerance=share * tolerance * scale, most_steps=MOST_STEPS),
+                with_steps=True,
+            )
+            for degree, share in ((8, 1.0), (10, 3.0))
+        ]
+        told = next((f"{run.status}: {run.message}" for run in runs if run.status != "ok"), "")
+        if told:
+            continue
+        scale = float(np.abs(runs[0].position).max()) or scale
+        if tolerance not in TOLERANCES:
+            continue
+        fine, other = (run.steps for run in runs)
+        if fine is None or other is None:  # pragma: no cover - they were asked for
+            raise ValueError("reference: the steps were not kept")
+        times = np.union1d(fine.time, other.time)
+        difference = float(np.abs(fine(times) - other(times)).max())
+        refined = _Refined(n_steps=fine.n_steps, values=runs[0].position, error=difference)
+        return Reference(
+            values=fine,
+            error=difference,
+            source=f"refined run (gauss-s8-none, adaptive steps, {_in_words(refined)})",
+        )
+    return _nothing(scene, _ReferenceFailedError(f"the refined run {told}"))
 
 
 def _scene_of(problem: AnyProblem) -> Scene:
@@ -115,11 +173,15 @@ def _refined_together(scenes: Sequence[Scene], steps: tuple[int, ...]) -> list[R
 
 
 def _nothing(scene: Scene, failure: _ReferenceFailedError) -> Reference:
+    return _unknown(scene, f"none (no exact solution is known, and {failure})")
+
+
+def _unknown(scene: Scene, source: str) -> Reference:
     dimension = scene.dimension
     return Reference(
         values=lambda times: np.full((times.size, dimension), np.nan),
         error=math.nan,
-        source=f"none (no exact solution is known, and {failure})",
+        source=source,
     )
 
 

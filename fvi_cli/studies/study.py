@@ -91,7 +91,7 @@ def assessed(
     experiment = run.experiment
     remarks = trajectory.remarks
     if isinstance(run.problem, Problem):
-        remarks += interpolation_remarks(run.problem.scene, run.n_steps)
+        remarks += interpolation_remarks(run.problem.scene, run.n_steps, grading=experiment.grading)
     remarks += stability_remarks(run, trajectory, prediction)
     exact = reference.values(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
@@ -107,7 +107,9 @@ def assessed(
             "motion too rough for them): the error says nothing",
         )
     trajectory = dataclasses.replace(trajectory, remarks=remarks)
-    spacing = trajectory.every * run.step_size
+    spacing: float | Array = trajectory.every * run.step_size
+    if experiment.grading != 1.0:
+        spacing = np.diff(trajectory.time, prepend=0.0)
     error = error_norm(trajectory.position, exact, spacing, experiment.norm)
     return FinishedRun(
         run=run,
@@ -144,11 +146,9 @@ def _integrated(problem: Problem, run: Run) -> Trajectory:
     every = kept_on_the_way(run)
     asked = run.experiment.diagnostics
     if asked.is_empty or can_be_diagnosed(run.method):
-        trajectory = integrate(
-            problem.scene, run.method, run.n_steps, every=every, diagnostics=asked
-        )
+        trajectory = integrate(problem.scene, run.method, run.steps, every=every, diagnostics=asked)
     else:
-        trajectory = integrate(problem.scene, run.method, run.n_steps, every=every)
+        trajectory = integrate(problem.scene, run.method, run.steps, every=every)
         remark = "no diagnostics: the method keeps no increments of its steps"
         trajectory = dataclasses.replace(trajectory, remarks=(*trajectory.remarks, remark))
     return with_remark_on_thinning(trajectory)
@@ -209,19 +209,22 @@ def refused(run: Run, prediction: StabilityPrediction, reference: Reference) -> 
 def reference_of(run: Run) -> Reference:
     """What the error of `run` is measured against; made once for all runs of its problem."""
     if run.member is not None:
-        return references_of((run.member,), run.experiment.steps)[0]
+        return references_of((run.member,), run.experiment.steps, run.experiment.grading)[0]
     return _reference_of(run.experiment)
 
 
 @functools.lru_cache(maxsize=8)
-def references_of(members: tuple[Member, ...], steps: tuple[int, ...]) -> tuple[Reference, ...]:
+def references_of(
+    members: tuple[Member, ...], steps: tuple[int, ...], grading: float
+) -> tuple[Reference, ...]:
     """What the errors of members are measured against; made once for all of their runs."""
-    return tuple(find_references([member.problem for member in members], steps))
+    problems = [member.problem for member in members]
+    return tuple(find_references(problems, steps, grading=grading))
 
 
 @functools.lru_cache(maxsize=8)
 def _reference_of(experiment: Experiment) -> Reference:
-    return find_reference(experiment.problem, experiment.steps)
+    return find_reference(experiment.problem, experiment.steps, grading=experiment.grading)
 
 
 def _observed(trajectory: Trajectory, error: float, floor: float, scale: float) -> Observed:
@@ -237,7 +240,10 @@ def _expected_order(run: Run) -> float:
     problem = run.problem
     if not isinstance(problem, Problem):
         return float("nan")
-    return expected_order(problem.scene, run.method, run.experiment.norm, run.n_steps)
+    experiment = run.experiment
+    return expected_order(
+        problem.scene, run.method, experiment.norm, run.n_steps, grading=experiment.grading
+    )
 
 
 def _differentiate(problem: DerivativeProblem, run: Run) -> Trajectory:

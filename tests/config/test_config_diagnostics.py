@@ -128,11 +128,11 @@ def test_mistakes_are_told_where_they_stand(store, expected):
     assert expected in line
 
 
-def test_methods_and_kinds_that_cannot_be_diagnosed_are_told():
+def test_kinds_that_cannot_be_diagnosed_are_told():
     store = "store: {diagnostics: [energy-balance]}\n"
-    text = f"{DUFFING}method: {{rk: gauss, history: exponentials}}\n{store}"
-    with pytest.raises(ConfigError, match="keeps no increments"):
-        parse_config(text, "d.yaml")
+    method = "method: {rk: gauss, start: none, history: exponentials}"
+    (moving,) = parse_config(f"{DUFFING}{method}\n{store}", "d.yaml").experiments
+    assert moving.diagnostics.energy_balance
     derivative = (
         "name: d\nproblem: {kind: fractional-derivative, order: 0.5, function: t**2, "
         "final_time: 1.0}\nmethod: {bdf: 1}\nladder: {steps: [4]}\n"

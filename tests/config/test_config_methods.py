@@ -188,3 +188,21 @@ def test_what_is_resolved_is_a_configuration_of_the_same_experiments(name):
         assert other.methods == one.methods
         assert other.steps == one.steps
         assert other.problem_specification == one.problem_specification
+
+
+MESHES = "name: m\nproblem: {kind: duffing, exact: none, final_time: 1}\n"
+
+
+def test_a_mesh_may_be_graded():
+    text = MESHES + "ladder: {steps: [8, 16], grading: 2.5}\nmethod: {rk: gauss}\n"
+    config = parse_config(text, "f.yaml")
+    (experiment,) = config.experiments
+    assert (experiment.grading, experiment.steps) == (2.5, (8, 16))
+    assert config.resolved["experiments"][0]["ladder"] == {"steps": [8, 16], "grading": 2.5}
+    (equal,) = parse_config(text.replace(", grading: 2.5", ""), "f.yaml").experiments
+    assert equal.grading == 1.0
+
+
+def test_no_reference_may_be_asked_for():
+    (experiment,) = parse_config(MESHES + "ladder: {steps: 8}\n", "f.yaml").experiments
+    assert (experiment.problem.exact, experiment.problem.exact_source) == (None, "none")

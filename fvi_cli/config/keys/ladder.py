@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from fvi_cli.config.keys.methods import ListedMethod, objection_to_grading
+from fvi_cli.integrator.meshes.mesh import check_graded
 from fvi_cli.keys.containers import Checked, OneOrMany
 from fvi_cli.keys.cursor import OPTIONAL, Cursor
 from fvi_cli.keys.records import Key, Record
-from fvi_cli.keys.scalars import Integer, Schema
+from fvi_cli.keys.scalars import Integer, Number, Schema
 
 MOST_STEPS: Final = 2**30
 EXAMPLE: Final = "{steps: [16, 32, 64]} or {from: 4, to: 6, base: 2}"
@@ -29,13 +31,21 @@ _KEYS: Final = Record(
             default=OPTIONAL,
         ),
         Key("to", Integer(least=0, most=30), "The last exponent.", default=OPTIONAL),
+        Key(
+            "grading",
+            Number(least=1.0),
+            "r of the mesh a + (b - a) (k/N)**r on every stretch [a, b] between break points, at "
+            "most 20; rk: gauss with start: none only. Default: 1, equal steps.",
+            default=OPTIONAL,
+        ),
         Key("base", Integer(least=2, most=MOST_STEPS), "The base; default 2.", default=OPTIONAL),
     )
 )
 
 
 def _numbers(values: Mapping[str, Any], at: Cursor) -> Any:
-    """``{"steps": [...]}``."""
+    """``{"steps": [...]}``, with ``grading`` where it is given."""
+    grading = {key: values[key] for key in values if key == "grading"}
     if "steps" in values:
         for key in _POWERS:
             if key in values:
@@ -49,7 +59,7 @@ def _numbers(values: Mapping[str, Any], at: Cursor) -> Any:
                     "steps",
                     index,
                 )
-        return {"steps": steps}
+        return {"steps": steps, **grading}
     for key in ("from", "to"):
         if key not in values:
             return at.refuse(f"{key} is missing; it must be {EXAMPLE}")
@@ -60,7 +70,7 @@ def _numbers(values: Mapping[str, Any], at: Cursor) -> Any:
         return at.refuse(
             f"{base}**{last} steps are too many; at most {MOST_STEPS} are allowed", "to"
         )
-    return {"steps": [base**exponent for exponent in range(first, last + 1)]}
+    return {"steps": [base**exponent for exponent in range(first, last + 1)], **grading}
 
 
 def _schema() -> Schema:
@@ -72,7 +82,7 @@ def _schema() -> Schema:
             {
                 "type": "object",
                 "additionalProperties": False,
-                "properties": {key: properties[key] for key in allowed},
+                "properties": {key: properties[key] for key in (*allowed, "grading")},
                 "required": list(required),
             }
             for allowed, required in forms
@@ -87,6 +97,46 @@ LADDER: Final = Checked(shape=_KEYS, check=_numbers, words=EXAMPLE, described=_s
 def steps_of(ladder: object) -> tuple[int, ...]:
     """The numbers of steps of what was read; none where something is wrong."""
     return tuple(ladder["steps"]) if isinstance(ladder, Mapping) else ()
+
+
+def grading_of(ladder: object) -> float:
+    """The grading of the mesh; 1 where none is given."""
+    given = ladder.get("grading", 1.0) if isinstance(ladder, Mapping) else 1.0
+    return given if isinstance(given, float) else 1.0
+
+
+def check_grading(
+    grading: float,
+    steps: Sequence[int],
+    methods: Sequence[ListedMethod],
+    ends: Sequence[float],
+    at: Cursor,
+) -> None:
+    """Complain of methods that need equal steps, and of meshes that cannot be.
+
+    Parameters
+    ----------
+    grading, steps
+        r and the numbers of steps.
+    methods
+        Those of the experiment.
+    ends
+        Break points and the final time; empty where they are not known.
+    at
+        The experiment.
+    """
+    if grading == 1.0:
+        return
+    for listed in methods:
+        if said := objection_to_grading(listed.method):
+            at.under("ladder").refuse_key("grading", said)
+            return
+    for index, n_steps in enumerate(steps) if ends else ():
+        try:
+            check_graded((0.0, *ends), n_steps, grading)
+        except ValueError as error:
+            refuse_step(at, index, str(error).partition(": ")[2])
+            return
 
 
 def refuse_step(at: Cursor, index: int, message: str) -> None:

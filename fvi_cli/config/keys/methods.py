@@ -21,6 +21,7 @@ from fvi_cli.integrator.method import (
     Method,
     RuleSpecification,
     Sampling,
+    Start,
 )
 from fvi_cli.keys.containers import ByForm, ListOf, OneOrMany
 from fvi_cli.keys.cursor import OPTIONAL, Cursor, is_complete
@@ -103,8 +104,12 @@ _ENTRY: Final = Record(
         ),
         _several(
             "start",
-            ByForm(single=Choice(words=("none", "weights", "series")), mappings=(_WEIGHTS,)),
-            "What is done about a singular start. Default: none for sampling: nodes, else series.",
+            ByForm(
+                single=Choice(words=("none", "weights", "series", "graded")), mappings=(_WEIGHTS,)
+            ),
+            "What is done about a singular start; graded: steps behind it and behind break points "
+            "are halved again and again (rk: gauss only). Default: none for sampling: nodes and "
+            "with ladder.grading, else series.",
         ),
         _several(
             "forcing_quadrature",
@@ -135,7 +140,9 @@ class ListedMethod:
     at: Cursor
 
 
-def read_methods(given: object, at: Cursor, usual: Mapping[str, list[Any]]) -> list[ListedMethod]:
+def read_methods(
+    given: object, at: Cursor, usual: Mapping[str, list[Any]], *, start: Start = "series"
+) -> list[ListedMethod]:
     """Every combination under ``method``; what makes no method is noted and left out.
 
     Parameters
@@ -146,17 +153,19 @@ def read_methods(given: object, at: Cursor, usual: Mapping[str, list[Any]]) -> l
         The experiment.
     usual
         Values of the keys where the experiment names no method.
+    start
+        What Runge-Kutta methods do about a singular start by default.
     """
     if not at.has("method"):
         absent = MappingNode(place=at.node.place, entries={})
         here = replace(at, node=absent, path=(*at.path, "method"))
-        return list(_combinations(usual, here))
+        return list(_combinations(usual, here, start))
     at = at.under("method")
     found: list[ListedMethod] = []
     read = given if isinstance(given, list) else []
     for values, entry in zip(read, at.items() or [at], strict=False):
         if isinstance(values, Mapping) and is_complete(values):
-            found.extend(_combinations(values, entry))
+            found.extend(_combinations(values, entry, start))
     if len(found) > MOST_METHODS:
         at.refuse(f"{len(found)} methods in all; at most {MOST_METHODS} are allowed")
         return []
@@ -169,7 +178,9 @@ def read_methods(given: object, at: Cursor, usual: Mapping[str, list[Any]]) -> l
     return list(cases.values())
 
 
-def _combinations(values: Mapping[str, list[Any]], at: Cursor) -> Iterator[ListedMethod]:
+def _combinations(
+    values: Mapping[str, list[Any]], at: Cursor, start: Start
+) -> Iterator[ListedMethod]:
     count = math.prod(len(choices) for choices in values.values())
     if count > MOST_METHODS:
         at.refuse(f"{count} combinations; at most {MOST_METHODS} are allowed")
@@ -180,7 +191,7 @@ def _combinations(values: Mapping[str, list[Any]], at: Cursor) -> Iterator[Liste
         chosen = dict(zip(values, indices, strict=True))
         try:
             method, resolved = make_method(
-                {key: values[key][index] for key, index in chosen.items()}
+                {key: values[key][index] for key, index in chosen.items()}, usual_start=start
             )
         except ValueError as error:
             _complain(str(error), chosen, at)
@@ -226,8 +237,13 @@ def _complain(message: str, chosen: Mapping[str, int], at: Cursor) -> None:
         at.refuse(leading.group(2), key)
 
 
-def make_method(values: Mapping[str, Any]) -> tuple[AnyMethod, dict[str, Any]]:
-    """The method with its defaults, and the keys that say it in full."""
+def make_method(
+    values: Mapping[str, Any], *, usual_start: Start = "series"
+) -> tuple[AnyMethod, dict[str, Any]]:
+    """The method with its defaults, and the keys that say it in full.
+
+    `usual_start` is what Runge-Kutta methods do where nothing is said.
+    """
     if "baseline" in values:
         baseline = Baseline(name=values["baseline"], tolerance=values.get("tolerance"))
         resolved_baseline: dict[str, Any] = {"baseline": baseline.name}
@@ -250,9 +266,11 @@ def make_method(values: Mapping[str, Any]) -> tuple[AnyMethod, dict[str, Any]]:
         degree = values.get("degree", 3)
         if "stages" in values:
             degree = values["stages"] - (1 if cq == "lobatto-iiic" else 0)
-        start = values.get("start", "series")
+        start = values.get("start", usual_start)
         forcing_quadrature = values.get("forcing_quadrature", "galerkin")
     exponents: tuple[float, ...] = ()
+    if start == "graded" and cq != "gauss":
+        raise ValueError("start: graded is for rk: gauss only; use series or none")
     if isinstance(start, Mapping):
         exponents, start = tuple(start["weights"]), "weights"
         if len(set(exponents)) != len(exponents):
@@ -275,6 +293,19 @@ def make_method(values: Mapping[str, Any]) -> tuple[AnyMethod, dict[str, Any]]:
     resolved["forcing_quadrature"] = forcing_quadrature
     resolved["history"] = method.history
     return method, resolved
+
+
+def objection_to_grading(method: AnyMethod) -> str:
+    """Why the steps of a method may not differ, and what to do; empty where they may."""
+    if not isinstance(method, Method) or method.cq != "gauss":
+        return f"{method.case} needs equal steps; leave grading out, or use rk: gauss"
+    if method.start == "graded":
+        return f"{method.case} has a mesh of its own; leave grading out, or give start: none"
+    if method.start != "none":
+        return f"{method.case} needs equal steps; leave grading out, or give start: none"
+    if method.history in ("direct", "fft"):
+        return f"{method.case} needs equal steps; leave grading out, or give history: auto"
+    return ""
 
 
 def _rule(value: Any, degree: int) -> RuleSpecification:

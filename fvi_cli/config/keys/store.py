@@ -8,11 +8,9 @@ from typing import Any, Final
 import numpy as np
 
 from fvi_cli.config.keys.ladder import MOST_STEPS
-from fvi_cli.config.keys.methods import ListedMethod
 from fvi_cli.effects.diagnostics_request import NOTHING, Asked
 from fvi_cli.effects.scene import Scene
 from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
-from fvi_cli.integrator.method import Method
 from fvi_cli.keys.containers import ListOf
 from fvi_cli.keys.cursor import OPTIONAL, Cursor, is_complete
 from fvi_cli.keys.records import Key, Record
@@ -65,16 +63,14 @@ STORE: Final = Record(
 )
 
 
-def read_diagnostics(
-    store: object, problem: AnyProblem, methods: Sequence[ListedMethod], at: Cursor
-) -> Asked:
+def read_diagnostics(store: object, problem: AnyProblem, at: Cursor) -> Asked:
     """The diagnostics that the mapping under ``store`` of an experiment asks for.
 
     Parameters
     ----------
     store
         What was read; may hold INVALID.
-    problem, methods
+    problem
         What they are computed of.
     at
         The experiment.
@@ -92,13 +88,6 @@ def read_diagnostics(
         return NOTHING
     if at.has("sweep"):
         at.refuse("not together with sweep; give each member its own experiment", *place)
-    for found in methods:
-        if isinstance(found.method, Method) and found.method.history == "exponentials":
-            at.refuse(
-                f"{found.method.case} with history: exponentials keeps no increments of its "
-                "steps; use history: auto, fft or direct",
-                *place,
-            )
     symmetries: tuple[Symmetry, ...] = ()
     if MAPS in wanted and "symmetries" in store:
         symmetries = _given(store["symmetries"], problem.scene, at.under("store", "symmetries"))

@@ -179,6 +179,31 @@ def uniform_mesh(final_time: float, n_steps: int, breaks: tuple[float, ...] = ()
     )
 
 
+def check_graded(ends: tuple[float, ...], n_steps: int, grading: float) -> tuple[int, ...]:
+    """How many of `n_steps` graded steps each part between successive `ends` gets.
+
+    Raises
+    ------
+    ValueError
+        For a grading out of range, a mesh whose first step vanishes in round-off, and fewer steps
+        than parts.
+    """
+    if not 1 <= grading <= LARGEST_GRADING:
+        raise ValueError(
+            f"grading: {grading!r} is not allowed; it must be 1 to {LARGEST_GRADING:g}"
+        )
+    counts = steps_of_parts(ends, n_steps)
+    for (a, b), count in zip(itertools.pairwise(ends), counts, strict=True):
+        first = (b - a) * (1.0 / count) ** grading
+        # the second point must differ from the first, and the third from the second
+        if not a + first > a + 1e-3 * first > a:
+            raise ValueError(
+                f"grading: {grading:g} with {n_steps} steps makes a first step of "
+                f"{first:.3g}, which vanishes in round-off; take a smaller grading"
+            )
+    return counts
+
+
 def graded_mesh(
     final_time: float, n_steps: int, grading: float, breaks: tuple[float, ...] = ()
 ) -> Mesh:
@@ -201,24 +226,16 @@ def graded_mesh(
         For a grading out of range, a mesh whose first step vanishes in round-off, and fewer steps
         than parts.
     """
-    if not 1 <= grading <= LARGEST_GRADING:
-        raise ValueError(
-            f"grading: {grading!r} is not allowed; it must be 1 to {LARGEST_GRADING:g}"
-        )
+    ends = (0.0, *breaks, final_time)
+    counts = check_graded(ends, n_steps, grading)
     if grading == 1:
         return uniform_mesh(final_time, n_steps, breaks)
-    ends = (0.0, *breaks, final_time)
     stretches = []
-    for (a, b), count in zip(itertools.pairwise(ends), steps_of_parts(ends, n_steps), strict=True):
+    for (a, b), count in zip(itertools.pairwise(ends), counts, strict=True):
         fractions = (np.arange(count + 1) / count) ** grading
         times = a + (b - a) * fractions
         times[-1] = b
         sizes = (b - a) * np.diff(fractions)
-        if not (np.diff(times) > 0).all():
-            raise ValueError(
-                f"grading: {grading:g} with {n_steps} steps makes a first step of "
-                f"{sizes.min():.3g}, which vanishes in round-off; take a smaller grading"
-            )
         stretches += [
             Stretch(begin=begin, end=end, n_steps=1, step_size=size, is_fresh=index == 0)
             for index, (begin, end, size) in enumerate(

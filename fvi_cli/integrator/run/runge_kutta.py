@@ -54,9 +54,9 @@ def mesh_for(scene: Scene, method: Method, n_steps: int) -> Mesh:
     return uniform_mesh(scene.final_time, n_steps, scene.break_points)
 
 
-def plan_runge_kutta(scene: Scene, method: Method, n_steps: int) -> MarchPlan:
+def plan_runge_kutta(scene: Scene, method: Method, steps: int | Mesh) -> MarchPlan:
     """How :func:`integrate_runge_kutta` will do the steps of a run; no step is done."""
-    mesh = mesh_for(scene, method, n_steps)
+    mesh = steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps)
     setup = prepare_run(
         scene,
         method,

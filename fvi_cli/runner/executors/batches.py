@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
@@ -74,7 +75,7 @@ def execute_batch(batch: tuple[Run, ...]) -> list[FinishedRun]:
     if first.member is None or not isinstance(first.problem, Problem):
         return [execute(run) for run in batch]
     members = tuple(run.member for run in batch if run.member is not None)
-    references = references_of(members, first.experiment.steps)
+    references = references_of(members, first.experiment.steps, first.experiment.grading)
     predictions = [prediction_of(run) for run in batch]
     going = [
         run
@@ -82,9 +83,16 @@ def execute_batch(batch: tuple[Run, ...]) -> list[FinishedRun]:
         if not is_refused(run, prediction)
     ]
     scenes = [run.problem.scene for run in going if isinstance(run.problem, Problem)]
-    computed = iter(
-        integrate_members(scenes, first.method, first.n_steps, every=kept_on_the_way(first))
-    )
+    every = kept_on_the_way(first)
+    if first.experiment.grading == 1.0:
+        computed = iter(integrate_members(scenes, first.method, first.n_steps, every=every))
+    else:
+        computed = iter(
+            [
+                integrate(scene, run.method, run.steps, every=every)
+                for scene, run in zip(scenes, going, strict=True)
+            ]
+        )
     return [
         refused(run, prediction, reference)
         if is_refused(run, prediction)

@@ -176,7 +176,9 @@ class SceneKind(Kind):
         scene = self.scene(values)
         exact: Callable[[Array], Array] | None = None
         source = "unknown"
-        if values["exact"] != "auto":
+        if values["exact"] == "none":
+            source = "none"
+        elif values["exact"] != "auto":
             components = expressions(values["exact"], scene.dimension, "exact")
             exact, source = ForcingPiece(components=components).evaluate, "expression"
             if said := objection(exact, scene):

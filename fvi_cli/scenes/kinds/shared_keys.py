@@ -86,11 +86,11 @@ _DERIVATIVE: Final = Key(
 _EXACT: Final = Key(
     "exact",
     ByForm(
-        single=Formula(words=("auto",)),
+        single=Formula(words=("auto", "none")),
         several=ListOf(shape=Formula(), example="[cos(t), 0]"),
     ),
     "Exact position: expression in t, one per coordinate, or auto: a closed form where one is "
-    "known, otherwise a refined run.",
+    "known, otherwise a refined run; none: no reference and no errors.",
     default="auto",
 )
 

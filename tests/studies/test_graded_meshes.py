@@ -1,0 +1,257 @@
+"""Graded meshes and graded starts from configuration to file, and runs without a reference."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import fvi_cli as fvi
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.meshes.mesh import graded_mesh
+from fvi_cli.integrator.method import Method
+from fvi_cli.planning.expected_order import expected_order
+from fvi_cli.planning.plan import plan_run
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.storage.provenance import identity
+from fvi_cli.studies import reference
+from fvi_cli.studies.norms import error_norm
+from fvi_cli.studies.order import fit_slope
+
+
+def free(order: float, **changes: Any) -> dict[str, Any]:
+    """An oscillator that starts with a velocity, so that its start is singular."""
+    return {
+        "kind": "damped-oscillator",
+        "stiffness": 2.0,
+        "damping": [{"order": order, "coefficient": 0.7}],
+        "initial": {"position": 1.0, "velocity": 0.5},
+        "final_time": 8.0,
+        **changes,
+    }
+
+
+def experiment(ladder: dict[str, Any], problem: dict[str, Any], **method: Any) -> fvi.Experiment:
+    source = {"name": "mesh", "problem": problem, "ladder": ladder}
+    if method:
+        source["method"] = method
+    (found,) = fvi.load(source).experiments
+    return found
+
+
+@pytest.mark.parametrize(
+    ("order", "degree", "grading", "expected", "steps"),
+    [
+        (0.5, 3, 1.0, 2.5, [64, 128, 256]),
+        (0.5, 4, 1.5, 3.75, [64, 128, 256]),
+        (0.8, 4, 1.5, 3.3, [64, 128, 256]),
+        (1.5, 4, 2.0, 5.0, [32, 64, 128]),
+        (1.8, 4, 2.0, 4.4, [32, 64, 128]),
+        (0.5, 2, 2.0, 4.0, [64, 128, 256]),
+        (1.3, 3, 3.0, 6.0, [32, 64, 128]),
+    ],
+)
+def test_a_graded_mesh_multiplies_the_order_of_a_singular_start(
+    order: float, degree: int, grading: float, expected: float, steps: list[int]
+) -> None:
+    ladder = {"steps": steps, "grading": grading}
+    own = experiment(ladder, free(order), rk="gauss", degree=degree, start="none")
+    runs = list(fvi.study(own))
+    slope, residual = fit_slope([one.run.n_steps for one in runs], [one.error for one in runs])
+    assert [one.expected_order for one in runs] == pytest.approx([expected] * len(runs))
+    assert slope == pytest.approx(expected, abs=0.1)
+    assert residual < 0.05
+
+
+@pytest.mark.parametrize("order", [0.3, 0.8, 1.5])
+@pytest.mark.parametrize("degree", [2, 3])
+def test_a_graded_start_has_the_order_of_smooth_motions(order: float, degree: int) -> None:
+    slopes = {}
+    for start in ("graded", "none"):
+        own = experiment(
+            {"steps": [32, 64, 128]}, free(order), rk="gauss", degree=degree, start=start
+        )
+        runs = list(fvi.study(own))
+        slopes[start], _ = fit_slope([r.run.n_steps for r in runs], [r.error for r in runs])
+        if start == "graded":
+            assert runs[-1].expected_order == 2 * degree
+            assert np.allclose(runs[0].trajectory.time, np.linspace(0, 8, 33), atol=1e-12)
+    assert slopes["graded"] == pytest.approx(2 * degree, abs=0.1)
+    # the start of a method of order 6 is singular without it
+    assert degree == 2 or slopes["none"] < 3.3
+
+
+def test_what_is_not_known_of_orders_is_not_stated() -> None:
+    (plain,) = experiment({"steps": 8}, free(0.5), degree=4, start="none").methods
+    scene = fvi.build_problem(free(0.5)).scene
+    assert expected_order(scene, plain, "max", 64, grading=1.5) == 3.75
+    assert math.isnan(expected_order(scene, plain, "final", 64, grading=1.5))
+    assert expected_order(scene, plain, "final", 64, grading=4.0) == 8.0
+    graded = replace(plain, start="graded")
+    rough = fvi.build_problem(free(0.5, forcing="t**0.25")).scene
+    rougher = fvi.build_problem(free(0.5, forcing="t**0.75")).scene
+    assert math.isnan(expected_order(rough, graded, "max", 64))
+    assert expected_order(rougher, graded, "max", 64) == 8.0
+
+
+@pytest.mark.parametrize("order", [0.4, 1.6])
+def test_the_adaptive_reference_knows_its_error(order: float) -> None:
+    problem = fvi.build_problem(free(order))
+    assert isinstance(problem, Problem)
+    assert problem.exact is not None
+    found = reference.find_reference(replace(problem, exact=None), (16,), grading=2.0)
+    times = graded_mesh(8.0, 300, 2.0)
+    at = np.array([one.end for one in times.stretches])
+    true = float(np.abs(found.values(at) - problem.exact(at)).max())
+    assert found.error < 1e-12
+    assert true < max(3.0 * found.error, 1e-13)
+    assert "adaptive steps" in found.source
+
+
+PULSE = {
+    "kind": "pendulum",
+    "damping": [{"order": 0.5, "coefficient": 0.7}],
+    "forcing": {"pieces": [{"until": 1.0, "value": 1}, {"value": 0}]},
+    "initial": {"position": 1.0},
+    "final_time": 7.3,
+}
+
+
+def test_break_points_are_points_of_a_graded_mesh() -> None:
+    own = experiment({"steps": [16, 32, 64], "grading": 2.5}, PULSE, rk="gauss", degree=2)
+    runs = list(fvi.study(own))
+    for one in runs:
+        assert 1.0 in one.trajectory.time
+        assert one.trajectory.time.size == one.run.n_steps + 1
+    slope, _ = fit_slope([one.run.n_steps for one in runs], [one.error for one in runs])
+    assert slope == pytest.approx(4.0, abs=0.15)
+    assert runs[0].expected_order == 4.0
+
+
+def test_the_mesh_is_part_of_a_run_and_is_stored(tmp_path: Path) -> None:
+    source = {
+        "name": "mesh",
+        "problem": free(0.5),
+        "ladder": {"steps": [16], "grading": 2.0},
+        "store": {"every": 3},
+    }
+    fvi.run(source, output=tmp_path)
+    (outcome,) = fvi.recall(tmp_path / "mesh.h5")
+    (stored,) = outcome.finished
+    mesh = 8.0 * (np.arange(17) / 16) ** 2
+    assert np.array_equal(stored.trajectory.time, mesh[[0, 3, 6, 9, 12, 15, 16]])
+    assert stored.trajectory.step_size == 0.5
+    runs = []
+    for grading in (2.0, 2.5, 1.0):
+        ladder = {"steps": [16], "grading": grading}
+        own = experiment(ladder, free(0.5), rk="gauss", start="none")
+        runs += own.runs()
+    plain = experiment({"steps": [16]}, free(0.5), rk="gauss", start="none").runs()[0]
+    assert len({identity(run) for run in runs}) == 3
+    assert identity(plain) == identity(runs[-1])
+
+
+def test_members_of_a_sweep_have_the_mesh_and_the_start_they_ask_for(tmp_path: Path) -> None:
+    for ladder, start in (({"steps": 64, "grading": 2.0}, "none"), ({"steps": 64}, "graded")):
+        source = {
+            "name": f"sweep-{start}",
+            "problem": free(0.5),
+            "method": {"rk": "gauss", "degree": 2, "start": start},
+            "ladder": ladder,
+            "sweep": {"problem.stiffness": [1.0, 2.0, 3.0]},
+        }
+        (outcome,) = fvi.run(source, output=tmp_path)
+        middle = outcome.finished[1]
+        alone = integrate(middle.run.problem.scene, middle.run.method, middle.run.steps)
+        assert np.array_equal(middle.trajectory.position, alone.position)
+        (again,) = fvi.recall(tmp_path / f"sweep-{start}.h5")
+        assert np.array_equal(again.finished[1].trajectory.time, alone.time)
+        assert again.finished[1].error == middle.error
+
+
+def test_a_graded_start_is_never_lost_in_a_batch() -> None:
+    scenes = [fvi.build_problem(free(0.5, stiffness=k)).scene for k in (1.0, 2.0)]
+    method = Method(cq="gauss", degree=3, start="graded")
+    together = integrate_members(scenes, method, 200)
+    plain = integrate_members(scenes, replace(method, start="none"), 200)
+    for scene, one, other in zip(scenes, together, plain, strict=True):
+        assert np.array_equal(one.position, integrate(scene, method, 200).position)
+        # control: without the graded start the numbers are others
+        assert np.abs(one.position - other.position).max() > 1e-10
+
+
+@pytest.mark.parametrize(("start", "grading"), [("graded", 1.0), ("none", 2.0)])
+@pytest.mark.parametrize("kind", ["linear", "nonlinear"])
+def test_the_plan_tells_the_work_of_the_mesh(start: str, grading: float, kind: str) -> None:
+    problem = PULSE if kind == "nonlinear" else free(0.5)
+    ladder = {"steps": 73, "grading": grading}
+    (run,) = experiment(ladder, problem, degree=3, start=start).runs()
+    planned = plan_run(run.problem.scene, run.method, 73, grading=grading)
+    done = integrate(run.problem.scene, run.method, run.steps)
+    assert planned.history_operations == done.history_operations > 0
+    assert ("halved" in planned.series) == (start == "graded")
+
+
+def test_the_norm_l2_weighs_every_point_by_its_step() -> None:
+    times = np.array([0.0, 0.1, 0.5, 2.0])
+    error = np.array([[0.0], [3.0], [2.0], [1.0]])
+    found = error_norm(error, np.zeros((4, 1)), np.diff(times, prepend=0.0), "l2")
+    assert found == pytest.approx(math.sqrt(0.1 * 9 + 0.4 * 4 + 1.5 * 1))
+
+
+@pytest.mark.parametrize(
+    ("ladder", "method", "complaint"),
+    [
+        ({"steps": 8, "grading": 2}, {"start": "series"}, "needs equal steps; .* start: none"),
+        ({"steps": 8, "grading": 2}, {"start": "graded"}, "has a mesh of its own"),
+        ({"steps": 8, "grading": 2}, {"start": "none", "history": "fft"}, "history: auto"),
+        ({"steps": 8, "grading": 2}, {"rk": "radau-iia", "degree": 2}, "use rk: gauss"),
+        ({"steps": 8, "grading": 2}, {"baseline": "implicit-euler"}, "use rk: gauss"),
+        ({"steps": 8, "grading": 21}, {}, "it must be 1 to 20"),
+        ({"steps": 1, "grading": 2}, {}, "2 parts between break points"),
+        ({"steps": [7, 2048], "grading": 6}, {}, "ladder.steps.1: .* vanishes in round-off"),
+        ({"steps": 73}, {"start": "graded", "history": "direct"}, "take history: auto"),
+        ({"steps": 73}, {"rk": "lobatto-iiic", "start": "graded"}, "for rk: gauss only"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_what_to_do(
+    ladder: dict[str, Any], method: dict[str, Any], complaint: str
+) -> None:
+    with pytest.raises(fvi.ConfigError, match=complaint):
+        experiment(ladder, PULSE, **method)
+
+
+def test_methods_refuse_a_graded_start_that_they_cannot_have() -> None:
+    with pytest.raises(ValueError, match="with bdf2 take series"):
+        Method(cq="bdf2", degree=1, start="graded")
+    with pytest.raises(ValueError, match="needs equal steps"):
+        Method(cq="gauss", degree=2, start="graded", history="fft")
+    assert fvi.method_named("gauss3-graded").case == "gauss-s3-graded"
+
+
+def test_no_reference_is_computed_where_none_is_wanted(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    calls: list[int] = []
+
+    def counted(scenes: list[fvi.Scene], method: Method, n_steps: int) -> list[fvi.Trajectory]:
+        calls.append(n_steps)
+        return integrate_members(scenes, method, n_steps)
+
+    monkeypatch.setattr(reference, "integrate_members", counted)
+    for exact, computed in (("none", False), ("auto", True)):
+        source = {"name": exact, "problem": {**PULSE, "exact": exact}, "ladder": {"steps": [73]}}
+        (outcome,) = fvi.run(source, output=tmp_path)
+        (run,) = outcome.finished
+        assert bool(calls) == computed
+        assert math.isnan(run.error) != computed
+        assert run.status == "ok"
+        assert (run.reference == "none, as asked for") != computed
+        assert math.isnan(fvi.order_tables([outcome])[0].cases[0].rows[0].error) != computed
+        names = {one.partition("-")[2] for one in fvi.figures([outcome])}
+        assert names == {"trajectory", "energy"} | ({"error"} if computed else set())
