@@ -70,6 +70,8 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.effects.symmetry import Symmetry
 from fvi_cli.errors import ConfigError, FviError, RequestError, StorageError
 from fvi_cli.integrator.diagnostics import Asked as DiagnosticsRequest
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, mesh_of, uniform_mesh
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.stability import StabilityPrediction
 from fvi_cli.integrator.trajectory import Trajectory
@@ -93,6 +95,7 @@ from fvi_cli.studies.stability_study import StabilityTable
 from fvi_cli.studies.study import study
 
 __all__ = [
+    "AdaptiveSteps",
     "Baseline",
     "ConfigError",
     "CostTable",
@@ -107,6 +110,7 @@ __all__ = [
     "HardCaseReport",
     "Inertia",
     "LoadedConfig",
+    "Mesh",
     "Method",
     "OrderTable",
     "Outcome",
@@ -133,6 +137,7 @@ __all__ = [
     "export",
     "figures",
     "forget",
+    "graded_mesh",
     "hard_cases",
     "integrate",
     "integrate_members",
@@ -140,6 +145,7 @@ __all__ = [
     "lagrangian_scene",
     "linear_oscillator",
     "load",
+    "mesh_of",
     "method_named",
     "order_table",
     "order_tables",
@@ -153,6 +159,7 @@ __all__ = [
     "stability",
     "starter_config",
     "study",
+    "uniform_mesh",
     "write",
 ]
 

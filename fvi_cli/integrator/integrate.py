@@ -96,10 +96,14 @@ def integrate(
         )
     if not isinstance(n_steps, int | np.integer):
         raise ValueError(
-            f"mesh: {method.case} takes equal steps only; give a number, or take a Gauss method"
+            f"mesh: {method.case} takes equal steps only; give a number, or take a Gauss method "
+            "with start: none"
         )
     if with_steps:
-        raise ValueError(f"with_steps: {method.case} keeps no polynomials")
+        raise ValueError(
+            f"with_steps: {method.case} keeps no polynomials; take a Gauss method with start: "
+            "graded or none, such as gauss3-graded"
+        )
     if not diagnostics.is_empty and not can_be_diagnosed(method):
         raise ValueError(f"diagnostics: {method.case} keeps no increments of its steps")
     try:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 if TYPE_CHECKING:
     from fvi_cli.integrator.diagnostics import Diagnostics
@@ -40,18 +40,22 @@ class NewtonRecord:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectory:
-    """A discrete solution on t_k = k h, k = 0..N (shorter when it stopped early).
+    """A discrete solution on the reported points of a mesh (fewer when it stopped early).
+
+    Where its steps were kept, ``trajectory(t)`` and ``trajectory.velocity(t)`` give position and
+    velocity at any times.
 
     Parameters
     ----------
     time
-        Grid, shape ``(n,)``; n = N + 1 when ``status`` is ``ok``.
+        t_k = k h, or the points of another mesh, shape ``(n,)``; n = N + 1 when ``status`` is
+        ``ok``.
     position, momentum
         Shape ``(n, d)``; no momentum for methods that have none.
     energy
         Hamiltonian without forcing, shape ``(n,)``, where there is a momentum.
     n_steps, step_size
-        What was asked for.
+        Number N of reported steps, and h = T / N.
     status, message
         What was observed, and in words what happened when it is not ``ok``.
     history_operations
@@ -89,6 +93,36 @@ class Trajectory:
     diagnostics: Diagnostics | None = None
     steps: RunSteps | None = None
     rejected: int = 0
+
+    def __call__(self, time: ArrayLike) -> Array:
+        """Position at any times of the run, shape ``(...)`` to ``(..., d)``.
+
+        It is the polynomial of each step, the trajectory of the integrator itself.
+
+        Raises
+        ------
+        ValueError
+            For times outside of the run, and where the steps were not kept.
+        """
+        return self._kept_steps()(time)
+
+    def velocity(self, time: ArrayLike) -> Array:
+        """Velocity at any times of the run, shape ``(...)`` to ``(..., d)``.
+
+        Raises
+        ------
+        ValueError
+            For times outside of the run, and where the steps were not kept.
+        """
+        return self._kept_steps().velocity_at(time)
+
+    def _kept_steps(self) -> RunSteps:
+        if self.steps is None:
+            raise ValueError(
+                "trajectory: its steps were not kept; integrate with_steps=True by a Gauss method "
+                'without a series, such as integrate(scene, "gauss3-graded", 100, with_steps=True)'
+            )
+        return self.steps
 
 
 def thinned(trajectory: Trajectory, every: int) -> Trajectory:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from fvi_cli.config import method_named
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import integrate as engine
 from fvi_cli.integrator import members, stability
 from fvi_cli.integrator.diagnostics import NOTHING, Asked
-from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.run.runge_kutta import AnySteps
 from fvi_cli.integrator.stability import StabilityPrediction
 from fvi_cli.integrator.trajectory import Trajectory
 
@@ -17,12 +21,13 @@ from fvi_cli.integrator.trajectory import Trajectory
 def integrate(
     scene: Scene,
     method: AnyMethod | str,
-    n_steps: int,
+    n_steps: AnySteps,
     *,
     every: int = 1,
     diagnostics: Asked = NOTHING,
+    with_steps: bool = False,
 ) -> Trajectory:
-    """Integrate a scene over [0, T] in `n_steps` equal steps.
+    """Integrate a scene over [0, T].
 
     Parameters
     ----------
@@ -30,12 +35,18 @@ def integrate(
         Effects and initial data; what is absent is not simulated.
     method
         A method, or its name (:func:`fvi_cli.config.method_named`): ``gauss3``, ``bdf2-nodes``.
+        With a mesh or adaptive steps the name of a Gauss method means the one without a series.
     n_steps
-        N >= 1.
+        N >= 1 for N equal steps; for Gauss methods also a :class:`Mesh`
+        (:func:`uniform_mesh`, :func:`graded_mesh`, :func:`mesh_of`), or :class:`AdaptiveSteps`,
+        which are found on the way.
     every
         Keep every n-th point of the grid, and the last.
     diagnostics
         What is computed beside the trajectory.
+    with_steps
+        Keep the polynomials of the steps, for ``trajectory(t)`` and ``trajectory.velocity(t)``;
+        for Gauss methods without a series.
 
     Returns
     -------
@@ -47,7 +58,15 @@ def integrate(
     ValueError
         For numbers out of range and a name that says no method.
     """
-    return engine.integrate(scene, _method(method), n_steps, every=every, diagnostics=diagnostics)
+    chosen = _method(method)
+    is_number = isinstance(n_steps, int | np.integer)
+    if isinstance(method, str) and isinstance(chosen, Method) and not is_number:
+        is_carried = chosen.is_runge_kutta and chosen.start == "series"
+        if is_carried and "series" not in method.lower():
+            chosen = replace(chosen, start="none")
+    return engine.integrate(
+        scene, chosen, n_steps, every=every, diagnostics=diagnostics, with_steps=with_steps
+    )
 
 
 def integrate_members(

@@ -1,0 +1,65 @@
+"""Meshes, adaptive steps and values at any time, as programs call them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import fvi_cli as fvi
+
+SCENE = fvi.pendulum(
+    final_time=10.0,
+    damping=[fvi.FractionalDamping(order=0.5, coefficient=0.3)],
+    initial_position=2.0,
+)
+
+
+@pytest.fixture(scope="module")
+def fine() -> fvi.Trajectory:
+    return fvi.integrate(SCENE, "gauss8", fvi.AdaptiveSteps(tolerance=1e-10), with_steps=True)
+
+
+def test_position_and_velocity_at_any_time(fine: fvi.Trajectory) -> None:
+    times = np.linspace(0.0, 10.0, 777)
+    other = fvi.integrate(SCENE, "gauss6-graded", 200, with_steps=True)
+    assert fine(times).shape == (777, 1)
+    assert np.abs(fine(times) - other(times)).max() < 1e-9
+    assert np.abs(fine(fine.time) - fine.position).max() < 1e-14
+    assert fine(3.0).shape == fine.velocity(3.0).shape == (1,)
+    # the velocity is the slope of the position
+    slope = (fine(times[1:-1] + 1e-4) - fine(times[1:-1] - 1e-4)) / 2e-4
+    assert np.abs(fine.velocity(times[1:-1]) - slope).max() < 1e-6
+    assert np.abs(fine.velocity(0.0)).max() < 1e-6
+
+
+def test_times_outside_and_steps_that_were_not_kept_are_told(fine: fvi.Trajectory) -> None:
+    with pytest.raises(ValueError, match=r"the run goes from 0 to 10"):
+        fine(10.5)
+    with pytest.raises(ValueError, match=r"the run goes from 0 to 10"):
+        fine.velocity([-0.1, 3.0])
+    bare = fvi.integrate(SCENE, "gauss3-graded", 20)
+    for ask in (bare, bare.velocity):
+        with pytest.raises(ValueError, match="with_steps=True by a Gauss method"):
+            ask(1.0)
+    for name in ("gauss3", "bdf2"):
+        with pytest.raises(ValueError, match="such as gauss3-graded"):
+            fvi.integrate(SCENE, name, 20, with_steps=True)
+
+
+def test_a_name_with_a_mesh_means_the_method_without_a_series(fine: fvi.Trajectory) -> None:
+    mesh = fvi.graded_mesh(10.0, 100, 2.5)
+    by_name = fvi.integrate(SCENE, "gauss4", mesh)
+    by_value = fvi.integrate(SCENE, fvi.Method(cq="gauss", degree=4), mesh)
+    assert np.array_equal(by_name.position, by_value.position)
+    assert np.array_equal(by_name.time, 10.0 * (np.arange(101) / 100) ** 2.5)
+    assert np.abs(by_name.position - fine(by_name.time)).max() < 1e-7
+    through = fvi.integrate(SCENE, "gauss4", fvi.mesh_of(by_name.time))
+    assert np.abs(through.position - by_name.position).max() < 1e-13
+    even = fvi.integrate(SCENE, "gauss4", fvi.uniform_mesh(10.0, 100))
+    assert np.array_equal(even.time[[0, -1]], [0.0, 10.0])
+    # a series that is asked for by name is not left out in silence
+    for name in ("gauss4-series", "bdf2"):
+        with pytest.raises(ValueError, match="takes equal steps only"):
+            fvi.integrate(SCENE, name, mesh)
+    with pytest.raises(ValueError, match="it ends at 9, the run at 10"):
+        fvi.integrate(SCENE, "gauss4", fvi.uniform_mesh(9.0, 100))
