@@ -126,7 +126,7 @@ class Damping:
         operator: StageOperator,
         *,
         shortest_step: float,
-        n_steps: int | None = None,
+        n_steps: float | None = None,
         accuracy: float = 1e-14,
         support: NDArray[np.intp] | None = None,
     ) -> None:

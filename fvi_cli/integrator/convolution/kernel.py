@@ -112,7 +112,7 @@ def power_kernel(
     shortest_step: float,
     final_time: float,
     stages: int,
-    steps: int | None = None,
+    steps: float | None = None,
     accuracy: float = 1e-13,
 ) -> Kernel:
     r"""Rates and weights of powers of integration, for all meshes of certain steps.

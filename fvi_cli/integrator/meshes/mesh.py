@@ -88,6 +88,11 @@ class Mesh:
         return min(one.step_size for one in self.stretches)
 
     @property
+    def equivalent_steps(self) -> float:
+        """Sum of (shortest step / step): so many steps of the shortest size forget as much."""
+        return sum(one.n_steps * self.shortest_step / one.step_size for one in self.stretches)
+
+    @property
     def n_reported(self) -> int:
         """Number of reported points after t = 0."""
         return sum(

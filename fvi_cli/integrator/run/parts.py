@@ -79,7 +79,7 @@ def integrate_part(
         scene,
         method,
         shortest_step=mesh.shortest_step,
-        n_steps=None,
+        n_steps=mesh.equivalent_steps,
         bound=scene_bound(scene, step_size),
     )
     sink = Sink(every=every, with_steps=False)

@@ -30,6 +30,9 @@ from fvi_cli.integrator.trajectory import NewtonRecord, Status, Trajectory
 Array = NDArray[np.float64]
 AnySteps = int | Mesh | AdaptiveSteps
 
+MOST_SHORTEST = 256.0
+"""Adaptive runs take fewer steps of their shortest size than this."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Ended:
@@ -61,7 +64,7 @@ def plan_runge_kutta(scene: Scene, method: Method, steps: int | Mesh) -> MarchPl
         scene,
         method,
         shortest_step=mesh.shortest_step,
-        n_steps=None,
+        n_steps=mesh.equivalent_steps,
         bound=GrowthBound(size=math.inf, rate=0.0),
     )
     return March(setup, mesh, Sink(every=1, with_steps=False)).plan()
@@ -112,7 +115,11 @@ def integrate_runge_kutta(
         count = mesh.n_reported
         bound = scene_bound(scene, scene.final_time / max(count, 1))
         setup = prepare_run(
-            scene, method, shortest_step=mesh.shortest_step, n_steps=None, bound=bound
+            scene,
+            method,
+            shortest_step=mesh.shortest_step,
+            n_steps=mesh.equivalent_steps,
+            bound=bound,
         )
         ready = clock.perf_counter()
         ended = _given(setup, mesh, sink)
@@ -161,7 +168,7 @@ def _adaptive(
     )
     bound = scene_bound(scene, scene.final_time / 1024)
     setup = prepare_run(
-        scene, method, shortest_step=controller.shortest_step, n_steps=None, bound=bound
+        scene, method, shortest_step=controller.shortest_step, n_steps=MOST_SHORTEST, bound=bound
     )
     marker = first_marker(setup)
     sink.begin(0.0, marker.position.value, marker.momentum.value)

@@ -57,7 +57,7 @@ class RunSetup:
 
 
 def prepare_run(
-    scene: Scene, method: Method, *, shortest_step: float, n_steps: int | None, bound: GrowthBound
+    scene: Scene, method: Method, *, shortest_step: float, n_steps: float | None, bound: GrowthBound
 ) -> RunSetup:
     """Tables and solvers for steps from `shortest_step` on.
 
