@@ -88,7 +88,7 @@ def integrate_part(
     if checkpoint is None:
         sink.begin(0.0, marker.position.value, marker.momentum.value)
     else:
-        sink.go_on(checkpoint.reported)
+        sink.go_on(checkpoint.reported, scene.dimension)
     ready = clock.perf_counter()
     march = March(setup, mesh, sink, done=done)
     following = march.run(marker, stretch=place[0], step=place[1], until=until)

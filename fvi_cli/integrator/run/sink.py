@@ -38,9 +38,12 @@ class Sink:
         """Number of reported points so far, the start of the run not counted."""
         return self._reported
 
-    def go_on(self, reported: int) -> None:
+    def go_on(self, reported: int, dimension: int) -> None:
         """Begin behind a checkpoint with so many reported points before it."""
         self._reported = reported
+        # a part may well keep none of its points
+        self._positions.append(np.zeros((0, dimension)))
+        self._momenta.append(np.zeros((0, dimension)))
 
     def begin(self, time: float, position: Array, momentum: Array) -> None:
         """The start of the run."""

@@ -1,0 +1,327 @@
+"""Runs in parts, through bytes, are the whole run to the last bit."""
+
+from __future__ import annotations
+
+import math
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.diagnostics_request import Asked
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.checkpoint import Checkpoint
+from fvi_cli.integrator.run.parts import Part, integrate_part
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.scenes.lagrangian import lagrangian_scene
+from fvi_cli.scenes.named import linear_oscillator, pendulum
+from fvi_cli.scenes.nonlinear import duffing
+
+GAUSS2 = Method(cq="gauss", degree=2)
+GRADED = Method(cq="gauss", degree=2, start="graded")
+FIELDS = ("time", "position", "momentum", "energy")
+
+
+def damping(*orders: float, size: int = 1) -> list[FractionalDamping]:
+    return [FractionalDamping(order=g, coefficient=0.7 * np.eye(size)) for g in orders]
+
+
+def oscillator(*orders: float, forcing: Forcing | None = None, **more) -> Scene:
+    return linear_oscillator(
+        final_time=8.0,
+        damping=damping(*orders),
+        stiffness=2.0,
+        initial_position=1.0,
+        initial_velocity=0.5,
+        forcing=forcing,
+        **more,
+    )
+
+
+def broken_force() -> Forcing:
+    """Breaks on the grid of 9000 steps, one of them inside the second chunk."""
+    first, second = (
+        Forcing.from_text(text).pieces[0].components for text in ("cos(t) + sqrt(t)", "3")
+    )
+    return Forcing(
+        pieces=(
+            ForcingPiece(components=first, until=8.0 * 3000 / 9000),
+            ForcingPiece(components=second, until=8.0 * 5000 / 9000),
+            ForcingPiece(components=first),
+        )
+    )
+
+
+def coupled(*, diagonal: bool) -> Scene:
+    rng = np.random.default_rng(5)
+    random = rng.normal(size=(3, 3))
+    general = random @ random.T + np.eye(3)
+    return Scene(
+        inertia=Inertia(mass=np.diag([1.0, 2.0, 3.0])),
+        potential=QuadraticPotential(stiffness=np.diag([1.0, 4.0, 2.0]) if diagonal else general),
+        damping=(
+            FractionalDamping(order=0.5, coefficient=np.eye(3)),
+            FractionalDamping(order=1.5, coefficient=0.3 * np.diag([1.0, 2.0, 0.5])),
+        ),
+        initial_position=np.array([1.0, -0.5, 0.2]),
+        initial_velocity=np.array([0.0, 0.4, 1.0]),
+        final_time=5.0,
+    )
+
+
+SCENES = {
+    "free": oscillator(0.5),
+    "forced": oscillator(0.5, 1.5, forcing=broken_force()),
+    "riemann-liouville": oscillator(0.5, derivative="riemann-liouville"),
+    "coupled": coupled(diagonal=False),
+    "modes": coupled(diagonal=True),
+    "undamped": oscillator(),
+    "pendulum": pendulum(final_time=90.0, damping=damping(0.5), initial_position=2.9),
+    "general": lagrangian_scene(
+        coordinates=("x",),
+        lagrangian="vx**2*(1 + x*x)/2 - x**2/2",
+        final_time=90.0,
+        damping=damping(0.5),
+        initial_position=1.0,
+    ),
+}
+
+
+def joined(parts: list[Part], name: str) -> np.ndarray:
+    return np.concatenate([getattr(part.trajectory, name) for part in parts])
+
+
+def in_parts(
+    scene: Scene, method: Method, n_steps: int, stops: list[int], *, every: int = 1
+) -> list[Part]:
+    """Parts that are kept as bytes in between."""
+    parts: list[Part] = []
+    checkpoint: Checkpoint | None = None
+    for until in (*stops, None):
+        part = integrate_part(
+            scene, method, n_steps, until=until, checkpoint=checkpoint, every=every
+        )
+        parts.append(part)
+        if part.checkpoint is None:
+            assert until is None
+            break
+        checkpoint = Checkpoint.from_bytes(part.checkpoint.to_bytes())
+    return parts
+
+
+@pytest.mark.parametrize("name", sorted(SCENES))
+@pytest.mark.parametrize("start", ["none", "graded"])
+def test_an_interrupted_run_goes_on_bit_for_bit(name: str, start: str) -> None:
+    scene, method, n_steps = SCENES[name], replace(GAUSS2, start=start), 9000
+    whole = integrate(scene, method, n_steps)
+    assert whole.status == "ok"
+    for stops in ([1, 4200], [3500]):
+        parts = in_parts(scene, method, n_steps, stops)
+        assert len(parts) == len(stops) + 1
+        for field in FIELDS:
+            assert np.array_equal(joined(parts, field), getattr(whole, field)), (stops, field)
+
+
+@pytest.mark.parametrize("name", ["forced", "pendulum"])
+@pytest.mark.parametrize("every", [7, 64, 10_000])
+def test_thinned_parts(name: str, every: int) -> None:
+    scene, n_steps = SCENES[name], 9000
+    whole = integrate(scene, GRADED, n_steps)
+    parts = in_parts(scene, GRADED, n_steps, [2000, 6000], every=every)
+    kept = sorted({*range(0, n_steps + 1, every), n_steps})
+    thin = integrate(scene, GRADED, n_steps, every=every)
+    assert thin.every == every
+    for field in FIELDS:
+        assert np.array_equal(joined(parts, field), getattr(whole, field)[kept])
+        assert np.array_equal(getattr(thin, field), getattr(whole, field)[kept])
+
+
+@pytest.mark.parametrize("name", sorted(SCENES))
+def test_whoever_looks_on_changes_nothing(name: str) -> None:
+    scene, n_steps = SCENES[name], 450
+    for method in (GAUSS2, GRADED, Method(cq="lobatto-iiic", degree=2)):
+        plain = integrate(scene, method, n_steps)
+        asked = Asked(energy_balance=True)
+        for watched in (
+            integrate(scene, method, n_steps, diagnostics=asked),
+            integrate(scene, method, n_steps, with_steps=True),
+        ):
+            for field in FIELDS:
+                assert np.array_equal(getattr(watched, field), getattr(plain, field))
+
+
+@pytest.mark.parametrize("field", ["states", "position", "momentum", "position_lost"])
+def test_everything_in_a_checkpoint_matters(field: str) -> None:
+    """The control: with any part of it set to zero the run goes on differently."""
+    scene, n_steps = SCENES["pendulum"], 9000
+    whole = integrate(scene, GAUSS2, n_steps)
+    checkpoint = integrate_part(scene, GAUSS2, n_steps, until=5000).checkpoint
+    assert checkpoint is not None
+    assert np.abs(getattr(checkpoint, field)).max() > 0
+    broken = replace(checkpoint, **{field: np.zeros_like(getattr(checkpoint, field))})
+    rest = integrate_part(scene, GAUSS2, n_steps, checkpoint=broken).trajectory
+    assert not np.array_equal(rest.position, whole.position[checkpoint.reported + 1 :])
+
+
+def test_a_checkpoint_is_small_and_belongs_to_one_run() -> None:
+    scene, n_steps = SCENES["free"], 9000
+    checkpoint = integrate_part(scene, GAUSS2, n_steps, until=100).checkpoint
+    assert checkpoint is not None
+    assert checkpoint.done == checkpoint.reported == 4096
+    assert len(checkpoint.to_bytes()) < 12_000
+    longer = integrate_part(scene, GAUSS2, 90_000, until=1000).checkpoint
+    assert longer is not None
+    assert len(longer.to_bytes()) < 12_000
+    for other, steps in (
+        (GAUSS2, 9001),
+        (GRADED, n_steps),
+        (replace(GAUSS2, degree=3, quadrature=None), n_steps),
+    ):
+        with pytest.raises(ValueError, match="checkpoint: it belongs to the run"):
+            integrate_part(scene, other, steps, checkpoint=checkpoint)
+    with pytest.raises(ValueError, match="checkpoint: it belongs to the run"):
+        integrate_part(replace(scene, final_time=9.0), GAUSS2, n_steps, checkpoint=checkpoint)
+    for until in (64, 4096, 9001):
+        with pytest.raises(ValueError, match=f"until: {until} is not allowed; it must be 4097"):
+            integrate_part(scene, GAUSS2, n_steps, until=until, checkpoint=checkpoint)
+    with pytest.raises(ValueError, match="every: 0 is not allowed"):
+        integrate_part(scene, GAUSS2, n_steps, every=0)
+    with pytest.raises(ValueError, match="use rk: gauss"):
+        integrate_part(scene, Method(cq="bdf2", degree=2), n_steps)
+
+
+@pytest.mark.parametrize("spoil", [lambda b: b"no checkpoint", lambda b: b[:-200], lambda b: b""])
+def test_bytes_that_hold_no_checkpoint_are_refused(spoil) -> None:
+    checkpoint = integrate_part(SCENES["free"], GAUSS2, 9000, until=100).checkpoint
+    assert checkpoint is not None
+    data = checkpoint.to_bytes()
+    Checkpoint.from_bytes(data)
+    with pytest.raises(ValueError, match="checkpoint: the bytes hold none"):
+        Checkpoint.from_bytes(spoil(data))
+
+
+def test_wild_motion_goes_on_bit_for_bit() -> None:
+    """Blocks that do not contract, single steps and new linear responses lie where they lay."""
+    scene = pendulum(
+        final_time=1500.0, damping=damping(0.5), initial_position=2.9, initial_velocity=2.0
+    )
+    for method in (GAUSS2, GRADED):
+        whole = integrate(scene, method, 7500)
+        assert whole.newton.largest > 4
+        parts = in_parts(scene, method, 7500, [64])
+        for field in FIELDS:
+            assert np.array_equal(joined(parts, field), getattr(whole, field))
+
+
+def test_memory_does_not_grow_with_the_number_of_steps() -> None:
+    scene = oscillator(0.5, 1.5, forcing=Forcing.from_text("cos(t)"))
+
+    def peak(method: Method, n_steps: int) -> int:
+        tracemalloc.start()
+        integrate(scene, method, n_steps, every=512)
+        _, most = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        return most
+
+    peak(GAUSS2, 4096)
+    assert peak(GAUSS2, 2**15) < 1.1 * peak(GAUSS2, 2**13)
+    # control: the other history keeps every sample
+    usual = replace(GAUSS2, history="fft")
+    assert peak(usual, 2**15) > 2.0 * peak(usual, 2**13)
+
+
+@pytest.mark.parametrize("order", [0.5, 1.5])
+@pytest.mark.parametrize("degree", [2, 3])
+def test_the_floor_does_not_grow(order: float, degree: int) -> None:
+    """x = t^4, whose damping force is a power, with many steps."""
+    factor = math.gamma(5.0) / math.gamma(5.0 - order)
+    scene = linear_oscillator(
+        final_time=1.0,
+        damping=[FractionalDamping(order=order, coefficient=1.0)],
+        forcing=Forcing.from_text(f"12*t**2 + {factor!r}*t**{4.0 - order!r} + t**4"),
+    )
+    found = integrate(scene, Method(cq="gauss", degree=degree), 2**16, every=64)
+    assert np.abs(found.position[:, 0] - found.time**4).max() < 1e-12
+
+
+@pytest.mark.parametrize("degree", [1, 3, 5])
+def test_odd_stages_near_order_two(degree: int) -> None:
+    """The start of x = t^4 with gamma = 1.98; weights of odd stages once lost six digits here."""
+    order = 1.98
+    factor = math.gamma(5.0) / math.gamma(5.0 - order)
+    scene = linear_oscillator(
+        final_time=1.0,
+        damping=[FractionalDamping(order=order, coefficient=1.0)],
+        forcing=Forcing.from_text(f"12*t**2 + {factor!r}*t**{4.0 - order!r} + t**4"),
+    )
+    found = integrate(scene, Method(cq="gauss", degree=degree), 2**16, every=64)
+    limit = 1e-8 if degree == 1 else 1e-10
+    assert np.abs(found.position[:, 0] - found.time**4).max() < limit
+
+
+def same_end(scene: Scene, method: Method, n_steps: int) -> tuple[Trajectory, Trajectory]:
+    """By the engine and by the sums written out."""
+    return (
+        integrate(scene, method, n_steps),
+        integrate(scene, replace(method, history="fft"), n_steps),
+    )
+
+
+@pytest.mark.parametrize("n_steps", [300, 9000])
+def test_a_run_that_leaves_its_bound_stops(n_steps: int) -> None:
+    """A repelling potential: the motion is infinite at t = 2.4, no step behind that is true."""
+    scene = duffing(
+        stiffness=-1.0,
+        cubic_stiffness=-1.0,
+        final_time=30.0,
+        damping=damping(0.5),
+        initial_position=0.5,
+        forcing=Forcing.from_text("sin(t)"),
+    )
+    found, usual = same_end(scene, GAUSS2, n_steps)
+    assert found.status == usual.status != "ok"
+    assert found.message.startswith("step ")
+    assert found.time.size < n_steps // 2
+    assert found.time[-1] > 2.3
+    same = int((found.time < 2.0).sum())
+    assert np.abs(found.position[:same] - usual.position[:same]).max() < 1e-11
+
+
+def test_a_linear_run_that_leaves_its_bound_stops() -> None:
+    scene = linear_oscillator(
+        final_time=500.0, damping=damping(1.9), stiffness=1e6, initial_position=1.0
+    )
+    found, usual = same_end(scene, Method(cq="lobatto-iiic", degree=2), 9000)
+    assert found.status == usual.status
+    assert abs(found.time.size - usual.time.size) <= 1
+    assert found.message[:20] == usual.message[:20]
+
+
+def test_growth_beyond_all_numbers_is_told() -> None:
+    scene = linear_oscillator(final_time=100.0, damping=[], stiffness=-1000.0, initial_position=1.0)
+    found = integrate(scene, GAUSS2, 2000)
+    assert found.status == "diverged"
+    assert "not finite after step" in found.message
+    assert 1 < found.time.size < 1001
+
+
+def test_nonlinear_blocks_take_few_iterations() -> None:
+    """Counted: blocks of steps share their iterations."""
+    scene = pendulum(final_time=20.0, damping=damping(0.5), initial_position=1.0)
+    by_block = integrate(scene, GAUSS2, 2048).newton.iterations
+    one_by_one = integrate(scene, replace(GAUSS2, history="direct"), 2048).newton.iterations
+    assert 10 * by_block < one_by_one
+
+
+def test_what_is_refused() -> None:
+    with pytest.raises(ValueError, match="history: exponentials is for gauss, radau-iia"):
+        Method(cq="bdf2", degree=1, history="exponentials")
+    with pytest.raises(ValueError, match="every: 0 is not allowed"):
+        integrate(SCENES["free"], GAUSS2, 8, every=0)
