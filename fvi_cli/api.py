@@ -73,6 +73,7 @@ from fvi_cli.integrator.diagnostics import Asked as DiagnosticsRequest
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, mesh_of, uniform_mesh
 from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.stability import StabilityPrediction
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.render.results import as_text, compare, figures, order_tables, write
@@ -80,7 +81,7 @@ from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.plan import PlannedRun, plan_runs
 from fvi_cli.runner.request import Request, allowing_unstable, gather
 from fvi_cli.runner.run import run_request
-from fvi_cli.runner.scenes import integrate, integrate_members, predict_stability
+from fvi_cli.runner.scenes import integrate, integrate_members, integrate_part, predict_stability
 from fvi_cli.runner.settings import Settings
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
@@ -97,6 +98,7 @@ from fvi_cli.studies.study import study
 __all__ = [
     "AdaptiveSteps",
     "Baseline",
+    "Checkpoint",
     "ConfigError",
     "CostTable",
     "DiagnosticsRequest",
@@ -141,6 +143,7 @@ __all__ = [
     "hard_cases",
     "integrate",
     "integrate_members",
+    "integrate_part",
     "json_schema",
     "lagrangian_scene",
     "linear_oscillator",
@@ -223,28 +226,20 @@ def run(
     fail_fast: bool = False,
     allow_unstable: bool = False,
 ) -> list[Outcome]:
-    """Compute every run of a configuration, as ``fvi run`` does.
+    """Compute every run of a configuration, as ``fvi run`` does; one that fails says so, no more.
 
     Parameters
     ----------
     source
         As for :func:`load`.
     output
-        Folder where ``<name>.h5`` is kept; runs that are stored there are not computed again.
-        None: nothing is written or looked up.
+        Folder of ``<name>.h5``, whose runs are not computed again; None: nothing is written.
     workers
-        Number of processes. More than one needs the usual ``if __name__ == "__main__"`` guard in
-        a program.
+        Number of processes; more than one needs the ``if __name__ == "__main__"`` guard.
     dask
         Address of a Dask scheduler, whose workers compute in their place.
     fresh, fail_fast, allow_unstable
         As the options of the command line.
-
-    Returns
-    -------
-    list of Outcome
-        One for every experiment, with its finished runs; a run that failed is among them with its
-        status, not an exception.
     """
     settings = Settings(
         output=Path(output or "."),
@@ -295,8 +290,7 @@ def forget(
 ) -> int:
     """Remove runs from a result file, as ``fvi forget`` does; returns how many.
 
-    Which: those that its configuration asks for with changes ``key.path=value``, those of a method,
-    those that the configuration does not ask for, or all.
+    Those that its configuration asks for with `overrides`, of a method, not asked for, or all.
 
     Raises
     ------
@@ -349,8 +343,6 @@ def stability(
 
 def cost(source: Source, *, peers: bool = False) -> list[CostTable]:
     """Error, time, memory and work of every method, as ``fvi cost`` measures them.
-
-    Times mean little where others compute as well.
 
     Parameters
     ----------

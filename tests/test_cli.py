@@ -450,7 +450,7 @@ def test_a_check_holds_until_the_table_is_changed(folder):
 def test_a_check_without_tables_computes_nothing_and_writes_nothing(
     folder, monkeypatch, arguments, names
 ):
-    def computed(*_):
+    def computed(*_, **__):
         raise AssertionError
 
     monkeypatch.setattr("fvi_cli.runner.compute.execute_batch", computed)

@@ -64,6 +64,15 @@ Dask = Annotated[
         help="Compute on the workers of an existing Dask scheduler, such as tcp://host:8786.",
     ),
 ]
+CheckpointEvery = Annotated[
+    float,
+    typer.Option(
+        "--checkpoint-every",
+        metavar="SECONDS",
+        envvar="FVI_CHECKPOINT_EVERY",
+        help="Keep a checkpoint of a long run so often; the same command goes on from it.",
+    ),
+]
 Quiet = Annotated[
     bool,
     typer.Option(

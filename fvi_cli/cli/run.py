@@ -8,6 +8,7 @@ from fvi_cli.cli.exits import DONE, exit_code, guarded
 from fvi_cli.cli.options import (
     RESULTS,
     AllowUnstable,
+    CheckpointEvery,
     Configs,
     Dask,
     DryRun,
@@ -33,6 +34,7 @@ def run(
     output: Output = RESULTS,
     overrides: Overrides = None,
     workers: Workers = 1,
+    checkpoint_every: CheckpointEvery = 60.0,
     dask: Dask = None,
     dry_run: DryRun = False,
     fresh: Fresh = False,
@@ -58,6 +60,7 @@ def run(
         fresh=fresh,
         fail_fast=fail_fast,
         show_progress=not quiet,
+        checkpoint_seconds=checkpoint_every,
     )
     requests = gather(configs, overrides or (), allow_unstable=allow_unstable)
     if dry_run and json:

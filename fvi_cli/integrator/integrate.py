@@ -35,6 +35,7 @@ from fvi_cli.integrator.moments import (
 )
 from fvi_cli.integrator.motion import Motion
 from fvi_cli.integrator.run.runge_kutta import AnySteps, integrate_runge_kutta
+from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.integrator.step_increments import run_with_increments
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.integrator.stepping import Stepped, StepProblem
@@ -54,6 +55,7 @@ def integrate(
     every: int = 1,
     diagnostics: Asked = NOTHING,
     with_steps: bool = False,
+    checkpoints: RunKeeper | None = None,
 ) -> Trajectory:
     """Integrate `scene` over [0, T] by `method` in `n_steps` steps.
 
@@ -64,35 +66,38 @@ def integrate(
     method
         Method or baseline.
     n_steps
-        Number N >= 1 of steps, h = T / N; for Runge-Kutta methods also a mesh, or what the steps
-        are to be chosen for (:class:`~fvi_cli.integrator.meshes.adaptive.AdaptiveSteps`).
+        Number N >= 1 of steps, h = T / N; for Runge-Kutta methods also a mesh or `AdaptiveSteps`.
     every
-        Keep every n-th point of the grid, the first and the last. With Runge-Kutta methods the
-        others are nowhere in memory.
+        Keep every n-th point of the grid, the first and the last.
     diagnostics
         What else is computed; it does not change the trajectory.
     with_steps
         Keep the steps of a Runge-Kutta method as polynomials, for values at any time.
+    checkpoints
+        Where a run keeps a checkpoint, and goes on from one, if its method takes any mesh.
 
     Returns
     -------
     Trajectory
         With status ``ok``, ``diverged`` (it left the bound of what the scene can do, or numbers
-        ceased to be finite) or ``failed`` (equations could not be solved); it keeps what was
-        finished.
+        ceased to be finite) or ``failed`` (equations unsolved); it keeps what was finished.
 
     Raises
     ------
     ValueError
         If N or `every` is not a positive integer, a break point of the forcing lies between two
-        steps, the method is not made for a general Lagrangian, or diagnostics are asked of a
-        baseline or of ``history: exponentials``, which keep no increments.
+        steps, or the method is not made for a general Lagrangian or for diagnostics.
     """
     check_counts(n_steps if isinstance(n_steps, int | np.integer) else 1, every)
     if isinstance(method, Method) and takes_any_mesh(method):
-        steps = int(n_steps) if isinstance(n_steps, int | np.integer) else n_steps
         return integrate_runge_kutta(
-            scene, method, steps, every=every, diagnostics=diagnostics, with_steps=with_steps
+            scene,
+            method,
+            int(n_steps) if isinstance(n_steps, int | np.integer) else n_steps,
+            every=every,
+            diagnostics=diagnostics,
+            with_steps=with_steps,
+            checkpoints=checkpoints,
         )
     if not isinstance(n_steps, int | np.integer):
         raise ValueError(

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 
 from fvi_cli.runner.executors.batches import batches_of, execute_batch
-from fvi_cli.runner.executors.executor import Batch, Watch, compute_batches
+from fvi_cli.runner.executors.checkpoints import CheckpointFolder
+from fvi_cli.runner.executors.executor import Batch, ComputeBatch, Watch, compute_batches
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
 from fvi_cli.runner.progress import RunBar, run_bar
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import FRESH, Known, Why, no_run
+from fvi_cli.runner.stored import FRESH, Known, Why, no_run, resumed_at
 from fvi_cli.storage import NEW
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 
@@ -29,6 +31,7 @@ def compute_runs(
     known: Known = no_run,
     keep: Keep | None = None,
     why: Why | None = None,
+    checkpoints: CheckpointFolder | None = None,
 ) -> list[Outcome]:
     """Recall or compute every run of `experiments`.
 
@@ -46,6 +49,8 @@ def compute_runs(
         Called with the runs of every batch that is computed, as soon as it is finished.
     why
         Says why a run is computed, for the log.
+    checkpoints
+        Where runs keep their checkpoints, and may have some from before.
     """
     done: dict[Run, FinishedRun] = {}
     waiting: list[Run] = []
@@ -61,10 +66,24 @@ def compute_runs(
         _tell_reasons(title, waiting, why)
     batches = batches_of(waiting)
     steps = sum(run.n_steps for run in waiting)
+    begun: dict[Hashable, int] = {}
+    if checkpoints is not None:
+        for run, reached in checkpoints.unfinished(waiting).items():
+            _logger.info("%s: %s", run.title, resumed_at(run, reached))
+            begun[run] = reached
+    compute: ComputeBatch = execute_batch
+    if checkpoints is not None:
+        compute = functools.partial(execute_batch, checkpoints=checkpoints)
     with (
-        run_bar(title, len(waiting), steps, wanted=settings.show_progress) as bar,
+        run_bar(
+            title,
+            len(waiting),
+            steps,
+            wanted=settings.show_progress,
+            begun=begun,
+        ) as bar,
         contextlib.closing(
-            compute_batches(batches, execute_batch, executor=settings.executor(_watch(bar, title)))
+            compute_batches(batches, compute, executor=settings.executor(_watch(bar, title)))
         ) as computed,
     ):
         for batch in computed:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from fvi_cli.config.memory import in_gigabytes, machine_bytes, predicted_bytes, run_bytes
@@ -11,7 +11,7 @@ from fvi_cli.runner.executors.batches import pack_size
 from fvi_cli.runner.executors.executor import crash
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import Chosen, Known, Why, stored_runs
+from fvi_cli.runner.stored import Chosen, Known, Why, resumed_at, stored_runs
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.accurate_run import choices_for
 from fvi_cli.studies.experiment import Experiment, Predicted, Run
@@ -32,8 +32,8 @@ class PlannedRun:
         would be begun with, ``candidate`` for the others.
     reason
         Why: ``stored``; ``new``, ``incomplete``, ``older solver``, ``changed: problem.stiffness``
-        (see :class:`fvi_cli.storage.Reasons`) or ``--fresh``; ``refused:`` and what is
-        predicted; ``not in the file``.
+        (see :class:`fvi_cli.storage.Reasons`) or ``--fresh``; ``resume at step 4096 of 65536`` from
+        a checkpoint; ``refused:`` and what is predicted; ``not in the file``.
     predicted
         ``stable``, ``unstable`` or ``unknown``.
     """
@@ -49,9 +49,12 @@ def plan_runs(requests: Sequence[Request], settings: Settings) -> list[PlannedRu
     plans = []
     for request in requests:
         check_memory(request, settings)
+        checkpoints = None if settings.fresh else settings.checkpoints(request)
         with stored_runs(request, settings) as (store, why):
             for experiment in request.loaded.experiments:
-                plans += [_planned(run, store.finished, why, request) for run in experiment.runs()]
+                runs = experiment.runs()
+                begun = {} if checkpoints is None else checkpoints.unfinished(runs)
+                plans += [_planned(run, store.finished, why, request, begun) for run in runs]
                 plans += _choices_for_tolerance(experiment, request, store.chosen)
     return plans
 
@@ -91,7 +94,9 @@ def _choices_for_tolerance(
     return plans
 
 
-def _planned(run: Run, known: Known, why: Why, request: Request) -> PlannedRun:
+def _planned(
+    run: Run, known: Known, why: Why, request: Request, begun: Mapping[Run, int]
+) -> PlannedRun:
     earlier = known(run)
     if earlier is not None:
         return PlannedRun(run=run, action="reuse", reason="stored", predicted=earlier.predicted)
@@ -105,7 +110,8 @@ def _planned(run: Run, known: Known, why: Why, request: Request) -> PlannedRun:
     elif prediction.verdict == "unstable" and not run.experiment.allow_unstable:
         action, reason = "refuse", f"refused: {prediction.reason}"
     else:
-        action, reason = "compute", why(run)
+        action = "compute"
+        reason = resumed_at(run, begun[run]) if run in begun else why(run)
     return PlannedRun(run=run, action=action, reason=reason, predicted=prediction.verdict)
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import logging
 import sys
 import time
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 Advance = Callable[[str], None]
 
@@ -49,10 +50,13 @@ class Pace:
         Number of steps to do.
     clock
         Gives the time in seconds.
+    begun
+        Number of them that an earlier command has done.
     """
 
     total: int
     clock: Callable[[], float] = time.monotonic
+    begun: int = 0
     left: float | None = None
     _begun: float = field(init=False)
     _latest: float = field(init=False)
@@ -71,8 +75,9 @@ class Pace:
         """Estimate what is left when `done` steps are done, if there is ground for it."""
         self._latest = self.clock()
         taken = self._latest - self._begun - self._elsewhere
-        if taken >= LEAST_SECONDS and done >= LEAST_SHARE * self.total:
-            self.left = taken * (self.total - done) / done
+        own, own_total = done - self.begun, self.total - self.begun
+        if taken >= LEAST_SECONDS and own > 0 and own >= LEAST_SHARE * own_total:
+            self.left = taken * (self.total - done) / own
 
     def __str__(self) -> str:
         """The time that has gone by, and what is left as soon as it can be told."""
@@ -114,7 +119,14 @@ def progress_bar(title: str, total: int, *, wanted: bool) -> Iterator[Advance]:
 
 
 @contextmanager
-def run_bar(title: str, runs: int, steps: int, *, wanted: bool) -> Iterator[RunBar]:
+def run_bar(
+    title: str,
+    runs: int,
+    steps: int,
+    *,
+    wanted: bool,
+    begun: Mapping[Hashable, int] = MappingProxyType({}),
+) -> Iterator[RunBar]:
     """As :func:`progress_bar` for runs of different lengths: the bar and the time left go by steps.
 
     What is being done takes the room that is left and is cut there, so that the bar, the count and
@@ -128,6 +140,8 @@ def run_bar(title: str, runs: int, steps: int, *, wanted: bool) -> Iterator[RunB
         How many there are to compute, with how many steps altogether.
     wanted
         Whether to show it where standard error is a terminal.
+    begun
+        By its key, how many steps of a piece an earlier command has done.
 
     Yields
     ------
@@ -151,21 +165,29 @@ def run_bar(title: str, runs: int, steps: int, *, wanted: bool) -> Iterator[RunB
             table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
         ),
     )
-    pace = Pace(total=steps)
+    pace = Pace(total=steps, begun=sum(begun.values()))
     with Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as progress:
-        task = progress.add_task("", total=steps, done=0, runs=runs, pace=pace, doing=title)
+        task = progress.add_task(
+            "",
+            total=steps,
+            completed=sum(begun.values()),
+            done=0,
+            runs=runs,
+            pace=pace,
+            doing=title,
+        )
         count, complete = 0, 0
-        begun: dict[Hashable, int] = {}
+        under_way: dict[Hashable, int] = dict(begun)
 
         def show(doing: str) -> None:
-            reached = complete + sum(begun.values())
+            reached = complete + sum(under_way.values())
             pace.reached(reached)
             progress.update(task, completed=reached, done=count, doing=doing)
 
         def finished(doing: str, key: Hashable, steps: int) -> None:
             nonlocal count, complete
             count, complete = count + 1, complete + steps
-            begun.pop(key, None)
+            under_way.pop(key, None)
             show(doing)
 
         def within(doing: str, key: Hashable, done: int | None) -> None:
@@ -173,7 +195,7 @@ def run_bar(title: str, runs: int, steps: int, *, wanted: bool) -> Iterator[RunB
                 pace.went_elsewhere()
             else:
                 # several integrations may belong to one piece: what is behind stays behind
-                begun[key] = max(begun.get(key, 0), done)
+                under_way[key] = max(under_way.get(key, 0), done)
             show(doing)
 
         yield RunBar(finished=finished, within=within)

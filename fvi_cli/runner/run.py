@@ -44,17 +44,26 @@ def run_request(request: Request, settings: Settings) -> list[Outcome]:
     check_memory(request, settings)
     experiments = request.loaded.experiments
     is_kept = settings.keep and request.stored is None
+    checkpoints = settings.checkpoints(request)
     with stored_runs(request, settings, writes=is_kept) as (store, why):
         if request.stored is not None:
             return recall(experiments, store)
         keep = store.add_batch if is_kept else None
+        if settings.fresh and checkpoints is not None:
+            checkpoints.remove(run for one in experiments for run in one.runs())
         try:
             searched = run_tolerance_searches(experiments, settings, chosen=store.chosen, keep=keep)
             return _all_outcomes(
                 experiments,
                 searched,
                 lambda rest: compute_runs(
-                    rest, settings, title=request.name, known=store.finished, why=why, keep=keep
+                    rest,
+                    settings,
+                    title=request.name,
+                    known=store.finished,
+                    why=why,
+                    keep=keep,
+                    checkpoints=checkpoints,
                 ),
             )
         finally:

@@ -13,6 +13,9 @@ from fvi_cli.integrator import integrate as engine
 from fvi_cli.integrator import members, stability
 from fvi_cli.integrator.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.run import parts
+from fvi_cli.integrator.run.checkpoint import Checkpoint
+from fvi_cli.integrator.run.parts import Part
 from fvi_cli.integrator.run.runge_kutta import AnySteps
 from fvi_cli.integrator.stability import StabilityPrediction
 from fvi_cli.integrator.trajectory import Trajectory
@@ -66,6 +69,48 @@ def integrate(
             chosen = replace(chosen, start="none")
     return engine.integrate(
         scene, chosen, n_steps, every=every, diagnostics=diagnostics, with_steps=with_steps
+    )
+
+
+def integrate_part(
+    scene: Scene,
+    method: Method | str,
+    n_steps: int,
+    *,
+    until: int | None = None,
+    checkpoint: Checkpoint | None = None,
+    every: int = 1,
+) -> Part:
+    """Integrate by a Runge-Kutta method from a checkpoint to the next place to stop.
+
+    The trajectories of successive parts, one after the other, are that of the whole run to the
+    last bit.
+
+    Parameters
+    ----------
+    scene, method, n_steps, every
+        As for :func:`integrate`, always those of the whole run; a Gauss, Radau or Lobatto method
+        with ``start: none`` or ``graded``.
+    until
+        Stop when so many steps are done, or up to 4096 later; the end by default.
+    checkpoint
+        Where to begin, the start by default. It knows the method and the number of steps, not the
+        scene.
+
+    Raises
+    ------
+    ValueError
+        If the checkpoint belongs to another run, the method is none of these, or a number is
+        outside of its range.
+    """
+    chosen = _method(method)
+    if not isinstance(chosen, Method) or not engine.takes_any_mesh(chosen):
+        raise ValueError(
+            f"method: {chosen.case} does not stop in the midst; take a Runge-Kutta method with "
+            "start: none or graded"
+        )
+    return parts.integrate_part(
+        scene, chosen, n_steps, until=until, checkpoint=checkpoint, every=every
     )
 
 

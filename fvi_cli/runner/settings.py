@@ -6,10 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fvi_cli.errors import RequestError
+from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.cluster import DaskCluster
 from fvi_cli.runner.executors.executor import Executor, InProcess, Watch
 from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.runner.request import STORED_SUFFIX, Request
+from fvi_cli.storage import PARTS_SUFFIX
+
+CHECKPOINT_SECONDS = 60.0
+"""Between two checkpoints of a run, unless something else is said."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,11 +37,14 @@ class Settings:
         Draw a progress bar where there is a terminal.
     keep
         Write what is computed; otherwise nothing at all is written.
+    checkpoint_seconds
+        Between two checkpoints of a run that takes longer than that.
 
     Raises
     ------
     RequestError
-        If processes and a scheduler are given at the same time.
+        If processes and a scheduler are given at the same time, or the time between checkpoints is
+        negative.
     """
 
     output: Path
@@ -46,10 +54,16 @@ class Settings:
     fail_fast: bool = False
     show_progress: bool = True
     keep: bool = True
+    checkpoint_seconds: float = CHECKPOINT_SECONDS
 
     def __post_init__(self) -> None:
         if self.dask is not None and self.workers > 1:
             raise RequestError("--workers and --dask: give one of them; a scheduler has its own")
+        if not self.checkpoint_seconds >= 0:
+            raise RequestError(
+                f"--checkpoint-every: {self.checkpoint_seconds:g} is not allowed; it must be a "
+                "number of seconds, 0 or more"
+            )
 
     def executor(self, watch: Watch | None = None) -> Executor:
         """Where runs are computed; `watch` is told how far they are, on this machine."""
@@ -58,6 +72,16 @@ class Settings:
         if self.workers > 1:
             return LocalProcesses(workers=self.workers, watch=watch)
         return InProcess(watch=watch)
+
+    def checkpoints(self, request: Request) -> CheckpointFolder | None:
+        """Where runs of `request` keep checkpoints; None where they keep none.
+
+        Nobody knows whether the workers of a scheduler see the folder.
+        """
+        if self.dask is not None or not self.keep or request.stored is not None:
+            return None
+        folder = self.path_of(request).with_suffix(PARTS_SUFFIX)
+        return CheckpointFolder(folder=folder, seconds=self.checkpoint_seconds)
 
     def path_of(self, request: Request) -> Path:
         """Where the runs of `request` are, or would be, stored."""

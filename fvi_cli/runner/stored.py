@@ -24,6 +24,11 @@ Why = Callable[[Run], str]
 """Says why a run is computed that was not found."""
 
 
+def resumed_at(run: Run, reached: int) -> str:
+    """In words that a run goes on from its checkpoint."""
+    return f"resume at step {reached} of {run.n_steps}"
+
+
 def no_run(run: Run) -> FinishedRun | None:
     """No run is known."""
     return None

@@ -16,7 +16,7 @@ from fvi_cli.storage.contents import (
     read_config_text,
     read_configuration,
 )
-from fvi_cli.storage.files import printable
+from fvi_cli.storage.files import PARTS_SUFFIX, printable
 from fvi_cli.storage.reasons import NEW, Reasons
 from fvi_cli.storage.records import place_of, variant_of
 from fvi_cli.storage.snapshot import Location, key_of
@@ -24,6 +24,7 @@ from fvi_cli.storage.store import Store, open_results, read_results
 
 __all__ = [
     "NEW",
+    "PARTS_SUFFIX",
     "Location",
     "Reasons",
     "Store",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,9 @@ from fvi_cli.storage.stream import DAMAGED, SafeStream, SealedStream, append_sea
 
 CREATOR = "fvi-cli"
 
-SUFFIX, PARTS_SUFFIX = ".h5", ".parts"
-"""Endings of a result file, and of the folder of the parts that wait beside it."""
+SUFFIX, PARTS_SUFFIX, CHECKPOINT_SUFFIX = ".h5", ".parts", ".checkpoint"
+"""Endings of a result file, of the folder of the parts that wait beside it, and in that folder of a
+checkpoint of a run that is not finished."""
 
 _WHAT_THEN = "it is left as it is: move it away, and its runs are computed again"
 
@@ -191,11 +192,30 @@ def part_paths(path: Path) -> Sequence[Path]:
     return sorted(path.with_suffix(PARTS_SUFFIX).glob(f"[!.]*{SUFFIX}"))
 
 
+def checkpoint_paths(parts: Path) -> Sequence[Path]:
+    """The checkpoints in a folder of parts, whoever they belong to."""
+    return sorted(parts.glob(f"[!.]*{CHECKPOINT_SUFFIX}"))
+
+
+def remove_checkpoints(parts: Path, identities: Iterable[str]) -> None:
+    """Remove the checkpoints of these runs.
+
+    Raises
+    ------
+    StorageError
+        If one cannot be removed.
+    """
+    found = {path.stem: path for path in checkpoint_paths(parts)}
+    for path in (found[one] for one in set(identities) & set(found)):
+        with told(path):
+            path.unlink(missing_ok=True)
+
+
 def remove_unfinished(path: Path) -> None:
     """Remove what a crash has left half written; the lock says that nobody is writing it."""
     parts = path.with_suffix(PARTS_SUFFIX)
     for leftover in itertools.chain(
-        path.parent.glob(f".{path.name}.*{UNFINISHED}"), parts.glob(f".*{SUFFIX}.*{UNFINISHED}")
+        path.parent.glob(f".{path.name}.*{UNFINISHED}"), parts.glob(f".*{UNFINISHED}")
     ):
         with told(leftover):
             leftover.unlink(missing_ok=True)

@@ -19,6 +19,7 @@ from fvi_cli.storage.files import (
     SUFFIX,
     damage_told,
     part_paths,
+    remove_checkpoints,
     remove_unfinished,
     replacing,
     root_attributes,
@@ -49,8 +50,7 @@ PARTS_KEPT = 8
 class Store:
     """A result file and the parts beside it, as one command sees them.
 
-    Made by :func:`open_results`, where new runs may be added, or :func:`read_results`. The file is
-    opened once, and what is read of it is as it was then.
+    Made by :func:`open_results` or :func:`read_results`; what is read is as it was when opened.
     """
 
     path: Path
@@ -75,8 +75,7 @@ class Store:
     def finished(self, run: Run) -> FinishedRun | None:
         """The run with its result, read back; None if it is not there or not complete.
 
-        A run that was computed although it was predicted to blow up is given only to an experiment
-        that allows that, the refusal of one only to others.
+        One that was predicted to blow up is given where that is allowed, its refusal elsewhere.
 
         Raises
         ------
@@ -232,6 +231,7 @@ class Store:
                 self._parts.pop(path).close()
             with replacing(path) as new:
                 write_group(new.file, group_path(place_of(together[0].run)), columns, [records])
+            remove_checkpoints(self.parts, columns["identity"])
             for row, (finished, record) in enumerate(zip(together, records, strict=True)):
                 location = location_of(path, row, finished, record)
                 self._learn([location])
@@ -339,6 +339,7 @@ class Store:
             if self.parts.is_dir():
                 for path in part_paths(self.path):
                     path.unlink()
+                remove_checkpoints(self.parts, (one[0] for one in self._by_identity))
                 with contextlib.suppress(OSError):  # somebody keeps other files there
                     self.parts.rmdir()
 

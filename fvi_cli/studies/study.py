@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fvi_cli.integrator.integrate import can_be_diagnosed, integrate
 from fvi_cli.integrator.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.integrator.stability import (
     StabilityPrediction,
     predict_stability,
@@ -67,15 +68,23 @@ def study(
         yield finished(run) or execute(run)
 
 
-def execute(run: Run) -> FinishedRun:
-    """Compute one run and its error, unless it is predicted to blow up and that is not wanted."""
+def execute(run: Run, checkpoints: RunKeeper | None = None) -> FinishedRun:
+    """Compute one run and its error, unless it is predicted to blow up and that is not wanted.
+
+    Parameters
+    ----------
+    run
+        The run.
+    checkpoints
+        Where it keeps its checkpoint, and may have one from before.
+    """
     problem, prediction = run.problem, prediction_of(run)
     if is_refused(run, prediction):
         return refused(run, prediction, reference_of(run))
     if isinstance(problem, DerivativeProblem):
         trajectory = _differentiate(problem, run)
     else:
-        trajectory = _integrated(problem, run)
+        trajectory = _integrated(problem, run, checkpoints)
     return assessed(run, trajectory, prediction, reference_of(run))
 
 
@@ -141,14 +150,23 @@ def stability_remarks(
     return (f"stability: nonlinear; linearised on the path at t = {time:.6g}: {there.reason}",)
 
 
-def _integrated(problem: Problem, run: Run) -> Trajectory:
+def _integrated(problem: Problem, run: Run, checkpoints: RunKeeper | None) -> Trajectory:
     """The whole trajectory, or the points that are stored where the method needs no others."""
     every = kept_on_the_way(run)
     asked = run.experiment.diagnostics
     if asked.is_empty or can_be_diagnosed(run.method):
-        trajectory = integrate(problem.scene, run.method, run.steps, every=every, diagnostics=asked)
+        trajectory = integrate(
+            problem.scene,
+            run.method,
+            run.steps,
+            every=every,
+            diagnostics=asked,
+            checkpoints=checkpoints,
+        )
     else:
-        trajectory = integrate(problem.scene, run.method, run.steps, every=every)
+        trajectory = integrate(
+            problem.scene, run.method, run.steps, every=every, checkpoints=checkpoints
+        )
         remark = "no diagnostics: the method keeps no increments of its steps"
         trajectory = dataclasses.replace(trajectory, remarks=(*trajectory.remarks, remark))
     return with_remark_on_thinning(trajectory)

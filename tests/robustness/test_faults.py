@@ -157,11 +157,11 @@ def test_a_worker_killed_in_the_midst_changes_nothing(folder):
     assert table.splitlines()[:-1] == expected.stdout.splitlines()[:-1]
 
 
-def dies_of_64(batch):
+def dies_of_64(batch, checkpoints):
     """No process survives BDF2 with N = 64."""
     if any(run.n_steps == 64 and run.method.cq == "bdf2" for run in batch):
         os.kill(os.getpid(), signal.SIGKILL)
-    return execute_batch(batch)
+    return execute_batch(batch, checkpoints)
 
 
 def test_a_run_that_no_worker_survives_is_reported_and_computed_the_next_time(folder, monkeypatch):

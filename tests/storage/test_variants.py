@@ -182,11 +182,11 @@ def test_fresh_replaces_run_by_run(monkeypatch: pytest.MonkeyPatch) -> None:
     told()
     real, calls = compute.execute_batch, []
 
-    def interrupted(batch):
+    def interrupted(batch, checkpoints):
         calls.append(batch)
         if len(calls) == 3:
             raise KeyboardInterrupt
-        return [dataclasses.replace(one, error=0.5) for one in real(batch)]
+        return [dataclasses.replace(one, error=0.5) for one in real(batch, checkpoints)]
 
     monkeypatch.setattr(compute, "execute_batch", interrupted)
     fvi("run", "quick.yaml", "--fresh", code=130)

@@ -52,6 +52,40 @@ class Checkpoint:
     unknowns: Array
     last_step: float
 
+    @classmethod
+    def taken(
+        cls,
+        marker: Marker,
+        *,
+        case: str,
+        n_steps: int,
+        step_size: float,
+        place: tuple[int, int],
+        done: int,
+        reported: int,
+    ) -> Checkpoint:
+        """Of a run that stands at `marker`, at a stretch and so many finished steps of it."""
+        unknowns = marker.unknowns
+        return cls(
+            case=case,
+            n_steps=n_steps,
+            step_size=step_size,
+            stretch=place[0],
+            step=place[1],
+            done=done,
+            reported=reported,
+            time=marker.time,
+            position=marker.position.value.copy(),
+            momentum=marker.momentum.value.copy(),
+            position_lost=marker.position.lost.copy(),
+            momentum_lost=marker.momentum.lost.copy(),
+            states=marker.states.copy(),
+            unknowns=np.zeros((0, marker.position.value.size))
+            if unknowns is None
+            else unknowns.copy(),
+            last_step=marker.step_size,
+        )
+
     def marker(self) -> Marker:
         """The state from which the steps go on."""
         return Marker(

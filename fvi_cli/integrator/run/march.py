@@ -156,7 +156,7 @@ class March:
 
     def _chunk(self, marker: Marker, one: Stretch, first: int, count: int) -> None:
         """Steps `first` to `first + count` of a stretch."""
-        advanced(self.done, self._mesh.n_steps)
+        advanced(self._sink.reported, self._mesh.n_reported)
         h, is_fresh = one.step_size, one.is_fresh and first == 0
         if is_fresh:
             marker.unknowns = None

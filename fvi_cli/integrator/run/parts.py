@@ -116,24 +116,15 @@ def integrate_part(
     )
     if following is None:
         return Part(trajectory=trajectory, checkpoint=None)
-    unknowns = np.zeros((0, scene.dimension)) if marker.unknowns is None else marker.unknowns
     return Part(
         trajectory=trajectory,
-        checkpoint=Checkpoint(
+        checkpoint=Checkpoint.taken(
+            marker,
             case=method.case,
             n_steps=n_steps,
             step_size=step_size,
-            stretch=following[0],
-            step=following[1],
+            place=following,
             done=march.done,
             reported=sink.reported,
-            time=marker.time,
-            position=marker.position.value.copy(),
-            momentum=marker.momentum.value.copy(),
-            position_lost=marker.position.lost.copy(),
-            momentum_lost=marker.momentum.lost.copy(),
-            states=marker.states.copy(),
-            unknowns=unknowns.copy(),
-            last_step=marker.step_size,
         ),
     )

@@ -24,6 +24,7 @@ from fvi_cli.integrator.run.regular import regular_until
 from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_run
 from fvi_cli.integrator.run.sink import Sink
 from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.run.unfinished import RunKeeper, march_with_checkpoints
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.trajectory import NewtonRecord, Status, Trajectory
 
@@ -42,6 +43,7 @@ class _Ended:
     newton: NewtonRecord
     rejected: int = 0
     operations: int = 0
+    earlier_seconds: float = 0.0
 
 
 def mesh_for(scene: Scene, method: Method, n_steps: int) -> Mesh:
@@ -78,6 +80,7 @@ def integrate_runge_kutta(
     every: int = 1,
     diagnostics: Asked = NOTHING,
     with_steps: bool = False,
+    checkpoints: RunKeeper | None = None,
 ) -> Trajectory:
     """Integrate a scene over [0, T].
 
@@ -93,6 +96,9 @@ def integrate_runge_kutta(
         What else is computed; it does not touch the trajectory.
     with_steps
         Keep all steps as polynomials, for dense output.
+    checkpoints
+        Where the run may have a checkpoint, from which it goes on, and keeps one now and then;
+        for steps on a given mesh.
 
     Raises
     ------
@@ -122,7 +128,7 @@ def integrate_runge_kutta(
             bound=bound,
         )
         ready = clock.perf_counter()
-        ended = _given(setup, mesh, sink)
+        ended = _given(setup, mesh, sink, checkpoints)
         finished = clock.perf_counter()
         fresh_at = tuple(one.begin for one in mesh.stretches if one.is_fresh)
     return _trajectory(
@@ -134,19 +140,26 @@ def integrate_runge_kutta(
         diagnostics,
         fresh_at,
         with_steps=with_steps,
-        seconds=(ready - began, finished - ready),
+        seconds=(ready - began, finished - ready + ended.earlier_seconds),
     )
 
 
-def _given(setup: RunSetup, mesh: Mesh, sink: Sink) -> _Ended:
+def _given(setup: RunSetup, mesh: Mesh, sink: Sink, checkpoints: RunKeeper | None) -> _Ended:
     """The steps of a mesh."""
-    marker = first_marker(setup)
-    sink.begin(0.0, marker.position.value, marker.momentum.value)
-    march = March(setup, mesh, sink)
-    march.run(marker)
+    march, marker, earlier = March(setup, mesh, sink), first_marker(setup), 0.0
+    if checkpoints is None:
+        sink.begin(0.0, marker.position.value, marker.momentum.value)
+        march.run(marker)
+    else:
+        marker, earlier = march_with_checkpoints(setup, mesh, sink, march, checkpoints)
     if not march.failure:
         sink.finish(marker.time, marker.position.value, marker.momentum.value)
-    return _Ended(failure=march.failure, newton=march.course.newton, operations=march.operations)
+    return _Ended(
+        failure=march.failure,
+        newton=march.course.newton,
+        operations=march.operations,
+        earlier_seconds=earlier,
+    )
 
 
 def _adaptive(

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+_LAST = ("last_time", "last_position", "last_momentum")
+"""Names of the last reported point, which is kept at the end of a run."""
 
 
 class Sink:
@@ -44,6 +49,38 @@ class Sink:
         # a part may well keep none of its points
         self._positions.append(np.zeros((0, dimension)))
         self._momenta.append(np.zeros((0, dimension)))
+
+    def kept(self) -> dict[str, Array]:
+        """Everything that is kept so far, by name, for a checkpoint."""
+        for pieces in self._lists().values():
+            if len(pieces) > 1:
+                pieces[:] = [np.concatenate(pieces)]
+        found = {name: pieces[0] for name, pieces in self._lists().items() if pieces}
+        if self._last is not None:
+            found.update(zip(_LAST, self._last, strict=True))
+        return found
+
+    def restore(self, kept: Mapping[str, Array], *, reported: int) -> None:
+        """Go on behind a checkpoint, with the points that were kept before it."""
+        self._reported = reported
+        for name, pieces in self._lists().items():
+            pieces[:] = [kept[name]] if name in kept else []
+        if _LAST[0] in kept:
+            time, position, momentum = (kept[name] for name in _LAST)
+            self._last = (time, position, momentum)
+            self._is_last_kept = bool(self._times) and bool(self._times[-1][-1] == time[0])
+
+    def _lists(self) -> dict[str, list[Array]]:
+        return {
+            "times": self._times,
+            "positions": self._positions,
+            "momenta": self._momenta,
+            "mesh": self._mesh,
+            "mesh_positions": self._mesh_positions,
+            "mesh_momenta": self._mesh_momenta,
+            "sizes": self._sizes,
+            "velocities": self._velocities,
+        }
 
     def begin(self, time: float, position: Array, momentum: Array) -> None:
         """The start of the run."""

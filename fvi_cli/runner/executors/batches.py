@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
@@ -19,6 +20,9 @@ from fvi_cli.studies.study import (
     refused,
     with_remark_on_thinning,
 )
+
+if TYPE_CHECKING:
+    from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 
 LARGEST_PACK = 32
 """More members side by side are no quicker, and would leave workers without any."""
@@ -65,15 +69,26 @@ def pack_size(experiment: Experiment) -> int:
     return min(members, largest, members_at_a_time(max(experiment.steps), dimension))
 
 
-def execute_batch(batch: tuple[Run, ...]) -> list[FinishedRun]:
+def execute_batch(
+    batch: tuple[Run, ...], checkpoints: CheckpointFolder | None = None
+) -> list[FinishedRun]:
     """Compute every run of a batch and its error, in the order of the batch.
 
     Members of a sweep are integrated together; one that diverges or is refused does not disturb
     the others.
+
+    Parameters
+    ----------
+    batch
+        The runs.
+    checkpoints
+        Where runs that stand alone keep their checkpoints.
     """
     first = batch[0]
     if first.member is None or not isinstance(first.problem, Problem):
-        return [execute(run) for run in batch]
+        if checkpoints is None:
+            return [execute(run) for run in batch]
+        return [execute(run, checkpoints.of(run)) for run in batch]
     members = tuple(run.member for run in batch if run.member is not None)
     references = references_of(members, first.experiment.steps, first.experiment.grading)
     predictions = [prediction_of(run) for run in batch]

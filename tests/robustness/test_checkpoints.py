@@ -1,0 +1,227 @@
+"""A command that is ended in the midst of a long run goes on from its checkpoint."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import signal
+import time
+from pathlib import Path
+
+import h5py
+import pytest
+from commands import started
+from typer.testing import CliRunner
+
+from fvi_cli.cli.app import app
+from fvi_cli.config import load_config
+from fvi_cli.integrator.run import march
+from fvi_cli.integrator.run.unfinished import UnfinishedRun
+from fvi_cli.runner.executors.checkpoints import CheckpointFile, CheckpointFolder
+
+N = 600
+LONG = f"""\
+name: long
+problem:
+  kind: bagley-torvik
+  damping: [{{order: 1.5, coefficient: 1.0}}]
+  forcing: 15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5
+  initial: {{position: 0.0, velocity: 0.0}}
+  final_time: 1.0
+  exact: t**2.5
+method: {{rk: gauss, degree: 2, start: none}}
+ladder: {{steps: [4, {N}]}}
+"""
+FILE = Path("results/long.h5")
+PARTS = Path("results/long.parts")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(march, "CHUNK", 64)
+    (tmp_path / "long.yaml").write_text(LONG)
+    return tmp_path
+
+
+def fvi(*arguments, code=0):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, result.output
+    assert "Traceback" not in result.output
+    return result
+
+
+def run(*options, code=0):
+    return fvi("run", "long.yaml", "--checkpoint-every", "0", *options, code=code)
+
+
+def digests(path=FILE):
+    with h5py.File(path, "r") as file:
+        runs = file["long/gauss-s2-none"]
+        return {name: one.attrs["data_sha256"] for name, one in runs.items() if name[0] == "n"}
+
+
+def interrupt_after(monkeypatch, count):
+    """A Ctrl-C when so many checkpoints have been written."""
+    real, written = CheckpointFile.save, []
+
+    def save(self, unfinished):
+        real(self, unfinished)
+        written.append(unfinished.checkpoint.reported)
+        if len(written) == count:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(CheckpointFile, "save", save)
+    return written
+
+
+@pytest.mark.parametrize("options", [(), ("--set", "store={every: 7}")])
+def test_the_same_command_goes_on_after_two_interruptions(monkeypatch, options):
+    run("-o", "straight", *options)
+    with monkeypatch.context() as patch:
+        assert interrupt_after(patch, 3)[-1:] == []
+        run(*options, code=130)
+    (checkpoint,) = PARTS.glob("*.checkpoint")
+    planned = fvi("run", "long.yaml", "--dry-run", *options).stdout
+    assert f"resume at step 192 of {N}" in planned
+    with monkeypatch.context() as patch:
+        written = interrupt_after(patch, 2)
+        again = run(*options, code=130)
+    assert f"resume at step 192 of {N}" in again.stderr
+    assert written == [256, 320]
+    rest = run(*options)
+    assert f"resume at step 320 of {N}" in rest.stderr
+    assert digests() == digests(Path("straight/long.h5"))
+    assert not checkpoint.exists()
+    assert sorted(p.name for p in FILE.parent.iterdir()) == [".long.h5.lock", "long.h5"]
+
+
+def test_fresh_begins_at_the_start(monkeypatch):
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, 3)
+        run(code=130)
+    assert "resume" not in fvi("run", "long.yaml", "--dry-run", "--fresh").stdout
+    with monkeypatch.context() as patch:
+        written = interrupt_after(patch, 1)
+        assert "resume" not in run("--fresh", code=130).stderr
+    assert written == [64]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (lambda content: content[: len(content) // 2], "it is damaged"),
+        (lambda content: b"", "it is damaged"),
+        (lambda content: content.replace(b"kept_positions", b"kept_positionz"), "it is damaged"),
+        (None, "it belongs to another run, or to another version of the solver"),
+    ],
+)
+def test_what_cannot_be_believed_is_ignored_with_a_line(monkeypatch, spoil, reason):
+    run("-o", "straight")
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, 3)
+        run(code=130)
+    (path,) = PARTS.glob("*.checkpoint")
+    if spoil is None:
+        other = ("--set", "store={every: 3}")
+        with monkeypatch.context() as patch:
+            interrupt_after(patch, 3)
+            run(*other, code=130)
+        (foreign,) = set(PARTS.glob("*.checkpoint")) - {path}
+        foreign.replace(path)
+    else:
+        path.write_bytes(spoil(path.read_bytes()))
+    assert "resume" not in fvi("run", "long.yaml", "--dry-run").stdout
+    told = run().stderr.splitlines()
+    (line,) = [line for line in told if "is ignored" in line]
+    assert line.startswith(f"long gauss-s2-none N={N}: checkpoint {path} is ignored: {reason}")
+    assert digests() == digests(Path("straight/long.h5"))
+    assert not PARTS.exists()
+
+
+def test_a_full_disk_is_told_once_and_the_run_goes_on(monkeypatch):
+    def write(self, stream, label):
+        raise OSError(errno.ENOSPC, "full")
+
+    monkeypatch.setattr(UnfinishedRun, "write", write)
+    told = [line for line in run().stderr.splitlines() if "cannot be written" in line]
+    assert len(told) == 1
+    assert "No space left on device; the run goes on without a new checkpoint" in told[0]
+    assert set(digests()) == {"n000004", f"n{N:06d}"}
+    assert not PARTS.exists()
+
+
+def test_a_checkpoint_is_kept_while_it_is_not_due(monkeypatch, folder):
+    (*_, last) = load_config(Path("long.yaml")).experiments[0].runs()
+    clock = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    one = CheckpointFolder(folder=folder, seconds=60.0).of(last)
+    assert not one.is_due()
+    clock[0] = 59.0
+    assert not one.is_due()
+    clock[0] = 60.0
+    assert one.is_due()
+
+
+def test_checkpoints_that_are_long_to_write_are_rare(monkeypatch, folder):
+    (*_, last) = load_config(Path("long.yaml")).experiments[0].runs()
+    clock = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+
+    def write(self, stream, label):
+        clock[0] += 10.0
+
+    monkeypatch.setattr(UnfinishedRun, "write", write)
+    one = CheckpointFolder(folder=folder, seconds=60.0).of(last)
+    one.save(UnfinishedRun.__new__(UnfinishedRun))
+    clock[0] += 199.0
+    assert not one.is_due()
+    clock[0] += 1.0
+    assert one.is_due()
+
+
+@pytest.mark.parametrize("seconds", ["-1", "nan"])
+def test_a_time_between_checkpoints_is_no_negative_number(seconds):
+    told = fvi("run", "long.yaml", "--checkpoint-every", seconds, code=2)
+    assert f"--checkpoint-every: {seconds} is not allowed" in told.stderr
+
+
+def test_a_stored_run_leaves_no_checkpoint_behind(monkeypatch):
+    """As after a kill between the writing of the run and the removal of its checkpoint."""
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, 3)
+        run(code=130)
+    (path,) = PARTS.glob("*.checkpoint")
+    content = path.read_bytes()
+    run()
+    PARTS.mkdir()
+    path.write_bytes(content)
+    run()
+    assert not PARTS.exists()
+
+
+SLOW = LONG.replace(f"[4, {N}]", "[4, 1000000]") + "store: {every: 1000}\n"
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("options", [(), ("--workers", "2")])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_the_same_command_goes_on_after_a_signal(folder, monkeypatch, number, options):
+    monkeypatch.undo()
+    monkeypatch.chdir(folder)
+    (folder / "long.yaml").write_text(SLOW)
+    command = ("run", "long.yaml", "--checkpoint-every", "0", *options)
+    with started(folder, *command) as process:
+        until = time.monotonic() + 100
+        while not list(PARTS.glob("*.checkpoint")):
+            assert process.poll() is None, process.stderr.read()
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        process.send_signal(number)
+        process.communicate(timeout=60)
+    logging.getLogger("fvi_cli").handlers.clear()
+    rest = fvi("run", "long.yaml")
+    assert "N=1000000: resume at step " in rest.stderr
+    fvi("run", "long.yaml", "-o", "straight")
+    assert digests() == digests(Path("straight/long.h5"))
+    assert not PARTS.exists()
