@@ -75,7 +75,7 @@ class RunSteps:
         basis = lobatto_basis(self.tables.degree).values(tau)[1:]
         way = np.einsum("sk,ksd->kd", basis, self.unknowns[steps])
         found = self.position[steps] + self.step_size[steps, None] * way
-        return np.asarray(found.reshape(*shape, -1))
+        return np.asarray(found.reshape(*shape, self.position.shape[1]))
 
     def velocity_at(self, time: ArrayLike) -> Array:
         """Velocity at any times of the run, shape ``(...)`` to ``(..., d)``.
@@ -88,7 +88,7 @@ class RunSteps:
         steps, tau, shape = self._located(time)
         slopes = lobatto_basis(self.tables.degree).derivatives(tau)[1:]
         found = np.einsum("sk,ksd->kd", slopes, self.unknowns[steps])
-        return np.asarray(found.reshape(*shape, -1))
+        return np.asarray(found.reshape(*shape, self.position.shape[1]))
 
     def _located(self, time: ArrayLike) -> tuple[NDArray[np.intp], Array, tuple[int, ...]]:
         """Step and place in it of every time."""
