@@ -31,7 +31,7 @@ from fvi_cli.config.memory import (
 from fvi_cli.config.problem import break_points, make_problem
 from fvi_cli.effects.diagnostics_request import NOTHING
 from fvi_cli.integrator.break_points import TOLERANCE
-from fvi_cli.integrator.method import Baseline
+from fvi_cli.integrator.method import Baseline, Method, takes_any_mesh
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
@@ -76,7 +76,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
     ends = () if problem is None else (*break_points(described), problem.final_time)
     check_grading(grading, steps, methods, ends, at)
     if is_described and grading == 1.0:
-        _check_break_points(described, steps, at)
+        _check_break_points(described, problem, methods, steps, at)
     for key in ("expect", "claims"):
         _check_cases(values[key], methods, at.under(key))
     accuracy, diagnostics, members = None, NOTHING, None
@@ -134,7 +134,7 @@ def _make_members(
 
     def check(specification: Mapping[str, Any], problem: AnyProblem, at: Cursor) -> None:
         if grading == 1.0:
-            _check_break_points(specification, steps, at)
+            _check_break_points(specification, problem, methods, steps, at)
         ends = (*break_points(specification), problem.final_time)
         check_grading(grading, steps, methods, ends, at)
         _check_meeting(problem, methods, at)
@@ -142,12 +142,32 @@ def _make_members(
     return make_members(template, at, check)
 
 
-def _check_break_points(problem: Mapping[str, Any], steps: tuple[int, ...], at: Cursor) -> None:
-    """Every jump of the forcing must lie on the grid of every number of steps."""
-    ends = break_points(problem)
+def _check_break_points(
+    described: Mapping[str, Any],
+    problem: AnyProblem | None,
+    methods: Sequence[ListedMethod],
+    steps: tuple[int, ...],
+    at: Cursor,
+) -> None:
+    """Every jump of the forcing must lie on the grid of every number of steps.
+
+    Methods that take any mesh have points of their own there, and need steps on either side only;
+    a refined run, which is what errors are measured against where no exact solution is known, has
+    equal steps.
+    """
+    ends = break_points(described)
     if not ends:
         return
-    parts = [until / problem["final_time"] for until in ends]
+    if _have_own_points(problem, methods):
+        for index, n_steps in enumerate(steps):
+            if n_steps <= len(ends):
+                refuse_step(
+                    at,
+                    index,
+                    f"{n_steps} steps are too few for {len(ends) + 1} parts between break points",
+                )
+        return
+    parts = [until / described["final_time"] for until in ends]
     divisor = math.lcm(
         *(Fraction(part).limit_denominator(_LARGEST_DENOMINATOR).denominator for part in parts)
     )
@@ -170,6 +190,15 @@ def _check_break_points(problem: Mapping[str, Any], steps: tuple[int, ...], at: 
             index,
             f"{n_steps} steps put the break point t = {between[0]:g} between two steps; {hint}",
         )
+
+
+def _have_own_points(problem: AnyProblem | None, methods: Sequence[ListedMethod]) -> bool:
+    """Whether break points are mesh points of their own in all that is done with a ladder."""
+    return (
+        problem is not None
+        and problem.exact is not None
+        and all(isinstance(m.method, Method) and takes_any_mesh(m.method) for m in methods)
+    )
 
 
 def _misses(part: float, n_steps: int) -> bool:

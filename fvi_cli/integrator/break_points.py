@@ -35,12 +35,16 @@ def steps_at_break_points(scene: Scene, n_steps: int) -> tuple[int, ...]:
 def nearest_fitting(scene: Scene, n_steps: int, *, limit: int = 2**20) -> tuple[int, int]:
     """The nearest step counts below and above that put every break point on the grid (0: none)."""
     return (
-        next((n for n in range(n_steps, max(0, n_steps - limit), -1) if _fits(scene, n)), 0),
-        next((n for n in range(n_steps, n_steps + limit) if _fits(scene, n)), 0),
+        next(
+            (n for n in range(n_steps, max(0, n_steps - limit), -1) if fits_break_points(scene, n)),
+            0,
+        ),
+        next((n for n in range(n_steps, n_steps + limit) if fits_break_points(scene, n)), 0),
     )
 
 
-def _fits(scene: Scene, n_steps: int) -> bool:
+def fits_break_points(scene: Scene, n_steps: int) -> bool:
+    """Whether all break points lie on the grid of N equal steps."""
     places = [t / scene.final_time * n_steps for t in scene.break_points]
     return all(
         math.isclose(p, round(p), rel_tol=0, abs_tol=TOLERANCE * max(1.0, p)) for p in places

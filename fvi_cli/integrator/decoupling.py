@@ -42,6 +42,11 @@ class Decoupling:
         return 1 if self.modes is None else int(self.mass.shape[0])
 
     @property
+    def has_modes(self) -> bool:
+        """Whether the systems are modes, and no components as they stand."""
+        return self.modes is not None and self.modes.ndim == 2
+
+    @property
     def extents(self) -> Array:
         """How large a coordinate of each system can be where no position exceeds 1, ``(q,)``."""
         if self.modes is None:

@@ -34,10 +34,17 @@ class GrowthBound:
         largest force; infinite for a scene that nothing moves.
     rate
         The growth of the exact linear scene and a quarter more; 0 for a nonlinear one.
+    per_force
+        What a unit of the largest force adds to C.
     """
 
     size: float
     rate: float
+    per_force: float = 0.0
+
+    def with_force(self, force: float) -> GrowthBound:
+        """The bound where the force is found to be so large: a pulse may be missed beforehand."""
+        return replace(self, size=self.size + self.per_force * force)
 
     def at(self, time: Array) -> Array:
         """The bound at each time."""
@@ -83,8 +90,8 @@ def _bound(
 ) -> GrowthBound:
     final_time = scene.final_time
     way = final_time * np.abs(velocity).max()
-    moved = final_time**2 * force * float(np.linalg.norm(np.linalg.inv(scene.inertia.mass), 2))
-    scale = float(np.abs(position).max() + way + moved)
+    per_force = final_time**2 * float(np.linalg.norm(np.linalg.inv(scene.inertia.mass), 2))
+    scale = float(np.abs(position).max() + way + per_force * force)
     rate = 0.0
     if scene.is_linear:
         parts = independent_systems(scene)
@@ -92,7 +99,11 @@ def _bound(
         rate = max(exact_growth(part, final_time, step_size) for part in parts)
         rate *= 1.0 + RESOLVED
     size = TOLERATED_FACTOR * scale
-    return GrowthBound(size=size if 0 < size < math.inf else math.inf, rate=rate)
+    return GrowthBound(
+        size=size if 0 < size < math.inf else math.inf,
+        rate=rate,
+        per_force=TOLERATED_FACTOR * per_force,
+    )
 
 
 def first_outside(

@@ -26,7 +26,9 @@ from fvi_cli.integrator.known_part import (
     window_rule,
 )
 from fvi_cli.integrator.memory import ChannelSource, build_memory
-from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.mesh import Mesh
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method, takes_any_mesh
 from fvi_cli.integrator.moments import (
     StepFunction,
     exact_moments,
@@ -34,6 +36,7 @@ from fvi_cli.integrator.moments import (
     projected_moments,
 )
 from fvi_cli.integrator.motion import Motion
+from fvi_cli.integrator.run.loop import no_unique_solution
 from fvi_cli.integrator.run.runge_kutta import AnySteps, integrate_runge_kutta
 from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.integrator.step_increments import run_with_increments
@@ -86,20 +89,23 @@ def integrate(
     ------
     ValueError
         If N or `every` is not a positive integer, a break point of the forcing lies between two
-        steps, or the method is not made for a general Lagrangian or for diagnostics.
+        steps of a method that takes equal ones only, or the method is not made for a general
+        Lagrangian or for diagnostics.
     """
-    check_counts(n_steps if isinstance(n_steps, int | np.integer) else 1, every)
+    is_given = isinstance(n_steps, Mesh | AdaptiveSteps)
+    check_counts(1 if is_given else n_steps, every)
+    steps = n_steps if isinstance(n_steps, Mesh | AdaptiveSteps) else int(n_steps)
     if isinstance(method, Method) and takes_any_mesh(method):
         return integrate_runge_kutta(
             scene,
             method,
-            int(n_steps) if isinstance(n_steps, int | np.integer) else n_steps,
+            steps,
             every=every,
             diagnostics=diagnostics,
             with_steps=with_steps,
             checkpoints=checkpoints,
         )
-    if not isinstance(n_steps, int | np.integer):
+    if not isinstance(steps, int):
         raise ValueError(
             f"mesh: {method.case} takes equal steps only; give a number, or take a Gauss method "
             "with start: none"
@@ -112,9 +118,9 @@ def integrate(
     if not diagnostics.is_empty and not can_be_diagnosed(method):
         raise ValueError(f"diagnostics: {method.case} keeps no increments of its steps")
     try:
-        return thinned(_integrate(scene, method, int(n_steps), diagnostics), every)
+        return thinned(_integrate(scene, method, steps, diagnostics), every)
     except np.linalg.LinAlgError:
-        return _without_steps(scene, int(n_steps))
+        return _without_steps(scene, steps)
 
 
 def _without_steps(scene: Scene, n_steps: int) -> Trajectory:
@@ -132,21 +138,11 @@ def _without_steps(scene: Scene, n_steps: int) -> Trajectory:
         n_steps=n_steps,
         step_size=h,
         status="failed",
-        message=f"the equations of a step of length {h:.6g} have no unique solution; take "
-        "another number of steps",
+        message=no_unique_solution(h),
     )
 
 
-def takes_any_mesh(method: Method) -> bool:
-    """Whether a method's steps may have any size: its past is a sum of exponentials."""
-    return (
-        method.is_runge_kutta
-        and method.start in ("none", "graded")
-        and method.history in ("auto", "exponentials")
-    )
-
-
-def check_counts(n_steps: int, every: int) -> None:
+def check_counts(n_steps: object, every: object) -> None:
     """Refuse numbers of steps and of points that are no positive integers.
 
     Raises
@@ -156,7 +152,10 @@ def check_counts(n_steps: int, every: int) -> None:
     """
     for name, value in (("n_steps", n_steps), ("every", every)):
         if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
-            raise ValueError(f"{name}: {value!r} is not allowed; it must be an integer >= 1")
+            others = ", a Mesh or AdaptiveSteps" if name == "n_steps" else ""
+            raise ValueError(
+                f"{name}: {value!r} is not allowed; it must be an integer >= 1{others}"
+            )
 
 
 def can_be_diagnosed(method: AnyMethod) -> bool:

@@ -21,6 +21,7 @@ from fvi_cli.integrator.block_linear import (
     stepped_scene,
 )
 from fvi_cli.integrator.block_response import LinearSystem
+from fvi_cli.integrator.break_points import fits_break_points
 from fvi_cli.integrator.decoupling import Decoupling, decouple
 from fvi_cli.integrator.engine import LEAST_BLOCK_STEPS
 from fvi_cli.integrator.growth_bound import GrowthBound, cut_at_bound, growth_bound
@@ -34,7 +35,7 @@ from fvi_cli.integrator.integrate import (
 from fvi_cli.integrator.joined_start import plan_members
 from fvi_cli.integrator.known_part import NO_SERIES, KnownTable, SeriesPlan
 from fvi_cli.integrator.memory import shared_channels
-from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.method import AnyMethod, Method, takes_any_mesh
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 
 Array = NDArray[np.float64]
@@ -48,7 +49,8 @@ def integrate_members(
     Linear scenes of the same number of degrees of freedom, orders of damping, kind of derivative
     and final time share all weights, and their steps are done side by side, without a loop over
     scenes. The others, and all of them with ``start: weights`` or ``graded``, ``history: direct``
-    or ``exponentials``, or on very few steps, are integrated one by one.
+    or ``exponentials``, on very few steps, or with break points between two steps, are integrated
+    one by one.
 
     Parameters
     ----------
@@ -110,6 +112,9 @@ def goes_together(scene: Scene, method: AnyMethod, n_steps: int) -> bool:
     if method.history not in ("auto", "fft") or method.start == "graded":
         return False
     if method.history == "auto" and n_steps < LEAST_BLOCK_STEPS:
+        return False
+    if takes_any_mesh(method) and not fits_break_points(scene, n_steps):
+        # a batch takes equal steps
         return False
     return method.start != "weights" or not scene.active_damping
 

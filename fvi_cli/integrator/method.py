@@ -322,3 +322,12 @@ def method_columns(method: AnyMethod) -> dict[str, str]:
         "quadrature": method.rule.label,
         "start": method.start,
     }
+
+
+def takes_any_mesh(method: Method) -> bool:
+    """Whether a method's steps may have any size: its past is a sum of exponentials."""
+    return (
+        method.is_runge_kutta
+        and method.start in ("none", "graded")
+        and method.history in ("auto", "exponentials")
+    )

@@ -13,17 +13,16 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP, newton_block
 from fvi_cli.integrator.block_sizes import batch_sizes
 from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.engine import Route, choose_route, scene_decoupling, sums_directly
-from fvi_cli.integrator.integrate import takes_any_mesh
+from fvi_cli.integrator.engine import Route, choose_route, sums_directly
 from fvi_cli.integrator.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.known_part import NO_SERIES, plan_series, settled_method
 from fvi_cli.integrator.large_linear import GROUP as LARGE_GROUP
 from fvi_cli.integrator.members import goes_together
-from fvi_cli.integrator.memory import terms_by_direction
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh
-from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method, takes_any_mesh
 from fvi_cli.integrator.run.runge_kutta import plan_runge_kutta
 from fvi_cli.integrator.stepped_history import STEPPED_GROUP
+from fvi_cli.planning.batches import fit_together, systems_of
 from fvi_cli.planning.history_work import (
     Shape,
     baseline_operations,
@@ -37,6 +36,7 @@ from fvi_cli.planning.history_work import (
 from fvi_cli.planning.plan_memory import Sizes, peak_bytes
 from fvi_cli.planning.plan_seconds import machine_speed, predicted_seconds
 from fvi_cli.planning.plan_words import (
+    effects_of_scene,
     forcing_in_words,
     history_in_words,
     series_in_words,
@@ -104,18 +104,6 @@ class Plan:
             f"time: about {self.seconds:.2g} s",
             *(f"remark: {remark}" for remark in self.remarks),
         ]
-
-
-def effects_of_scene(scene: Scene) -> tuple[str, ...]:
-    """Names of what is simulated."""
-    inertia = "inertia" if scene.lagrangian is None else "general Lagrangian"
-    effects = [f"{inertia} ({scene.dimension} dof)"]
-    if scene.potential is not None:
-        effects.append("linear potential" if scene.is_linear else "nonlinear potential")
-    effects += [f"damping of order {term.order:g}" for term in scene.active_damping]
-    if scene.forcing is not None:
-        effects.append("sampled forcing" if scene.forcing.samples else "forcing")
-    return tuple(effects)
 
 
 def plan_run(
@@ -266,14 +254,15 @@ def _machinery(
     channels = channel_shapes(method, n_steps + 1, scene.active_damping)
     shape = Shape(channels=channels, samples=samples, coupled=scene.dimension)
     ends = int(method.sampling == "nodes" and bool(shape.channels))
-    if takes_any_mesh(method):
+    together = members > 1 and goes_together(scene, method, n_steps)
+    if takes_any_mesh(method) and not (together and fit_together(scene, shape, n_steps, members)):
         steps: int | Mesh = n_steps
         if grading != 1.0:
             steps = graded_mesh(scene.final_time, n_steps, grading, scene.break_points)
         return _any_mesh(scene, method, steps, shape)
     decoupling = None
     if not sums_directly(method.history, n_steps):
-        decoupling = _decoupling(scene)
+        decoupling = systems_of(scene)
     damped = bool(shape.channels)
     route = choose_route(scene, method.history, n_steps, shape.samples, decoupling, damped=damped)
     whole = f"Newton's iteration with the exact Jacobian, {n_steps} single steps"
@@ -281,8 +270,8 @@ def _machinery(
     if diagnosed and (route == "large steps" or scene.lagrangian is not None):
         route = "stepped" if damped else "direct steps"
     if route == "linear blocks" and decoupling is not None:
-        together = members if goes_together(scene, method, n_steps) else 1
-        return _linear_blocks(scene, n_steps, shape, decoupling, ends, together)
+        count = members if together else 1
+        return _linear_blocks(scene, n_steps, shape, decoupling, ends, count)
     if route == "newton blocks":
         largest = newton_block(scene, shape.samples, n_steps) or 1
         group = largest * BLOCKS_PER_GROUP
@@ -320,27 +309,19 @@ def _machinery(
     )
 
 
-@functools.lru_cache(maxsize=8)
-def _decoupling(scene: Scene) -> Decoupling | None:
-    """Made once for all runs of a scene: modes of many components take their time."""
-    directions = [direction for direction, _ in terms_by_direction(scene.active_damping)]
-    return scene_decoupling(scene, directions)
-
-
 def _linear_blocks(
     scene: Scene, n_steps: int, shape: Shape, decoupling: Decoupling, ends: int, members: int
 ) -> _Machinery:
     coupled = scene.dimension // decoupling.batch
-    chosen = batch_sizes(shape.samples, coupled, members * decoupling.batch, n_steps)
-    if chosen is None:
+    if not fit_together(scene, shape, n_steps, members):
         # together they are too large: one by one
         members = 1
-        chosen = batch_sizes(shape.samples, coupled, decoupling.batch, n_steps)
+    chosen = batch_sizes(shape.samples, coupled, members * decoupling.batch, n_steps)
     if chosen is None:  # pragma: no cover - the route says so
         raise ValueError("route: these blocks are too large")
     _, sizes = chosen
     shape = replace(shape, coupled=coupled, batch=decoupling.batch)
-    systems = systems_in_words(shape, decoupling) + (
+    systems = systems_in_words(shape, has_modes=decoupling.has_modes) + (
         f", {members} members together" * (members > 1)
     )
     return _Machinery(
@@ -373,11 +354,10 @@ def _any_mesh(scene: Scene, method: Method, mesh: int | Mesh, shape: Shape) -> _
     history = history_in_words(shape, 1)
     if plan.n_states:
         history = f"{plan.n_states} exponentials in place of the past"
-    systems = f"{plan.systems} systems of {plan.coupled} component side by side"
     return _Machinery(
         route="any mesh",
         shape=shape,
-        steps=", ".join([*words, *([systems] if plan.systems > 1 else [])]),
+        steps=", ".join([*words, systems_in_words(shape, has_modes=plan.has_modes)]),
         history=history,
         operations=plan.operations,
         n_states=plan.n_states,

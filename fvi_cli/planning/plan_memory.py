@@ -261,6 +261,7 @@ def _any_mesh(sizes: Sizes) -> float:
         dense += (states + 2) * e * ((states + 2) * e + block * (2 * m + 2 + rows) * e)
     elif not sizes.scene.is_linear:
         dense += 3 * (block * m * d) ** 2
-    if sizes.diagnosed:
-        kept += (4 + 3 * d + 4 * m * d + 8 * (rows + 1) * d) * sizes.n_mesh_steps
-    return max(kept + chunk, dense) + tables + min(dense, kept + chunk)
+    stepping = kept + chunk + dense + tables
+    # diagnostics are made of all stages, when the matrices of the blocks are gone
+    diagnosing = kept + (12 + (6 + 5 * m) * d) * sizes.n_mesh_steps
+    return max(stepping, diagnosing) if sizes.diagnosed else stepping

@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.known_part import SeriesPlan
 from fvi_cli.integrator.method import Method
 from fvi_cli.planning.history_work import Shape
 
 
-def systems_in_words(shape: Shape, decoupling: Decoupling) -> str:
+def effects_of_scene(scene: Scene) -> tuple[str, ...]:
+    """Names of what is simulated."""
+    inertia = "inertia" if scene.lagrangian is None else "general Lagrangian"
+    effects = [f"{inertia} ({scene.dimension} dof)"]
+    if scene.potential is not None:
+        effects.append("linear potential" if scene.is_linear else "nonlinear potential")
+    effects += [f"damping of order {term.order:g}" for term in scene.active_damping]
+    if scene.forcing is not None:
+        effects.append("sampled forcing" if scene.forcing.samples else "forcing")
+    return tuple(effects)
+
+
+def systems_in_words(shape: Shape, *, has_modes: bool) -> str:
     """How many systems there are, and what they are."""
     if shape.batch == 1:
         return "one system" if shape.coupled == 1 else f"{shape.coupled} coupled components"
-    kind = "modes" if decoupling.modes is not None and decoupling.modes.ndim == 2 else "components"
+    kind = "modes" if has_modes else "components"
     return f"{shape.batch} uncoupled {kind} side by side"
 
 

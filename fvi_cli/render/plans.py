@@ -125,6 +125,6 @@ def effects_of(problem: AnyProblem) -> list[str]:
     """Names of what is simulated; what is absent costs nothing."""
     if isinstance(problem, DerivativeProblem):
         return [f"derivative of order {problem.order:g}"]
-    from fvi_cli.planning.plan import effects_of_scene
+    from fvi_cli.planning.plan_words import effects_of_scene
 
     return list(effects_of_scene(problem.scene))

@@ -12,7 +12,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import integrate as engine
 from fvi_cli.integrator import members, stability
 from fvi_cli.integrator.diagnostics import NOTHING, Asked
-from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.method import AnyMethod, Method, takes_any_mesh
 from fvi_cli.integrator.run import parts
 from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.run.parts import Part
@@ -104,7 +104,7 @@ def integrate_part(
         outside of its range.
     """
     chosen = _method(method)
-    if not isinstance(chosen, Method) or not engine.takes_any_mesh(chosen):
+    if not isinstance(chosen, Method) or not takes_any_mesh(chosen):
         raise ValueError(
             f"method: {chosen.case} does not stop in the midst; take a Runge-Kutta method with "
             "start: none or graded"

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
-from fvi_cli.integrator import diagnostics as module
 from fvi_cli.integrator import integrate as integrating
 from fvi_cli.integrator import step_increments as increments_module
 from fvi_cli.integrator.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.integrator.run import runge_kutta as on_mesh
+from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.scenes.samples import samples_as_text
 
@@ -270,15 +271,24 @@ def test_symmetries_are_told_from_other_motions():
 
 def test_only_what_is_asked_for_is_computed(monkeypatch):
     calls = []
-    monkeypatch.setattr(integrating, "diagnose", lambda *a: calls.append(a) or module.diagnose(*a))
+
+    def count(owner, name):
+        original = getattr(owner, name)
+        monkeypatch.setattr(owner, name, lambda *a, **k: calls.append(name) or original(*a, **k))
+
+    count(integrating, "diagnose")
+    count(on_mesh, "diagnose_run")
+    count(RunSteps, "__init__")
     scene = kepler(0.05)
-    assert integrate(scene, GAUSS2, 64).diagnostics is None
-    assert integrate(scene, GAUSS2, 64, diagnostics=NOTHING).diagnostics is None
-    assert not calls
-    found = integrate(scene, GAUSS2, 64, diagnostics=Asked(symmetries=(TURN,))).diagnostics
-    assert len(calls) == 1
-    assert found.energy_defect is None
-    assert found.map_names == ("angular",)
+    for method, made in ((GAUSS2, ["__init__", "diagnose_run"]), (POINTS, ["diagnose"])):
+        calls.clear()
+        assert integrate(scene, method, 64).diagnostics is None
+        assert integrate(scene, method, 64, diagnostics=NOTHING).diagnostics is None
+        assert not calls
+        found = integrate(scene, method, 64, diagnostics=Asked(symmetries=(TURN,))).diagnostics
+        assert calls == made
+        assert found.energy_defect is None
+        assert found.map_names == ("angular",)
 
 
 def test_asking_changes_the_motion_by_round_off_only_and_is_thinned_with_it():
@@ -293,10 +303,24 @@ def test_asking_changes_the_motion_by_round_off_only_and_is_thinned_with_it():
 
 def test_methods_without_increments_are_refused():
     asked = Asked(energy_balance=True)
-    exponentials = Method(cq="gauss", degree=2, history="exponentials")
-    for method in (Baseline(name="implicit-euler"), exponentials):
-        with pytest.raises(ValueError, match="keeps no increments"):
-            integrate(oscillator(0.5), method, 16, diagnostics=asked)
+    with pytest.raises(ValueError, match="keeps no increments"):
+        integrate(oscillator(0.5), Baseline(name="implicit-euler"), 16, diagnostics=asked)
+
+
+def test_states_for_the_past_have_the_works_of_sums_over_it():
+    asked = Asked(energy_balance=True)
+    free, direct = (
+        integrate(
+            oscillator(0.5),
+            Method(cq="gauss", degree=2, history=history),
+            64,
+            diagnostics=asked,
+        ).diagnostics
+        for history in ("exponentials", "direct")
+    )
+    assert np.abs(free.dissipated_work - direct.dissipated_work).max() < 1e-13
+    assert direct.dissipated_work[-1] > 1e-2
+    assert np.abs(free.energy_defect).max() < 1e-13
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from unittest.mock import patch
@@ -10,15 +11,17 @@ import numpy as np
 import pytest
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import joined_start as joined_module
 from fvi_cli.integrator import members as members_module
 from fvi_cli.integrator import start as start_module
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.members import companions, integrate_members
+from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 
 TOLERANCE = 1e-12
@@ -352,6 +355,57 @@ def test_steps_without_a_solution_fail_alone(history: str) -> None:
     assert difference(first, integrate(scenes[0], method, 32)) <= TOLERANCE
     # a little longer steps have a solution
     assert integrate(scenes[1], method, 31).status != "failed"
+
+
+@pytest.mark.parametrize("n_steps", [3, 32, 33])
+def test_singular_steps_end_a_run_wherever_they_begin(n_steps: int) -> None:
+    """On a mesh of its own, singly and in blocks: what was done before them is kept."""
+    scene = linear_oscillator(stiffness=-64.0, final_time=1.0 + 0.25 * n_steps, initial_position=1)
+    mesh = Mesh(
+        stretches=(
+            Stretch(begin=0.0, end=1.0, n_steps=10, step_size=0.1),
+            Stretch(begin=1.0, end=scene.final_time, n_steps=n_steps, step_size=0.25),
+        )
+    )
+    run = integrate(scene, Method(cq="gauss", degree=1), mesh)
+    assert run.status == "failed"
+    assert "the equations of a step of length 0.25 have no unique solution" in run.message
+    assert run.time == pytest.approx(0.1 * np.arange(11))
+    assert run.energy is not None
+    assert run.energy.size == 11
+
+
+def test_a_singular_frozen_response_is_no_failure() -> None:
+    """A pendulum that begins upside down: its linear scene there has no unique step, it has."""
+    swing = pendulum(final_time=128.0, initial_position=math.pi, initial_velocity=1e-3)
+    run = integrate(swing, Method(cq="gauss", degree=1), 64)
+    assert run.status in ("ok", "failed")
+    assert "unique" not in run.message
+
+
+@pytest.mark.parametrize(
+    ("start", "n_steps", "count"), [("none", 64, 3), ("none", 65, 1), ("graded", 64, 1)]
+)
+def test_a_batch_takes_equal_steps(start: str, n_steps: int, count: int) -> None:
+    """What has a mesh of its own is done alone, and gives what it gives alone."""
+    pieces = tuple(
+        ForcingPiece(components=(Expression.parse(text, variables=("t",)),), until=until)
+        for text, until in (("1", 2.0), ("0", math.inf))
+    )
+    scenes = [
+        linear_oscillator(
+            final_time=4.0,
+            stiffness=stiffness,
+            damping=[FractionalDamping(order=0.5, coefficient=0.3)],
+            forcing=Forcing(pieces=pieces),
+            initial_position=1.0,
+        )
+        for stiffness in (1.0, 2.0, 3.0)
+    ]
+    method = Method(cq="gauss", degree=2, start=start)  # type: ignore[arg-type]
+    assert companions(scenes, method, n_steps) == [count] * 3
+    for scene, run in zip(scenes, integrate_members(scenes, method, n_steps), strict=True):
+        assert difference(run, integrate(scene, method, n_steps)) <= TOLERANCE
 
 
 def test_a_baseline_step_without_a_solution() -> None:

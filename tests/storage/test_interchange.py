@@ -35,7 +35,7 @@ experiments:
     store: {{diagnostics: [energy-balance]}}
   - name: thinned
     {OSCILLATOR.strip()}
-    method: {{rk: gauss, degree: 2, history: exponentials}}
+    method: {{rk: gauss, degree: 2, start: none, history: exponentials}}
     store: {{every: 2}}
   - name: not-finished
     {OSCILLATOR.strip()}

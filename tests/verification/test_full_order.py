@@ -14,6 +14,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.planning.expected_order import expected_order
@@ -293,15 +294,58 @@ def test_a_jump_of_the_force_on_a_pendulum(gamma: float, degree: int) -> None:
     if degree > 2 or gamma > 1:
         # the control: without the series at the break
         assert errors_of["none"][-1] > 10 * errors_of["series"][-1]
-        free = Method(cq="gauss", degree=degree, start="series", history="exponentials")
-        same = integrate(scene, free, ladder[0]).position
-        other = integrate(scene, replace(free, history="direct"), ladder[0]).position
-        assert np.abs(same - other).max() < 1e-12
+    # the control: the same steps with sums over the past written out
+    free = Method(cq="gauss", degree=degree, history="exponentials")
+    same = integrate(scene, free, ladder[0]).position
+    other = integrate(scene, replace(free, history="direct"), ladder[0]).position
+    assert np.abs(same - other).max() < 1e-12
 
 
-def test_a_break_point_between_steps_is_refused_with_what_fits() -> None:
+@pytest.mark.parametrize(
+    "method",
+    [
+        Method(cq="gauss", degree=2, start="series"),
+        Method(cq="gauss", degree=2, history="fft"),
+        Method(cq="bdf3", degree=2),
+    ],
+    ids=lambda method: method.case,
+)
+def test_a_break_point_between_equal_steps_is_refused_with_what_fits(method: Method) -> None:
     with pytest.raises(ValueError, match=r"break point t = 1 .* 50 and 100"):
-        integrate(step_forced(), Method(cq="gauss", degree=2), 60)
+        integrate(step_forced(), method, 60)
+
+
+@pytest.mark.parametrize("together", [False, True])
+def test_a_break_point_is_a_mesh_point_of_its_own(*, together: bool) -> None:
+    """Order 4 - gamma behind the jump at t = 1 on meshes whose equal steps would miss it."""
+    scene, method = step_forced(), Method(cq="gauss", degree=3)
+    exact = match_scene(scene)
+    assert exact is not None
+    errors = []
+    for n_steps in (260, 1040):
+        if together:
+            run, _ = integrate_members([scene, scene], method, n_steps)
+        else:
+            run = integrate(scene, method, n_steps)
+        assert run.time.size == n_steps + 1
+        assert 1.0 in run.time
+        assert np.abs(np.arange(n_steps + 1) * 50 / n_steps - 1.0).min() > 1e-3
+        errors.append(np.abs(run.position - exact.position(run.time)).max())
+    assert np.log2(errors[0] / errors[1]) / 2 == pytest.approx(2.5, abs=0.25)
+    with pytest.raises(ValueError, match="2 parts between break points need at least one step"):
+        integrate(scene, method, 1)
+
+
+def test_a_graded_start_puts_a_break_point_between_steps_too() -> None:
+    scene = step_forced()
+    exact = match_scene(scene)
+    assert exact is not None
+    errors = {}
+    for start in ("graded", "none"):
+        run = integrate(scene, Method(cq="gauss", degree=3, start=start), 1040)
+        errors[start] = np.abs(run.position - exact.position(run.time)).max()
+    assert errors["graded"] < 1e-9
+    assert errors["none"] > 1000 * errors["graded"]
 
 
 @pytest.mark.parametrize("mass", [1.0, 3.0])

@@ -28,12 +28,18 @@ class StepLoads:
         What is integrated and how. ``forcing_quadrature: galerkin`` takes the action's rule,
         ``exact`` and ``projected`` integrate to round-off; what Riemann-Liouville adds is always
         integrated exactly, since it is singular at 0.
+
+    Attributes
+    ----------
+    largest_force
+        The largest mean of the forcing over a step that was met so far.
     """
 
     def __init__(self, scene: Scene, method: Method, tables: StepTables) -> None:
         self._forcing, self._tables = scene.forcing, tables
         self._rule = method.forcing_quadrature
         self._basis = lobatto_basis(method.degree)
+        self.largest_force = 0.0
         self._jump: list[tuple[float, Array]] = []
         if scene.derivative == "riemann-liouville" and np.any(scene.initial_position != 0):
             self._jump = [
@@ -69,9 +75,11 @@ class StepLoads:
         """
         forcing = self.of_forcing(begin, step_size, n_steps, is_fresh=is_fresh)
         damping = self.of_damping(begin, step_size, n_steps, is_fresh=is_fresh)
-        if forcing is None or damping is None:
-            return damping if forcing is None else forcing
-        return forcing + damping
+        if forcing is None:
+            return damping
+        mean = np.abs(forcing).sum(axis=1).max(initial=0.0) / step_size
+        self.largest_force = max(self.largest_force, float(mean))
+        return forcing if damping is None else forcing + damping
 
     def of_forcing(
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool

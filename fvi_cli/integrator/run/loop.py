@@ -81,6 +81,14 @@ class Course:
             self.worst_step = len(self.sizes)
 
 
+def no_unique_solution(step_size: float) -> str:
+    """What is said of steps whose equations are singular, as with negative stiffness."""
+    return (
+        f"the equations of a step of length {step_size:.6g} have no unique solution; take "
+        "another number of steps"
+    )
+
+
 class Stepper:
     """Steps of one run; matrices of the sizes used last are kept."""
 
@@ -150,11 +158,7 @@ class Stepper:
         try:
             at = self.matrices(step_size)
         except np.linalg.LinAlgError:
-            raise StepFailedError(
-                f"the equations of a step of length {step_size:.6g} have no unique solution; "
-                "take other steps",
-                (),
-            ) from None
+            raise StepFailedError(no_unique_solution(step_size), ()) from None
         return self.solver.solve(
             at,
             marker.time,
@@ -222,7 +226,7 @@ def march_adaptively(
                 break
             if float(np.abs(marker.position.value).max()) > bound.size:
                 outside = first_outside_at(
-                    bound,
+                    bound.with_force(stepper.loads.largest_force),
                     marker.position.value[None],
                     np.array([marker.time]),
                     len(course.sizes) - 1,

@@ -11,7 +11,7 @@ from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.growth_bound import first_outside_at
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
-from fvi_cli.integrator.run.loop import Course, Marker
+from fvi_cli.integrator.run.loop import Course, Marker, no_unique_solution
 from fvi_cli.integrator.run.newton_stretch import NewtonStretch, newton_block
 from fvi_cli.integrator.run.setup import RunSetup
 from fvi_cli.integrator.run.sink import Sink
@@ -42,6 +42,8 @@ class MarchPlan:
         Most steps of a block; 0: there are none.
     systems, coupled
         Independent systems that are stepped side by side, and components of each.
+    has_modes
+        Whether these are modes of the scene, no components of its coordinates.
     n_states
         Exponentials that stand for the past.
     operations
@@ -53,6 +55,7 @@ class MarchPlan:
     block: int
     systems: int
     coupled: int
+    has_modes: bool
     n_states: int
     operations: int
 
@@ -118,9 +121,10 @@ class March:
         """How :meth:`run` will do the steps; nothing is computed."""
         dynamics = self._solver.dynamics
         stages, d = self._solver.tables.points.size, dynamics.dimension
-        q, e = 1, d
+        q, e, has_modes = 1, d, False
         if dynamics.is_linear:
-            q, e = self._decoupled()[0].shape
+            systems, decoupling = self._decoupled()
+            (q, e), has_modes = systems.shape, decoupling.has_modes
         single = largest = operations = 0
         for one in self._mesh.stretches:
             inside = min(one.n_steps, CHUNK)
@@ -150,6 +154,7 @@ class March:
             block=largest,
             systems=q,
             coupled=e,
+            has_modes=has_modes,
             n_states=self._setup.n_states,
             operations=operations,
         )
@@ -164,10 +169,15 @@ class March:
             one.begin + first * h, h, count, is_fresh=is_fresh
         )
         stretch_steps = min(one.n_steps, CHUNK)
-        if self._solver.dynamics.is_linear:
-            found = self._linear_steps(marker, h, count, stretch_steps, loads)
-        else:
-            found = self._nonlinear_steps(marker, one, first, count, stretch_steps, loads)
+        try:
+            if self._solver.dynamics.is_linear:
+                found = self._linear_steps(marker, h, count, stretch_steps, loads)
+            else:
+                found = self._nonlinear_steps(marker, one, first, count, stretch_steps, loads)
+        except np.linalg.LinAlgError:
+            # matrices are made before the first step that needs them: none of these is done
+            self.failure = no_unique_solution(h)
+            return
         position, momentum, velocity = found
         n = position.shape[0]
         steps = first + 1 + np.arange(n)
@@ -181,7 +191,8 @@ class March:
         if not finite.all():
             n = int(np.argmin(finite)) + 1
             self.failure = f"not finite after step {self.done + n - 1}, t = {times[n - 1]:.6g}"
-        outside = first_outside_at(self._setup.bound, position[:n], times[:n], self.done)
+        bound = self._setup.bound.with_force(self._setup.stepper.loads.largest_force)
+        outside = first_outside_at(bound, position[:n], times[:n], self.done)
         if outside is not None:
             n, self.failure = outside[0] + 1, outside[1]
         reported = np.zeros(0, dtype=np.intp)

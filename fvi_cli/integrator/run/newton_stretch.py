@@ -100,11 +100,11 @@ class NewtonStretch:
         quiet, waiting, patience, excess, done = 0, 0, LEAST_BLOCK, 0, 0
         failure = ""
         while done < count and not failure:
-            trial = 0 if waiting else size
+            trial = 0 if waiting or frozen is None else size
             while trial > count - done:
                 trial //= 2
             found = None
-            if trial >= LEAST_BLOCK:
+            if frozen is not None and trial >= LEAST_BLOCK:
                 found = frozen.attempt(
                     begin + (first + done) * self._h,
                     marker.position.value,
@@ -151,10 +151,11 @@ class NewtonStretch:
                 size = min(2 * size, ceiling)
             excess += len(found.changes) - 4
             if excess > REFRESH_AFTER:
-                frozen, excess = self._freeze(marker), 0
+                frozen, excess = self._freeze(marker) or frozen, 0
         return positions[:done], momenta[:done], velocities[:done], failure
 
-    def _freeze(self, marker: Marker) -> FrozenBlocks:
+    def _freeze(self, marker: Marker) -> FrozenBlocks | None:
+        """Blocks by the linear response here; None where its steps have no unique solution."""
         law = frozen_law(
             self._solver.dynamics,
             marker.position.value,
@@ -162,15 +163,18 @@ class NewtonStretch:
             marker.time,
             self._mass,
         )
-        return FrozenBlocks(
-            law,
-            self._solver.damping,
-            self._at,
-            self._memory,
-            self._solver.tables,
-            self._h,
-            self._block,
-        )
+        try:
+            return FrozenBlocks(
+                law,
+                self._solver.damping,
+                self._at,
+                self._memory,
+                self._solver.tables,
+                self._h,
+                self._block,
+            )
+        except np.linalg.LinAlgError:
+            return None
 
     def _push(self, marker: Marker, velocity: Array) -> None:
         if self._memory is None:
