@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from fvi_cli.cli.exits import CHECK_FAILED, DONE, guarded, verdict
+from fvi_cli.cli.exits import CHECK_FAILED, DONE, RUN_FAILED, guarded, verdict
 from fvi_cli.cli.options import RESULTS, Configs, Output, Overrides, Quiet, Verbose
 
 
@@ -42,13 +42,13 @@ def stability(
 ) -> int:
     """Predict the stability of every method over steps and parameters, and compare with runs.
 
-    Exit code 3 when a prediction is not what is observed.
+    Exit code 3 when a prediction is not what is observed, 1 when the program itself made a mistake.
     """
     from fvi_cli.render.results import compare, show, write
     from fvi_cli.runner.stability import gather_over, study_stability
 
     requests = gather_over(configs, overrides or (), over or ())
-    failed = 0
+    crashed = failed = 0
     differences: list[str] = []
     for request in requests:
         tables = study_stability(request, is_observed=observe, show_progress=not quiet)
@@ -59,4 +59,7 @@ def stability(
             show(tables, name=request.name)
             print(*paths, "", sep="\n")
         failed += sum(len(table.disagreements) for table in tables)
+        crashed += sum(bool(row.failure) for table in tables for row in table.rows)
+    if crashed:
+        return RUN_FAILED
     return (verdict(differences) if check else DONE) or (CHECK_FAILED if failed else DONE)

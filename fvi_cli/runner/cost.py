@@ -12,13 +12,14 @@ from fvi_cli.errors import RequestError
 from fvi_cli.integrator.baselines import baseline_objection
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.peers import PEER_LIMITS, peers_objection
+from fvi_cli.runner.executors.executor import crash
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.storage import open_results
 from fvi_cli.studies.cost import CostTable, cost_table, measure_costs
-from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment, lookup_case
+from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment, Run, lookup_case
 
 _logger = logging.getLogger(__name__)
 
@@ -106,13 +107,20 @@ def measure_request(request: Request, settings: Settings) -> list[CostTable]:
         for experiment in experiments:
             rows = []
             for run, row in zip(
-                experiment.runs(), measure_costs(experiment, results.add), strict=True
+                experiment.runs(), measure_costs(experiment, results.add, _told), strict=True
             ):
                 rows.append(row)
                 advance(run.title)
                 _logger.debug("%s: %s, %.3g s", run.title, row.status, row.seconds)
             tables.append(cost_table(experiment, rows))
     return tables
+
+
+def _told(run: Run, error: Exception) -> str:
+    """What is said of an exception in the midst of a run."""
+    found = crash(error)
+    _logger.debug("%s: %s", run.title, found.trace)
+    return found.message
 
 
 def unexpected(request: Request, tables: Sequence[CostTable]) -> list[str]:

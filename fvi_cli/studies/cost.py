@@ -7,6 +7,7 @@ a first run; only the import of modules is not in it, since every method runs on
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import gc
 import math
@@ -134,7 +135,11 @@ class CostTable:
 Store = Callable[[FinishedRun], object]
 
 
-def measure_costs(experiment: Experiment, store: Store | None = None) -> Iterator[CostRow]:
+def measure_costs(
+    experiment: Experiment,
+    store: Store | None = None,
+    failed: Callable[[Run, Exception], str] | None = None,
+) -> Iterator[CostRow]:
     """Every run of `experiment`, measured: method by method, steps increasing.
 
     Parameters
@@ -143,6 +148,9 @@ def measure_costs(experiment: Experiment, store: Store | None = None) -> Iterato
         What to do; it must have a scene, and no sweep.
     store
         Writes a run; its time is taken.
+    failed
+        Says in words what an exception in the midst of a run means: the run is ``failed`` then, and
+        the others go on. None: it ends everything.
 
     Raises
     ------
@@ -156,10 +164,41 @@ def measure_costs(experiment: Experiment, store: Store | None = None) -> Iterato
     runs = experiment.runs()
     reference_of(runs[0])
     for run in runs[:: len(experiment.steps)]:
-        # imports, and pages of memory that the process has not touched before
-        _integrate(run)
+        # imports, and pages of memory that the process has not touched before; what it raises is
+        # raised once more when the run itself is measured
+        with contextlib.suppress(Exception):
+            _integrate(run)
     for run in runs:
-        yield measure_cost(run, store)
+        try:
+            row = measure_cost(run, store)
+        except MemoryError:
+            raise
+        except Exception as error:
+            if failed is None:
+                raise
+            row = _failed_row(run, failed(run, error))
+        yield row
+
+
+def _failed_row(run: Run, message: str) -> CostRow:
+    """Of a run of which nothing could be measured."""
+    return CostRow(
+        n_steps=run.n_steps,
+        step_size=run.step_size,
+        error=math.nan,
+        floor=0.0,
+        setup_seconds=math.nan,
+        stepping_seconds_min=math.nan,
+        stepping_seconds_median=math.nan,
+        storage_seconds=math.nan,
+        spread=math.nan,
+        repeats=0,
+        peak_memory_bytes=0,
+        history_operations=0,
+        newton_iterations=0,
+        status="failed",
+        message=message,
+    )
 
 
 def measure_cost(run: Run, store: Store | None = None) -> CostRow:

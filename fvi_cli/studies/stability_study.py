@@ -97,6 +97,8 @@ class StabilityRow:
         The same over a thousand times that time: up to it nothing grows, however slowly.
     observation
         None where it was not asked for, or cannot be made.
+    failure
+        What the program's own mistake was, where nothing came of it.
     """
 
     run: Run
@@ -104,6 +106,7 @@ class StabilityRow:
     largest_stable_step: float
     lasting_step: float
     observation: Observation | None = None
+    failure: str = ""
 
     @property
     def verdict(self) -> Verdict:
@@ -131,8 +134,23 @@ class StabilityTable:
         )
 
 
-def stability_rows(experiment: Experiment, *, with_observation: bool) -> Iterator[StabilityRow]:
+def stability_rows(
+    experiment: Experiment,
+    *,
+    with_observation: bool,
+    failed: Callable[[Run, Exception], str] | None = None,
+) -> Iterator[StabilityRow]:
     """Every run of the experiment, looked at but not computed.
+
+    Parameters
+    ----------
+    experiment
+        What to look at.
+    with_observation
+        Whether random data are run as well.
+    failed
+        Says in words what an exception other than a `ValueError` means: nothing is known of that
+        run then, and the others go on. None: it ends everything.
 
     Raises
     ------
@@ -141,21 +159,43 @@ def stability_rows(experiment: Experiment, *, with_observation: bool) -> Iterato
     """
     limits: dict[tuple[str, int], tuple[float, float]] = {}
     for run in experiment.runs():
-        scene = _scene(run)
-        key = (run.method.case, run.member.number if run.member is not None else 0)
-        if key not in limits:
-            longer = replace(scene, final_time=LASTING * scene.final_time)
-            limits[key] = _limit(scene, run.method), _limit(longer, run.method)
-        observation = None
-        if with_observation:
-            observation = observe(scene, run.method, run.n_steps)
-        yield StabilityRow(
-            run=run,
-            prediction=predict_stability(scene, run.method, run.n_steps),
-            largest_stable_step=limits[key][0],
-            lasting_step=min(limits[key][1], scene.final_time),
-            observation=observation,
-        )
+        try:
+            row = _row(run, limits, with_observation=with_observation)
+        except (ValueError, MemoryError):
+            raise
+        except Exception as error:
+            if failed is None:
+                raise
+            message = failed(run, error)
+            row = StabilityRow(
+                run=run,
+                prediction=StabilityPrediction(verdict="unknown", reason=message),
+                largest_stable_step=math.nan,
+                lasting_step=math.nan,
+                failure=message,
+            )
+        yield row
+
+
+def _row(
+    run: Run, limits: dict[tuple[str, int], tuple[float, float]], *, with_observation: bool
+) -> StabilityRow:
+    """One run; `limits` are those of its method and member, found once."""
+    scene = _scene(run)
+    key = (run.method.case, run.member.number if run.member is not None else 0)
+    if key not in limits:
+        longer = replace(scene, final_time=LASTING * scene.final_time)
+        limits[key] = _limit(scene, run.method), _limit(longer, run.method)
+    observation = None
+    if with_observation:
+        observation = observe(scene, run.method, run.n_steps)
+    return StabilityRow(
+        run=run,
+        prediction=predict_stability(scene, run.method, run.n_steps),
+        largest_stable_step=limits[key][0],
+        lasting_step=min(limits[key][1], scene.final_time),
+        observation=observation,
+    )
 
 
 def _scene(run: Run) -> Scene:
