@@ -26,6 +26,8 @@ EXCESS = 0.5
 ROUND_OFF = 1e-16
 LEAST_ELLIPSE = 1.25
 """No step towards a singular point is longer than that of this ellipse, [t / 81, t]."""
+LEAST_IN_ULPS = 256
+"""Steps behind a break point are no shorter than so many units in the last place of its time."""
 
 
 def graded_start_mesh(
@@ -51,7 +53,7 @@ def graded_start_mesh(
     stretches: list[Stretch] = []
     for begin, end, count, size in _parts(final_time, n_steps, breaks):
         power = exponent(begin == 0.0)
-        if power is None:
+        if power is None or size < 2 * _least_step(begin):
             stretches.append(
                 Stretch(begin=begin, end=end, n_steps=count, step_size=size, is_fresh=True)
             )
@@ -76,16 +78,21 @@ def graded_start_mesh(
     return Mesh(stretches=tuple(stretches))
 
 
+def _least_step(begin: float) -> float:
+    """Shortest step at this time that round-off leaves alone; zero at the start."""
+    return LEAST_IN_ULPS * math.ulp(begin) if begin > 0 else 0.0
+
+
 def _window(begin: float, size: float, window: int, order: int, power: float) -> list[Stretch]:
     """Stretches of `window` steps of the grid, finest first."""
     grading = (order + EXCESS) / power
     # with tau ~ t^(1 - 1/r) that share of the steps of a level is halved once more
     share = 2.0 ** (-1.0 / (grading - 1.0)) if grading > 1.0 else 0.0
-    levels = [window]
-    while levels[-1] > 1:
+    levels, least = [window], _least_step(begin)
+    while levels[-1] > 1 and size * 0.5 ** (len(levels) + 1) >= least:
         levels.append(max(1, math.ceil(window * share ** len(levels) - 1e-9)))
     finest = size * 0.5 ** len(levels)
-    lengths = _towards_zero(order, power)
+    lengths = [one for one in _towards_zero(order, power) if one == 1 or finest * one >= least]
     stretches: list[Stretch] = []
     done = begin
     for length in reversed(lengths):

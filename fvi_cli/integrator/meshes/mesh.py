@@ -164,7 +164,11 @@ def _parts(
     ):
         indices = [0, *(round(p) for p in places), n_steps]
         counts = [b - a for a, b in itertools.pairwise(indices)]
-        sizes = [h] * len(counts)
+        # break points may lie a little beside the grid: what counts is that steps lead to them
+        sizes = [
+            h if abs(n * h - (b - a)) <= 1e-12 * (b - a) + 4 * math.ulp(b) else (b - a) / n
+            for (a, b), n in zip(itertools.pairwise(ends), counts, strict=True)
+        ]
     else:
         counts = list(steps_of_parts(ends, n_steps))
         sizes = [(b - a) / n for (a, b), n in zip(itertools.pairwise(ends), counts, strict=True)]
