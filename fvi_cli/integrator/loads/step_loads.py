@@ -2,9 +2,11 @@ r"""Load vectors :math:`g_\nu = h \int_0^1 l_\nu(\tau) f(t + \tau h) d\tau` of k
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import rgamma
+from scipy.special import rgamma, roots_jacobi
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import Method
@@ -13,6 +15,10 @@ from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
 
 Array = NDArray[np.float64]
+
+PANEL_RATIO = 4.0
+"""A step that ends later than at so many times its beginning is integrated in panels of this ratio,
+since forces may be powers of t."""
 
 
 class StepLoads:
@@ -43,7 +49,7 @@ class StepLoads:
         self._jump: list[tuple[float, Array]] = []
         if scene.derivative == "riemann-liouville" and np.any(scene.initial_position != 0):
             self._jump = [
-                (term.order, -rgamma(1 - term.order) * (scene.initial_position @ term.coefficient))
+                (term.order, -scene.initial_position @ term.coefficient)
                 for term in scene.active_damping
                 if term.order < 1
             ]
@@ -103,8 +109,10 @@ class StepLoads:
         if not self._jump:
             return None
         start = begin + step_size * np.arange(n_steps, dtype=float)
-        at_zero = is_fresh and begin == 0.0
-        return self._exact(self._jump_force, start, step_size, is_fresh=at_zero)
+        total = self._exact(self._jump_force, start, step_size, is_fresh=False)
+        if begin == 0.0:
+            total[0] = self._jump_loads_at_zero(step_size)
+        return total
 
     def _projected(self, exact: Array) -> Array:
         return np.asarray(np.einsum("nm,kmd->knd", self._projection, exact))
@@ -112,8 +120,28 @@ class StepLoads:
     def _jump_force(self, start: Array, step_size: float, offsets: Array) -> Array:
         times = start[:, None] + step_size * offsets
         return np.asarray(
-            sum(times[..., None] ** -order * direction for order, direction in self._jump)
+            sum(
+                rgamma(1 - order) * times[..., None] ** -order * direction
+                for order, direction in self._jump
+            )
         )
+
+    def _jump_loads_at_zero(self, step_size: float) -> Array:
+        r"""Load vectors of the step from 0 on, shape ``(s + 1, d)``.
+
+        With :math:`l(\tau) = l(0) + \tau r(\tau)` the singular part is
+        :math:`h^{1-\gamma} l(0) / \Gamma(2 - \gamma)`, a push of its own for orders near 1.
+        """
+        at_zero = self._basis.values(np.zeros(1))
+        total = np.zeros((at_zero.shape[0], self._jump[0][1].size))
+        for order, direction in self._jump:
+            nodes, weights = roots_jacobi(at_zero.shape[0], 0.0, 1.0 - order)
+            tau = 0.5 * (nodes + 1.0)
+            weights = weights * 0.5 ** (2.0 - order)
+            rest = ((self._basis.values(tau) - at_zero) / tau) @ weights
+            own = rgamma(2.0 - order) * at_zero[:, 0] + rgamma(1.0 - order) * rest
+            total += step_size ** (1.0 - order) * np.outer(own, direction)
+        return total
 
     def _exact(self, force: object, start: Array, step_size: float, *, is_fresh: bool) -> Array:
         if not callable(force):  # pragma: no cover - for the type checker
@@ -121,8 +149,18 @@ class StepLoads:
         points, weights = fine_rule()
         weighted = self._basis.values(points) * weights
         total = step_size * np.einsum("ni,kid->knd", weighted, force(start, step_size, points))
-        if is_fresh:
-            points, weights = graded_rule(graded_edges())
+        edges = graded_edges() if is_fresh else _panels(float(start[0]), step_size)
+        if edges is not None:
+            points, weights = graded_rule(edges)
             weighted = self._basis.values(points) * weights
             total[0] = step_size * weighted @ force(start[:1], step_size, points)[0]
         return np.asarray(total)
+
+
+def _panels(begin: float, step_size: float) -> Array | None:
+    """Edges in [0, 1] of the panels of a step that is long against its beginning; None: one."""
+    if not 0.0 < begin * (PANEL_RATIO - 1.0) < step_size:
+        return None
+    n_panels = math.ceil(math.log1p(step_size / begin) / math.log(PANEL_RATIO))
+    inside = begin * (PANEL_RATIO ** np.arange(1.0, n_panels) - 1.0) / step_size
+    return np.concatenate([[0.0], inside[inside < 1.0], [1.0]])
