@@ -18,6 +18,8 @@ SHRINKAGE = 0.3
 REJECTED_SHRINKAGE = 0.2
 SAFETY = 0.85
 UNSOLVED = 0.25
+ROUND_OFF = 1e-14
+"""Relative to the position; no step is rejected for less."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,13 +132,22 @@ class StepController:
             self._final_time * 2.0 ** (math.floor(STEPS_PER_OCTAVE * ratio) / STEPS_PER_OCTAVE)
         )
 
-    def judge(self, size: float, estimate: float) -> bool:
-        """Whether a step with this estimate of its error is accepted; the next size follows."""
+    def judge(self, size: float, estimate: float, scale: float = 0.0) -> bool:
+        """Whether a step with this estimate of its error is accepted; the next size follows.
+
+        Parameters
+        ----------
+        size, estimate
+            The step, and its error; infinite where it could not be solved.
+        scale
+            Size of the position; less than :data:`ROUND_OFF` of it is no error of a step.
+        """
         solved = math.isfinite(estimate)
-        factor = (self._tolerance / max(estimate, 1e-300)) ** self._exponent if solved else UNSOLVED
-        if solved and (estimate <= self._tolerance or size <= self.shortest_step):
+        tolerance = max(self._tolerance, ROUND_OFF * scale)
+        factor = (tolerance / max(estimate, 1e-300)) ** self._exponent if solved else UNSOLVED
+        if solved and (estimate <= tolerance or size <= self.shortest_step):
             at_end = self._reaches_end
-            self.forced += estimate > self._tolerance
+            self.forced += estimate > tolerance
             self.time = self._ends[0] if at_end else self.time + size
             self._size = size * min(GROWTH, max(SHRINKAGE, SAFETY * factor))
             self.is_fresh = at_end

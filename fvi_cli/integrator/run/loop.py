@@ -211,7 +211,7 @@ def march_adaptively(
             except StepFailedError as error:
                 course.note(error.residuals)
                 result, estimate, failure = None, math.inf, str(error)
-            if not controller.judge(size, estimate):
+            if not controller.judge(size, estimate, _scale(marker, result, size)):
                 if controller.is_stuck:
                     course.failure = _at(len(course.sizes), marker.time, failure)
                     break
@@ -239,6 +239,14 @@ def march_adaptively(
                 break
     course.rejected = controller.rejected
     return course
+
+
+def _scale(marker: Marker, result: StepResult | None, size: float) -> float:
+    """Size of the position and of the way of a step, a length; zero if it is not finite."""
+    found = float(np.abs(marker.position.value).max())
+    if result is not None:
+        found += size * float(np.abs(result.velocity).max())
+    return found if math.isfinite(found) else 0.0
 
 
 def _begun(marker: Marker) -> Course:
