@@ -16,6 +16,7 @@ nothing, and carries :math:`v_0` for those that do.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +30,9 @@ from fvi_cli.integrator.memory import terms_by_direction
 from fvi_cli.integrator.steps.algebra import Form, form, times
 
 Array = NDArray[np.float64]
+
+LARGEST_EXPONENT = math.nextafter(1.0, 0.0)
+"""For orders so small that 1 minus the order is 1."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -297,7 +301,9 @@ def _along(values: Array, matrix: Form) -> Array:
 def _directions(terms: tuple[FractionalDamping, ...]) -> list[Direction]:
     groups = []
     for matrix, members in terms_by_direction(terms):
-        fractional = [(1.0 - order, scale) for scale, order in members if order != 1]
+        fractional = [
+            (min(1.0 - order, LARGEST_EXPONENT), scale) for scale, order in members if order != 1
+        ]
         groups.append(
             Direction(
                 matrix=matrix,

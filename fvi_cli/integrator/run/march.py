@@ -214,15 +214,19 @@ class March:
             return self._single_steps(marker, h, count, loads)
         key = (h, block)
         if key not in self._linear:
-            self._linear[key] = LinearBlocks(
-                systems,
-                decoupling,
-                self._setup.damping,
-                self._setup.stepper.matrices(h).damping,
-                self._solver.tables,
-                h,
-                block,
-            )
+            try:
+                self._linear[key] = LinearBlocks(
+                    systems,
+                    decoupling,
+                    self._setup.damping,
+                    self._setup.stepper.matrices(h).damping,
+                    self._solver.tables,
+                    h,
+                    block,
+                )
+            except np.linalg.LinAlgError:
+                # no unique solution: a single step says so
+                return self._single_steps(marker, h, count, loads)
         self.operations += memory_operations(
             count, block, q, e, stages, self._setup.n_states, self._per_step
         )
