@@ -1,0 +1,139 @@
+"""Extreme data: right numbers, or a status that says what is wrong."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
+from fvi_cli.integrator.meshes.mesh import uniform_mesh
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.named import linear_oscillator
+
+
+def gauss(degree: int, start: str = "none") -> Method:
+    return Method(cq="gauss", degree=degree, start=start)
+
+
+def damped(order: float, coefficient: float = 0.5) -> list[FractionalDamping]:
+    return [FractionalDamping(order=order, coefficient=np.array([[coefficient]]))]
+
+
+def pulse(until: float) -> Forcing:
+    def piece(value: str, end: float) -> ForcingPiece:
+        return ForcingPiece(components=(Expression.parse(value, variables=("t",)),), until=end)
+
+    return Forcing(pieces=(piece("1", until), piece("0", math.inf)))
+
+
+def pushed(order: float, until: float, final_time: float = 10.0) -> Scene:
+    return linear_oscillator(
+        final_time=final_time,
+        damping=damped(order),
+        initial_position=1.0,
+        forcing=pulse(until),
+    )
+
+
+@pytest.mark.parametrize(("degree", "order"), [(3, 1.98), (6, 1.5), (10, 0.5)])
+def test_finer_steps_behind_a_break_point_end_where_round_off_begins(
+    degree: int, order: float
+) -> None:
+    scene = pushed(order, 7.3)
+    fine = integrate(scene, gauss(degree, "graded"), 1000)
+    adaptive = integrate(scene, gauss(8), AdaptiveSteps(tolerance=1e-9))
+    assert fine.status == adaptive.status == "ok"
+    assert abs(fine.position[-1, 0] - adaptive.position[-1, 0]) < 1e-12
+
+
+@pytest.mark.parametrize("until", [1 - 1e-9, 1 - 1e-12, 1 - 1e-15, 1e-12])
+def test_a_break_point_next_to_an_end(until: float) -> None:
+    found = integrate(pushed(1.5, until, final_time=1.0), gauss(3, "graded"), 16)
+    plain = integrate(pushed(1.5, until, final_time=1.0), gauss(8), 64)
+    assert found.status == "ok"
+    assert abs(found.position[-1, 0] - plain.position[-1, 0]) < 1e-6
+
+
+def test_a_mesh_behind_a_break_point_has_steps_of_more_than_round_off() -> None:
+    mesh = graded_start_mesh(10.0, 4096, (7.3,), stages=10, exponent=lambda at_start: 2.02)
+    assert all(one.step_size > 100 * math.ulp(one.begin) for one in mesh.stretches)
+
+
+def test_a_break_point_a_little_beside_a_fine_grid() -> None:
+    n_steps = 2**20
+    until = (n_steps - 3 + 5e-4) / n_steps
+    mesh = uniform_mesh(1.0, n_steps, (until,))
+    assert mesh.stretches[1].begin == until
+    assert mesh.n_steps == n_steps
+
+
+def test_riemann_liouville_of_order_near_one_pushes_at_the_start() -> None:
+    """The force of an initial position tends to a push: the limit is order 1 with v0 - mu q0."""
+    order, mass_free = 1 - 1e-6, {"final_time": 4.0, "initial_position": 1.0}
+    near = linear_oscillator(damping=damped(order), derivative="riemann-liouville", **mass_free)
+    limit = linear_oscillator(damping=damped(1.0), initial_velocity=-0.5, **mass_free)
+    wanted = integrate(limit, gauss(4), 200).position[-1, 0]
+    for method, steps in (
+        (gauss(4, "graded"), 200),
+        (gauss(4), 200),
+        (gauss(6), AdaptiveSteps(tolerance=1e-9)),
+    ):
+        assert abs(integrate(near, method, steps).position[-1, 0] - wanted) < 1e-5
+
+
+@pytest.mark.parametrize("order", [0.01, 0.5, 0.9, 0.999])
+@pytest.mark.parametrize("ratio", [math.inf, 1.0, 80.0, 1e9])
+def test_loads_of_riemann_liouville(order: float, ratio: float) -> None:
+    """Their sum over the basis is the integral of the force."""
+    scene = linear_oscillator(
+        final_time=1.0,
+        damping=damped(order),
+        initial_position=1.0,
+        derivative="riemann-liouville",
+    )
+    method, h = gauss(5), 0.25
+    begin = h / ratio
+    loads = StepLoads(scene, method, step_tables(method)).of_steps(begin, h, 1, is_fresh=begin == 0)
+    assert loads is not None
+    power = 1 - order
+    wanted = -0.5 * ((begin + h) ** power - begin**power) / math.gamma(2 - order)
+    assert abs(loads.sum() / wanted - 1) < 1e-12
+
+
+@pytest.mark.parametrize("n_steps", [1, 8, 1000])
+def test_steps_without_a_solution_are_a_failure(n_steps: int) -> None:
+    """Midpoint rule with negative stiffness: M - h^2 / 4 = 0."""
+    scene = linear_oscillator(final_time=2.0 * n_steps, stiffness=-1.0, initial_position=1.0)
+    found = integrate(scene, gauss(1), n_steps)
+    assert found.status == "failed"
+    assert "no unique solution" in found.message
+
+
+@pytest.mark.parametrize("order", [1e-17, 1e-300])
+def test_orders_below_round_off(order: float) -> None:
+    scene = linear_oscillator(final_time=2.0, damping=damped(order), initial_position=1.0)
+    found = integrate(scene, gauss(4), 32)
+    # D^0 of q - q0 is a spring
+    wanted = (0.5 + math.cos(2.0 * math.sqrt(1.5))) / 1.5
+    assert found.status == "ok"
+    assert abs(found.position[-1, 0] - wanted) < 1e-8
+
+
+@pytest.mark.parametrize("degree", [4, 7, 10])
+def test_a_tolerance_below_round_off_of_the_position(degree: int) -> None:
+    scene = linear_oscillator(final_time=9.0, damping=damped(0.5, 0.3), initial_position=1e30)
+    found = integrate(scene, gauss(degree), AdaptiveSteps(tolerance=1e-6, most_steps=3000))
+    small = linear_oscillator(final_time=9.0, damping=damped(0.5, 0.3), initial_position=1.0)
+    wanted = integrate(small, gauss(degree), AdaptiveSteps(tolerance=1e-12)).position[-1, 0]
+    assert found.status == "ok"
+    assert abs(found.position[-1, 0] / 1e30 - wanted) < 1e-12
