@@ -240,6 +240,8 @@ def run(
         Address of a Dask scheduler, whose workers compute in their place.
     fresh, fail_fast, allow_unstable
         As the options of the command line.
+
+    One outcome for every experiment; a run that failed is among its finished ones with its status.
     """
     settings = Settings(
         output=Path(output or "."),
@@ -330,10 +332,7 @@ def stability(
     observe
         Compare with runs from random data; default as configured.
 
-    Raises
-    ------
-    RequestError
-        For an experiment in which nothing is integrated.
+    A :class:`RequestError` tells of an experiment in which nothing is integrated.
     """
     from fvi_cli.runner.stability import ranges, study_stability
 

@@ -62,6 +62,8 @@ def balance_figure(
         curves.append(("work of forcing $W_f$", found.forcing_work))
         together = "$E + W_d - W_f$"
     curves.append((together, energy + found.dissipated_work - found.forcing_work))
+    if found.stored_energy is not None and np.any(found.stored_energy):
+        curves.insert(1, ("stored in the damping $E_s$", found.stored_energy))
     defect = f"defect\n$|{together.strip('$')} - E_0|$"
     defects = [np.abs(_column(_diagnostics(item).energy_defect, 0)) for item in shown]
     scale = float(max(np.abs(values).max() for _, values in curves))

@@ -28,6 +28,7 @@ DIAGNOSTIC_DIMENSIONS: Final[Mapping[str, tuple[str, ...]]] = {
     "dissipated_work": ("time",),
     "forcing_work": ("time",),
     "energy_defect": ("time",),
+    "stored_energy": ("time",),
     "map": ("map",),
     "momentum_map": ("time", "map"),
     "momentum_map_defect": ("time", "map"),
@@ -36,6 +37,7 @@ DIAGNOSTIC_NAMES: Final[Mapping[str, str]] = {
     "dissipated_work": "work done against the damping since the start",
     "forcing_work": "work done by the forcing since the start",
     "energy_defect": "energy less its start, plus dissipated work, less work of the forcing",
+    "stored_energy": "energy in the memory of the damping",
     "map": "momentum map, named in the attribute momentum_maps of the run",
     "momentum_map": "momentum of a symmetry",
     "momentum_map_defect": "momentum of a symmetry less its start and what damping and forcing "

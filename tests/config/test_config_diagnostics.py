@@ -9,6 +9,7 @@ import xarray
 
 from fvi_cli.config import parse_config
 from fvi_cli.errors import ConfigError
+from fvi_cli.plotting.balance import balance_figure
 from fvi_cli.storage import open_results, read_results
 from fvi_cli.storage.provenance import identity
 from fvi_cli.studies.study import study
@@ -130,12 +131,38 @@ def test_mistakes_are_told_where_they_stand(store, expected):
 
 def test_kinds_that_cannot_be_diagnosed_are_told():
     store = "store: {diagnostics: [energy-balance]}\n"
-    method = "method: {rk: gauss, start: none, history: exponentials}"
+    method = "method: {rk: gauss, history: exponentials}"
     (moving,) = parse_config(f"{DUFFING}{method}\n{store}", "d.yaml").experiments
     assert moving.diagnostics.energy_balance
+    assert moving.methods[0].start == "graded"
     derivative = (
         "name: d\nproblem: {kind: fractional-derivative, order: 0.5, function: t**2, "
         "final_time: 1.0}\nmethod: {bdf: 1}\nladder: {steps: [4]}\n"
     )
     with pytest.raises(ConfigError, match="in which nothing moves"):
         parse_config(derivative + store, "d.yaml")
+
+
+def test_energy_that_the_damping_stores_is_kept(tmp_path):
+    text = (
+        "name: planet\nproblem: {kind: damped-oscillator, stiffness: 2, final_time: 8, "
+        "damping: [{order: 0.5, coefficient: 0.7}], initial: {position: 1, velocity: 0.5}}\n"
+        "method: {rk: gauss, degree: 2, start: [graded, series]}\nladder: {steps: [64]}\n"
+        "store: {diagnostics: [energy-balance]}\n"
+    )
+    config = kept(tmp_path, text)
+    graded, series = config.experiments[0].runs()
+    with read_results(tmp_path / "planet.h5") as results:
+        trajectory = results.finished(graded).trajectory
+        assert results.finished(series).trajectory.diagnostics.stored_energy is None
+    stored = trajectory.diagnostics.stored_energy
+    assert stored[0] == 0 < stored.max()
+    # the energy of the scene alone rises now and then: the damper gives back
+    assert np.diff(trajectory.energy).max() > 1e-3
+    assert np.diff(trajectory.energy + stored).max() < 0
+    group = f"/planet/{graded.method.case}/n000064"
+    with xarray.open_dataset(tmp_path / "planet.h5", engine="h5netcdf", group=group) as data:
+        assert data["stored_energy"].dims == ("time",)
+    figure = balance_figure(config.experiments[0], [next(study(config.experiments[0]))])
+    shown = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert shown[1].startswith("stored in the damping")

@@ -109,7 +109,7 @@ _ENTRY: Final = Record(
             ),
             "What is done about a singular start; graded: steps behind it and behind break points "
             "are halved again and again (rk: gauss only). Default: none for sampling: nodes and "
-            "with ladder.grading, else series.",
+            "with ladder.grading, graded with history: exponentials, else series.",
         ),
         _several(
             "forcing_quadrature",
@@ -266,6 +266,8 @@ def make_method(
         degree = values.get("degree", 3)
         if "stages" in values:
             degree = values["stages"] - (1 if cq == "lobatto-iiic" else 0)
+        if values.get("history") == "exponentials" and usual_start == "series":
+            usual_start = "graded" if cq == "gauss" else "none"
         start = values.get("start", usual_start)
         forcing_quadrature = values.get("forcing_quadrature", "galerkin")
     exponents: tuple[float, ...] = ()

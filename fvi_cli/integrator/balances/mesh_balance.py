@@ -141,7 +141,7 @@ def diagnose_run(
             dissipated_work=lost,
             forcing_work=gained,
             energy_defect=energy - energy[0] + lost - gained,
-            stored_energy=stored,
+            stored_energy=None if damping is None else stored,
         )
     if not asked.symmetries:
         return result
