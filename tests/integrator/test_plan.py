@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import tracemalloc
+from unittest.mock import patch
 
 import numpy as np
 import pytest
+import scipy.sparse.linalg
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
@@ -155,9 +157,13 @@ def test_operations_of_large_coupled_scenes():
         planned = plan_run(scene, gauss(), n_steps)
         counted = integrate(scene, gauss(), n_steps).history_operations
         assert planned.history_operations == counted > 0
-    # matrices of all components are factorised with their zeros left out
-    for history in ("auto", "fft"):
-        assert "sparse" in plan_run(scene, gauss(history=history), 40).steps
+        # only one component is damped, and only it is remembered
+        assert counted < plan_run(oscillators(2), gauss(), n_steps).history_operations * 10
+    # equations of all components are factorised once, with their zeros left out
+    with patch.object(scipy.sparse.linalg, "splu", wraps=scipy.sparse.linalg.splu) as factorised:
+        integrate(scene, gauss(), 40)
+    assert factorised.call_count == 1
+    assert "one factorisation" in plan_run(scene, gauss(), 40).steps
 
 
 @pytest.mark.parametrize(

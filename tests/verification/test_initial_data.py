@@ -132,12 +132,13 @@ def test_what_initial_data_cost_under_riemann_liouville(
         solution = match_scene(scene)
         assert solution is not None
         errors = []
-        for n_steps in (512, 2048):
+        # at finer ones errors of order 3.5 are those of round-off
+        for n_steps in (256, 1024):
             trajectory = integrate(scene, method, n_steps)
             exact = solution.position(trajectory.time)
             errors.append(np.abs(trajectory.position - exact).max())
         measured[derivative] = np.log2(errors[0] / errors[1]) / 2
-        stated = expected_order(scene, method, "max", 2048)
+        stated = expected_order(scene, method, "max", 1024)
         if derivative == "riemann-liouville":
             assert stated == pytest.approx(lost)
         assert measured[derivative] == pytest.approx(stated, abs=0.1)
