@@ -137,3 +137,11 @@ def test_a_tolerance_below_round_off_of_the_position(degree: int) -> None:
     wanted = integrate(small, gauss(degree), AdaptiveSteps(tolerance=1e-12)).position[-1, 0]
     assert found.status == "ok"
     assert abs(found.position[-1, 0] / 1e30 - wanted) < 1e-12
+
+
+def test_a_given_mesh_must_have_the_break_points_of_the_force() -> None:
+    scene = pushed(0.5, 0.3, final_time=1.0)
+    with pytest.raises(ValueError, match=r"break point t = 0\.3"):
+        integrate(scene, gauss(2), uniform_mesh(1.0, 8))
+    fitting = (uniform_mesh(1.0, 10), uniform_mesh(1.0, 8, (0.3,)))
+    assert all(integrate(scene, gauss(2), mesh).status == "ok" for mesh in fitting)

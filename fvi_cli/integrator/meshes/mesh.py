@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import itertools
 import math
 from dataclasses import dataclass
@@ -98,6 +99,25 @@ class Mesh:
         return sum(
             one.n_steps // one.reported_every for one in self.stretches if one.reported_every
         )
+
+    def check_breaks(self, breaks: tuple[float, ...]) -> None:
+        """Refuse a mesh with a break point inside of a step.
+
+        Raises
+        ------
+        ValueError
+            With the break point and the step.
+        """
+        ends = [one.end for one in self.stretches]
+        for time in breaks:
+            one = self.stretches[min(bisect.bisect_left(ends, time), len(ends) - 1)]
+            place = (time - one.begin) / one.step_size
+            beside = abs(place - round(place))
+            if beside > ON_GRID * max(1.0, place) + 4 * math.ulp(time) / one.step_size:
+                raise ValueError(
+                    f"mesh: the break point t = {time:g} of the forcing lies inside of a step of "
+                    f"length {one.step_size:g}; make it a point of the mesh"
+                )
 
 
 def mesh_of(times: Array, breaks: tuple[float, ...] = ()) -> Mesh:

@@ -103,7 +103,8 @@ def integrate_runge_kutta(
     Raises
     ------
     ValueError
-        For a mesh that does not end at T or a method that has no variable steps.
+        For a mesh that does not end at T or has a break point of the forcing inside of a step,
+        and a method that has no variable steps.
     """
     began = clock.perf_counter()
     keeps = with_steps or not diagnostics.is_empty
@@ -118,6 +119,7 @@ def integrate_runge_kutta(
             raise ValueError(
                 f"mesh: it ends at {mesh.final_time:g}, the run at {scene.final_time:g}"
             )
+        mesh.check_breaks(scene.break_points)
         count = mesh.n_reported
         bound = scene_bound(scene, scene.final_time / max(count, 1))
         setup = prepare_run(
