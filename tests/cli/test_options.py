@@ -9,7 +9,10 @@ from typer.testing import CliRunner
 
 from fvi_cli.cli.app import COMMANDS, app
 
-QUICK = ("bagley-torvik-1-2", "--set", "ladder.steps=[4]", "--set", "method={bdf: 1}", "-q")
+QUICK = (
+    "bagley-torvik-1-2",
+    *("--set", "ladder.steps=[4]", "--set", "method={bdf: 1}", "--set", "claims={}", "-q"),
+)
 
 
 @pytest.mark.parametrize(
