@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeAlias
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
 Array = NDArray[np.float64]
-Form: TypeAlias = "Array | csr_array"
-Solve: TypeAlias = Callable[[Array], Array]
+
+
+class SparseMatrix(Protocol):
+    """What is asked of a sparse matrix; SciPy is loaded only where there is one."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Numbers of rows and columns."""
+
+    def __matmul__(self, other: Array) -> Array:
+        """The matrix times columns."""
+
+    def toarray(self) -> Array:
+        """The matrix with all its zeros."""
+
+
+Form = Array | SparseMatrix
+Solve = Callable[[Array], Array]
 
 LEAST_SPARSE = 32
 """Rows from which on a matrix may be worth keeping as sparse."""
@@ -30,7 +43,7 @@ def form(matrix: Array) -> Form:
         return matrix
     from scipy.sparse import csr_array
 
-    return csr_array(matrix)
+    return cast("SparseMatrix", csr_array(matrix))
 
 
 def dense(matrix: Form) -> Array:
@@ -83,13 +96,13 @@ def solver_of(parts: list[tuple[Array, Form]]) -> Solve:
         if not np.abs(np.diagonal(factors[0])).min() > 0:
             raise np.linalg.LinAlgError("Singular matrix")
         return lambda right: np.asarray(lu_solve(factors, right))
-    from scipy.sparse import csc_array, kron
+    from scipy.sparse import csc_array, csr_array, kron
     from scipy.sparse.linalg import splu
 
     # the components of a step side by side: the band of the large matrices stays narrow
     whole = csc_array((size, size))
     for small, large in parts:
-        whole = whole + kron(large, small, format="csc")
+        whole = whole + kron(cast("csr_array", large), small, format="csc")
     try:
         factorised = splu(csc_array(whole))
     except RuntimeError as error:
