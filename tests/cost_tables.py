@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import math
+from pathlib import Path
 
+import fvi_cli as fvi
 from fvi_cli.integrator.method import Method
 from fvi_cli.studies.cost import CostCase, CostRow, CostTable
+from fvi_cli.studies.order import damping_orders
 
 GAUSS = Method(cq="gauss", degree=2, start="series")
 COUNTS = (10, 20, 40, 80, 160)
@@ -40,3 +44,41 @@ def table(*cases: CostCase, name: str = "one") -> CostTable:
         final_time=1.0,
         cases=cases,
     )
+
+
+COUNTED = ("n_steps", "repeats", "peak_memory_bytes", "history_operations", "newton_iterations")
+MEASURED = (
+    *("step_size", "error", "setup_seconds", "stepping_seconds_min", "stepping_seconds_median"),
+    *("storage_seconds", "spread"),
+)
+
+
+def committed_tables(name: str) -> list[CostTable]:
+    """What the committed CSV file holds; floors and messages, which it does not, are left empty."""
+    path = Path(__file__).parents[1] / f"results/tables/{name}-cost.csv"
+    with path.open(encoding="utf-8") as file:
+        lines = list(csv.DictReader(file))
+    tables = []
+    for experiment in fvi.load(name).experiments:
+        cases: dict[str, list[CostRow]] = {method.case: [] for method in experiment.methods}
+        for line in lines:
+            if line["experiment"] == experiment.name:
+                numbers = {key: int(line[key]) for key in COUNTED} | {
+                    key: float(line[key]) for key in MEASURED
+                }
+                cases[line["case"]].append(CostRow(**numbers, floor=0.0, status=line["status"]))
+        tables.append(
+            CostTable(
+                experiment=experiment.name,
+                equation=experiment.problem.equation,
+                reference=experiment.problem.exact_source,
+                gamma=damping_orders(experiment),
+                norm=experiment.norm,
+                final_time=experiment.problem.final_time,
+                cases=tuple(
+                    CostCase(method=method, rows=tuple(cases[method.case]))
+                    for method in experiment.methods
+                ),
+            )
+        )
+    return tables

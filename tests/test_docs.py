@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import csv
+import itertools
 import json
-import math
 import re
 from pathlib import Path
 
 import pytest
 import typer
 import yaml
+from cost_tables import committed_tables
 from typer.testing import CliRunner
 
 import fvi_cli as fvi
@@ -18,8 +18,13 @@ from fvi_cli.cli.app import app
 from fvi_cli.config import configuration_reference, json_schema, shipped_configs
 from fvi_cli.integrator.known_part import BDF_RULES, RUNGE_KUTTA_RULES
 from fvi_cli.planning.expected_order import expected_order
+from fvi_cli.reports import rendered
+from fvi_cli.reports.document import Bullets, Grid
+from fvi_cli.reports.kinds.cost import cost_report
+from fvi_cli.reports.writers.markdown import to_markdown
 from fvi_cli.scenes.kinds import KINDS
 from fvi_cli.storage.export import FORMATS
+from fvi_cli.studies.price import ACCURACIES
 
 ROOT = Path(__file__).parents[1]
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md")}
@@ -117,25 +122,36 @@ def cells(page: str, header: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
+COSTS = {
+    name: committed_tables(name) for name in ("cost-paper", "cost-step-forced", "cost-pendulum")
+}
+
+
 def test_which_method_is_cheapest_follows_from_the_measured_costs() -> None:
-    measured = {}
-    for name in ("cost-paper", "cost-step-forced", "cost-pendulum"):
-        with (ROOT / f"results/tables/{name}-cost-summary.csv").open(encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-        # without the methods that a problem suits by chance
-        for row in (row for row in rows if row["factor_per_digit"] != "nan"):
-            quickest = measured.setdefault(row["experiment"].removeprefix("cost-"), {})
-            for error in (f"{10.0**-k:.0e}" for k in range(2, 13, 2)):
-                seconds = row[f"seconds_to_{error}"]
-                if seconds != "not reached":
-                    best = quickest.get(error, (math.inf, ""))
-                    quickest[error] = min(best, (float(seconds), row["method"]))
-    header = f"| error | {' | '.join(measured)} |"
+    columns = {}
+    for table in itertools.chain(*COSTS.values()):
+        sheets = {sheet.name: sheet for sheet in cost_report("all", [table]).sheets}
+        cheapest = [row["method"] for row in sheets["cheapest"].rows]
+        columns[table.experiment.removeprefix("cost-")] = cheapest
     expected = [
-        [error, *(column[error][1] for column in measured.values())]
-        for error in next(iter(measured.values()))
+        [f"{error:.0e}", *methods]
+        for error, *methods in zip(ACCURACIES, *columns.values(), strict=True)
     ]
-    assert cells("which-method.md", header) == expected
+    assert cells("which-method.md", f"| error | {' | '.join(columns)} |") == expected
+
+
+def test_the_page_of_costs_says_what_was_measured() -> None:
+    page = (ROOT / "results/cost.md").read_text(encoding="utf-8")
+    for name, tables in COSTS.items():
+        report = cost_report(name, tables)
+        stored = (ROOT / f"results/tables/{name}-cost-summary.csv").read_text(encoding="utf-8")
+        assert rendered(report)[f"{name}-cost-summary.csv"] == stored
+        # what errors are measured against is no part of the measured numbers
+        said = [block for block in report.summary if isinstance(block, Grid | Bullets)]
+        assert len(said) == 2 * len(tables)
+        for block in said:
+            assert to_markdown([block]).strip() in page
+    assert to_markdown([Bullets(items=("1.0e+00 to 1.0e-13: nobody",))]).strip() not in page
 
 
 def test_the_rules_of_the_start_series_are_those_of_the_program() -> None:

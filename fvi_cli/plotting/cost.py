@@ -71,7 +71,7 @@ def cost_figure(table: CostTable) -> Figure:
         panels = figure.subplots(rows, 1, squeeze=False, sharex=True)[:, 0]
         figure.suptitle(_title(table))
         _draw(panels[0], curves, styles, lambda point: point.seconds)
-        bands = _bands(panels[0], curves)
+        bands = cheapest_bands(curves)
         _draw_front(panels[0], bands)
         panels[0].set_title("cheapest method:", loc="left", fontsize=SMALL_TEXT)
         panels[0].set_ylabel("set-up and stepping, seconds")
@@ -147,13 +147,6 @@ def _draw(
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_major_locator(LogLocator(numticks=9))
     axes.yaxis.set_minor_formatter(NullFormatter())
-
-
-def _bands(axes: Axes, curves: Sequence[Curve]) -> list[Band]:
-    """Who is cheapest, from the coarse end of the axis to the last error that somebody reached."""
-    coarse, fine = axes.get_xlim()
-    best = min((p.error for c in curves for p in c.points if p.error > 0), default=fine)
-    return cheapest_bands(curves, min(coarse, 1.0), max(fine, best))
 
 
 def _draw_front(axes: Axes, bands: Sequence[Band]) -> None:

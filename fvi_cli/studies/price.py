@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.studies.cost import CostCase, CostRow, CostTable
-from fvi_cli.studies.order import fit_slope
+from fvi_cli.studies.order import fit_slope, pairwise_order
 
 Array = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ ACCURACIES = tuple(10.0**-k for k in range(2, 13, 2))
 """The accuracies of a summary: 1e-2, 1e-4, ... 1e-12."""
 
 FINEST_ROWS = 4
-"""Orders and exponents are fitted to this many rows, the finest above the floor."""
+"""Exponents of time are fitted to this many rows, the finest above the floor."""
 
 LEAST_DECREASE = 1.2
 """Errors that fall less than this from row to row do not lead anywhere."""
@@ -121,11 +121,15 @@ class Curve:
 
     @property
     def order(self) -> float:
-        """Slope of log error against log h over the finest rows; nan with less than three."""
-        if self.is_by_tolerance:
+        """Order between the two finest rows above the floor; nan with less than three.
+
+        The last of the orders in an order table; a fit would mix in coarse steps.
+        """
+        last = self._finest()[-2:]
+        if self.is_by_tolerance or not last:
             return math.nan
-        last = self._finest()
-        return fit_slope([p.row.n_steps for p in last], [p.error for p in last])[0]
+        coarse, fine = last
+        return pairwise_order(coarse.error, fine.error, coarse.row.n_steps, fine.row.n_steps)
 
     @property
     def time_exponent(self) -> float:
@@ -174,31 +178,8 @@ def cost_curves(table: CostTable) -> list[Curve]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cheapest:
-    """The cheapest method at one accuracy."""
-
-    accuracy: float
-    curve: Curve | None
-    seconds: float
-
-
-def cheapest_at(curves: Sequence[Curve], accuracy: float) -> Cheapest:
-    """Who reaches `accuracy` first; no curve where nobody does."""
-    times = [
-        (curve.seconds_to(accuracy), k)
-        for k, curve in enumerate(curves)
-        if not curve.is_exact_by_chance
-    ]
-    reached = [(seconds, k) for seconds, k in times if not math.isnan(seconds)]
-    if not reached:
-        return Cheapest(accuracy=accuracy, curve=None, seconds=math.nan)
-    seconds, k = min(reached)
-    return Cheapest(accuracy=accuracy, curve=curves[k], seconds=seconds)
-
-
-@dataclass(frozen=True, kw_only=True)
 class Band:
-    """Accuracies from `coarse` down to `fine` at which one method is cheapest, and its times."""
+    """Errors from `coarse` (excluded) down to `fine` at which one method is cheapest."""
 
     coarse: float
     fine: float
@@ -208,47 +189,52 @@ class Band:
 
 
 SAMPLES_PER_DECADE = 40
+DECADES = 13
+"""Who is cheapest is asked for errors from 1 down to 1e-13; what is below is round-off."""
 
 TIE = 1.1
 """Times that differ by less than this factor are taken for equal."""
 
 
-def cheapest_bands(curves: Sequence[Curve], coarse: float, fine: float) -> list[Band]:
-    """Who is cheapest between two accuracies, from the coarse to the fine end.
+def cheapest_bands(curves: Sequence[Curve]) -> list[Band]:
+    """Who is cheapest from an error of 1 down to 1e-13; gaps where nobody comes.
 
     A method stays in its band until another one is quicker by a tenth: less is within what times
-    scatter.
+    scatter. Methods that are exact by chance are not asked.
     """
-    count = max(2, round(SAMPLES_PER_DECADE * math.log10(coarse / fine)))
-    edges = np.geomspace(coarse, fine, count + 1)
+    rated = [curve for curve in curves if not curve.is_exact_by_chance]
+    count = SAMPLES_PER_DECADE * DECADES
+    errors = [10.0 ** (-k / SAMPLES_PER_DECADE) for k in range(count + 1)]
     bands: list[Band] = []
-    for left, right in itertools.pairwise(edges.tolist()):
-        accuracy = math.sqrt(left * right)
-        found = cheapest_at(curves, accuracy)
-        if found.curve is None:
+    for coarse, fine in itertools.pairwise(errors):
+        times = [curve.seconds_to(fine) for curve in rated]
+        least = min((time for time in times if not math.isnan(time)), default=None)
+        if least is None:
             continue
-        curve = found.curve
-        if bands and bands[-1].fine == left:
-            stays = bands[-1].curve.seconds_to(accuracy)
-            if stays <= TIE * found.seconds:
-                curve = bands[-1].curve
-                found = Cheapest(accuracy=accuracy, curve=curve, seconds=stays)
-        coarse_end, least, most = left, found.seconds, found.seconds
-        if bands and bands[-1].curve is curve and bands[-1].fine == left:
-            before = bands.pop()
-            coarse_end = before.coarse
-            least = min(least, before.least_seconds)
-            most = max(most, before.most_seconds)
+        curve, seconds, start = rated[times.index(least)], least, coarse
+        before: tuple[float, ...] = ()
+        if bands and bands[-1].fine == coarse:
+            last = bands[-1]
+            stays = last.curve.seconds_to(fine)
+            if stays <= TIE * least:
+                curve, seconds = last.curve, stays
+            if curve is last.curve:
+                start, before = bands.pop().coarse, (last.least_seconds, last.most_seconds)
         bands.append(
             Band(
-                coarse=coarse_end,
-                fine=right,
+                coarse=start,
+                fine=fine,
                 curve=curve,
-                least_seconds=least,
-                most_seconds=most,
+                least_seconds=min((seconds, *before)),
+                most_seconds=max((seconds, *before)),
             )
         )
     return bands
+
+
+def cheapest_at(bands: Sequence[Band], error: float) -> Curve | None:
+    """The method of the band that holds an error; None where nobody reaches it."""
+    return next((band.curve for band in bands if band.coarse > error >= band.fine), None)
 
 
 def pareto_front(curves: Sequence[Curve]) -> list[tuple[Curve, Point]]:

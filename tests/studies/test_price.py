@@ -65,9 +65,9 @@ def test_no_error_at_all_is_reached_by_its_own_run_only():
 
 
 def test_rows_at_the_floor_have_no_order():
-    rows = [row(n, max(n**-4.0, 1e-7), 1e-4 * n) for n in COUNTS]
+    rows = [row(n, max(n**-4.0, 1e-8), 1e-4 * n) for n in COUNTS]
     spoiled = curve("spoiled", rows).order
-    marked = [dataclasses.replace(r, status="floor") if r.error == 1e-7 else r for r in rows]
+    marked = [dataclasses.replace(r, status="floor") if r.error == 1e-8 else r for r in rows]
     assert spoiled < 3.5
     assert curve("marked", marked).order == pytest.approx(4.0)
 
@@ -85,20 +85,34 @@ def test_the_bands_change_where_the_curves_cross():
     first = curve("first", [row(n, 1 / n, 1e-4 * n) for n in COUNTS])
     second = curve("second", [row(n, n**-2.0, 9e-4 * n**0.5) for n in COUNTS])
     crossing = 1e-4 / (9e-4 * math.sqrt(10))
-    bands = cheapest_bands([first, second], 1 / 10, 1 / 1000)
+    bands = cheapest_bands([first, second])
     assert [band.curve.key for band in bands] == ["first", "second"]
     # a tenth later, for less is a tie
     assert bands[0].fine == bands[1].coarse == pytest.approx(crossing / 1.1, rel=0.06)
+    assert bands[0].coarse == 1.0
     assert bands[0].least_seconds == pytest.approx(1e-3, rel=0.06)
-    assert bands[1].most_seconds == pytest.approx(9e-4 * 1000**0.25, rel=0.06)
-    assert cheapest_at([first, second], 2 * crossing).curve is first
-    assert cheapest_at([first, second], crossing / 2).curve is second
+    assert bands[1].most_seconds == pytest.approx(9e-4 * 160**0.5, rel=0.06)
+    assert cheapest_at(bands, 2 * crossing) is first
+    assert cheapest_at(bands, crossing / 2) is second
+    # a tie stays with the one before, here as in the bands
+    assert cheapest_at(bands, bands[0].fine) is first
+    assert second.seconds_to(bands[0].fine) < first.seconds_to(bands[0].fine)
 
 
 def test_nobody_is_cheapest_where_nobody_comes():
     law = power_law("law", 2, 1)
-    assert cheapest_at([law], 1e-12).curve is None
-    assert cheapest_bands([law], 1e-8, 1e-12) == []
+    bands = cheapest_bands([law])
+    assert cheapest_at(bands, 1.1 * 160**-2.0) is law
+    assert cheapest_at(bands, 0.9 * 160**-2.0) is None
+    assert bands[-1].fine >= 160**-2.0 > bands[-1].fine / 1.1
+    assert cheapest_bands([]) == []
+
+
+def test_the_order_is_that_of_the_two_finest_rows_above_the_floor():
+    errors = (1e-1, 1e-1 / 2**3, 1e-1 / 2**8, 1e-1 / 2**12, 1e-15)
+    rows = [row(n, e, 1e-4 * n) for n, e in zip(COUNTS, errors, strict=True)]
+    rows[-1] = dataclasses.replace(rows[-1], status="floor")
+    assert curve("late", rows).order == pytest.approx(4.0)
 
 
 pairs = st.tuples(st.floats(1e-12, 1.0), st.floats(1e-4, 10.0))
@@ -145,7 +159,7 @@ def test_what_is_exact_by_chance_is_not_rated():
     assert not other.is_exact_by_chance
     # one of two runs at the floor may be due to its accuracy
     assert not curve("short", [row(10, 1e-16, 1.0, "floor")]).is_exact_by_chance
-    assert cheapest_at([lucky, other], 1e-3).curve is other
+    assert cheapest_at(cheapest_bands([lucky, other]), 1e-3) is other
     assert {found.key for found, _ in pareto_front([lucky, other])} == {"other"}
 
 

@@ -21,7 +21,6 @@ from fvi_cli.studies.price import (
 )
 
 NOT_REACHED = "not reached"
-_COARSEST, _FINEST = 1.0, 1e-13
 
 RUN_COLUMNS = (
     Column("experiment", "name of the experiment"),
@@ -59,8 +58,8 @@ SUMMARY_COLUMNS = (
     Column("experiment", "name of the experiment"),
     Column("case", "name of the method in files; one for all tolerances"),
     Column("method", "name of the method"),
-    Column("order", "slope of log(error) against log(h) over the finest rows"),
-    Column("time_exponent", "slope of log(seconds) against log(N) over these"),
+    Column("order", "order between the two finest rows above the floor"),
+    Column("time_exponent", "slope of log(seconds) against log(N) over the four finest"),
     Column("factor_per_digit", "factor in seconds for a tenth of the error"),
     *(
         Column(
@@ -81,7 +80,7 @@ SUMMARY_COLUMNS = (
 CHEAPEST_COLUMNS = (
     Column("experiment", "name of the experiment"),
     Column("error", "accuracy to reach"),
-    Column("case", "the method that reaches it first"),
+    Column("case", "the method that is cheapest there"),
     Column("method", "name of the method"),
     Column("seconds", "its set-up plus stepping"),
 )
@@ -173,16 +172,16 @@ def _prices(table: CostTable) -> Iterator[dict[str, Value]]:
 
 
 def _cheapest(table: CostTable) -> Iterator[dict[str, Value]]:
-    names = _names(table)
+    names, bands = _names(table), cheapest_bands(cost_curves(table))
     for accuracy in ACCURACIES:
-        found = cheapest_at(cost_curves(table), accuracy)
-        if found.curve is not None:
+        curve = cheapest_at(bands, accuracy)
+        if curve is not None:
             yield {
                 "experiment": table.experiment,
                 "error": accuracy,
-                "case": found.curve.key,
-                "method": curve_name(found.curve, names),
-                "seconds": found.seconds,
+                "case": curve.key,
+                "method": curve_name(curve, names),
+                "seconds": curve.seconds_to(accuracy),
             }
 
 
@@ -203,10 +202,12 @@ def cost_summary(tables: Sequence[CostTable], *, level: int = 2) -> list[Block]:
     blocks: list[Block] = [
         Paragraph(
             words="Times are seconds, set-up (from a cold start) plus stepping, least of the "
-            "repeats, one run after the other in one process. Order and time exponent (seconds "
-            "against N) belong to the finest rows above the floor; one more digit costs the factor "
-            "beside it. A dash says that an accuracy was not reached; a number in brackets with it "
-            "is extrapolated, not measured. Seconds and bytes are those of one machine."
+            "repeats, one run after the other in one process. The order is that between the "
+            "two finest rows above the floor; the time exponent (seconds against N) and the factor "
+            "that one more digit costs belong to the four finest. The cheapest method stays so "
+            "until another is quicker by a tenth. A dash says that an accuracy was not reached; a "
+            "number in brackets with it is extrapolated, not measured. Seconds and bytes are those "
+            "of one machine."
         )
     ]
     if any(_is_peer(case.method) for table in tables for case in table.cases):
@@ -233,9 +234,9 @@ def _summary(table: CostTable, level: int) -> list[Block]:
         )
         for curve in curves
     ]
-    cheapest = [cheapest_at(curves, accuracy) for accuracy in ACCURACIES]
-    last = tuple("-" if c.curve is None else curve_name(c.curve, names) for c in cheapest)
-    bands = cheapest_bands(curves, _COARSEST, _FINEST)
+    bands = cheapest_bands(curves)
+    cheapest = [cheapest_at(bands, accuracy) for accuracy in ACCURACIES]
+    last = tuple("-" if curve is None else curve_name(curve, names) for curve in cheapest)
     return [
         Heading(level=level, words=table.experiment),
         Paragraph(
