@@ -57,7 +57,7 @@ def test_members_that_share_a_force_have_it_read_once(caplog: pytest.LogCaptureF
         "ladder: {steps: [8]}\nsweep: {problem.mass: {from: 1, to: 2, number: %d}}\n"
     )
     forces._parsed.cache_clear()
-    with caplog.at_level("INFO"):
+    with caplog.at_level("INFO", logger="fvi_cli"):
         parse_config(text % 400, "many.yaml")
         assert not caplog.messages
         parse_config(text % 5000, "many.yaml")

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import rgamma, roots_jacobi
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import Method
@@ -119,6 +118,8 @@ class StepLoads:
 
     def _jump_force(self, start: Array, step_size: float, offsets: Array) -> Array:
         times = start[:, None] + step_size * offsets
+        from scipy.special import rgamma
+
         return np.asarray(
             sum(
                 rgamma(1 - order) * times[..., None] ** -order * direction
@@ -135,10 +136,14 @@ class StepLoads:
         at_zero = self._basis.values(np.zeros(1))
         total = np.zeros((at_zero.shape[0], self._jump[0][1].size))
         for order, direction in self._jump:
+            from scipy.special import roots_jacobi
+
             nodes, weights = roots_jacobi(at_zero.shape[0], 0.0, 1.0 - order)
             tau = 0.5 * (nodes + 1.0)
             weights = weights * 0.5 ** (2.0 - order)
             rest = ((self._basis.values(tau) - at_zero) / tau) @ weights
+            from scipy.special import rgamma
+
             own = rgamma(2.0 - order) * at_zero[:, 0] + rgamma(1.0 - order) * rest
             total += step_size ** (1.0 - order) * np.outer(own, direction)
         return total
