@@ -394,4 +394,5 @@ def test_modules_that_a_scene_does_not_call_for_are_not_imported():
 def test_modules_that_a_command_does_not_call_for_are_not_imported(tmp_path):
     seen = seen_by(COMMANDS, cwd=tmp_path)
     assert seen["run frame -q"] == seen["show results/frame.h5"] == ["h5py"]
-    assert seen["plot frame -q"] == ["h5py", "matplotlib"]
+    # the curve of the exact solution may call for extended precision
+    assert set(seen["plot frame -q"]) - {"mpmath"} == {"h5py", "matplotlib"}
