@@ -4,10 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fvi_cli.effects.matrices import Array, symmetric_matrix
+from numpy.typing import ArrayLike
+
+from fvi_cli.effects.matrices import (
+    Array,
+    Factored,
+    Form,
+    SparseMatrix,
+    dense,
+    is_zero,
+    symmetric_form,
+)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, init=False)
 class FractionalDamping:
     r"""The force :math:`-\mu D^{\gamma} q`.
 
@@ -17,8 +27,15 @@ class FractionalDamping:
         The order :math:`\gamma` in (0, 2) **as it stands in the equation of motion**; the paper
         writes it :math:`\alpha + \beta = 2\alpha`.
     coefficient
-        The number or symmetric matrix :math:`\mu`, shape ``(d, d)``. It may be indefinite: negative
-        damping is a legitimate scene.
+        The number or symmetric matrix :math:`\mu`, shape ``(d, d)``, dense, sparse or in factors.
+        It may be indefinite: negative damping is a legitimate scene.
+
+    Attributes
+    ----------
+    form
+        :math:`\mu` as it is kept.
+    factored
+        Its factors where it acts along a few directions only; None: along all coordinates.
 
     Raises
     ------
@@ -27,20 +44,42 @@ class FractionalDamping:
     """
 
     order: float
-    coefficient: Array
+    form: Form
+    factored: Factored | None = None
 
-    def __post_init__(self) -> None:
-        if not 0.0 < self.order < 2.0:
-            raise ValueError(f"order: {self.order!r} is not allowed; it must lie in (0, 2)")
-        object.__setattr__(self, "order", float(self.order))
-        object.__setattr__(self, "coefficient", symmetric_matrix(self.coefficient, "coefficient"))
+    def __init__(self, *, order: float, coefficient: ArrayLike | SparseMatrix | Factored) -> None:
+        if not 0.0 < order < 2.0:
+            raise ValueError(f"order: {order!r} is not allowed; it must lie in (0, 2)")
+        factored = coefficient if isinstance(coefficient, Factored) else None
+        whole = coefficient.form if isinstance(coefficient, Factored) else coefficient
+        object.__setattr__(self, "order", float(order))
+        object.__setattr__(self, "form", symmetric_form(whole, "coefficient"))
+        object.__setattr__(self, "factored", factored)
+
+    @property
+    def coefficient(self) -> Array:
+        """The matrix with all its zeros, shape ``(d, d)``."""
+        return dense(self.form)
 
     @property
     def dimension(self) -> int:
         """Number d of degrees of freedom."""
-        return int(self.coefficient.shape[0])
+        return int(self.form.shape[0])
+
+    @property
+    def is_active(self) -> bool:
+        """Whether the term does anything: its matrix is not zero."""
+        return not is_zero(self.form)
 
     @property
     def is_integer_order(self) -> bool:
         """Whether the derivative is the classical one, which has no memory."""
         return self.order == 1.0
+
+    def symbol(self, s: complex) -> complex:
+        r"""What the derivative is on :math:`e^{st}`, :math:`s^\gamma` on the principal branch.
+
+        The force of a scene on :math:`q = v e^{st}` is minus the sum over its damping terms of
+        symbol times matrix times v.
+        """
+        return s**self.order

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fvi_cli.effects.matrices import Array, symmetric_matrix
+from fvi_cli.effects.matrices import Array, Factored, symmetric_matrix
 from fvi_cli.mathematics.expressions import Expression, ExpressionError
 
 
@@ -130,7 +130,7 @@ class Directions:
         """Number r of forms."""
         return int(self.rows.shape[0])
 
-    def matrix(self, coefficient: ArrayLike) -> Array:
+    def factored(self, coefficient: ArrayLike) -> Factored:
         r"""The d x d matrix :math:`B^T \mu B` of a force :math:`\mu y` along the directions.
 
         Raises
@@ -147,5 +147,4 @@ class Directions:
                 f"coefficient: a matrix of size {inner.shape[0]} for {self.count} entries in "
                 "acts_on"
             )
-        full = self.rows.T @ inner @ self.rows
-        return np.asarray(0.5 * (full + full.T))
+        return Factored(rows=self.rows, inner=inner)

@@ -30,8 +30,13 @@ class ForcingPiece:
         """The force at `time`, shape ``(...)`` to ``(..., d)``; the piece is not limited here."""
         time = np.asarray(time, dtype=float)
         result = np.empty((*time.shape, len(self.components)))
+        # most components of a large structure share one expression
+        places: dict[int, list[int]] = {}
         for index, component in enumerate(self.components):
-            result[..., index] = component.evaluate({"t": time}, NUMPY_FUNCTIONS)
+            places.setdefault(id(component), []).append(index)
+        for found in places.values():
+            value = np.asarray(self.components[found[0]].evaluate({"t": time}, NUMPY_FUNCTIONS))
+            result[..., found] = value[..., None]
         return result
 
 

@@ -3,20 +3,38 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from fvi_cli.effects.matrices import Array, is_diagonal, symmetric_matrix
+from fvi_cli.effects.matrices import (
+    Array,
+    Form,
+    Solve,
+    SparseMatrix,
+    dense,
+    is_definite,
+    is_diagonal,
+    solver,
+    symmetric_form,
+)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, init=False)
 class Inertia:
     r"""Kinetic energy :math:`T(v) = v^T M v / 2`.
 
     Parameters
     ----------
     mass
-        Symmetric positive definite matrix M, shape ``(d, d)``; a number is a 1 x 1 matrix.
+        Symmetric positive definite matrix M, shape ``(d, d)``, dense or sparse; a number is a
+        1 x 1 matrix.
+
+    Attributes
+    ----------
+    form
+        M as it is kept.
 
     Raises
     ------
@@ -24,25 +42,43 @@ class Inertia:
         If the matrix is not symmetric positive definite.
     """
 
-    mass: Array
+    form: Form
 
-    def __post_init__(self) -> None:
-        mass = symmetric_matrix(self.mass, "mass")
-        smallest = float(np.linalg.eigvalsh(mass)[0])
-        if not smallest > 0:
+    def __init__(self, *, mass: ArrayLike | SparseMatrix) -> None:
+        form = symmetric_form(mass, "mass")
+        if isinstance(form, np.ndarray):
+            smallest = float(np.linalg.eigvalsh(form)[0])
+            if not smallest > 0:
+                raise ValueError(
+                    f"mass: smallest eigenvalue is {smallest:g}; a mass must be positive definite"
+                )
+        elif not is_definite(form):
             raise ValueError(
-                f"mass: smallest eigenvalue is {smallest:g}; a mass must be positive definite"
+                "mass: an eigenvalue is zero or negative; a mass must be positive definite"
             )
-        object.__setattr__(self, "mass", mass)
+        object.__setattr__(self, "form", form)
+
+    @property
+    def mass(self) -> Array:
+        """M with all its zeros, shape ``(d, d)``."""
+        return dense(self.form)
 
     @property
     def dimension(self) -> int:
         """Number d of degrees of freedom."""
-        return int(self.mass.shape[0])
+        return int(self.form.shape[0])
+
+    @cached_property
+    def _solve(self) -> Solve:
+        return solver(self.form)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Without the factors of M, which cannot be sent to other processes."""
+        return {"form": self.form}
 
     def velocity(self, momentum: Array) -> Array:
         """M^-1 p, shape ``(..., d)`` to the same."""
-        if is_diagonal(self.mass):
-            return np.asarray(momentum / np.diagonal(self.mass))
+        if isinstance(self.form, np.ndarray) and is_diagonal(self.form):
+            return np.asarray(momentum / np.diagonal(self.form))
         columns = momentum.reshape(-1, self.dimension).T
-        return np.asarray(np.linalg.solve(self.mass, columns).T.reshape(momentum.shape))
+        return np.asarray(self._solve(columns).T.reshape(momentum.shape))

@@ -1,15 +1,133 @@
-"""Checks shared by the effects that are given as matrices."""
+"""Symmetric matrices of effects, dense or sparse, checked, and products with them."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array, csr_array
+
 Array = NDArray[np.float64]
+
+SYMMETRY_TOLERANCE = 1e-12
+"""Largest difference of an entry and its mirror image, relative to the largest entry."""
+LEAST_SPARSE = 32
+"""Rows from which on a matrix may be worth keeping as sparse."""
+SPARSE_DENSITY = 0.1
+"""A matrix with fewer entries, relative to all places, is taken as sparse."""
+
+
+class SparseMatrix(Protocol):
+    """What is asked of a sparse matrix; SciPy is loaded only where there is one."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Numbers of rows and columns."""
+
+    def __matmul__(self, other: Array) -> Array:
+        """The matrix times columns."""
+
+    def toarray(self) -> Array:
+        """The matrix with all its zeros."""
+
+
+Form = Array | SparseMatrix
+"""A matrix as it is best kept."""
+Solve = Callable[[Array], Array]
+"""From right-hand sides, shape ``(d,)`` or ``(d, n)``, to solutions."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Factored:
+    r"""A symmetric matrix :math:`B^T C B` of low rank.
+
+    Parameters
+    ----------
+    rows
+        B, shape ``(r, d)``: the directions.
+    inner
+        C, symmetric, shape ``(r, r)``.
+    """
+
+    rows: Array
+    inner: Array
+
+    @property
+    def form(self) -> Form:
+        """The d x d matrix, sparse where it has many rows."""
+        if self.rows.shape[1] < LEAST_SPARSE:
+            full = self.rows.T @ self.inner @ self.rows
+            return np.asarray(0.5 * (full + full.T))
+        from scipy.sparse import csr_array
+
+        rows = csr_array(self.rows)
+        product = csr_array(rows.T @ csr_array(self.inner) @ rows)
+        return cast("SparseMatrix", csr_array(0.5 * (product + product.T)))
+
+
+def is_sparse(matrix: object) -> bool:
+    """Whether a matrix keeps its entries only."""
+    return hasattr(matrix, "toarray")
+
+
+def as_csr(matrix: Form) -> csr_array[np.float64]:
+    """A matrix by its rows, entries only."""
+    from scipy.sparse import csr_array
+
+    found = csr_array(cast("csr_array[np.float64]", matrix))
+    return found if found.dtype == np.float64 else csr_array(found.astype(np.float64))
+
+
+def as_csc(matrix: Form) -> csc_array[np.float64]:
+    """A matrix by its columns, entries only."""
+    from scipy.sparse import csc_array
+
+    return csc_array(cast("csr_array[np.float64]", matrix), dtype=np.float64)
+
+
+def symmetric_form(value: ArrayLike | SparseMatrix, name: str) -> Form:
+    """Return `value` as a read-only symmetric float matrix; a number becomes 1 x 1.
+
+    What is sparse stays so, but for a few rows, where the dense matrix is the quicker one.
+
+    Raises
+    ------
+    ValueError
+        If it is not square, not finite or not symmetric to 1e-12 relative.
+    """
+    if not is_sparse(value):
+        return symmetric_matrix(cast(ArrayLike, value), name)
+    sparse = as_csr(cast(SparseMatrix, value))
+    sparse.sum_duplicates()
+    rows, columns = sparse.shape
+    if rows != columns or rows == 0:
+        raise ValueError(f"{name}: shape {sparse.shape} is not allowed; give a square matrix")
+    if rows < LEAST_SPARSE:
+        return symmetric_matrix(sparse.toarray(), name)
+    coordinates = sparse.tocoo()
+    wrong = np.flatnonzero(~np.isfinite(coordinates.data))
+    if wrong.size:
+        at = int(wrong[0])
+        raise ValueError(
+            f"{name}: {_entry(int(coordinates.row[at]), int(coordinates.col[at]))} is "
+            f"{coordinates.data[at]}; every entry must be finite"
+        )
+    difference = as_csr(cast(SparseMatrix, sparse - sparse.T)).tocoo()
+    limit = SYMMETRY_TOLERANCE * float(np.abs(sparse.data).max(initial=0.0))
+    wrong = np.flatnonzero(np.abs(difference.data) > limit)
+    if wrong.size:
+        i, j = int(difference.row[wrong[0]]), int(difference.col[wrong[0]])
+        raise ValueError(_not_symmetric(name, i, j, float(sparse[i, j]), float(sparse[j, i])))
+    return cast(SparseMatrix, sparse)
 
 
 def symmetric_matrix(value: ArrayLike, name: str) -> Array:
-    """Return `value` as a read-only symmetric float matrix; a number becomes 1 x 1.
+    """Return `value` as a read-only symmetric dense float matrix; a number becomes 1 x 1.
 
     Raises
     ------
@@ -24,13 +142,159 @@ def symmetric_matrix(value: ArrayLike, name: str) -> Array:
             f"{name}: shape {matrix.shape} is not allowed; give a number or a square matrix"
         )
     if not np.all(np.isfinite(matrix)):
-        raise ValueError(f"{name}: every entry must be finite")
-    if np.abs(matrix - matrix.T).max() > 1e-12 * np.abs(matrix).max():
-        raise ValueError(f"{name}: the matrix must be symmetric")
+        i, j = np.argwhere(~np.isfinite(matrix))[0].tolist()
+        raise ValueError(f"{name}: {_entry(i, j)} is {matrix[i, j]}; every entry must be finite")
+    off = np.abs(matrix - matrix.T)
+    if off.max() > SYMMETRY_TOLERANCE * np.abs(matrix).max():
+        i, j = np.unravel_index(int(off.argmax()), off.shape)
+        raise ValueError(
+            _not_symmetric(name, int(i), int(j), float(matrix[i, j]), float(matrix[j, i]))
+        )
     matrix.setflags(write=False)
     return matrix
 
 
-def is_diagonal(matrix: Array) -> bool:
+def _entry(row: int, column: int) -> str:
+    """An entry by its place, counted from 1."""
+    return f"the entry in row {row + 1}, column {column + 1}"
+
+
+def _not_symmetric(name: str, i: int, j: int, one: float, other: float) -> str:
+    return (
+        f"{name}: {_entry(i, j)} is {one:g} and its mirror image {other:g}; the matrix must be "
+        "symmetric"
+    )
+
+
+def form(matrix: Form) -> Form:
+    """A matrix as sparse where that is worth while."""
+    if not isinstance(matrix, np.ndarray):
+        return matrix
+    rows = matrix.shape[0]
+    if rows < LEAST_SPARSE or np.count_nonzero(matrix) > SPARSE_DENSITY * matrix.size:
+        return matrix
+    return cast("SparseMatrix", as_csr(matrix))
+
+
+def dense(matrix: Form) -> Array:
+    """A matrix with all its zeros."""
+    return matrix if isinstance(matrix, np.ndarray) else np.asarray(matrix.toarray())
+
+
+def times(values: Array, matrix: Form) -> Array:
+    """Rows of values ``(..., d)`` times a symmetric matrix."""
+    if isinstance(matrix, np.ndarray):
+        return np.asarray(values @ matrix)
+    flat = values.reshape(-1, values.shape[-1])
+    return np.asarray((matrix @ flat.T).T.reshape(values.shape))
+
+
+def scaled(matrix: Form, factor: float) -> Form:
+    """A matrix times a number."""
+    if isinstance(matrix, np.ndarray):
+        return factor * matrix
+    return cast("SparseMatrix", as_csr(matrix) * factor)
+
+
+def diagonal(matrix: Form) -> Array:
+    """The entries on the diagonal, shape ``(d,)``."""
+    return np.asarray(
+        np.diagonal(matrix) if isinstance(matrix, np.ndarray) else as_csr(matrix).diagonal()
+    )
+
+
+def entries(matrix: Form) -> Array:
+    """The entries that are kept, shape ``(n,)``; all of a dense matrix."""
+    return matrix.ravel() if isinstance(matrix, np.ndarray) else np.asarray(as_csr(matrix).data)
+
+
+def is_zero(matrix: Form) -> bool:
+    """Whether every entry is zero."""
+    return not np.any(entries(matrix))
+
+
+def is_diagonal(matrix: Form) -> bool:
     """Whether every entry off the diagonal is zero."""
-    return bool(np.count_nonzero(matrix) == np.count_nonzero(np.diagonal(matrix)))
+    return bool(np.count_nonzero(entries(matrix)) == np.count_nonzero(diagonal(matrix)))
+
+
+def touched(matrix: Form) -> NDArray[np.bool_]:
+    """Which rows of a matrix hold anything, shape ``(d,)``."""
+    if isinstance(matrix, np.ndarray):
+        return np.asarray(np.any(matrix != 0, axis=1))
+    sparse = as_csr(matrix)
+    found = np.zeros(sparse.shape[0], dtype=bool)
+    found[sparse.tocoo().row[sparse.data != 0]] = True
+    return found
+
+
+def solver(matrix: Form) -> Solve:
+    """What solves equations with a symmetric matrix.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the matrix is singular.
+    """
+    if isinstance(matrix, np.ndarray):
+        return lambda right: np.asarray(np.linalg.solve(matrix, right))
+    if is_diagonal(matrix):
+        along = diagonal(matrix)
+        if not np.all(along != 0):
+            raise np.linalg.LinAlgError("Singular matrix")
+        return lambda right: np.asarray((right.T / along).T)
+    from scipy.sparse.linalg import splu
+
+    try:
+        factors = splu(as_csc(matrix))
+    except RuntimeError as error:
+        raise np.linalg.LinAlgError(str(error)) from error
+    return lambda right: np.asarray(factors.solve(np.ascontiguousarray(right)))
+
+
+def negative_pivots(matrix: SparseMatrix) -> int:
+    """Number of pivots that are not positive in an elimination without exchange of rows.
+
+    By Sylvester's law of inertia this is the number of eigenvalues of a sparse symmetric matrix
+    that are not positive; all of them count where the elimination breaks down.
+    """
+    from scipy.sparse.linalg import splu
+
+    if is_diagonal(matrix):
+        return int(np.count_nonzero(~(diagonal(matrix) > 0)))
+    try:
+        factors = splu(
+            as_csc(matrix),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError:
+        return int(matrix.shape[0])
+    if not np.array_equal(factors.perm_r, factors.perm_c):
+        return int(matrix.shape[0])
+    return int(np.count_nonzero(~(factors.U.diagonal() > 0)))
+
+
+def is_definite(matrix: Form) -> bool:
+    """Whether a symmetric matrix is positive definite."""
+    if isinstance(matrix, np.ndarray):
+        return bool(np.linalg.eigvalsh(matrix)[0] > 0)
+    return negative_pivots(matrix) == 0
+
+
+SEMIDEFINITE_TOLERANCE = 1e-13
+"""Negative eigenvalues up to this, relative to the largest entry, are round-off."""
+
+
+def is_semidefinite(matrix: Form) -> bool:
+    """Whether a symmetric matrix has no negative eigenvalue but for round-off."""
+    largest = float(np.abs(entries(matrix)).max(initial=0.0))
+    if largest == 0.0:
+        return True
+    if isinstance(matrix, np.ndarray):
+        return bool(np.linalg.eigvalsh(matrix)[0] >= -SEMIDEFINITE_TOLERANCE * largest)
+    from scipy.sparse import eye_array
+
+    slack = SEMIDEFINITE_TOLERANCE * largest * eye_array(matrix.shape[0], format="csr")
+    return negative_pivots(cast(SparseMatrix, as_csr(matrix) + slack)) == 0

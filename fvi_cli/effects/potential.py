@@ -7,32 +7,51 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from fvi_cli.effects.matrices import Array, is_diagonal, symmetric_matrix
+from fvi_cli.effects.matrices import (
+    Array,
+    Form,
+    SparseMatrix,
+    dense,
+    is_diagonal,
+    symmetric_form,
+    times,
+)
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
 
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, init=False)
 class QuadraticPotential:
     r"""Potential energy :math:`V(q) = q^T K q / 2` with a symmetric, possibly indefinite K.
 
     Parameters
     ----------
     stiffness
-        The matrix K, shape ``(d, d)``; a number is a 1 x 1 matrix.
+        The matrix K, shape ``(d, d)``, dense or sparse; a number is a 1 x 1 matrix.
+
+    Attributes
+    ----------
+    form
+        K as it is kept.
     """
 
-    stiffness: Array
+    form: Form
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "stiffness", symmetric_matrix(self.stiffness, "stiffness"))
+    def __init__(self, *, stiffness: ArrayLike | SparseMatrix) -> None:
+        object.__setattr__(self, "form", symmetric_form(stiffness, "stiffness"))
+
+    @property
+    def stiffness(self) -> Array:
+        """K with all its zeros, shape ``(d, d)``."""
+        return dense(self.form)
 
     @property
     def dimension(self) -> int:
         """Number d of degrees of freedom."""
-        return int(self.stiffness.shape[0])
+        return int(self.form.shape[0])
 
     def energy(self, position: Array) -> Array:
         """V at `position`, shape ``(..., d)`` to ``(...)``."""
@@ -40,9 +59,9 @@ class QuadraticPotential:
 
     def gradient(self, position: Array) -> Array:
         """K q, shape ``(..., d)`` to ``(..., d)``."""
-        if is_diagonal(self.stiffness):
-            return position * np.diagonal(self.stiffness)
-        return position @ self.stiffness
+        if isinstance(self.form, np.ndarray) and is_diagonal(self.form):
+            return position * np.diagonal(self.form)
+        return times(position, self.form)
 
     def hessian(self, position: Array) -> Array:
         """K at every position, shape ``(..., d)`` to ``(..., d, d)``."""

@@ -12,7 +12,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
-from fvi_cli.effects.matrices import Array
+from fvi_cli.effects.matrices import Array, is_sparse
 from fvi_cli.effects.potential import Potential, QuadraticPotential
 
 Derivative = Literal["caputo", "riemann-liouville"]
@@ -83,7 +83,7 @@ class Scene:
             )
         if self.derivative == "riemann-liouville" and np.any(self.initial_position != 0):
             for term in self.damping:
-                if term.order > 1 and np.any(term.coefficient != 0):
+                if term.order > 1 and term.is_active:
                     raise ValueError(
                         f"derivative: riemann-liouville of order {term.order:g} with a position "
                         "that is not 0 at the start gives a force t**(-order) that is not "
@@ -98,7 +98,15 @@ class Scene:
     @property
     def active_damping(self) -> tuple[FractionalDamping, ...]:
         """The damping terms that do something (coefficient not zero)."""
-        return tuple(term for term in self.damping if np.any(term.coefficient != 0))
+        return tuple(term for term in self.damping if term.is_active)
+
+    @property
+    def is_sparse(self) -> bool:
+        """Whether any of its matrices is kept as sparse: then nothing dense is made of it."""
+        forms = [self.inertia.form, *(term.form for term in self.damping)]
+        if isinstance(self.potential, QuadraticPotential):
+            forms.append(self.potential.form)
+        return any(map(is_sparse, forms))
 
     @property
     def is_linear(self) -> bool:

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.matrices import Form, as_csr, dense, entries, is_sparse, scaled
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stage_basis import (
@@ -228,19 +229,19 @@ def build_channels(
             weights = own if weights is None else _padded_sum(weights, own)
         if weights is not None:
             channels.append(
-                Channel(direction=direction, weights=weights, has_parity=has_parity(method))
+                Channel(direction=dense(direction), weights=weights, has_parity=has_parity(method))
             )
     return tuple(channels)
 
 
 def terms_by_direction(
     damping: tuple[FractionalDamping, ...],
-) -> tuple[tuple[Array, tuple[tuple[float, float], ...]], ...]:
+) -> tuple[tuple[Form, tuple[tuple[float, float], ...]], ...]:
     """The distinct directions of the coefficients, each with scale and order of its terms.
 
     Every direction has one sequence of weights, however many terms there are.
     """
-    found: list[tuple[Array, list[tuple[float, float]]]] = []
+    found: list[tuple[Form, list[tuple[float, float]]]] = []
     for term in damping:
         scale, direction = scale_and_direction(term)
         for other, terms in found:
@@ -282,17 +283,26 @@ def has_parity(method: Method) -> bool:
     return method.cq == "gauss"
 
 
-def scale_and_direction(term: FractionalDamping) -> tuple[float, Array]:
+def scale_and_direction(term: FractionalDamping) -> tuple[float, Form]:
     """The coefficient matrix as a number times a matrix whose largest entry is 1."""
-    scale = float(np.abs(term.coefficient).max())
-    largest = np.unravel_index(np.abs(term.coefficient).argmax(), term.coefficient.shape)
-    scale = scale * float(np.sign(term.coefficient[largest]))
-    return scale, term.coefficient / scale
+    kept = entries(term.form)
+    scale = float(kept[np.abs(kept).argmax()])
+    if isinstance(term.form, np.ndarray):
+        return scale, term.form / scale
+    return scale, scaled(term.form, 1.0 / scale)
 
 
-def same_direction(a: Array, b: Array) -> bool:
+def same_direction(a: Form, b: Form) -> bool:
     """Whether two matrices from `scale_and_direction` are one."""
-    return bool(np.allclose(a, b, rtol=1e-14, atol=0))
+    if a.shape != b.shape or is_sparse(a) != is_sparse(b):
+        return False
+    if not isinstance(a, np.ndarray):
+        one, other = as_csr(a), as_csr(b)
+        if not (
+            np.array_equal(one.indptr, other.indptr) and np.array_equal(one.indices, other.indices)
+        ):
+            return False
+    return bool(np.allclose(entries(a), entries(b), rtol=1e-14, atol=0))
 
 
 def _weights(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.matrices import is_semidefinite
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import decouple
@@ -63,6 +64,17 @@ class LinearSystem:
             float(np.linalg.eigvalsh(form)[0]) >= -1e-14 * float(np.abs(form).max())
             for form in forms
         )
+
+
+def is_dissipative(scene: Scene) -> bool:
+    """Whether nothing can grow: stiffness and all damping matrices are positive semi-definite.
+
+    See :attr:`LinearSystem.is_dissipative`; nothing dense is made of sparse matrices.
+    """
+    forms = [term.form for term in scene.active_damping]
+    if isinstance(scene.potential, QuadraticPotential):
+        forms.append(scene.potential.form)
+    return scene.is_linear and all(map(is_semidefinite, forms))
 
 
 def linear_system(scene: Scene) -> LinearSystem:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 
+from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.block_sizes import batch_sizes
 from fvi_cli.integrator.decoupling import Decoupling
@@ -15,7 +16,9 @@ from fvi_cli.planning.history_work import Shape
 @functools.lru_cache(maxsize=8)
 def systems_of(scene: Scene) -> Decoupling | None:
     """Made once for all runs of a scene: modes of many components take their time."""
-    directions = [direction for direction, _ in terms_by_direction(scene.active_damping)]
+    if scene.is_sparse:
+        return None
+    directions = [dense(direction) for direction, _ in terms_by_direction(scene.active_damping)]
     return scene_decoupling(scene, directions)
 
 

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.matrices import touched
 from fvi_cli.integrator.block_history import LARGEST_NEAR, even_fast_length
 from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP
 from fvi_cli.integrator.block_sizes import BlockSizes
@@ -72,7 +73,7 @@ def channel_shapes(
         ChannelShape(
             memory=max(memory_length(method, order, n_weights) for _, order in terms),
             is_scalar=not method.is_runge_kutta,
-            support=int((direction != 0).any(axis=0).sum()),
+            support=int(touched(direction).sum()),
         )
         for direction, terms in terms_by_direction(damping)
     )

@@ -140,7 +140,7 @@ def find_resolution(scene: Scene, tolerance: float) -> Resolution:
 
 
 def _motions(scene: Scene) -> tuple[tuple[Motion, ...], tuple[Singularity, ...]]:
-    if scene.dimension > LARGEST_DIMENSION:
+    if scene.dimension > LARGEST_DIMENSION or scene.is_sparse:
         return (), _unknown_singularities(scene)
     try:
         linear = linearised_at_start(scene)

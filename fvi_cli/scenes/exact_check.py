@@ -20,6 +20,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 
 Array = NDArray[np.float64]
@@ -106,8 +107,8 @@ def _in_the_equation(exact: Callable[[Array], Array], scene: Scene) -> str:
 def _terms(exact: Callable[[Array], Array], scene: Scene, time: float, points: int) -> list[Array]:
     """The terms of the equation, integrated twice from 0 to `time`, shape ``(d,)`` each."""
     start, rate = scene.initial_position, scene.initial_velocity
-    mass = np.atleast_2d(scene.inertia.mass)
-    terms = [mass @ exact(np.array([time]))[0], -mass @ (start + rate * time)]
+    mass = scene.inertia.form
+    terms = [times(exact(np.array([time]))[0], mass), -times(start + rate * time, mass)]
     for damping in scene.active_damping:
         nodes, weights = _rule(time, 1.0 - damping.order, scene.break_points, points)
         moved = exact(nodes)
@@ -116,7 +117,7 @@ def _terms(exact: Callable[[Array], Array], scene: Scene, time: float, points: i
             if damping.order > 1:
                 moved = moved - nodes[:, None] * rate
         integral = weights @ moved / math.gamma(2.0 - damping.order)
-        terms.append(np.atleast_2d(damping.coefficient) @ integral)
+        terms.append(times(integral, damping.form))
     nodes, weights = _rule(time, 1.0, scene.break_points, points)
     if scene.potential is not None:
         terms.append(weights @ scene.potential.gradient(exact(nodes)))

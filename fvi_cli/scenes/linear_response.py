@@ -209,7 +209,7 @@ def match_scene(scene: Scene) -> ExactSolution | None:
     ExactSolution | None
         None for everything else.
     """
-    if not scene.is_linear:
+    if not scene.is_linear or scene.is_sparse:
         return None
     d = scene.dimension
     stiffness = (

@@ -11,7 +11,7 @@ from fvi_cli.effects.directions import Directions
 def test_a_damper_between_two_bodies() -> None:
     directions = Directions.from_text(["x2 - x1"], ("x1", "x2", "x3"))
     assert directions.rows.tolist() == [[-1.0, 1.0, 0.0]]
-    assert directions.matrix(0.5).tolist() == [[0.5, -0.5, 0.0], [-0.5, 0.5, 0.0], [0, 0, 0]]
+    assert directions.factored(0.5).form.tolist() == [[0.5, -0.5, 0.0], [-0.5, 0.5, 0.0], [0, 0, 0]]
 
 
 def test_combinations_are_read_exactly() -> None:
@@ -25,7 +25,7 @@ def test_a_matrix_couples_the_directions() -> None:
     rng = np.random.default_rng(3)
     rows = rng.normal(size=(2, 4))
     inner = np.array([[2.0, -1.0], [-1.0, 3.0]])
-    matrix = Directions(rows=rows).matrix(inner)
+    matrix = Directions(rows=rows).factored(inner).form
     v = rng.normal(size=4)
     # the power of the force is that of the forces along the directions
     assert v @ matrix @ v == pytest.approx((rows @ v) @ inner @ (rows @ v), rel=1e-14)
@@ -56,4 +56,4 @@ def test_what_is_not_linear_is_refused(text: str, message: str) -> None:
 def test_a_matrix_of_the_wrong_size_is_refused() -> None:
     directions = Directions.from_text(["x1"], ("x1", "x2"))
     with pytest.raises(ValueError, match="size 2 for 1 entries"):
-        directions.matrix(np.eye(2))
+        directions.factored(np.eye(2))

@@ -20,12 +20,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.matrices import times
 from fvi_cli.effects.symmetry import Symmetry
 from fvi_cli.integrator.convolution.damping import Damping
 from fvi_cli.integrator.diagnostics import Asked, Diagnostics
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.run.steps_of_run import RunSteps
-from fvi_cli.integrator.steps.algebra import dense
 from fvi_cli.integrator.steps.dynamics import General, Separable
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
@@ -37,24 +37,17 @@ PIECE = 128
 
 def damping_along(damping: Damping, steps: RunSteps) -> tuple[Array, Array]:
     """Damping force at the stages, ``(n, r, d)``, and stored energy on the mesh, ``(n + 1,)``."""
-    everywhere = np.arange(damping.dimension)
-    kept = everywhere if damping.support is None else damping.support
-    n_kept = kept.size
-    matrices = [dense(one) for one in damping.matrices]
+    n_kept = damping.n_remembered
     force = np.empty_like(steps.velocity)
     stored = np.zeros(steps.n_steps + 1)
     states = damping.initial_states()
     weights = damping.energy_weights()
     for first, last in _pieces(steps.step_size):
         at = damping.tables(float(steps.step_size[first]))
-        driving = steps.velocity[first:last][:, :, kept]
-        if damping.has_column:
-            nothing = np.zeros((*driving.shape[:2], 1))
-            driving = np.concatenate([driving, nothing], axis=2)
+        driving = damping.input_of(steps.velocity[first:last])
         own = np.zeros((last - first, driving.shape[1], n_kept))
-        for local, matrix in zip(at.local, matrices, strict=True):
-            own += np.einsum("ij,njc,cd->nid", local, driving, matrix, optimize=True)
-        own += at.constant_force[:, kept]
+        for local, one in zip(at.local, damping.directions, strict=True):
+            own += times(np.einsum("ij,njc->nic", local, driving[..., :n_kept]), one.inner)
         if damping.has_memory:
             added = np.einsum("jr,nrc->njc", at.intake, driving)
             path = np.empty((last - first + 1, *states.shape))
@@ -62,20 +55,19 @@ def damping_along(damping: Damping, steps: RunSteps) -> tuple[Array, Array]:
             for index in range(last - first):
                 path[index + 1] = path[index] * at.decay[:, None] + added[index]
             states = path[-1]
-            for response, one, matrix, weight in zip(
-                at.response, damping.directions, matrices, weights, strict=True
-            ):
-                own += np.einsum("rj,njc,cd->nrd", response, path[:-1], matrix, optimize=True)
+            for response, one, weight in zip(at.response, damping.directions, weights, strict=True):
+                carried = np.einsum("rj,njc->nrc", response, path[:-1])
+                own += damping.force_of_states(one, carried)
                 free = path[1:, :, :n_kept]
                 if one.is_relative:
                     # states that began with the start velocity, or carry it in their column
-                    start = damping.start_velocity[kept]
-                    carried = path[1:, :, n_kept:] * start if damping.has_column else 0.0
-                    free = free + carried - start
+                    start = damping.remembered(damping.start_velocity)
+                    moved = path[1:, :, n_kept:] * start if damping.has_column else 0.0
+                    free = free + moved - start
                 stored[first + 1 : last + 1] += 0.5 * np.einsum(
-                    "j,njc,cd,njd->n", weight, free, matrix[:n_kept], free, optimize=True
+                    "j,njc,njc->n", weight, free, times(free, one.inner)
                 )
-        force[first:last] = damping.spread(own)
+        force[first:last] = damping.spread(own) + at.constant_force
     return force, stored
 
 

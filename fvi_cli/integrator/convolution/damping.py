@@ -23,11 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.matrices import Form, form, scaled, times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.convolution.kernel import Kernel, power_kernel
+from fvi_cli.integrator.convolution.reach import Reach
 from fvi_cli.integrator.convolution.stages import StageOperator, StepKernel
-from fvi_cli.integrator.memory import terms_by_direction
-from fvi_cli.integrator.steps.algebra import Form, form, times
+from fvi_cli.integrator.memory import same_direction, scale_and_direction
 
 Array = NDArray[np.float64]
 
@@ -42,20 +43,27 @@ class Direction:
     Parameters
     ----------
     matrix
-        D, shape ``(d, d)``, or ``(d + 1, d)`` where the last row carries the start velocity.
+        D, shape ``(d, d)``, as it is best kept.
+    inner
+        The same on the components that are remembered, shape ``(r, r)``.
     exponents, factors
         :math:`1 - \gamma` and the coefficient of every term with memory.
     rate
         Coefficient of the terms of order 1, which act on the velocity itself.
     is_relative
         Whether the start velocity is subtracted: Caputo derivatives of order above 1.
+    start_force
+        What the column of ones carries: the start velocity, remembered, times `inner`, ``(r,)``;
+        None where it carries nothing.
     """
 
-    matrix: Array
+    matrix: Form
+    inner: Form
     exponents: tuple[float, ...]
     factors: tuple[float, ...]
     rate: float
     is_relative: bool = False
+    start_force: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,16 +120,8 @@ class Damping:
         known beforehand.
     accuracy
         Relative accuracy of the sum of exponentials.
-    support
-        Components that are damped at all, where the states are to be kept for these only; None:
-        for all.
-
-    Attributes
-    ----------
-    forms
-        Matrix of every direction, shape ``(d, d)``, sparse where that is worth while.
-    matrices
-        The same for the components that are remembered, with the row of the start velocity.
+    reach
+        Linear forms of the velocity for which states are kept; None: for every component.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class Damping:
         shortest_step: float,
         n_steps: float | None = None,
         accuracy: float = 1e-14,
-        support: NDArray[np.intp] | None = None,
+        reach: Reach | None = None,
     ) -> None:
         self._operator = operator
         self.start_velocity = scene.initial_velocity
@@ -143,28 +143,17 @@ class Damping:
         above = [term for term in terms if caputo and term.order > 1]
         below = [term for term in terms if term not in above]
         self.has_column = bool(above) and any(term.order != 1 for term in below)
-        self._first_state = np.zeros_like(velocity)
-        if above and not self.has_column:
-            self._first_state = velocity
-        groups = _directions(tuple(below))
-        for direction in _directions(tuple(above)):
-            one = replace(direction, is_relative=True)
-            groups.append(_carrying(one, velocity) if self.has_column else one)
-        if self.has_column:
-            groups = [_widened(one, scene.dimension) for one in groups]
-        self.directions = tuple(groups)
         self.dimension = scene.dimension
-        self.forms = tuple(form(one.matrix[: scene.dimension]) for one in groups)
-        self.support = support
-        self._remembered = scene.dimension if support is None else support.size
-        self._columns = self._remembered + (1 if self.has_column else 0)
-        matrices = [one.matrix for one in groups]
-        if support is not None:
-            rows = np.append(support, scene.dimension) if self.has_column else support
-            matrices = [one.matrix[np.ix_(rows, support)] for one in groups]
-        self.matrices = tuple(
-            form(one) if one.shape[0] == one.shape[1] else one for one in matrices
-        )
+        self.reach = reach
+        self.n_remembered = scene.dimension if reach is None else reach.count
+        self._columns = self.n_remembered + (1 if self.has_column else 0)
+        start = self.remembered(velocity)
+        self._first_state = start if above and not self.has_column else np.zeros_like(start)
+        groups = _directions(tuple(below), reach)
+        for direction in _directions(tuple(above), reach):
+            carried = times(start, direction.inner) if self.has_column else None
+            groups.append(replace(direction, is_relative=True, start_force=carried))
+        self.directions = tuple(groups)
         exponents = sorted({e for one in groups for e in one.exponents})
         self._index = {exponent: index for index, exponent in enumerate(exponents)}
         self._blocks = {e: operator.local_block(e) for e in exponents}
@@ -196,8 +185,7 @@ class Damping:
         """The states at the start, shape ``(J, columns)``."""
         rates = 0 if self.kernel is None else self.kernel.n_states
         states = np.zeros((rates, self._columns))
-        first = self._first_state
-        states[:, : self._remembered] = first if self.support is None else first[self.support]
+        states[:, : self.n_remembered] = self._first_state
         if self.has_column:
             states[:, -1] = 1.0
         return states
@@ -226,12 +214,10 @@ class Damping:
             )
         response = [self.combined(one, step.response) for one in self.directions]
         constant = np.zeros((m, self.dimension))
-        for block, own, one, own_form in zip(
-            local, response, self.directions, self.forms, strict=True
-        ):
+        for block, own, one in zip(local, response, self.directions, strict=True):
             if one.is_relative:
                 left = block.sum(axis=1) + own.sum(axis=1)
-                constant -= left[:, None] * times(self.start_velocity, own_form)
+                constant -= left[:, None] * times(self.start_velocity, one.matrix)
         return DampingTables(
             local=tuple(local),
             response=tuple(response),
@@ -255,74 +241,68 @@ class Damping:
         weights = self.kernel.energy_weights
         return tuple(self.combined(one, weights) for one in self.directions)
 
+    def remembered(self, values: Array) -> Array:
+        """What is remembered of velocities ``(..., d)``, shape ``(..., r)``."""
+        return values if self.reach is None else self.reach.along(values)
+
     def input_of(self, velocity: Array) -> Array:
-        """What drives the states for stage velocities ``(m, d)``, shape ``(m, columns)``."""
-        remembered = velocity if self.support is None else velocity[:, self.support]
+        """What drives the states for stage velocities ``(..., d)``, shape ``(..., columns)``."""
+        remembered = self.remembered(velocity)
         if self.has_column:
-            return np.concatenate([remembered, np.zeros((velocity.shape[0], 1))], axis=1)
+            nothing = np.zeros((*remembered.shape[:-1], 1))
+            return np.concatenate([remembered, nothing], axis=-1)
         return remembered
+
+    def force_of_states(self, one: Direction, carried: Array) -> Array:
+        """Force of states that a response has combined, ``(..., columns)`` to ``(..., r)``."""
+        force = times(carried[..., : self.n_remembered], one.inner)
+        if one.start_force is not None:
+            force = force + carried[..., -1:] * one.start_force
+        return force
 
     def history_force(self, tables: DampingTables, states: Array) -> Array:
         """Force of the past at the stages, shape ``(m, d)``."""
-        total = np.zeros((self._stages, self._remembered))
-        for response, matrix in zip(tables.response, self.matrices, strict=True):
-            total += _along(response @ states, matrix)
+        total = np.zeros((self._stages, self.n_remembered))
+        for response, one in zip(tables.response, self.directions, strict=True):
+            if one.exponents:
+                total += self.force_of_states(one, response @ states)
         return self.spread(total)
 
     def local_force(self, tables: DampingTables, velocity: Array) -> Array:
         """Force of the step's own velocities, shape ``(m, d)`` to the same."""
-        remembered = velocity if self.support is None else velocity[:, self.support]
-        total = np.zeros((self._stages, self._remembered))
-        for local, matrix in zip(tables.local, self.matrices, strict=True):
-            own = matrix
-            if isinstance(matrix, np.ndarray):
-                own = matrix[: self._remembered]
-            total += _along(local @ remembered, own)
+        remembered = self.remembered(velocity)
+        total = np.zeros((self._stages, self.n_remembered))
+        for local, one in zip(tables.local, self.directions, strict=True):
+            total += times(local @ remembered, one.inner)
         return self.spread(total)
 
     def spread(self, force: Array) -> Array:
-        """From the remembered components, last axis, to all."""
-        if self.support is None:
-            return force
-        total = np.zeros((*force.shape[:-1], self.dimension))
-        total[..., self.support] = force
-        return total
+        """From what is remembered, last axis, to all components."""
+        return force if self.reach is None else self.reach.spread(force)
 
     def advance(self, tables: DampingTables, states: Array, driving: Array) -> Array:
         """The states after a step."""
         return tables.decay[:, None] * states + tables.intake @ driving
 
 
-def _along(values: Array, matrix: Form) -> Array:
-    """Rows of values times a matrix, which is square where it is sparse."""
-    return np.asarray(values @ matrix) if isinstance(matrix, np.ndarray) else times(values, matrix)
-
-
-def _directions(terms: tuple[FractionalDamping, ...]) -> list[Direction]:
-    groups = []
-    for matrix, members in terms_by_direction(terms):
-        fractional = [
-            (min(1.0 - order, LARGEST_EXPONENT), scale) for scale, order in members if order != 1
-        ]
-        groups.append(
-            Direction(
-                matrix=matrix,
-                exponents=tuple(e for e, _ in fractional),
-                factors=tuple(scale for _, scale in fractional),
-                rate=sum(scale for scale, order in members if order == 1),
+def _directions(terms: tuple[FractionalDamping, ...], reach: Reach | None) -> list[Direction]:
+    """One direction for all terms whose matrices are multiples of each other."""
+    groups: list[Direction] = []
+    for term in terms:
+        scale, matrix = scale_and_direction(term)
+        is_rate = term.order == 1
+        known = next((i for i, o in enumerate(groups) if same_direction(o.matrix, matrix)), None)
+        if known is None:
+            matrix = form(matrix)
+            inner = matrix if reach is None else scaled(reach.inner(term), 1.0 / scale)
+            groups.append(Direction(matrix=matrix, inner=inner, exponents=(), factors=(), rate=0.0))
+            known = -1
+        one = groups[known]
+        if is_rate:
+            groups[known] = replace(one, rate=one.rate + scale)
+        else:
+            exponent = min(1.0 - term.order, LARGEST_EXPONENT)
+            groups[known] = replace(
+                one, exponents=(*one.exponents, exponent), factors=(*one.factors, scale)
             )
-        )
     return groups
-
-
-def _widened(one: Direction, dimension: int) -> Direction:
-    """The same with a row for the column of ones."""
-    if one.matrix.shape[0] > dimension:
-        return one
-    matrix = np.concatenate([one.matrix, np.zeros((1, dimension))])
-    return replace(one, matrix=matrix)
-
-
-def _carrying(one: Direction, velocity: Array) -> Direction:
-    matrix = np.concatenate([one.matrix, (velocity @ one.matrix)[None]])
-    return replace(one, matrix=matrix)

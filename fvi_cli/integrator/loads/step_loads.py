@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.moments import fine_rule, graded_edges, graded_rule
@@ -48,7 +49,7 @@ class StepLoads:
         self._jump: list[tuple[float, Array]] = []
         if scene.derivative == "riemann-liouville" and np.any(scene.initial_position != 0):
             self._jump = [
-                (term.order, -scene.initial_position @ term.coefficient)
+                (term.order, -times(scene.initial_position, term.form))
                 for term in scene.active_damping
                 if term.order < 1
             ]

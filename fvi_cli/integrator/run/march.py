@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.matrices import dense
 from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.growth_bound import first_outside_at
@@ -28,6 +29,9 @@ Array = NDArray[np.float64]
 
 CHUNK = 4096
 """Steps after which a run may stop and go on: then nothing is left of how they were done."""
+
+LARGEST_CHUNK = 2**20
+"""Numbers in the positions of these steps, at most."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +64,11 @@ class MarchPlan:
     operations: int
 
 
+def chunk_steps(dimension: int) -> int:
+    """Steps of a chunk of a run with so many degrees of freedom."""
+    return max(16, min(CHUNK, LARGEST_CHUNK // dimension))
+
+
 class March:
     """Steps of a mesh, chunk by chunk.
 
@@ -74,6 +83,7 @@ class March:
     def __init__(self, setup: RunSetup, mesh: Mesh, sink: Sink, *, done: int = 0) -> None:
         self._setup, self._mesh, self._sink = setup, mesh, sink
         self._solver = setup.stepper.solver
+        self._chunk_steps = chunk_steps(setup.scene.dimension)
         self._linear: dict[tuple[float, int], LinearBlocks] = {}
         self._newton: dict[tuple[float, int], NewtonStretch] = {}
         damping = setup.damping
@@ -110,7 +120,7 @@ class March:
                 while first < one.n_steps and not self.failure:
                     if until is not None and self.done >= until:
                         return index, first
-                    count = min(CHUNK, one.n_steps - first)
+                    count = min(self._chunk_steps, one.n_steps - first)
                     self._chunk(marker, one, first, count)
                     first += count
                 if self.failure:
@@ -122,19 +132,20 @@ class March:
         dynamics = self._solver.dynamics
         stages, d = self._solver.tables.points.size, dynamics.dimension
         q, e, has_modes = 1, d, False
-        if dynamics.is_linear:
-            systems, decoupling = self._decoupled()
-            (q, e), has_modes = systems.shape, decoupling.has_modes
+        decoupling = self._setup.decoupling
+        if decoupling is not None:
+            q, has_modes = decoupling.batch, decoupling.has_modes
+            e = d // q
         single = largest = operations = 0
         for one in self._mesh.stretches:
-            inside = min(one.n_steps, CHUNK)
+            inside = min(one.n_steps, self._chunk_steps)
             if dynamics.is_linear:
-                block = block_length(stages, q, e, inside)
+                block = 0 if decoupling is None else block_length(stages, q, e, inside)
             else:
                 general = isinstance(dynamics, General)
                 block = newton_block(stages, d, inside, general=general)
-            whole, rest = divmod(one.n_steps, CHUNK)
-            for count, times in ((CHUNK, whole), (rest, 1)):
+            whole, rest = divmod(one.n_steps, self._chunk_steps)
+            for count, times in ((self._chunk_steps, whole), (rest, 1)):
                 if count == 0 or times == 0:
                     continue
                 if block == 0 or (dynamics.is_linear and count < block):
@@ -168,7 +179,7 @@ class March:
         loads = self._setup.stepper.loads.of_steps(
             one.begin + first * h, h, count, is_fresh=is_fresh
         )
-        stretch_steps = min(one.n_steps, CHUNK)
+        stretch_steps = min(one.n_steps, self._chunk_steps)
         try:
             if self._solver.dynamics.is_linear:
                 found = self._linear_steps(marker, h, count, stretch_steps, loads)
@@ -206,12 +217,15 @@ class March:
     def _linear_steps(
         self, marker: Marker, h: float, count: int, stretch_steps: int, loads: Array | None
     ) -> tuple[Array, Array, Array]:
-        systems, decoupling = self._decoupled()
-        q, e = systems.shape
+        if self._setup.decoupling is None:
+            return self._single_steps(marker, h, count, loads)
+        q = self._setup.decoupling.batch
+        e = self._setup.scene.dimension // q
         stages = self._solver.tables.points.size
         block = block_length(stages, q, e, stretch_steps)
         if block == 0 or count < block:
             return self._single_steps(marker, h, count, loads)
+        systems, decoupling = self._decoupled()
         key = (h, block)
         if key not in self._linear:
             try:
@@ -297,8 +311,7 @@ class March:
             decoupling = self._setup.decoupling
             if not isinstance(dynamics, Separable) or decoupling is None:
                 raise ValueError("blocks: the scene is not linear")
-            d = dynamics.dimension
-            directions = [] if damping is None else [o.matrix[:d] for o in damping.directions]
+            directions = [] if damping is None else [dense(o.matrix) for o in damping.directions]
             stiffness = dynamics.stiffness
             self._systems = (
                 LinearSystems(

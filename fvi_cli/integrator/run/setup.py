@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.convolution.damping import Damping
+from fvi_cli.integrator.convolution.reach import Reach, find_reach
 from fvi_cli.integrator.convolution.stages import StageOperator
 from fvi_cli.integrator.decoupling import Decoupling, decouple_forms
 from fvi_cli.integrator.growth_bound import GrowthBound
@@ -37,7 +38,7 @@ class RunSetup:
     damping
         Fractional damping; None: there is none.
     decoupling
-        Coordinates in which a linear scene falls apart; None for others.
+        Coordinates in which a linear scene falls apart; None for others and for sparse ones.
     bound
         Beyond which no sound run goes.
     """
@@ -78,7 +79,7 @@ def prepare_run(
             operator,
             shortest_step=shortest_step,
             n_steps=n_steps,
-            support=_damped_components(scene, method.stages, decoupling),
+            reach=_reach(scene, method.stages, decoupling),
         )
     solver = StepSolver(dynamics_of(scene), damping, tables)
     return RunSetup(
@@ -91,24 +92,22 @@ def prepare_run(
     )
 
 
-def _damped_components(
-    scene: Scene, stages: int, decoupling: Decoupling | None
-) -> NDArray[np.intp] | None:
-    """Where scenes are too large for blocks, the components that any damping acts on."""
-    if decoupling is None or decoupling.batch > 1:
+def _reach(scene: Scene, stages: int, decoupling: Decoupling | None) -> Reach | None:
+    """Where scenes are too large for blocks, what any damping acts on."""
+    if not scene.is_linear or (decoupling is not None and decoupling.batch > 1):
         return None
-    if scene.dimension * stages * LEAST_BLOCK <= LARGEST_DENSE:
+    if scene.dimension * stages * LEAST_BLOCK <= LARGEST_DENSE and decoupling is not None:
         return None
-    terms = scene.active_damping
-    touched = np.any([np.any(term.coefficient != 0, axis=0) for term in terms], axis=0)
-    return None if touched.all() else np.flatnonzero(touched)
+    return find_reach(scene.active_damping)
 
 
-def linear_decoupling(scene: Scene) -> Decoupling:
-    """The coordinates in which a linear scene falls apart."""
+def linear_decoupling(scene: Scene) -> Decoupling | None:
+    """The coordinates in which a linear scene falls apart; None for sparse ones: one by one."""
+    if scene.is_sparse:
+        return None
     potential = scene.potential
     stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
-    directions = [matrix for matrix, _ in terms_by_direction(scene.active_damping)]
+    directions = [dense(matrix) for matrix, _ in terms_by_direction(scene.active_damping)]
     return decouple_forms(scene.inertia.mass, stiffness, directions)
 
 

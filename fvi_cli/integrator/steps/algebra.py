@@ -1,62 +1,18 @@
-"""Matrices as they are best kept, dense or sparse, and equations with them."""
+"""Equations of a step: sums of Kronecker products of small and large matrices."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.matrices import Form, Solve
+
 Array = NDArray[np.float64]
 
-
-class SparseMatrix(Protocol):
-    """What is asked of a sparse matrix; SciPy is loaded only where there is one."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Numbers of rows and columns."""
-
-    def __matmul__(self, other: Array) -> Array:
-        """The matrix times columns."""
-
-    def toarray(self) -> Array:
-        """The matrix with all its zeros."""
-
-
-Form = Array | SparseMatrix
-Solve = Callable[[Array], Array]
-
-LEAST_SPARSE = 32
-"""Rows from which on a matrix may be worth keeping as sparse."""
-SPARSE_DENSITY = 0.1
-"""A matrix with fewer entries, relative to all places, is taken as sparse."""
 LARGEST_INVERSE = 200
 """Unknowns up to which a system is inverted: a product is quicker than two triangular solves."""
-
-
-def form(matrix: Array) -> Form:
-    """A matrix as sparse where that is worth while."""
-    rows = matrix.shape[0]
-    if rows < LEAST_SPARSE or np.count_nonzero(matrix) > SPARSE_DENSITY * matrix.size:
-        return matrix
-    from scipy.sparse import csr_array
-
-    return cast("SparseMatrix", csr_array(matrix))
-
-
-def dense(matrix: Form) -> Array:
-    """A matrix with all its zeros."""
-    return matrix if isinstance(matrix, np.ndarray) else np.asarray(matrix.toarray())
-
-
-def times(values: Array, matrix: Form) -> Array:
-    """Rows of values ``(..., d)`` times a symmetric matrix."""
-    if isinstance(matrix, np.ndarray):
-        return np.asarray(values @ matrix)
-    flat = values.reshape(-1, values.shape[-1])
-    return np.asarray((matrix @ flat.T).T.reshape(values.shape))
 
 
 def kronecker(a: Array, b: Array) -> Array:

@@ -60,8 +60,9 @@ class BlockMemory:
         m, d = self._stages, self._damping.dimension
         total = np.zeros((steps, m, d))
         for response, one in zip(self.responses, self._damping.directions, strict=True):
-            own = (response[: steps * m] @ carried).reshape(steps, m)
-            total += own[:, :, None] * one.matrix[d]
+            if one.start_force is not None:
+                own = (response[: steps * m] @ carried).reshape(steps, m)
+                total += own[:, :, None] * one.start_force
         return total
 
     def carried_after(self, carried: Array, steps: int) -> Array:

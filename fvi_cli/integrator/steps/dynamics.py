@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Derivatives, Lagrangian
+from fvi_cli.effects.matrices import times
 from fvi_cli.effects.potential import Potential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 
@@ -87,7 +88,7 @@ class Separable:
 
     def momentum(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """M v."""
-        return np.asarray(velocity @ self.mass)
+        return np.asarray(times(velocity, self.inertia.form))
 
     def velocity(self, position: Array, momentum: Array, time: Array | float) -> Array:
         """Inverse of M times p."""
@@ -105,8 +106,8 @@ class Separable:
     def forces(self, position: Array, velocity: Array, time: Array) -> tuple[Array, Array]:
         """M v and minus the gradient of V."""
         if self.potential is None:
-            return np.asarray(velocity @ self.mass), np.zeros_like(position)
-        return np.asarray(velocity @ self.mass), -self.potential.gradient(position)
+            return np.asarray(times(velocity, self.inertia.form)), np.zeros_like(position)
+        return np.asarray(times(velocity, self.inertia.form)), -self.potential.gradient(position)
 
     def derivatives(self, position: Array, velocity: Array, time: Array) -> Derivatives:
         """P and Q, the mass matrix, and minus the Hessian of V."""

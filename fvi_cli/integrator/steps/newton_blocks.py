@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.lagrangian import Lagrangian
+from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import Potential
 from fvi_cli.integrator.convolution.damping import Damping, DampingTables
 from fvi_cli.integrator.step_tables import StepTables
@@ -211,7 +212,7 @@ class FrozenBlocks:
         self._d, self._r = law.mass.shape[0], tables.points.size
         self._rows = tables.degree + 1
         d = self._d
-        directions = () if damping is None else tuple(o.matrix[:d] for o in damping.directions)
+        directions = () if damping is None else tuple(dense(o.matrix) for o in damping.directions)
         self._directions = directions
         systems = LinearSystems(
             mass=law.mass[None],

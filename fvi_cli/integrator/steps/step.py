@@ -22,17 +22,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.matrices import Form, Solve, dense, form, times
+from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.integrator.convolution.damping import Damping, DampingTables, no_damping
 from fvi_cli.integrator.step_tables import StepTables
-from fvi_cli.integrator.steps.algebra import (
-    Form,
-    Solve,
-    dense,
-    form,
-    kronecker,
-    solver_of,
-    times,
-)
+from fvi_cli.integrator.steps.algebra import kronecker, solver_of
 from fvi_cli.integrator.steps.dynamics import General, Separable
 
 Array = NDArray[np.float64]
@@ -127,9 +121,10 @@ class StepSolver:
         self._mass: Form = np.zeros((0, 0))
         self._stiffness: Form | None = None
         if self._separable is not None:
-            self._mass = form(self._separable.mass)
-            if self._separable.stiffness is not None:
-                self._stiffness = form(self._separable.stiffness)
+            self._mass = form(self._separable.inertia.form)
+            potential = self._separable.potential
+            if isinstance(potential, QuadraticPotential):
+                self._stiffness = form(potential.form)
         rate, test = self._rate_test.T, self._test.T
         velocity, position = self._to_velocity, self._to_position
         self._by_mass = np.einsum("in,im->inm", rate, velocity)
@@ -151,7 +146,7 @@ class StepSolver:
             directions: tuple[Form, ...] = ()
         else:
             damping = self.damping.tables(h)
-            directions = self.damping.forms
+            directions = tuple(one.matrix for one in self.damping.directions)
         parts: list[tuple[Array, Form]] = []
         if self._separable is not None:
             parts.append((self.tables.mass_matrix, self._mass))

@@ -161,7 +161,7 @@ def build_damping(
         try:
             if "acts_on" in entry:
                 directions = Directions.from_text([str(text) for text in entry["acts_on"]], names)
-                coefficient = directions.matrix(entry["coefficient"])
+                coefficient = directions.factored(entry["coefficient"])
             else:
                 coefficient = matrix_of(entry["coefficient"], len(names))
             terms.append(FractionalDamping(order=float(entry["order"]), coefficient=coefficient))
