@@ -26,9 +26,13 @@ ROUND_OFF = 1e-14
 class AdaptiveSteps:
     r"""What the steps are chosen for.
 
-    A step is accepted if the last Legendre coefficients :math:`a_k` of its velocity say that
-    :math:`h |a_{m-1}| \min(1, |a_{m-1} / a_{m-2}|)` is at most the tolerance; the next size is
-    :math:`0.85\, h\, (tol / est)^{1/(m+1)}`, at most four times as long.
+    A step is accepted if its error est is at most the tolerance: what the Legendre coefficients of
+    its velocity leave out, what shows between its stages
+    (:mod:`~fvi_cli.integrator.local_error.defect`) and what formulas may hide between those
+    points (:mod:`~fvi_cli.integrator.local_error.hidden`). The next size is
+    :math:`0.85\, h\, (tol / est)^{1/(m+1)}`, at most eight times as long. Where an argument of
+    ``abs`` or ``sign`` in a formula is zero, a step ends
+    (:mod:`~fvi_cli.integrator.local_error.kinks`).
 
     Parameters
     ----------
@@ -81,6 +85,8 @@ class StepController:
         Where the next step begins, and whether that is the start or a break point.
     rejected, forced
         Steps tried in vain, and steps of the shortest size that err by more than the tolerance.
+    forced_at
+        Where the last of these began; None: there is none.
     is_stuck
         Whether not even a step of the shortest size could be solved.
     """
@@ -103,10 +109,12 @@ class StepController:
         self._first = min(self._first, 0.1 * min(lengths))
         self.shortest_step = min(SHORTEST_STEP * final_time, 1e-2 * self._first)
         self._size = self._first
+        self._cut: float | None = None
         self.time = 0.0
         self.is_fresh = True
         self.rejected = 0
         self.forced = 0
+        self.forced_at: float | None = None
         self.is_stuck = False
         self._reaches_end = False
 
@@ -118,6 +126,9 @@ class StepController:
     def propose(self) -> float:
         """Size of the next step to try."""
         left = self._ends[0] - self.time
+        if self._cut is not None:
+            self._reaches_end = self._cut >= left * (1 - 1e-12)
+            return left if self._reaches_end else self._cut
         size = self._rounded(self._size)
         self._reaches_end = size >= left * (1 - 1e-12)
         if self._reaches_end:
@@ -126,13 +137,23 @@ class StepController:
             return 0.5 * left
         return size
 
+    def cut(self, size: float) -> None:
+        """Let the next step to try have this size, so that it ends where a kink is."""
+        self._cut = size
+
+    def tolerance_for(self, scale: float) -> float:
+        """Local tolerance for positions of this size, a length."""
+        return max(self._tolerance, ROUND_OFF * scale)
+
     def _rounded(self, size: float) -> float:
         ratio = math.log2(size / self._final_time)
         return float(
             self._final_time * 2.0 ** (math.floor(STEPS_PER_OCTAVE * ratio) / STEPS_PER_OCTAVE)
         )
 
-    def judge(self, size: float, estimate: float, scale: float = 0.0) -> bool:
+    def judge(
+        self, size: float, estimate: float, scale: float = 0.0, *, ends_on_kink: bool = False
+    ) -> bool:
         """Whether a step with this estimate of its error is accepted; the next size follows.
 
         Parameters
@@ -141,18 +162,24 @@ class StepController:
             The step, and its error; infinite where it could not be solved.
         scale
             Size of the position; less than :data:`ROUND_OFF` of it is no error of a step.
+        ends_on_kink
+            Whether the force has a kink at its end: the motion begins anew there.
         """
+        self._cut = None
         solved = math.isfinite(estimate)
-        tolerance = max(self._tolerance, ROUND_OFF * scale)
+        tolerance = self.tolerance_for(scale)
         factor = (tolerance / max(estimate, 1e-300)) ** self._exponent if solved else UNSOLVED
         if solved and (estimate <= tolerance or size <= self.shortest_step):
             at_end = self._reaches_end
-            self.forced += estimate > tolerance
+            if estimate > tolerance:
+                self.forced += 1
+                self.forced_at = self.time
             self.time = self._ends[0] if at_end else self.time + size
             self._size = size * min(GROWTH, max(SHRINKAGE, SAFETY * factor))
-            self.is_fresh = at_end
+            self.is_fresh = at_end or ends_on_kink
             if at_end:
                 self._ends.pop(0)
+            if self.is_fresh:
                 self._size = self._first
             return True
         self.rejected += 1

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.growth_bound import GrowthBound, first_outside_at
 from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.local_error.defect import StepPath
+from fvi_cli.integrator.local_error.examine import Examiner, Finding
 from fvi_cli.integrator.meshes.adaptive import StepController
 from fvi_cli.integrator.steps.step import StepFailedError, StepMatrices, StepResult, StepSolver
 from fvi_cli.integrator.trajectory import NewtonRecord
@@ -62,6 +64,8 @@ class Course:
     most_iterations: int = 0
     worst_step: int = -1
     worst_residuals: tuple[float, ...] = ()
+    kinks: list[float] = field(default_factory=list)
+    doubts: list[tuple[float, str]] = field(default_factory=list)
 
     @property
     def newton(self) -> NewtonRecord:
@@ -97,10 +101,6 @@ class Stepper:
         self._kept: OrderedDict[float, StepMatrices] = OrderedDict()
         self._continuations: OrderedDict[float, Array] = OrderedDict()
         tables = solver.tables
-        m = tables.points.size
-        values = np.polynomial.legendre.legvander(2.0 * tables.points - 1.0, m - 1)
-        # Legendre coefficients of the velocity from U
-        self._tail = (np.linalg.inv(values) @ tables.slopes[1:].T)[-2:]
         self._basis = lobatto_basis(tables.degree)
         self._control = tables.control_points
 
@@ -169,12 +169,6 @@ class Stepper:
             guess,
         )
 
-    def estimate(self, result: StepResult, step_size: float) -> float:
-        """Local error from the last Legendre coefficients of the velocity, a length."""
-        before, last = np.abs(self._tail @ result.unknowns).max(axis=1)
-        found = step_size * last * min(1.0, last / (before + 1e-300))
-        return float(found) if math.isfinite(found) else math.inf
-
     def accept(self, marker: Marker, result: StepResult, step_size: float, end: float) -> None:
         """Go to the end of a solved step."""
         damping = self.solver.damping
@@ -191,6 +185,7 @@ def march_adaptively(
     stepper: Stepper,
     marker: Marker,
     controller: StepController,
+    examiner: Examiner,
     *,
     most_steps: int,
     bound: GrowthBound,
@@ -203,21 +198,45 @@ def march_adaptively(
             fresh = controller.is_fresh
             if fresh:
                 marker.unknowns = None
+            finding = Finding(error=math.inf)
+            scale = _scale(marker, None, size)
             try:
                 result = stepper.attempt(marker, size, fresh=fresh)
-                estimate = stepper.estimate(result, size)
+                scale = _scale(marker, result, size)
+                path = StepPath(
+                    begin=marker.time,
+                    size=size,
+                    position=marker.position.value,
+                    unknowns=result.unknowns,
+                )
+                finding = examiner.examine(
+                    path,
+                    controller.tolerance_for(scale),
+                    fresh=fresh,
+                    shortest=controller.shortest_step,
+                )
                 course.note(result.residuals)
                 failure = "the local error cannot be kept"
             except StepFailedError as error:
                 course.note(error.residuals)
-                result, estimate, failure = None, math.inf, str(error)
-            if not controller.judge(size, estimate, _scale(marker, result, size)):
+                result, failure = None, str(error)
+            if finding.cut is not None:
+                controller.cut(finding.cut)
+                continue
+            is_kink = finding.ends_on is not None
+            if not controller.judge(size, finding.error, scale, ends_on_kink=is_kink):
+                examiner.give_up_cuts()
                 if controller.is_stuck:
                     course.failure = _at(len(course.sizes), marker.time, failure)
                     break
                 continue
             if result is None:
                 break
+            examiner.go_on(finding)
+            if finding.unresolved_at is not None:
+                course.doubts.append((finding.unresolved_at, "the force may be infinite"))
+            if is_kink:
+                course.kinks.append(controller.time)
             stepper.accept(marker, result, size, controller.time)
             _append(course, marker, result, size)
             if not _is_finite(marker):
@@ -238,6 +257,8 @@ def march_adaptively(
                 course.failure = _at(len(course.sizes), marker.time, "the most steps are done")
                 break
     course.rejected = controller.rejected
+    if controller.forced_at is not None:
+        course.doubts.append((controller.forced_at, "no step is short enough for the local error"))
     return course
 
 

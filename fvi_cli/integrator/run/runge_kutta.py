@@ -13,6 +13,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.mesh_balance import diagnose_run
 from fvi_cli.integrator.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.growth_bound import GrowthBound, scene_bound
+from fvi_cli.integrator.local_error.examine import Examiner
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
@@ -188,7 +189,12 @@ def _adaptive(
     marker = first_marker(setup)
     sink.begin(0.0, marker.position.value, marker.momentum.value)
     course = march_adaptively(
-        setup.stepper, marker, controller, most_steps=steps.most_steps, bound=bound
+        setup.stepper,
+        marker,
+        controller,
+        Examiner(scene, setup.stepper.solver.tables),
+        most_steps=steps.most_steps,
+        bound=bound,
     )
     count = len(course.sizes)
     if count:

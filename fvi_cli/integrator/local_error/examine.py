@@ -1,0 +1,163 @@
+"""What is known of a solved step before it is believed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.local_error.defect import Between, StepPath
+from fvi_cli.integrator.local_error.forces import SceneForces
+from fvi_cli.integrator.local_error.hidden import HiddenSearch
+from fvi_cli.integrator.local_error.kinks import (
+    AT_END,
+    BEYOND,
+    first_crossing,
+    root_between,
+)
+from fvi_cli.integrator.step_tables import StepTables
+
+Array = NDArray[np.float64]
+
+MOST_CUTS = 12
+"""Times that a step is cut to end at a kink."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """What was found out about a step.
+
+    Parameters
+    ----------
+    error
+        Its local error, a length.
+    cut
+        Size with which it would end at a kink; None: it crosses none.
+    ends_on
+        Number of the kink at which it ends; None: at none.
+    unresolved_at
+        Time at which the force may be infinite between all samples; None: nowhere.
+    """
+
+    error: float
+    cut: float | None = None
+    ends_on: int | None = None
+    unresolved_at: float | None = None
+
+
+class Examiner:
+    """Examines the steps of one run.
+
+    Parameters
+    ----------
+    scene, tables
+        What is integrated, and the numbers of the method.
+
+    Attributes
+    ----------
+    n_kinks
+        Kinks that became points of the mesh.
+    """
+
+    def __init__(self, scene: Scene, tables: StepTables) -> None:
+        m = tables.points.size
+        values = np.polynomial.legendre.legvander(2.0 * tables.points - 1.0, m - 1)
+        # Legendre coefficients of the velocity from U
+        self._tail = (np.linalg.inv(values) @ tables.slopes[1:].T)[-2:]
+        self._forces = SceneForces(scene)
+        self._between = Between(self._forces, tables)
+        self._hidden = HiddenSearch(self._between)
+        self._starts_on: int | None = None
+        self._cuts = 0
+        self.n_kinks = 0
+
+    def spectrum(self, unknowns: Array, size: float) -> float:
+        """Local error from the last Legendre coefficients of the velocity, a length."""
+        before, last = np.abs(self._tail @ unknowns).max(axis=1)
+        found = size * last * min(1.0, last / (before + 1e-300))
+        return float(found) if math.isfinite(found) else math.inf
+
+    def examine(self, path: StepPath, tolerance: float, *, fresh: bool, shortest: float) -> Finding:
+        """Look at a step.
+
+        Parameters
+        ----------
+        path
+            The step.
+        tolerance
+            Local tolerance; for steps that keep it more is looked at.
+        fresh
+            Whether it begins where a force may be singular.
+        shortest
+            Steps are not cut to less than this size.
+        """
+        error = self.spectrum(path.unknowns, path.size)
+        if self._forces.is_absent or not math.isfinite(error):
+            return Finding(error=error)
+        seen = self._between.look(path)
+        ends_on: int | None = None
+        if seen.kinks.size:
+            cut, ends_on = self._kink(path, seen.kinks, shortest)
+            if cut is not None:
+                return Finding(error=error, cut=cut)
+        error = max(error, self._between.defect(path, seen, fresh=fresh))
+        unresolved = None
+        if error <= tolerance and self._forces.may_hide:
+            hidden = self._hidden.search(path, seen, tolerance)
+            error, unresolved = max(error, hidden.error), hidden.unresolved_at
+        return Finding(error=error, ends_on=ends_on, unresolved_at=unresolved)
+
+    def go_on(self, finding: Finding) -> None:
+        """The step is accepted."""
+        self._starts_on = finding.ends_on
+        self._cuts = 0
+        self.n_kinks += finding.ends_on is not None
+
+    def give_up_cuts(self) -> None:
+        """The step is rejected for its error: a shorter one may cross no kink."""
+        self._cuts = 0
+
+    def _kink(
+        self, path: StepPath, kinks: Array, shortest: float
+    ) -> tuple[float | None, int | None]:
+        """Size up to the first kink that a step crosses, or the kink at which it ends."""
+        places = self._between.places
+        crossing = first_crossing(kinks, places, starts_on=self._starts_on)
+        if crossing is None and self._cuts:
+            crossing = self._crossing_beyond(path, kinks)
+        if crossing is None:
+            return None, None
+        number, low, high = crossing
+
+        def argument(place: float) -> float:
+            position, velocity, times = self._between.path_at(path, np.array([place]))
+            with np.errstate(all="ignore"):
+                found = self._forces.at(position, velocity, times, path.middle)
+            return float(found.kinks[number, 0])
+
+        place = root_between(argument, low, high)
+        if abs(place - 1.0) <= AT_END or (self._cuts >= MOST_CUTS and place > 0.5):
+            return None, number
+        if place * path.size <= shortest or self._cuts >= MOST_CUTS:
+            return None, None
+        self._cuts += 1
+        return place * path.size, None
+
+    def _crossing_beyond(self, path: StepPath, kinks: Array) -> tuple[int, float, float] | None:
+        """A kink at or behind the end of a step that was cut too short."""
+        nearest: tuple[int, float, float] | None = None
+        position, velocity, times = self._between.path_at(path, BEYOND)
+        with np.errstate(all="ignore"):
+            found = self._forces.at(position, velocity, times, path.middle).kinks
+        for number, values in enumerate(found):
+            before = float(self._between.places[-2])
+            value = float(kinks[number, -2])
+            for place, following in zip(BEYOND, values, strict=True):
+                if value * following < 0:
+                    if nearest is None or before < nearest[1]:
+                        nearest = (number, before, float(place))
+                    break
+        return nearest

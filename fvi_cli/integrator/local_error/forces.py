@@ -1,0 +1,239 @@
+"""The forces of a scene at any points of a step, on arrays and on intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.forcing import ForcingPiece
+from fvi_cli.effects.potential import ExpressionPotential
+from fvi_cli.effects.sampled import SampledForce
+from fvi_cli.effects.scene import Scene
+from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
+from fvi_cli.mathematics.formulas import FormulaSystem
+from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
+from fvi_cli.mathematics.intervals.interval import Interval
+
+Array = NDArray[np.float64]
+
+KINKED: Final = ("abs", "sign")
+"""Functions that are not smooth where their argument is zero."""
+GENTLE_FUNCTIONS: Final = frozenset({"sin", "cos"})
+"""What cannot rise and fall between two samples that see nothing of it."""
+LARGEST_GENTLE_POWER: Final = 8.0
+LARGEST_INVERTED: Final = 200
+"""Degrees of freedom up to which the mass matrix is inverted for the sake of an estimate."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointForces:
+    """What acts at n points of a step.
+
+    Parameters
+    ----------
+    momentum
+        P, shape ``(n, d)``; None where it is linear in the velocity.
+    force
+        Conservative force and forcing, shape ``(n, d)``; of a linear scene the forcing alone.
+    kinks
+        Arguments of the functions with kinks, in the order in which they are met, ``(k, n)``.
+    """
+
+    momentum: Array | None
+    force: Array
+    kinks: Array
+
+
+class SceneForces:
+    """Forces of one scene, as its formulas say.
+
+    Parameters
+    ----------
+    scene
+        The stiffness of a linear scene hides nothing and is left out.
+
+    Attributes
+    ----------
+    is_absent
+        Whether there is nothing to look at.
+    has_kinks
+        Whether any formula has a function with a kink.
+    may_hide
+        Whether any formula may be large where no sample lies: functions that rise and fall
+        steeply, quotients, high powers.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._forcing = scene.forcing
+        self._lagrangian = scene.lagrangian
+        potential = scene.potential
+        self._potential = potential if isinstance(potential, ExpressionPotential) else None
+        self._dimension = scene.dimension
+        inertia = scene.inertia
+        self._inverse: Array | None = None
+        if self._lagrangian is None:
+            if scene.dimension <= LARGEST_INVERTED:
+                self._inverse = np.asarray(np.linalg.inv(inertia.mass), dtype=float)
+            else:
+                self._inverse = np.diag(1.0 / np.diagonal(inertia.mass))
+        self.is_absent = (
+            self._forcing is None and self._lagrangian is None and self._potential is None
+        )
+        called, hides = _character(scene)
+        self.has_kinks = bool(called & set(KINKED))
+        self.may_hide = hides
+        self._breaks = np.array(() if scene.forcing is None else scene.forcing.break_points)
+
+    def mobility(self, position: Array, velocity: Array, time: float) -> Array:
+        """Inverse of the mass matrix at a point, shape ``(d, d)``."""
+        if self._lagrangian is None:
+            if self._inverse is None:  # pragma: no cover - made above
+                raise ValueError("mobility: no mass")
+            return self._inverse
+        mass = self._lagrangian.derivatives(position, velocity, time).mass
+        try:
+            return np.asarray(np.linalg.inv(mass))
+        except np.linalg.LinAlgError:
+            return np.full_like(mass, np.inf)
+
+    def at(self, position: Array, velocity: Array, time: Array, middle: float) -> PointForces:
+        """Forces at points of a step with this `middle`, shapes ``(n, d)`` and ``(n,)``."""
+        functions, seen = NUMPY_FUNCTIONS, _Seen(time.shape)
+        if self.has_kinks:
+            functions = seen.functions
+        n, d = time.size, self._dimension
+        force, momentum = np.zeros((n, d)), None
+        if self._potential is not None:
+            names: dict[str, Array | float] = {**self._potential.parameters}
+            for i, name in enumerate(self._potential.coordinates):
+                names[name] = position[:, i]
+            for i, gradient in enumerate(self._potential.gradient_expressions):
+                force[:, i] -= gradient.evaluate(names, functions)
+        if self._lagrangian is not None:
+            places = [position[:, i] for i in range(d)]
+            rates = [velocity[:, i] for i in range(d)]
+            pushes, pulls = self._lagrangian.first_on(places, rates, time, functions)
+            momentum = np.zeros((n, d))
+            for i in range(d):
+                momentum[:, i] += pushes[i]
+                force[:, i] += pulls[i]
+        piece = self._piece(middle)
+        if piece is not None:
+            for i, component in enumerate(piece.components):
+                force[:, i] += component.evaluate({"t": time}, functions)
+        return PointForces(momentum=momentum, force=force, kinks=seen.arguments)
+
+    def enclosed(
+        self,
+        position: Sequence[Interval],
+        velocity: Sequence[Interval],
+        time: Interval,
+        middle: float,
+    ) -> list[Interval]:
+        """Ranges of the force over boxes of positions, velocities and times, for each component."""
+        zero = Interval(np.zeros_like(time.low), np.zeros_like(time.low))
+        total = [zero for _ in range(self._dimension)]
+        if self._potential is not None:
+            found = self._potential.gradient_components(list(position), INTERVAL_FUNCTIONS)
+            total = [one - value for one, value in zip(total, found, strict=True)]
+        if self._lagrangian is not None:
+            _, pulls = self._lagrangian.first_on(
+                list(position), list(velocity), time, INTERVAL_FUNCTIONS
+            )
+            total = [one + value for one, value in zip(total, pulls, strict=True)]
+        piece = self._piece(middle)
+        if piece is not None:
+            for i, component in enumerate(piece.components):
+                if isinstance(component, Expression):
+                    total[i] = total[i] + component.evaluate({"t": time}, INTERVAL_FUNCTIONS)
+        return total
+
+    def _piece(self, middle: float) -> ForcingPiece | None:
+        if self._forcing is None:
+            return None
+        return self._forcing.pieces[int(np.searchsorted(self._breaks, middle))]
+
+
+class _Seen:
+    """The elementary functions, with a note of the arguments at which some have kinks."""
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self._shape = shape
+        self._noted: list[Array] = []
+        noted: dict[str, Callable[[Array], Array]] = {
+            name: self._noting(NUMPY_FUNCTIONS[name]) for name in KINKED
+        }
+        self.functions: Mapping[str, Callable[[Array], Array]] = MappingProxyType(
+            {**NUMPY_FUNCTIONS, **noted}
+        )
+
+    def _noting(self, function: Callable[[Array], Array]) -> Callable[[Array], Array]:
+        def noted(argument: Array) -> Array:
+            self._noted.append(np.broadcast_to(argument, self._shape))
+            return function(argument)
+
+        return noted
+
+    @property
+    def arguments(self) -> Array:
+        """What was noted, shape ``(k, n)``."""
+        return np.array(self._noted).reshape(len(self._noted), *self._shape)
+
+
+def _character(scene: Scene) -> tuple[set[str], bool]:
+    """Functions that the formulas of a scene call, and whether these may hide anything."""
+    called: set[str] = set()
+    hides = False
+    if isinstance(scene.potential, ExpressionPotential):
+        for one in scene.potential.gradient_expressions:
+            names, may = _of_expression(one)
+            called, hides = called | names, hides or may
+    if scene.lagrangian is not None:
+        names, may = _of_system(scene.lagrangian.first)
+        called, hides = called | names, hides or may
+    for piece in () if scene.forcing is None else scene.forcing.pieces:
+        for component in piece.components:
+            formula = component.formula if isinstance(component, SampledForce) else component
+            if formula is not None:
+                names, may = _of_expression(formula)
+                called, hides = called | names, hides or may
+    return called, hides
+
+
+def _of_expression(expression: Expression) -> tuple[set[str], bool]:
+    called, hides = set(expression.functions), False
+    before: tuple[str, float | str] = ("", 0.0)
+    for kind, value in expression.program:
+        if kind in ("/", "**"):
+            hides = hides or not _is_gentle(kind, before)
+        before = (kind, value)
+    return called, hides or bool(called - GENTLE_FUNCTIONS)
+
+
+def _is_gentle(kind: str, right: tuple[str, float | str]) -> bool:
+    """Whether dividing by, or raising to this is a polynomial of low degree at most."""
+    if right[0] != "number" or isinstance(right[1], str):
+        return False
+    return kind == "/" or _is_gentle_power(float(right[1]))
+
+
+def _is_gentle_power(exponent: float) -> bool:
+    return float(exponent).is_integer() and 0 <= exponent <= LARGEST_GENTLE_POWER
+
+
+def _of_system(system: FormulaSystem) -> tuple[set[str], bool]:
+    called = {str(what) for kind, what, _ in system.instructions if kind == "call"}
+    hides = bool(called - GENTLE_FUNCTIONS)
+    for kind, what, other in system.instructions:
+        if kind == "power":
+            hides = hides or not _is_gentle_power(float(what))
+        elif kind == "/":
+            hides = hides or system.instructions[other][0] != "number"
+        elif kind == "**":
+            hides = True
+    return called, hides

@@ -1,0 +1,1 @@
+"""Ranges of formulas: interval arithmetic on arrays."""

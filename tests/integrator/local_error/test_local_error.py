@@ -1,0 +1,129 @@
+"""What a step is believed for: kinks, walls and pulses that its stages do not see."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.local_error.forces import SceneForces
+from fvi_cli.integrator.local_error.kinks import first_crossing, root_between
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.scenes.lagrangian import lagrangian_scene
+from fvi_cli.scenes.named import linear_oscillator, pendulum
+
+
+def run(scene: Scene, tolerance: float, m: int = 6) -> Trajectory:
+    found = integrate(
+        scene, Method(cq="gauss", degree=m), AdaptiveSteps(tolerance=tolerance), with_steps=True
+    )
+    assert found.status == "ok"
+    return found
+
+
+def one_coordinate(lagrangian: str, position: float, velocity: float, final_time: float) -> Scene:
+    return lagrangian_scene(
+        coordinates=["x"],
+        lagrangian=lagrangian,
+        initial_position=position,
+        initial_velocity=velocity,
+        final_time=final_time,
+    )
+
+
+def test_a_ball_between_two_slopes() -> None:
+    """x'' = -sign(x) from 1: parabolas with turns at sqrt(2) (1 + 2 k), x(9) = -.867532."""
+    found = run(one_coordinate("0.5*vx**2 - abs(x)", 1.0, 0.0, 9.0), 1e-4)
+    quarter = math.sqrt(2.0)
+    crossings = quarter * np.array([1.0, 3.0, 5.0])
+    for one in crossings:
+        assert np.abs(found.time - one).min() < 1e-12
+    late = 9.0 - crossings[-1]
+    exact = -(math.sqrt(2.0) * late - 0.5 * late**2)
+    assert exact == pytest.approx(-0.867532, abs=1e-6)
+    assert found.position[-1, 0] == pytest.approx(exact, abs=1e-12)
+
+
+def test_the_mesh_has_no_points_at_kinks_of_a_smooth_formula() -> None:
+    """The control: with the kink rounded off there is nothing to find."""
+    found = run(one_coordinate("0.5*vx**2 - sqrt(x**2 + 1e-4)", 1.0, 0.0, 9.0), 1e-4)
+    assert np.abs(found.time - math.sqrt(2.0)).min() > 1e-9
+
+
+@pytest.mark.parametrize("width", [0.03, 0.003])
+def test_a_narrow_wall_is_met(width: float) -> None:
+    wall = f"0.5*vx**2 - 5*exp(-((x - 2)/{width})**2)"
+    found = run(one_coordinate(wall, 0.0, 1.0, 4.0), 1e-6)
+    # from the exact turning point a time of flight back: the ball stands where V = 1/2
+    turn = width * math.sqrt(math.log(10.0))
+    nodes, weights = np.polynomial.legendre.leggauss(400)
+    u = 0.5 * (nodes + 1.0)
+    # x = x0 - (distance) u^2 takes the root out of the integrand
+    top, bottom = 2.0 - turn, 0.0
+    x = top - (top - bottom) * u**2
+    energy = 0.5 - 5.0 * np.exp(-(((x - 2.0) / width) ** 2))
+    speed = np.sqrt(2.0 * np.maximum(energy, 1e-300))
+    one_way = float((0.5 * weights * 2.0 * (top - bottom) * u / speed).sum())
+    assert found.position[-1, 0] == pytest.approx(2.0 * one_way - 4.0, abs=3e-6)
+
+
+def test_a_narrow_pulse_is_met() -> None:
+    def forced(text: str) -> Scene:
+        return linear_oscillator(final_time=20.0, forcing=Forcing.from_text(text))
+
+    found = run(forced("20*exp(-((t - 10)/7e-4)**2)"), 1e-7)
+    push = 20.0 * 7e-4 * math.sqrt(math.pi)
+    late = found.time[found.time > 10.1] - 10.0
+    wanted = push * np.sin(late) * math.exp(-((7e-4) ** 2) / 4)
+    assert found.position[-late.size :, 0] == pytest.approx(wanted, abs=1e-7)
+
+
+def test_no_more_steps_on_smooth_scenes() -> None:
+    """Steps that the Legendre tail alone took."""
+    scene = pendulum(
+        final_time=20.0,
+        damping=[FractionalDamping(order=0.5, coefficient=np.array([[0.3]]))],
+        initial_position=1.0,
+    )
+    assert [run(scene, tol).n_steps for tol in (1e-4, 1e-6, 1e-8)] <= [25, 41, 68]
+
+
+def test_what_may_hide_something() -> None:
+    def hides(potential: str) -> bool:
+        return SceneForces(one_coordinate(f"0.5*vx**2 - ({potential})", 1.0, 0.0, 1.0)).may_hide
+
+    assert not hides("x**4/4 - x**2/2")
+    assert not hides("1 - cos(x)")
+    assert hides("exp(-x**2)")
+    assert hides("1/x")
+    assert not SceneForces(linear_oscillator(final_time=1.0)).may_hide
+    assert SceneForces(linear_oscillator(final_time=1.0)).is_absent
+
+
+def test_general_lagrangians_are_looked_at() -> None:
+    smooth = one_coordinate("0.5*(1 + x**2)*vx**2 - x**2/2", 1.0, 0.0, 9.0)
+    kinked = one_coordinate("0.5*(1 + x**2)*vx**2 - abs(x)", 1.0, 0.0, 9.0)
+    assert not SceneForces(smooth).has_kinks
+    assert SceneForces(kinked).has_kinks
+    rough, fine = run(kinked, 1e-5), run(kinked, 1e-10, m=8)
+    assert float(np.abs(rough(rough.time) - fine(rough.time)).max()) < 1e-6
+
+
+def test_first_crossing() -> None:
+    places = np.array([0.0, 0.2, 0.5, 0.8, 1.0])
+    arguments = np.array([[1.0, 1.0, 1.0, -1.0, -1.0], [1e-16, -1.0, -1.0, -1.0, 1.0]])
+    assert first_crossing(arguments, places, starts_on=None) == (0, 0.5, 0.8)
+    assert first_crossing(arguments[1:], places, starts_on=None) == (0, 0.8, 1.0)
+    assert first_crossing(-(arguments[:1] ** 2), places, starts_on=None) is None
+
+
+def test_roots() -> None:
+    assert root_between(lambda x: x**3 - 0.3, 0.0, 1.0) == pytest.approx(0.3 ** (1 / 3), rel=1e-14)
+    assert root_between(lambda x: math.copysign(1.0, x - 0.7), 0.0, 1.0) == pytest.approx(0.7)
