@@ -22,7 +22,8 @@ command             call
 
 :func:`as_text` is what a command prints of a result, :func:`write` puts it into files and
 :func:`compare` tells, as ``--check`` does, in what stored files differ. Without any configuration,
-:func:`integrate` computes a :class:`Scene` by a :class:`Method`, or by the name of one.
+:func:`integrate` computes a :class:`Scene` by a :class:`Method`, or by the name of one, and
+:func:`gradient` differentiates a number of its run by its parameters.
 
 Examples
 --------
@@ -56,6 +57,7 @@ from fvi_cli.api.calls import (
     run,
     stability,
 )
+from fvi_cli.api.gradient import Gradient, gradient
 from fvi_cli.config import (
     LoadedConfig,
     json_schema,
@@ -72,6 +74,12 @@ from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.effects.symmetry import Symmetry
 from fvi_cli.errors import ConfigError, FviError, RequestError, StorageError
+from fvi_cli.integrator.adjoint.quantity import (
+    Quantity,
+    misfit,
+    position_at,
+    velocity_at,
+)
 from fvi_cli.integrator.diagnostics import Asked as DiagnosticsRequest
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, mesh_of, uniform_mesh
@@ -109,6 +117,7 @@ __all__ = [
     "ForcingPiece",
     "FractionalDamping",
     "FviError",
+    "Gradient",
     "HardCaseReport",
     "Inertia",
     "LoadedConfig",
@@ -119,6 +128,7 @@ __all__ = [
     "PlannedRun",
     "Problem",
     "QuadraticPotential",
+    "Quantity",
     "RequestError",
     "Run",
     "SampledForce",
@@ -140,6 +150,7 @@ __all__ = [
     "figures",
     "forget",
     "graded_mesh",
+    "gradient",
     "hard_cases",
     "integrate",
     "integrate_members",
@@ -150,10 +161,12 @@ __all__ = [
     "load",
     "mesh_of",
     "method_named",
+    "misfit",
     "order_table",
     "order_tables",
     "pendulum",
     "plan",
+    "position_at",
     "predict_stability",
     "recall",
     "run",
@@ -163,5 +176,6 @@ __all__ = [
     "starter_config",
     "study",
     "uniform_mesh",
+    "velocity_at",
     "write",
 ]

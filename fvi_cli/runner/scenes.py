@@ -61,12 +61,7 @@ def integrate(
     ValueError
         For numbers out of range and a name that says no method.
     """
-    chosen = _method(method)
-    is_number = isinstance(n_steps, int | np.integer)
-    if isinstance(method, str) and isinstance(chosen, Method) and not is_number:
-        is_carried = chosen.is_runge_kutta and chosen.start == "series"
-        if is_carried and "series" not in method.lower():
-            chosen = replace(chosen, start="none")
+    chosen = method_on(method, n_steps)
     return engine.integrate(
         scene, chosen, n_steps, every=every, diagnostics=diagnostics, with_steps=with_steps
     )
@@ -124,6 +119,17 @@ def integrate_members(
 def predict_stability(scene: Scene, method: AnyMethod | str, n_steps: int) -> StabilityPrediction:
     """Whether a run would blow up, and why, before it is computed; methods also by name."""
     return stability.predict_stability(scene, _method(method), n_steps)
+
+
+def method_on(method: AnyMethod | str, n_steps: AnySteps) -> AnyMethod:
+    """A method, also by name; on a mesh the name of a Gauss method means the one without series."""
+    chosen = _method(method)
+    is_number = isinstance(n_steps, int | np.integer)
+    if isinstance(method, str) and isinstance(chosen, Method) and not is_number:
+        is_carried = chosen.is_runge_kutta and chosen.start == "series"
+        if is_carried and "series" not in method.lower():
+            return replace(chosen, start="none")
+    return chosen
 
 
 def _method(method: AnyMethod | str) -> AnyMethod:

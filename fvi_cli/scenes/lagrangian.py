@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Unpack
 
 import numpy as np
@@ -79,7 +80,7 @@ def lagrangian_scene(
                 f"lagrangian: no velocity occurs in it ({', '.join(velocities)}); "
                 "without a kinetic energy nothing moves"
             )
-        found = _recognise(names, velocities, symbolic.symbolic(expression))
+        found = _recognise(names, velocities, expression)
     except ExpressionError as error:
         raise ValueError(f"lagrangian: {error}") from None
     position = per_coordinate(data.get("initial_position", 0.0), len(names))
@@ -178,9 +179,11 @@ def _check_name(name: str, place: str) -> None:
         raise ValueError(f"{place}: {error}") from None
 
 
+@lru_cache(maxsize=64)
 def _recognise(
-    names: tuple[str, ...], velocities: tuple[str, ...], formula: symbolic.Symbolic
+    names: tuple[str, ...], velocities: tuple[str, ...], expression: Expression
 ) -> _Recognised:
+    formula = symbolic.symbolic(expression)
     q = [symbolic.symbol(name) for name in names]
     v = [symbolic.symbol(name) for name in velocities]
     t = symbolic.symbol(TIME)

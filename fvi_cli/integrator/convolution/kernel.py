@@ -175,12 +175,103 @@ def power_kernel(
     )
 
 
+def power_kernel_slopes(
+    exponents: Sequence[float],
+    *,
+    shortest_step: float,
+    final_time: float,
+    stages: int,
+    steps: float,
+    accuracy: float = 1e-14,
+) -> tuple[Array, Array, Array]:
+    """Rates, weights of powers of integration, and their derivatives by the exponents.
+
+    Parameters
+    ----------
+    exponents
+        In (-1, 1); 0, the identity, has weights of zero and the derivative of the logarithm.
+    shortest_step, final_time, stages, steps, accuracy
+        As for :func:`power_kernel`, whose rates and weights these are where no exponent is 0.
+
+    Returns
+    -------
+    tuple of Array
+        Rates ``(J,)``, weights and derivatives ``(n_terms, J)``; not checked and not kept.
+    """
+    rule = _rule(
+        tuple(map(float, exponents)),
+        math.floor(math.log2(shortest_step)),
+        math.ceil(math.log2(final_time)),
+        math.ceil(math.log2(steps)),
+        stages,
+        accuracy,
+    )
+    theta = np.array(exponents)[:, None]
+    by_angle = np.cos(np.pi * theta) * rule.density
+    slopes = rule.merged(theta, by_angle - _sine(theta) * rule.density * rule.logs)
+    return rule.rates, rule.merged(theta, _sine(theta) * rule.density), slopes
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Rule:
+    """The trapezoidal rule for all exponents, with the nodes that are merged at its ends.
+
+    Parameters
+    ----------
+    logs, density
+        Logarithms of the nodes and their weights, of the merged ones as well.
+    n_below, n_kept
+        Nodes that are merged into the first one, and nodes that are kept.
+    """
+
+    logs: Array
+    density: Array
+    n_below: int
+    n_kept: int
+
+    @property
+    def rates(self) -> Array:
+        """The nodes that are kept, shape ``(J,)``."""
+        return np.exp(self.logs[self.n_below : self.n_below + self.n_kept])
+
+    def merged(self, theta: Array, factors: Array) -> Array:
+        """Weights of the states, ``factors * x^-theta`` with the ends merged, ``(n_terms, J)``."""
+        logs, end = self.logs, self.n_below + self.n_kept
+        kept = logs[self.n_below : end]
+        weights = factors[:, self.n_below : end] * np.exp(-theta * kept)
+        below, above = slice(0, self.n_below), slice(end, None)
+        weights[:, 0] += (factors[:, below] * np.exp((1 - theta) * logs[below] - kept[0])).sum(
+            axis=1
+        )
+        weights[:, -1] += (factors[:, above] * np.exp(-(1 + theta) * logs[above] + kept[-1])).sum(
+            axis=1
+        )
+        return np.asarray(weights)
+
+
+def _sine(theta: Array) -> Array:
+    """``sin(pi theta) / pi`` in full relative accuracy up to -1 and 1."""
+    sine = np.sin(np.pi * np.minimum(np.abs(theta), 1 - np.abs(theta)))
+    return np.asarray(np.copysign(sine, theta) / np.pi)
+
+
 @lru_cache(maxsize=_CACHED_KERNELS)
 def _kernel(
     exponents: tuple[float, ...], step: int, time: int, steps: int, stages: int, accuracy: float
 ) -> Kernel:
     """The kernel for powers of 2: shortest step, final time and number of steps."""
-    theta = np.array(exponents)[:, None]
+    rule, theta = (
+        _rule(exponents, step, time, steps, stages, accuracy),
+        np.array(exponents)[:, None],
+    )
+    weights = rule.merged(theta, _sine(theta) * rule.density)
+    return Kernel(exponents=exponents, rates=rule.rates, weights=weights)
+
+
+def _rule(
+    exponents: tuple[float, ...], step: int, time: int, steps: int, stages: int, accuracy: float
+) -> _Rule:
+    """The nodes for powers of 2: shortest step, final time and number of steps."""
     first = math.log(_ONSET) - time * math.log(2)
     stiffness = 2 * stages * (stages + 1)
     last = math.log(stiffness / _ONSET) + (steps - step) * math.log(2)
@@ -196,22 +287,12 @@ def _kernel(
     n_above = math.ceil(max(above - tail, 0) / width)
     u = first - tail + width * np.arange(-n_below, n_middle + n_above + 1)
     left, right = np.exp(first - u), np.exp(u - last)
-    logs = u - left + right
-    density = width * (1 + left + right)
-    # sin(pi theta) in full relative accuracy up to -1 and 1
-    sine = np.sin(np.pi * np.minimum(np.abs(theta), 1 - np.abs(theta)))
-    factors = np.copysign(sine, theta) / np.pi * density
-    kept = slice(n_below, n_below + n_middle + 1)
-    rates = np.exp(logs[kept])
-    weights = factors[:, kept] * np.exp(-theta * logs[kept])
-    below_all, above_all = slice(0, n_below), slice(n_below + n_middle + 1, None)
-    weights[:, 0] += (
-        factors[:, below_all] * np.exp((1 - theta) * logs[below_all] - logs[kept][0])
-    ).sum(axis=1)
-    weights[:, -1] += (
-        factors[:, above_all] * np.exp(-(1 + theta) * logs[above_all] + logs[kept][-1])
-    ).sum(axis=1)
-    return Kernel(exponents=exponents, rates=rates, weights=weights)
+    return _Rule(
+        logs=u - left + right,
+        density=width * (1 + left + right),
+        n_below=n_below,
+        n_kept=n_middle + 1,
+    )
 
 
 def _width(exponents: tuple[float, ...], accuracy: float) -> float:
@@ -232,4 +313,4 @@ def _width(exponents: tuple[float, ...], accuracy: float) -> float:
     return width
 
 
-__all__ = ["Kernel", "power_kernel"]
+__all__ = ["Kernel", "power_kernel", "power_kernel_slopes"]

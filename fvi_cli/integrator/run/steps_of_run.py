@@ -71,7 +71,7 @@ class RunSteps:
         ValueError
             For times outside of the run.
         """
-        steps, tau, shape = self._located(time)
+        (steps, tau), shape = self.located(time), np.shape(time)
         basis = lobatto_basis(self.tables.degree).values(tau)[1:]
         way = np.einsum("sk,ksd->kd", basis, self.unknowns[steps])
         found = self.position[steps] + self.step_size[steps, None] * way
@@ -85,13 +85,19 @@ class RunSteps:
         ValueError
             For times outside of the run.
         """
-        steps, tau, shape = self._located(time)
+        (steps, tau), shape = self.located(time), np.shape(time)
         slopes = lobatto_basis(self.tables.degree).derivatives(tau)[1:]
         found = np.einsum("sk,ksd->kd", slopes, self.unknowns[steps])
         return np.asarray(found.reshape(*shape, self.position.shape[1]))
 
-    def _located(self, time: ArrayLike) -> tuple[NDArray[np.intp], Array, tuple[int, ...]]:
-        """Step and place in it of every time."""
+    def located(self, time: ArrayLike) -> tuple[NDArray[np.intp], Array]:
+        """Step of every time, and its place in [0, 1] there, in one row.
+
+        Raises
+        ------
+        ValueError
+            For times outside of the run.
+        """
         asked = np.asarray(time, dtype=float)
         flat = asked.ravel()
         if flat.size and not (self.time[0] <= flat.min() and flat.max() <= self.time[-1]):
@@ -101,4 +107,4 @@ class RunSteps:
             )
         steps = np.clip(np.searchsorted(self.time, flat, side="right") - 1, 0, self.n_steps - 1)
         tau = np.clip((flat - self.time[steps]) / self.step_size[steps], 0.0, 1.0)
-        return steps, tau, asked.shape
+        return steps, tau

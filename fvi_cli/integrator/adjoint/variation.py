@@ -1,0 +1,158 @@
+r"""What a parameter does to the effects of a scene, with the motion held fixed.
+
+Effects are smooth in their numbers and mostly linear, so fourth-order central differences of them
+are exact to about :math:`10^{-13}` (for linear ones by construction). What the parameter does to
+the motion is left to the linearised run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun
+from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.steps.dynamics import dynamics_of
+
+Array = NDArray[np.float64]
+
+DIFFERENCE = 1e-3
+"""Difference of a parameter, relative to its size."""
+ATTEMPTS = 4
+"""Differences that are tried, each a tenth of the one before, where a value may not be left far."""
+_FACTORS = {1: 2.0 / 3.0, -1: -2.0 / 3.0, 2: -1.0 / 12.0, -2: 1.0 / 12.0}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Variation:
+    """One parameter of a scene.
+
+    Parameters
+    ----------
+    family
+        The scene for a value of the parameter; all of them have the same damping terms.
+    value
+        Its value in the scene that was integrated.
+    name
+        What it is called in complaints.
+    """
+
+    family: Callable[[float], Scene]
+    value: float
+    name: str = "parameter"
+
+
+def disturbance(run: LinearisedRun, method: Method, variations: Sequence[Variation]) -> Disturbance:
+    """What parameters do to the equations of a run.
+
+    Raises
+    ------
+    ValueError
+        If the scene is not there, or another one, close beside a value.
+    """
+    steps, d, p = run.steps, run.scene.dimension, len(variations)
+    n, r = steps.velocity.shape[:2]
+    momentum, force = np.zeros((n, r, d, p)), np.zeros((n, r, d, p))
+    loads = np.zeros((n, steps.tables.degree + 1, d, p))
+    starts = np.zeros((3, d, p))
+    points = (steps.stage_position, steps.velocity, steps.stage_time)
+    forces: tuple[Array, Array] | None = None
+    for column, one in enumerate(variations):
+        total = _Rates(run, method, points)
+        for scene, factor in _differences(one, run.scene):
+            total.add(scene, factor)
+        momentum[..., column], force[..., column] = total.momentum, total.force
+        loads[..., column] = total.loads
+        starts[..., column] = total.starts
+        if np.any(total.orders) or np.any(total.coefficients):
+            if forces is None:
+                forces = run.damping_forces()
+            plain, slopes = forces
+            force[..., column] -= np.einsum("knia,kab->nib", plain, total.coefficients)
+            force[..., column] -= np.einsum(
+                "k,knia,kab->nib", total.orders, slopes, run.memory.matrices
+            )
+    return Disturbance(
+        momentum=momentum,
+        force=force,
+        loads=loads if np.any(loads) else None,
+        position=starts[0],
+        velocity=starts[1],
+        start_momentum=starts[2],
+    )
+
+
+def _differences(one: Variation, scene: Scene) -> list[tuple[Scene, float]]:
+    """Scenes beside a value, and their factors in the derivative by it."""
+    step = DIFFERENCE * (abs(one.value) or 1.0)
+    for attempt in range(ATTEMPTS):
+        try:
+            beside = {place: one.family(one.value + place * step) for place in _FACTORS}
+            break
+        except ValueError:
+            # an order beside 0 or 2
+            if attempt == ATTEMPTS - 1:
+                raise
+            step *= 0.1
+    for found in beside.values():
+        if (len(found.damping), found.dimension) != (len(scene.damping), scene.dimension):
+            raise ValueError(f"{one.name}: beside {one.value:g} the scene is another one")
+    return [(beside[place], factor / step) for place, factor in _FACTORS.items()]
+
+
+class _Rates:
+    """Sums of the effects of scenes at the stages of one run."""
+
+    def __init__(
+        self, run: LinearisedRun, method: Method, points: tuple[Array, Array, Array]
+    ) -> None:
+        steps, d = run.steps, run.scene.dimension
+        self._run, self._method, self._points = run, method, points
+        n, r = steps.velocity.shape[:2]
+        self.momentum, self.force = np.zeros((n, r, d)), np.zeros((n, r, d))
+        self.loads = np.zeros((n, steps.tables.degree + 1, d))
+        self.starts = np.zeros((3, d))
+        self.orders = np.zeros(run.memory.n_terms)
+        self.coefficients = np.zeros((run.memory.n_terms, d, d))
+
+    def add(self, scene: Scene, factor: float) -> None:
+        """Add what a scene has at the stages, times a factor."""
+        dynamics = dynamics_of(scene)
+        with np.errstate(all="ignore"):
+            momentum, force = dynamics.forces(*self._points)
+            start = dynamics.momentum(scene.initial_position, scene.initial_velocity, 0.0)
+        self.momentum += factor * momentum
+        self.force += factor * force
+        self.starts[0] += factor * scene.initial_position
+        self.starts[1] += factor * scene.initial_velocity
+        self.starts[2] += factor * start
+        for index, term in enumerate(scene.damping):
+            self.orders[index] += factor * term.order
+            self.coefficients[index] += factor * term.coefficient
+        if not _have_same_loads(scene, self._run.scene):
+            self.loads += factor * self._of(scene)
+
+    def _of(self, scene: Scene) -> Array:
+        """Load vectors of all steps, ``(n, s + 1, d)``."""
+        steps = self._run.steps
+        loads = StepLoads(scene, self._method, steps.tables)
+        fresh = {0.0, *scene.break_points}
+        every = []
+        for time, h in zip(steps.time[:-1].tolist(), steps.step_size.tolist(), strict=True):
+            own = loads.of_steps(time, h, 1, is_fresh=time in fresh)
+            every.append(own[0] if own is not None else 0.0)
+        return np.asarray(every)
+
+
+def _have_same_loads(one: Scene, other: Scene) -> bool:
+    """Whether known forces of two scenes are certainly the same."""
+    if one.derivative != "caputo" and np.any(one.initial_position != 0):
+        return False
+    if one.forcing is None or other.forcing is None:
+        return one.forcing is other.forcing
+    return one.forcing.pieces == other.forcing.pieces

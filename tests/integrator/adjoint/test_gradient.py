@@ -1,0 +1,399 @@
+"""Derivatives of runs: against extended precision, differences, and each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+
+import fvi_cli as fvi
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.adjoint.gradient import gradient_of, run_steps, sensitivities
+from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun
+from fvi_cli.integrator.adjoint.quantity import (
+    Observation,
+    Quantity,
+    misfit,
+    position_at,
+    velocity_at,
+)
+from fvi_cli.integrator.adjoint.variation import Variation
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.mesh import graded_mesh
+from fvi_cli.integrator.method import Method
+from fvi_cli.scenes.nonlinear import duffing, kepler
+
+GAUSS8 = Method(cq="gauss", degree=8, start="none")
+FINE = AdaptiveSteps(tolerance=1e-10)
+TIME = 3.7
+
+# orders and coefficients of the terms
+DAMPINGS = {
+    "below 1": [(0.5, 0.4)],
+    "small": [(0.05, 0.7)],
+    "above 1": [(1.5, 0.6)],
+    "near 2": [(1.9, 0.3)],
+    "viscous": [(1.0, 0.3)],
+    "on both sides of 1": [(0.3, 0.5), (1.7, 0.2)],
+    "three": [(0.7, 0.2), (1.0, 0.1), (1.2, 0.4)],
+}
+
+
+def oscillator(values: dict[str, float], n_terms: int) -> Scene:
+    """M x'' + sum mu D^gamma x + K x = 0."""
+    return fvi.linear_oscillator(
+        mass=values["mass"],
+        stiffness=values["stiffness"],
+        damping=[
+            FractionalDamping(order=values[f"order {i}"], coefficient=values[f"coefficient {i}"])
+            for i in range(n_terms)
+        ],
+        initial_position=values["position"],
+        initial_velocity=values["velocity"],
+        final_time=4.0,
+    )
+
+
+def variations(family: Callable[[dict[str, float]], Scene], values: dict[str, float]) -> list[Any]:
+    return [
+        Variation(family=lambda v, name=name: family({**values, name: v}), value=value, name=name)
+        for name, value in values.items()
+    ]
+
+
+def values_of(terms: list[tuple[float, float]]) -> dict[str, float]:
+    values = {"mass": 1.3, "stiffness": 2.0, "position": 1.0, "velocity": 0.5}
+    for index, (order, coefficient) in enumerate(terms):
+        values |= {f"order {index}": order, f"coefficient {index}": coefficient}
+    return values
+
+
+@cache
+def in_extended_precision(name: str) -> dict[str, float]:
+    """Derivatives of x(TIME), by inverting the transform of the derivative, 40 digits."""
+    terms = DAMPINGS[name]
+    values = values_of(terms)
+    with mpmath.workdps(40):
+        m, k, x0, v0 = (
+            mpmath.mpf(values[n]) for n in ("mass", "stiffness", "position", "velocity")
+        )
+
+        def parts(s: Any) -> tuple[Any, Any]:
+            # Caputo: the transform of D^g x is s^g X - s^(g-1) x0 - [g > 1] s^(g-2) v0
+            below = m * s**2 + k
+            above = m * (s * x0 + v0)
+            for g, c in terms:
+                below += c * s ** mpmath.mpf(g)
+                above += c * start(s, g)
+            return above, below
+
+        def start(s: Any, g: float) -> Any:
+            order = mpmath.mpf(g)
+            return s ** (order - 1) * x0 + (s ** (order - 2) * v0 if g > 1 else 0)
+
+        def rate(what: str, s: Any) -> Any:
+            above, below = parts(s)
+            x = above / below
+            if what == "mass":
+                return (s * x0 + v0 - s**2 * x) / below
+            if what == "stiffness":
+                return -x / below
+            if what in ("position", "velocity"):
+                power = 1 if what == "position" else 2
+                total = m * s ** (2 - power)
+                for g, c in terms:
+                    if power == 1 or g > 1:
+                        total += c * s ** (mpmath.mpf(g) - power)
+                return total / below
+            kind, index = what.split()
+            g, c = terms[int(index)]
+            own = (start(s, g) - s ** mpmath.mpf(g) * x) / below
+            return own if kind == "coefficient" else c * mpmath.log(s) * own
+
+        return {
+            what: float(
+                mpmath.invertlaplace(
+                    lambda s, what=what: rate(what, s), TIME, method="talbot", degree=60
+                )
+            )
+            for what in values
+        }
+
+
+@pytest.mark.parametrize("name", DAMPINGS)
+def test_against_forty_digits(name: str) -> None:
+    terms = DAMPINGS[name]
+    values = values_of(terms)
+
+    def family(given: dict[str, float]) -> Scene:
+        return oscillator(given, len(terms))
+
+    found = gradient_of(family(values), GAUSS8, FINE, position_at(TIME), variations(family, values))
+    expected = in_extended_precision(name)
+    for one, (what, exact) in zip(found.derivatives, expected.items(), strict=True):
+        assert one == pytest.approx(exact, rel=1e-9), what
+    # the run itself aside, one system for every step
+    assert found.step_solves == found.n_steps
+
+
+PENDULUM = {"omega": 1.2, "order": 0.6, "coefficient": 0.3, "angle": 2.0, "rate": 0.4}
+
+
+def pendulum(values: dict[str, float]) -> Scene:
+    return fvi.pendulum(
+        omega=values["omega"],
+        damping=[FractionalDamping(order=values["order"], coefficient=values["coefficient"])],
+        initial_position=values["angle"],
+        initial_velocity=values["rate"],
+        final_time=6.0,
+        forcing=fvi.Forcing.from_text("0.3*sin(2*t)"),
+    )
+
+
+DUFFING = {"mass": 1.1, "cubic": 1.5, "order": 1.4, "coefficient": 0.4, "position": 1.2}
+
+
+def hardening(values: dict[str, float]) -> Scene:
+    return duffing(
+        mass=values["mass"],
+        cubic_stiffness=values["cubic"],
+        damping=[FractionalDamping(order=values["order"], coefficient=values["coefficient"])],
+        initial_position=values["position"],
+        initial_velocity=0.3,
+        final_time=5.0,
+    )
+
+
+JOINTS = {"gravity": 2.0, "order": 0.5, "coefficient": 0.3, "angle": 1.0}
+
+
+def two_rods(values: dict[str, float]) -> Scene:
+    """A mass matrix that depends on the position."""
+    return fvi.build_problem(
+        {
+            "kind": "double-pendulum",
+            "lengths": [1.0, 0.8],
+            "gravity": values["gravity"],
+            "damping": [
+                {
+                    "order": values["order"],
+                    "coefficient": [[0.3, 0.0], [0.0, values["coefficient"]]],
+                }
+            ],
+            "initial": {"position": [values["angle"], -0.5], "velocity": [0.2, 0.0]},
+            "final_time": 2.0,
+        }
+    ).scene
+
+
+LATE = {"order": 0.4, "coefficient": 0.5, "position": 0.7, "stiffness": 3.0}
+
+
+def riemann_liouville(values: dict[str, float]) -> Scene:
+    return fvi.linear_oscillator(
+        stiffness=values["stiffness"],
+        damping=[FractionalDamping(order=values["order"], coefficient=values["coefficient"])],
+        initial_position=values["position"],
+        initial_velocity=0.2,
+        final_time=3.0,
+        derivative="riemann-liouville",
+    )
+
+
+TWO = {"attraction": 1.3, "order": 0.5, "coefficient": 0.05, "x": 1.0}
+
+
+def orbit(values: dict[str, float]) -> Scene:
+    return kepler(
+        attraction=values["attraction"],
+        damping=[
+            FractionalDamping(order=values["order"], coefficient=values["coefficient"] * np.eye(2))
+        ],
+        initial_position=[values["x"], 0.1],
+        initial_velocity=[0.1, 1.0],
+        final_time=3.0,
+    )
+
+
+SCENES = {
+    "pendulum": (pendulum, PENDULUM),
+    "duffing": (hardening, DUFFING),
+    "double pendulum": (two_rods, JOINTS),
+    "riemann-liouville": (riemann_liouville, LATE),
+    "kepler": (orbit, TWO),
+}
+
+
+def energy_like(position: Any, velocity: Any) -> Any:
+    """Something nonlinear of several times, analytic."""
+    return (position**2).sum() + (velocity * position).sum() ** 3 + np.cos(velocity[0]).sum()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_against_central_differences(name: str) -> None:
+    family, values = SCENES[name]
+    quantity = Quantity(times=np.array([0.0, 0.9, 2.0]), value=energy_like)
+    steps = graded_mesh(family(values).final_time, 12, 2.0)
+    method = Method(cq="gauss", degree=3, start="none")
+
+    def value(changed: dict[str, float]) -> float:
+        done = run_steps(family(changed), method, steps)
+        return float(energy_like(*Observation(done, quantity.times).motion()))
+
+    found = gradient_of(family(values), method, steps, quantity, variations(family, values))
+    assert found.value == pytest.approx(value(values), rel=1e-13)
+    for one, (what, at) in zip(found.derivatives, values.items(), strict=True):
+        h = 4e-4 * at
+        coarse, fine = (
+            (value({**values, what: at + e}) - value({**values, what: at - e})) / (2 * e)
+            for e in (h, h / 2)
+        )
+        assert one == pytest.approx((4 * fine - coarse) / 3, rel=2e-8, abs=1e-9), what
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("method", ["gauss", "radau-iia", "lobatto-iiic"])
+def test_forwards_and_backwards_are_transposed(name: str, method: str) -> None:
+    family, values = SCENES[name]
+    scene = family(values)
+    solver = Method(cq=method, degree=3, start="none")
+    done = run_steps(scene, solver, 16)
+    run = LinearisedRun(scene, solver, done)
+    n, r, d = done.velocity.shape
+    generator = np.random.default_rng(5)
+
+    def random(*shape: int) -> Any:
+        return generator.standard_normal(shape)
+
+    change = Disturbance(
+        momentum=random(n, r, d, 2),
+        force=random(n, r, d, 2),
+        loads=random(n, done.tables.degree + 1, d, 2),
+        position=random(d, 2),
+        velocity=random(d, 2),
+        start_momentum=random(d, 2),
+    )
+    tangent = run.tangent(change)
+    by_position, by_unknowns = random(n + 1, d), random(n, done.tables.degree, d)
+    forwards = np.einsum("nd,ndp->p", by_position, tangent.position)
+    forwards += np.einsum("nsd,nsdp->p", by_unknowns, tangent.unknowns)
+    backwards = run.adjoint(by_position, by_unknowns).along(change)
+    scale = np.abs(by_position).sum() * np.abs(tangent.position).max()
+    np.testing.assert_allclose(forwards, backwards, rtol=0, atol=1e-13 * scale)
+
+
+def test_both_ways_and_a_misfit() -> None:
+    times = np.linspace(0.2, 5.9, 23)
+    data = np.cos(times)
+    quantity = misfit(times, data, deviation=0.3)
+    changes = variations(pendulum, PENDULUM)
+    scene = pendulum(PENDULUM)
+    backwards = gradient_of(scene, GAUSS8, 12, quantity, changes)
+    forwards = sensitivities(scene, GAUSS8, 12, times, changes)
+    left = (forwards.position[:, 0] - data) / 0.3
+    assert backwards.value == pytest.approx(0.5 * left @ left, rel=1e-14)
+    expected = left @ forwards.by_position[:, 0] / 0.3
+    np.testing.assert_allclose(backwards.derivatives, expected, rtol=1e-11)
+    # complex steps give the same as slopes
+    by_steps = Quantity(times=times, value=lambda x, v: 0.5 * (((x[:, 0] - data) / 0.3) ** 2).sum())
+    again = gradient_of(scene, GAUSS8, 12, by_steps, changes)
+    np.testing.assert_allclose(again.derivatives, backwards.derivatives, rtol=1e-12)
+
+
+def test_fifty_parameters_take_two_runs() -> None:
+    springs = {f"spring {i}": 1.0 + 0.1 * i for i in range(25)}
+    dampers = {f"damper {i}": 0.1 + 0.01 * i for i in range(25)}
+
+    def chain(values: dict[str, float]) -> Scene:
+        given = list(values.values())
+        return fvi.linear_oscillator(
+            mass=np.eye(25),
+            stiffness=np.diag(given[:25]) + 0.2 * np.eye(25),
+            damping=[FractionalDamping(order=0.5, coefficient=np.diag(given[25:]))],
+            initial_position=np.ones(25),
+            final_time=2.0,
+        )
+
+    values = springs | dampers
+    method = Method(cq="gauss", degree=2, start="none")
+    found = gradient_of(chain(values), method, 8, velocity_at(2.0, 3), variations(chain, values))
+    assert found.n_steps + found.step_solves <= 4 * found.n_steps
+    # masses apart from each other: only its own spring and damper count
+    assert np.flatnonzero(np.abs(found.derivatives) > 1e-15).tolist() == [3, 28]
+
+
+def test_numbers_of_a_scene_by_name() -> None:
+    scene = fvi.linear_oscillator(
+        mass=[[2.0, 0.3], [0.3, 1.0]],
+        stiffness=[[3.0, -1.0], [-1.0, 2.0]],
+        damping=[FractionalDamping(order=0.6, coefficient=[[0.4, -0.1], [-0.1, 0.2]])],
+        initial_position=[1.0, 0.0],
+        final_time=3.0,
+    )
+    found = fvi.gradient(scene, "gauss4-none", 12, fvi.position_at(2.5, 1))
+    assert set(found.derivatives) == {
+        "mass",
+        "stiffness",
+        "damping.0.order",
+        "damping.0.coefficient",
+        "initial_position",
+        "initial_velocity",
+    }
+    for whole in ("mass", "stiffness", "damping.0.coefficient"):
+        assert found[whole].shape == (2, 2)
+        np.testing.assert_allclose(found[whole], found[whole].T)
+    # a common factor of all forces changes nothing, and the motion is linear in the initial data
+    entries = fvi.gradient(
+        lambda factor: fvi.linear_oscillator(
+            mass=factor * scene.inertia.mass,
+            stiffness=factor * scene.potential.stiffness,
+            damping=[
+                FractionalDamping(order=0.6, coefficient=factor * scene.damping[0].coefficient)
+            ],
+            initial_position=[1.0, 0.0],
+            final_time=3.0,
+        ),
+        "gauss4-none",
+        12,
+        fvi.position_at(2.5, 1),
+        {"factor": 1.0},
+    )
+    assert abs(entries["factor"]) < 1e-13
+    together = (
+        np.sum(found["mass"] * scene.inertia.mass)
+        + np.sum(found["stiffness"] * scene.potential.stiffness)
+        + np.sum(found["damping.0.coefficient"] * scene.damping[0].coefficient)
+    )
+    assert abs(together) < 1e-12 * np.abs(found["mass"]).sum()
+    assert found["initial_position"] @ [1.0, 0.0] == pytest.approx(found.value, rel=1e-12)
+    with pytest.raises(ValueError, match=r"parameters: 'mu' is not one of mass, stiffness"):
+        fvi.gradient(scene, "gauss4-none", 12, fvi.position_at(2.5), ["mu"])
+    with pytest.raises(ValueError, match="give the arguments of the function"):
+        fvi.gradient(lambda k: scene, "gauss4-none", 12, fvi.position_at(2.5), ["k"])
+    swinging = fvi.gradient(pendulum(PENDULUM), "gauss4-none", 12, fvi.velocity_at(2.5))
+    by_hand = gradient_of(
+        pendulum(PENDULUM),
+        Method(cq="gauss", degree=4, start="none"),
+        12,
+        velocity_at(2.5),
+        variations(pendulum, PENDULUM),
+    )
+    np.testing.assert_allclose(
+        [float(swinging[name]) for name in ("potential.omega", "damping.0.order")],
+        by_hand.derivatives[:2],
+        rtol=1e-9,
+    )
+
+
+def test_what_has_no_derivatives() -> None:
+    with pytest.raises(ValueError, match="keeps no polynomials"):
+        gradient_of(pendulum(PENDULUM), Method(cq="bdf2", degree=1), 8, position_at(1.0), [])
+    with pytest.raises(ValueError, match="the run goes from 0 to 6"):
+        gradient_of(pendulum(PENDULUM), GAUSS8, 8, position_at(7.0), [])
+    with pytest.raises(ValueError, match="times: finite numbers"):
+        position_at(float("nan"))
