@@ -1,4 +1,4 @@
-r"""Powers of integration as integrals over rates: one set of rates for all exponents.
+r"""Powers of integration and relaxation laws as integrals over rates: one set of rates for all.
 
 For an operator I with :math:`(x + I^{-1})^{-1}` bounded for every x > 0, as integration in time
 and its discretisation by a Runge-Kutta method on any mesh,
@@ -22,33 +22,36 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.laws.law import RelaxationKernel
+from fvi_cli.integrator.convolution.rates import RateRule, rate_rule
+
 Array = NDArray[np.float64]
+Term = float | RelaxationKernel
+"""An exponent, or the kernel of a relaxation law."""
 
 _CACHED_KERNELS = 256
-# With log x = u - exp(first - u) + exp(u - last) the ends begin where x T respectively its
-# counterpart K N / (h x) is this; the integrand grows by exp(this) beside the real axis.
-_ONSET = 1.0
-_END_ERROR = 20.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Kernel:
-    r"""Rates and weights of one or several powers of integration.
+    r"""Rates and weights of one or several powers of integration and relaxation laws.
 
     The states are the weighted means :math:`s_j = x_j z_j`, :math:`s_j' = x_j (v - s_j)`,
     :math:`s_j(0) = 0`, of the velocity v: none is larger than v has been, all have its unit,
-    and all exponents share them.
+    and all terms share them.
 
     Parameters
     ----------
-    exponents
-        The exponents theta in (-1, 1): integrals where positive, derivatives where negative.
+    terms
+        Exponents theta in (-1, 1), integrals where positive, derivatives where negative, and
+        kernels of relaxation laws.
     rates
         Rates x_j > 0, ascending, 1/time, shape ``(J,)``.
     weights
-        Factors :math:`w_{kj}` with which the states enter the force of exponent k,
-        time^theta, shape ``(n_terms, J)``: quadrature weights of
-        :math:`\frac{\sin \pi\theta}{\pi} x^{-\theta - 1} dx`, of the sign of theta.
+        Factors :math:`w_{kj}` with which the states enter the force of term k, shape
+        ``(n_terms, J)``: quadrature weights of
+        :math:`\frac{\sin \pi\theta}{\pi} x^{-\theta - 1} dx` (time^theta, of the sign of theta),
+        of :math:`\rho(x) dx / x` for a law.
 
     Raises
     ------
@@ -66,21 +69,21 @@ class Kernel:
     If all s and all V grow by the same constant, a derivative (theta < 0) does not change.
     """
 
-    exponents: tuple[float, ...]
+    terms: tuple[Term, ...]
     rates: Array
     weights: Array
 
     def __post_init__(self) -> None:
-        shape = (len(self.exponents), self.rates.size)
+        shape = (len(self.terms), self.rates.size)
         if self.rates.ndim != 1 or self.weights.shape != shape:
             raise ValueError(
                 f"kernel: rates of shape {self.rates.shape} and weights of shape "
-                f"{self.weights.shape} are not allowed for {shape[0]} exponents"
+                f"{self.weights.shape} are not allowed for {shape[0]} terms"
             )
         if not (np.all(np.diff(self.rates) > 0) and np.all(self.rates > 0)):
             raise ValueError("kernel: rates must be positive and increase strictly")
-        signs = np.sign(self.exponents)[:, None]
-        if not np.all(self.weights * signs >= 0):
+        signs = [np.sign(term) if isinstance(term, float) else 1.0 for term in self.terms]
+        if not np.all(self.weights * np.array(signs)[:, None] >= 0):
             raise ValueError("kernel: weights must have the signs of their exponents")
         self.rates.setflags(write=False)
         self.weights.setflags(write=False)
@@ -107,7 +110,7 @@ class Kernel:
 
 
 def power_kernel(
-    exponents: Sequence[float],
+    terms: Sequence[Term],
     *,
     shortest_step: float,
     final_time: float,
@@ -115,12 +118,12 @@ def power_kernel(
     steps: float | None = None,
     accuracy: float = 1e-13,
 ) -> Kernel:
-    r"""Rates and weights of powers of integration, for all meshes of certain steps.
+    r"""Rates and weights of powers of integration and laws, for all meshes of certain steps.
 
     Parameters
     ----------
-    exponents
-        The exponents in (-1, 1), none of them zero.
+    terms
+        Exponents in (-1, 1), none of them zero, and kernels of laws.
     shortest_step, final_time
         Shortest step and length of the mesh, time.
     stages
@@ -149,9 +152,15 @@ def power_kernel(
     :math:`x^{-\theta - 2}` times an analytic function of 1/x, because
     :math:`R(-z) = \pm \exp(-K/z + \ldots)`, K = 2 m (m + 1); there the substitution makes it
     fall doubly exponentially, and nodes at which x no longer differs from its limit are merged.
+
+    A law whose density has a narrow peak at c, singular at a distance :math:`\delta` beside the
+    real axis, has equal steps of :math:`u + \sinh^{-1}((u - c) / \delta)` in place of u, in which
+    that distance is more than :math:`\pi / 2`. A density from a least rate l on is integrated
+    over x - l.
     """
-    if not exponents or not all(0 < abs(theta) < 1 for theta in exponents):
-        raise ValueError(f"exponents: {list(exponents)}; each must lie in (-1, 1) and not be 0")
+    numbers = [float(term) for term in terms if isinstance(term, int | float)]
+    if not terms or not all(0 < abs(theta) < 1 for theta in numbers):
+        raise ValueError(f"exponents: {numbers}; each must lie in (-1, 1) and not be 0")
     if not 0 < shortest_step <= final_time < math.inf:
         raise ValueError(
             f"shortest_step: {shortest_step} is not allowed; it must be positive and at most the "
@@ -166,7 +175,7 @@ def power_kernel(
         raise ValueError(f"steps: {steps} is not allowed; it must be at least 1")
     most = room if steps is None else float(steps)
     return _kernel(
-        tuple(map(float, exponents)),
+        tuple(float(term) if isinstance(term, int | float) else term for term in terms),
         math.floor(math.log2(shortest_step)),
         math.ceil(math.log2(final_time)),
         math.ceil(math.log2(most)),
@@ -198,55 +207,25 @@ def power_kernel_slopes(
     tuple of Array
         Rates ``(J,)``, weights and derivatives ``(n_terms, J)``; not checked and not kept.
     """
-    rule = _rule(
-        tuple(map(float, exponents)),
+    first, last = _range(
         math.floor(math.log2(shortest_step)),
         math.ceil(math.log2(final_time)),
         math.ceil(math.log2(steps)),
         stages,
-        accuracy,
     )
-    theta = np.array(exponents)[:, None]
+    ends = [(1 - float(theta), 1 - float(theta)) for theta in exponents]
+    rule = rate_rule(ends, first=first, last=last, accuracy=accuracy)
+    theta = np.array(exponents, dtype=float)[:, None]
+    masses = (1 - theta) * rule.logs
     by_angle = np.cos(np.pi * theta) * rule.density
-    slopes = rule.merged(theta, by_angle - _sine(theta) * rule.density * rule.logs)
-    return rule.rates, rule.merged(theta, _sine(theta) * rule.density), slopes
+    slopes = rule.merged(masses, by_angle - _sine(theta) * rule.density * rule.logs)
+    return rule.rates, rule.merged(masses, _sine(theta) * rule.density), slopes
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Rule:
-    """The trapezoidal rule for all exponents, with the nodes that are merged at its ends.
-
-    Parameters
-    ----------
-    logs, density
-        Logarithms of the nodes and their weights, of the merged ones as well.
-    n_below, n_kept
-        Nodes that are merged into the first one, and nodes that are kept.
-    """
-
-    logs: Array
-    density: Array
-    n_below: int
-    n_kept: int
-
-    @property
-    def rates(self) -> Array:
-        """The nodes that are kept, shape ``(J,)``."""
-        return np.exp(self.logs[self.n_below : self.n_below + self.n_kept])
-
-    def merged(self, theta: Array, factors: Array) -> Array:
-        """Weights of the states, ``factors * x^-theta`` with the ends merged, ``(n_terms, J)``."""
-        logs, end = self.logs, self.n_below + self.n_kept
-        kept = logs[self.n_below : end]
-        weights = factors[:, self.n_below : end] * np.exp(-theta * kept)
-        below, above = slice(0, self.n_below), slice(end, None)
-        weights[:, 0] += (factors[:, below] * np.exp((1 - theta) * logs[below] - kept[0])).sum(
-            axis=1
-        )
-        weights[:, -1] += (factors[:, above] * np.exp(-(1 + theta) * logs[above] + kept[-1])).sum(
-            axis=1
-        )
-        return np.asarray(weights)
+def _range(step: int, time: int, steps: int, stages: int) -> tuple[float, float]:
+    """Logarithms of the rates between which a mesh of these powers of 2 sees more than powers."""
+    stiffness = 2 * stages * (stages + 1)
+    return -time * math.log(2), math.log(stiffness) + (steps - step) * math.log(2)
 
 
 def _sine(theta: Array) -> Array:
@@ -257,60 +236,52 @@ def _sine(theta: Array) -> Array:
 
 @lru_cache(maxsize=_CACHED_KERNELS)
 def _kernel(
-    exponents: tuple[float, ...], step: int, time: int, steps: int, stages: int, accuracy: float
+    terms: tuple[Term, ...], step: int, time: int, steps: int, stages: int, accuracy: float
 ) -> Kernel:
     """The kernel for powers of 2: shortest step, final time and number of steps."""
-    rule, theta = (
-        _rule(exponents, step, time, steps, stages, accuracy),
-        np.array(exponents)[:, None],
-    )
-    weights = rule.merged(theta, _sine(theta) * rule.density)
-    return Kernel(exponents=exponents, rates=rule.rates, weights=weights)
+    first, last = _range(step, time, steps, stages)
+    found = []
+    for shift in sorted({_shift(term) for term in terms if _ends(term) is not None}):
+        chosen = [i for i, one in enumerate(terms) if _ends(one) and _shift(one) == shift]
+        own = [terms[i] for i in chosen]
+        rule = rate_rule(
+            [ends for ends in map(_ends, own) if ends is not None],
+            first=first,
+            last=last,
+            accuracy=accuracy,
+            shift=shift,
+            peaks=[
+                one.peak for one in own if not isinstance(one, float) and one.peak is not None
+            ],
+        )
+        columns = np.zeros((len(terms), rule.n_kept))
+        masses, factors = zip(*(_density(one, rule) for one in own), strict=True)
+        columns[chosen] = rule.merged(np.array(masses), np.array(factors))
+        found.append((rule.rates, columns))
+    for index, one in enumerate(terms):
+        for rate, mass in () if isinstance(one, float) else one.masses:
+            column = np.zeros((len(terms), 1))
+            column[index] = mass / rate
+            found.append((np.array([rate]), column))
+    rates, place = np.unique(np.concatenate([one for one, _ in found]), return_inverse=True)
+    weights = np.zeros((len(terms), rates.size))
+    np.add.at(weights.T, place, np.concatenate([columns for _, columns in found], axis=1).T)
+    return Kernel(terms=terms, rates=rates, weights=weights)
 
 
-def _rule(
-    exponents: tuple[float, ...], step: int, time: int, steps: int, stages: int, accuracy: float
-) -> _Rule:
-    """The nodes for powers of 2: shortest step, final time and number of steps."""
-    first = math.log(_ONSET) - time * math.log(2)
-    stiffness = 2 * stages * (stages + 1)
-    last = math.log(stiffness / _ONSET) + (steps - step) * math.log(2)
-    width = _width(exponents, accuracy)
-    # an end has no effect left at exp(-cut), in the units of x and of the integrand
-    cut = -math.log(accuracy) + 3.0
-    tail = math.log(cut) + 0.5
-    # the same for x to the power 1 - theta and 1 / x to the power 1 + theta, merged
-    below = math.log(cut / (1 - max(exponents))) + 0.5
-    above = math.log(cut / (1 + min(exponents))) + 0.5
-    n_middle = math.ceil((last - first + 2 * tail) / width)
-    n_below = math.ceil(max(below - tail, 0) / width)
-    n_above = math.ceil(max(above - tail, 0) / width)
-    u = first - tail + width * np.arange(-n_below, n_middle + n_above + 1)
-    left, right = np.exp(first - u), np.exp(u - last)
-    return _Rule(
-        logs=u - left + right,
-        density=width * (1 + left + right),
-        n_below=n_below,
-        n_kept=n_middle + 1,
-    )
+def _ends(term: Term) -> tuple[float, float] | None:
+    return (1 - term, 1 - term) if isinstance(term, float) else term.ends
 
 
-def _width(exponents: tuple[float, ...], accuracy: float) -> float:
-    r"""Width of the trapezoidal rule for :math:`\int e^{(1 - \theta) u - e^u} du`.
-
-    Its relative error is :math:`2 |\Gamma(1 - \theta + i \omega)| / \Gamma(1 - \theta)` at
-    :math:`\omega = 2 \pi / width`, with Stirling's formula; near theta = 1 that of the lower end
-    is larger.
-    """
-    width = math.inf
-    for theta in exponents:
-        omega = 10.0
-        for _ in range(20):
-            size = 2 * math.sqrt(2 * math.pi) * omega ** (0.5 - theta) / math.gamma(1 - theta)
-            size = max(size, _END_ERROR)
-            omega = max(2 / math.pi * math.log(size / accuracy), 1.0)
-        width = min(width, 2 * math.pi / omega)
-    return width
+def _shift(term: Term) -> float:
+    return 0.0 if isinstance(term, float) else term.shift
 
 
-__all__ = ["Kernel", "power_kernel", "power_kernel_slopes"]
+def _density(term: Term, rule: RateRule) -> tuple[Array, Array]:
+    """Logarithms of the density of a term at all nodes, and what they are to be multiplied by."""
+    if isinstance(term, float):
+        return (1 - term) * rule.logs, _sine(np.array(term)) * rule.density
+    return term.log_density(rule.logs), rule.density
+
+
+__all__ = ["Kernel", "Term", "power_kernel", "power_kernel_slopes"]

@@ -18,17 +18,15 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.integrator.convolution.kernel import Kernel
+from fvi_cli.mathematics.matrices.powers import matrix_power
 from fvi_cli.mathematics.runge_kutta import ButcherTableau, tableau
 
 Array = NDArray[np.float64]
 
 # exp(-800) is zero in double precision, and 0 * -800 is 0 where 0 * -inf would be NaN.
 _LOG_OF_ZERO = -800.0
-# The rule of the kernels for powers of X: eigenvalues of X lie between 1/70 and 1 for up to 21
-# stages, and within 75 degrees of the positive axis, which leaves more than exp(-48).
-_POWER_FIRST, _POWER_LAST, _POWER_WIDTH = -1.0, 6.0, 0.25
-_FAR = 300.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -173,6 +171,17 @@ class StageOperator:
             power = self.to_values @ power @ self.to_coefficients
         return power
 
+    def law_block(self, kernel: RelaxationKernel, h: float) -> Array:
+        """The local block of a relaxation law over a step of length `h`, shape ``(m, m)``."""
+
+        def power(theta: float) -> Array:
+            return h**theta * _power(self.tableau.name, self.n_stages, theta)
+
+        block = kernel.on_integration(h * self.matrix, power)
+        if self.basis == "values":
+            block = self.to_values @ block @ self.to_coefficients
+        return np.asarray(block)
+
     def step_tables(self, kernel: Kernel, h: float) -> StepKernel:
         """History of `kernel` over a step of length `h`."""
         z = h * kernel.rates
@@ -276,30 +285,8 @@ def _matrix_entries(method: ButcherTableau) -> tuple[Array, float]:
 
 @cache
 def _power(name: str, n_stages: int, theta: float) -> Array:
-    r"""The power :math:`X^\theta` of the matrix of a method, shape ``(m, m)``.
-
-    :math:`X^{-s} = \frac{\sin \pi s}{\pi} \int_0^\infty x^{s - 1} (1 + x X)^{-1} dx`, 0 < s < 1,
-    with the rule of the kernels, and a factor X more where theta > 0. Resolvents of X are bounded
-    by 1: its symmetric part has no negative eigenvalue.
-    """
-    if not -1 < theta < 1:
-        raise ValueError(f"theta: {theta} is not allowed; it must lie in (-1, 1)")
-    matrix = StageOperator(tableau=tableau(name, n_stages)).matrix
-    if theta == 0:
-        return np.eye(n_stages)
-    # s and 1 - s, neither of them rounded
-    s, rest = (-theta, 1 + theta) if theta < 0 else (1 - theta, theta)
-    end = math.log(45.0 / min(s, rest)) + 0.5
-    u = np.arange(_POWER_FIRST - end, _POWER_LAST + end, _POWER_WIDTH)
-    left, right = np.exp(_POWER_FIRST - u), np.exp(u - _POWER_LAST)
-    logs = u - left + right
-    # far out the resolvent is at its limit, the power of x is not
-    near = np.clip(logs, -_FAR, _FAR)
-    resolvents = np.linalg.inv(np.exp(-near)[:, None, None] * np.eye(n_stages) + matrix)
-    powers = np.exp(np.where(logs < 0, s * logs - near, -rest * logs)) * (1 + left + right)
-    sine = math.sin(math.pi * min(s, rest))
-    power = np.tensordot(powers, resolvents, axes=1) * (_POWER_WIDTH * sine / math.pi)
-    power = power if theta < 0 else matrix @ power
+    """A power of the matrix of a method, shape ``(m, m)``."""
+    power = matrix_power(StageOperator(tableau=tableau(name, n_stages)).matrix, theta)
     power.setflags(write=False)
     return power
 

@@ -28,12 +28,12 @@ def kernel_for(exponents: tuple[float, ...], steps: Array, m: int) -> Kernel:
 
 def apply(operator: StageOperator, kernel: Kernel, steps: Array, values: Array) -> Array:
     """All powers of a kernel on stage values, shape (N, m, d), step by step through the states."""
-    local = [operator.local_block(theta) for theta in kernel.exponents]
+    local = [operator.local_block(theta) for theta in kernel.terms]
     states = np.zeros((kernel.n_states, values.shape[2]))
     result = np.empty((len(local), *values.shape))
     for n, h in enumerate(steps):
         tables = operator.step_tables(kernel, float(h))
-        for k, (theta, block) in enumerate(zip(kernel.exponents, local, strict=True)):
+        for k, (theta, block) in enumerate(zip(kernel.terms, local, strict=True)):
             result[k, n] = h**theta * block @ values[n] + tables.response[k] @ states
         states = tables.decay[:, None] * states + tables.intake @ values[n]
     return result
@@ -164,7 +164,7 @@ def test_blocks_are_their_steps():
     for first in (0, size):
         own = values[first : first + size]
         force = (block.response @ states).reshape(2, size, 3, 2)
-        for k, theta in enumerate(kernel.exponents):
+        for k, theta in enumerate(kernel.terms):
             lags = np.concatenate([h**theta * operator.local_block(theta)[None], block.lags[k]])
             for n, past in itertools.product(range(size), repeat=2):
                 if past <= n:

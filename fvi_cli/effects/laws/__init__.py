@@ -1,0 +1,1 @@
+"""Relaxation laws: forces that remember the velocity with a completely monotone kernel."""

@@ -1,0 +1,139 @@
+"""The fractional Zener law (Cole and Cole), and the fractional Maxwell law as its special case."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fvi_cli.effects.laws.law import ComplexArray, Law, fraction, positive
+from fvi_cli.effects.matrices import Array
+
+# the density is zero to every accuracy so far from its peak, and its logarithm finite
+_FAR = 600.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColeCole:
+    r"""The kernel :math:`k(t) = E_a(-(t/\tau)^a)`, a Mittag-Leffler function, k(0) = 1.
+
+    .. math:: \hat k(s) = \frac{\tau^a s^{a-1}}{1 + (s\tau)^a}, \qquad
+              x \rho(x) = \frac{\sin \pi a}{\pi}
+              \frac{1}{(x\tau)^a + 2 \cos \pi a + (x\tau)^{-a}}
+
+    (K.S. Cole, R.H. Cole, *Dispersion and absorption in dielectrics I*, J. Chem. Phys. 9, 1941).
+
+    Parameters
+    ----------
+    order
+        a in (0, 1).
+    time
+        :math:`\tau > 0`.
+    """
+
+    order: float
+    time: float
+    shift = 0.0
+    masses = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "order", fraction(self.order))
+        object.__setattr__(self, "time", positive(self.time, "time"))
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Powers a and -a of the rate in the density per logarithm."""
+        return self.order, -self.order
+
+    @property
+    def peak(self) -> tuple[float, float]:
+        r"""At :math:`1/\tau`; singular where :math:`(x\tau)^a = -e^{\pm i \pi a}`."""
+        return -math.log(self.time), math.pi * (1 - self.order) / self.order
+
+    @property
+    def start_order(self) -> float:
+        """The kernel begins with 1 minus a multiple of t^a."""
+        return -self.order
+
+    def log_density(self, log_rate: Array) -> Array:
+        """Logarithm of the rate times the density, at logarithms of rates."""
+        a = self.order
+        near = np.clip(a * (log_rate + math.log(self.time)), -_FAR, _FAR)
+        # 2 cosh + 2 cos without cancellation, where the peak is narrow as well
+        width = 4 * math.sin(0.5 * math.pi * (1 - a)) ** 2
+        sine = math.sin(math.pi * min(a, 1 - a))
+        return np.asarray(math.log(sine / math.pi) - np.log(4 * np.sinh(0.5 * near) ** 2 + width))
+
+    def symbol(self, s: ComplexArray) -> ComplexArray:
+        """The transform of the kernel."""
+        power = (np.asarray(s, dtype=complex) * self.time) ** self.order
+        return np.asarray(power / (s * (1 + power)))
+
+    def on_integration(self, integration: Array, power: Callable[[float], Array]) -> Array:
+        r""":math:`I (1 + (I/\tau)^a)^{-1}`."""
+        lasting = np.eye(len(integration)) + self.time**-self.order * power(self.order)
+        return np.asarray(integration @ np.linalg.inv(lasting))
+
+
+def fractional_zener(
+    *, order: float, time: float, relaxed: float, unrelaxed: float, coefficient: ArrayLike
+) -> Law:
+    r"""The law of four parameters :math:`G(s) = G_0 + (G_\infty - G_0)
+    \frac{(s\tau)^a}{1 + (s\tau)^a}`.
+
+    Parameters
+    ----------
+    order, time
+        a in (0, 1) and :math:`\tau > 0`.
+    relaxed, unrelaxed
+        :math:`0 \le G_0 \le G_\infty`, the moduli of very slow and of very fast motions.
+    coefficient
+        The number or symmetric matrix on which it acts.
+
+    Raises
+    ------
+    ValueError
+        For parameters out of range; a law with :math:`G_\infty < G_0` would create energy.
+    """
+    if not 0 <= relaxed < math.inf:
+        raise ValueError(f"relaxed: {relaxed!r} is not allowed; it must not be negative")
+    if not relaxed <= unrelaxed < math.inf:
+        raise ValueError(
+            f"unrelaxed: {unrelaxed!r} is not allowed; it must be at least the relaxed modulus "
+            f"{relaxed!r}, or the law would create energy"
+        )
+    return Law(
+        kernel=ColeCole(order=order, time=time),
+        size=unrelaxed - relaxed,
+        relaxed=relaxed,
+        coefficient=np.asarray(coefficient, dtype=float),
+    )
+
+
+def fractional_maxwell(
+    *, order: float, time: float, modulus: float, coefficient: ArrayLike
+) -> Law:
+    r"""A spring and a springpot in a row: :math:`G(s) = G \frac{(s\tau)^a}{1 + (s\tau)^a}`.
+
+    Parameters
+    ----------
+    order, time
+        a in (0, 1) and :math:`\tau > 0`.
+    modulus
+        G > 0, that of the spring.
+    coefficient
+        The number or symmetric matrix on which it acts.
+
+    Raises
+    ------
+    ValueError
+        For parameters out of range.
+    """
+    return Law(
+        kernel=ColeCole(order=order, time=time),
+        size=positive(modulus, "modulus"),
+        coefficient=np.asarray(coefficient, dtype=float),
+    )

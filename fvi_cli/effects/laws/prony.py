@@ -1,0 +1,102 @@
+"""Prony series: springs and dashpots, a generalised Maxwell model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fvi_cli.effects.laws.law import ComplexArray, Law, positive
+from fvi_cli.effects.matrices import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exponentials:
+    r"""The kernel :math:`k(t) = \sum_i g_i e^{-x_i t}`: point masses, and nothing to be quadrated.
+
+    .. math:: \hat k(s) = \sum_i \frac{g_i}{s + x_i}
+
+    Parameters
+    ----------
+    masses
+        Pairs of a rate :math:`x_i > 0` (1/time) and a weight :math:`g_i > 0`.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or one is not positive.
+    """
+
+    masses: tuple[tuple[float, float], ...]
+    shift = 0.0
+    ends = None
+    peak = None
+    start_order = None
+
+    def __post_init__(self) -> None:
+        if not self.masses:
+            raise ValueError("masses: at least one is needed")
+        for rate, weight in self.masses:
+            positive(rate, "rate")
+            positive(weight, "weight")
+
+    def log_density(self, log_rate: Array) -> Array:
+        """There is none."""
+        return np.full(np.shape(log_rate), -np.inf)
+
+    def symbol(self, s: ComplexArray) -> ComplexArray:
+        """The transform of the kernel."""
+        total = np.zeros(np.shape(s), dtype=complex)
+        for rate, weight in self.masses:
+            total = total + weight / (s + rate)
+        return total
+
+    def on_integration(self, integration: Array, power: Callable[[float], Array]) -> Array:
+        r""":math:`\sum_i g_i I (1 + x_i I)^{-1}`."""
+        unit = np.eye(len(integration))
+        total = np.zeros_like(integration)
+        for rate, weight in self.masses:
+            total += weight * (integration @ np.linalg.inv(unit + rate * integration))
+        return total
+
+
+def prony(
+    *,
+    moduli: Sequence[float],
+    times: Sequence[float],
+    coefficient: ArrayLike,
+    relaxed: float = 0.0,
+) -> Law:
+    r"""The law :math:`G(t) = G_0 + \sum_i g_i e^{-t/\tau_i}`.
+
+    Parameters
+    ----------
+    moduli, times
+        :math:`g_i > 0` and :math:`\tau_i > 0`, as many of one as of the other.
+    coefficient
+        The number or symmetric matrix on which it acts.
+    relaxed
+        :math:`G_0 \ge 0`.
+
+    Raises
+    ------
+    ValueError
+        For numbers out of range, ``moduli`` or ``times`` named.
+    """
+    if len(moduli) == 0:
+        raise ValueError("moduli: at least one is needed")
+    if len(moduli) != len(times):
+        raise ValueError(f"times: {len(times)} of them are not allowed beside {len(moduli)} moduli")
+    for index, value in enumerate(moduli):
+        positive(value, f"moduli.{index}")
+    for index, value in enumerate(times):
+        positive(value, f"times.{index}")
+    masses = tuple((1.0 / time, float(g)) for g, time in zip(moduli, times, strict=True))
+    return Law(
+        kernel=Exponentials(masses=masses),
+        size=1.0,
+        relaxed=relaxed,
+        coefficient=np.asarray(coefficient, dtype=float),
+    )

@@ -1,0 +1,98 @@
+"""The tempered springpot: a fractional derivative that forgets exponentially."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fvi_cli.effects.laws.law import ComplexArray, Law, fraction, positive
+from fvi_cli.effects.matrices import Array
+from fvi_cli.mathematics.matrices.powers import matrix_power
+
+
+@dataclass(frozen=True, kw_only=True)
+class TemperedPower:
+    r"""The kernel :math:`k(t) = e^{-l t} t^{-\gamma} / \Gamma(1 - \gamma)`.
+
+    .. math:: \hat k(s) = (s + l)^{\gamma - 1}, \qquad
+              \rho(x) = \frac{\sin \pi\gamma}{\pi} (x - l)^{\gamma - 1}, \quad x > l
+
+    (F. Sabzikar, M.M. Meerschaert, J. Chen, *Tempered fractional calculus*, J. Comput. Phys. 293,
+    2015).
+
+    Parameters
+    ----------
+    order
+        :math:`\gamma` in (0, 1).
+    rate
+        l > 0, 1/time.
+    """
+
+    order: float
+    rate: float
+    masses = ()
+    peak = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "order", fraction(self.order))
+        object.__setattr__(self, "rate", positive(self.rate, "rate"))
+
+    @property
+    def shift(self) -> float:
+        """The rate l."""
+        return self.rate
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The power gamma of the rate beyond l, everywhere."""
+        return self.order, self.order
+
+    @property
+    def start_order(self) -> float:
+        """The kernel begins with t^-gamma."""
+        return self.order
+
+    def log_density(self, log_rate: Array) -> Array:
+        """Logarithm of the rate beyond l times the density, at its logarithms."""
+        sine = math.sin(math.pi * min(self.order, 1 - self.order))
+        return np.asarray(math.log(sine / math.pi) + self.order * log_rate)
+
+    def symbol(self, s: ComplexArray) -> ComplexArray:
+        """The transform of the kernel."""
+        return np.asarray((np.asarray(s, dtype=complex) + self.rate) ** (self.order - 1))
+
+    def on_integration(self, integration: Array, power: Callable[[float], Array]) -> Array:
+        r""":math:`(I (1 + l I)^{-1})^{1 - \gamma}`."""
+        # of the size of the matrix of the method, whatever l is to the step
+        step = float(np.abs(integration).sum(axis=1).max())
+        scale = step / (1 + self.rate * step)
+        unit = np.eye(len(integration))
+        damped = integration @ np.linalg.inv(unit + self.rate * integration)
+        exponent = 1 - self.order
+        return np.asarray(scale**exponent * matrix_power(damped / scale, exponent))
+
+
+def tempered(*, order: float, rate: float, coefficient: ArrayLike) -> Law:
+    r"""The law :math:`G(s) = s (s + l)^{\gamma - 1}`, a springpot that forgets in times of 1/l.
+
+    Parameters
+    ----------
+    order, rate
+        :math:`\gamma` in (0, 1) and l > 0.
+    coefficient
+        The number or symmetric matrix on which it acts.
+
+    Raises
+    ------
+    ValueError
+        For parameters out of range.
+    """
+    return Law(
+        kernel=TemperedPower(order=order, rate=rate),
+        size=1.0,
+        coefficient=np.asarray(coefficient, dtype=float),
+    )

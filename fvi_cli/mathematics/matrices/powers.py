@@ -1,0 +1,54 @@
+"""Powers of small matrices, by an integral over resolvents that are bounded."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# eigenvalues between 1/70 and 1, and within 75 degrees of the positive axis, leave exp(-48)
+_FIRST, _LAST, _WIDTH = -1.0, 6.0, 0.25
+_FAR = 300.0
+
+
+def matrix_power(matrix: Array, exponent: float) -> Array:
+    r"""The power :math:`B^\theta` of a matrix whose symmetric part has no negative eigenvalue.
+
+    :math:`B^{-s} = \frac{\sin \pi s}{\pi} \int_0^\infty x^{s - 1} (1 + x B)^{-1} dx`, 0 < s < 1,
+    and a factor B more where the exponent is positive. Eigenvectors, which lose digits, are not
+    used.
+
+    Parameters
+    ----------
+    matrix
+        B, shape ``(m, m)``, its eigenvalues of size 1/70 to 1 and within 75 degrees of the
+        positive axis, as those of Gauss, Radau IIA and Lobatto IIIC methods.
+    exponent
+        :math:`\theta` in (-1, 1).
+
+    Raises
+    ------
+    ValueError
+        For an exponent outside (-1, 1).
+    """
+    if not -1 < exponent < 1:
+        raise ValueError(f"exponent: {exponent} is not allowed; it must lie in (-1, 1)")
+    unit = np.eye(matrix.shape[0])
+    if exponent == 0:
+        return unit
+    # s and 1 - s, neither of them rounded
+    s, rest = (-exponent, 1 + exponent) if exponent < 0 else (1 - exponent, exponent)
+    end = math.log(45.0 / min(s, rest)) + 0.5
+    u = np.arange(_FIRST - end, _LAST + end, _WIDTH)
+    left, right = np.exp(_FIRST - u), np.exp(u - _LAST)
+    logs = u - left + right
+    # far out the resolvent is at its limit, the power of x is not
+    near = np.clip(logs, -_FAR, _FAR)
+    resolvents = np.linalg.inv(np.exp(-near)[:, None, None] * unit + matrix)
+    powers = np.exp(np.where(logs < 0, s * logs - near, -rest * logs)) * (1 + left + right)
+    sine = math.sin(math.pi * min(s, rest))
+    power = np.tensordot(powers, resolvents, axes=1) * (_WIDTH * sine / math.pi)
+    return np.asarray(power if exponent < 0 else matrix @ power)
