@@ -6,19 +6,12 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from fvi_cli.effects.matrices import (
-    Array,
-    Factored,
-    Form,
-    SparseMatrix,
-    dense,
-    is_zero,
-    symmetric_form,
-)
+from fvi_cli.effects.matrices import Factored, SparseMatrix
+from fvi_cli.effects.matrix_force import MatrixForce
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
-class FractionalDamping:
+class FractionalDamping(MatrixForce):
     r"""The force :math:`-\mu D^{\gamma} q`.
 
     Parameters
@@ -30,13 +23,6 @@ class FractionalDamping:
         The number or symmetric matrix :math:`\mu`, shape ``(d, d)``, dense, sparse or in factors.
         It may be indefinite: negative damping is a legitimate scene.
 
-    Attributes
-    ----------
-    form
-        :math:`\mu` as it is kept.
-    factored
-        Its factors where it acts along a few directions only; None: along all coordinates.
-
     Raises
     ------
     ValueError
@@ -44,32 +30,12 @@ class FractionalDamping:
     """
 
     order: float
-    form: Form
-    factored: Factored | None = None
 
     def __init__(self, *, order: float, coefficient: ArrayLike | SparseMatrix | Factored) -> None:
         if not 0.0 < order < 2.0:
             raise ValueError(f"order: {order!r} is not allowed; it must lie in (0, 2)")
-        factored = coefficient if isinstance(coefficient, Factored) else None
-        whole = coefficient.form if isinstance(coefficient, Factored) else coefficient
+        super().__init__(coefficient=coefficient)
         object.__setattr__(self, "order", float(order))
-        object.__setattr__(self, "form", symmetric_form(whole, "coefficient"))
-        object.__setattr__(self, "factored", factored)
-
-    @property
-    def coefficient(self) -> Array:
-        """The matrix with all its zeros, shape ``(d, d)``."""
-        return dense(self.form)
-
-    @property
-    def dimension(self) -> int:
-        """Number d of degrees of freedom."""
-        return int(self.form.shape[0])
-
-    @property
-    def is_active(self) -> bool:
-        """Whether the term does anything: its matrix is not zero."""
-        return not is_zero(self.form)
 
     @property
     def is_integer_order(self) -> bool:

@@ -196,6 +196,13 @@ def scaled(matrix: Form, factor: float) -> Form:
     return cast("SparseMatrix", as_csr(matrix) * factor)
 
 
+def added(one: Form, other: Form) -> Form:
+    """The sum of two matrices, sparse where both are."""
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        return dense(one) + dense(other)
+    return cast("SparseMatrix", as_csr(one) + as_csr(other))
+
+
 def diagonal(matrix: Form) -> Array:
     """The entries on the diagonal, shape ``(d,)``."""
     return np.asarray(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -13,6 +13,7 @@ from fvi_cli.effects.matrices import (
     Array,
     Form,
     SparseMatrix,
+    added,
     dense,
     is_diagonal,
     symmetric_form,
@@ -146,3 +147,41 @@ class ExpressionPotential:
 
 
 Potential = QuadraticPotential | ExpressionPotential
+
+
+def with_stiffness(potential: Potential | None, stiffness: Form) -> Potential:
+    r"""The potential with :math:`q^T K q / 2` added for a matrix K."""
+    if potential is None:
+        return QuadraticPotential(stiffness=stiffness)
+    if isinstance(potential, QuadraticPotential):
+        return QuadraticPotential(stiffness=added(potential.form, stiffness))
+    names, matrix = potential.coordinates, dense(stiffness)
+
+    def plus(expression: Expression, *terms: str) -> Expression:
+        text = " + ".join([f"({expression.text})", *(one for one in terms if one)])
+        return Expression.parse(text, variables=(*names, *potential.parameters))
+
+    pulls = [linear_text(row, names) for row in matrix]
+    return replace(
+        potential,
+        energy_expression=plus(potential.energy_expression, quadratic_text(matrix, names)),
+        gradient_expressions=tuple(map(plus, potential.gradient_expressions, pulls)),
+        hessian_expressions=tuple(
+            tuple(
+                plus(entry, repr(float(value)) if value else "")
+                for entry, value in zip(entries, row, strict=True)
+            )
+            for entries, row in zip(potential.hessian_expressions, matrix, strict=True)
+        ),
+    )
+
+
+def linear_text(row: Array, names: Sequence[str]) -> str:
+    """The sum of numbers times names as a formula; empty for zeros."""
+    return " + ".join(f"({float(a)!r})*{x}" for a, x in zip(row, names, strict=True) if a)
+
+
+def quadratic_text(matrix: Array, names: Sequence[str]) -> str:
+    r"""The formula :math:`q^T K q / 2`; empty for zeros."""
+    pulls = [(x, linear_text(row, names)) for x, row in zip(names, matrix, strict=True)]
+    return " + ".join(f"0.5*{x}*({pull})" for x, pull in pulls if pull)

@@ -12,8 +12,9 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
+from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import Array, is_sparse
-from fvi_cli.effects.potential import Potential, QuadraticPotential
+from fvi_cli.effects.potential import Potential, QuadraticPotential, with_stiffness
 
 Derivative = Literal["caputo", "riemann-liouville"]
 
@@ -22,7 +23,8 @@ Derivative = Literal["caputo", "riemann-liouville"]
 class Scene:
     r"""What acts on q(t) in R^d on [0, T].
 
-    .. math:: M q'' + \sum_j \mu_j D^{\gamma_j} q + \nabla V(q) = f(t), \quad q(0)=q_0, q'(0)=v_0
+    .. math:: M q'' + \sum_j \mu_j D^{\gamma_j} q + \sum_i A_i\, g_i\, k_i * q' + \nabla V(q)
+              = f(t), \quad q(0)=q_0, q'(0)=v_0
 
     Parameters
     ----------
@@ -34,6 +36,9 @@ class Scene:
         T > 0.
     potential, damping, forcing
         The other effects; what is absent is not simulated.
+    laws
+        Relaxation laws, which have relaxed before t = 0. Their relaxed moduli become part of the
+        potential, so that those of a scene have none.
     lagrangian
         In place of inertia and potential, where the mass matrix is not constant:
         :math:`\frac{d}{dt} \partial_v L - \partial_q L` stands for
@@ -46,7 +51,9 @@ class Scene:
     ------
     ValueError
         For sizes that do not match, values that are not finite, and Riemann-Liouville damping of
-        order >= 1 with q0 != 0, whose force t**(-order) is not integrable at 0.
+        order >= 1 with q0 != 0, whose force t**(-order) is not integrable at 0; for laws with
+        Riemann-Liouville derivatives and q0 != 0, and laws with a relaxed modulus beside a
+        Lagrangian.
     """
 
     inertia: Inertia
@@ -58,6 +65,7 @@ class Scene:
     forcing: Forcing | None = None
     derivative: Derivative = "caputo"
     lagrangian: Lagrangian | None = None
+    laws: tuple[Law, ...] = ()
 
     def __post_init__(self) -> None:
         d = self.inertia.dimension
@@ -71,7 +79,7 @@ class Scene:
             raise ValueError(f"final_time: {self.final_time!r} is not allowed; it must be positive")
         if self.lagrangian is not None and self.potential is not None:
             raise ValueError("potential: a Lagrangian holds the potential energy already")
-        effects = (self.potential, self.lagrangian, *self.damping, self.forcing)
+        effects = (self.potential, self.lagrangian, *self.damping, *self.laws, self.forcing)
         for effect in effects:
             if effect is not None and effect.dimension != d:
                 raise ValueError(
@@ -82,6 +90,11 @@ class Scene:
                 f"derivative: {self.derivative!r} is not one of caputo, riemann-liouville"
             )
         if self.derivative == "riemann-liouville" and np.any(self.initial_position != 0):
+            if self.laws:
+                raise ValueError(
+                    "derivative: riemann-liouville is not for relaxation laws with a position that "
+                    "is not 0 at the start: they have relaxed before; use caputo"
+                )
             for term in self.damping:
                 if term.order > 1 and term.is_active:
                     raise ValueError(
@@ -89,6 +102,21 @@ class Scene:
                         "that is not 0 at the start gives a force t**(-order) that is not "
                         "integrable; use caputo, or orders below 1"
                     )
+
+        self._relax()
+
+    def _relax(self) -> None:
+        """Take the relaxed moduli of the laws into the potential."""
+        for law in self.laws:
+            if law.relaxed == 0:
+                continue
+            if self.lagrangian is not None:
+                raise ValueError(
+                    f"laws: the relaxed modulus {law.relaxed:g} is a stiffness; write it into the "
+                    "Lagrangian"
+                )
+            object.__setattr__(self, "potential", with_stiffness(self.potential, law.stiffness))
+        object.__setattr__(self, "laws", tuple(law.without_stiffness() for law in self.laws))
 
     @property
     def dimension(self) -> int:
@@ -101,9 +129,19 @@ class Scene:
         return tuple(term for term in self.damping if term.is_active)
 
     @property
+    def active_laws(self) -> tuple[Law, ...]:
+        """The relaxation laws that do something."""
+        return tuple(law for law in self.laws if law.is_active)
+
+    @property
+    def active_forces(self) -> tuple[FractionalDamping | Law, ...]:
+        """All damping terms and laws that do something."""
+        return (*self.active_damping, *self.active_laws)
+
+    @property
     def is_sparse(self) -> bool:
         """Whether any of its matrices is kept as sparse: then nothing dense is made of it."""
-        forms = [self.inertia.form, *(term.form for term in self.damping)]
+        forms = [self.inertia.form, *(term.form for term in (*self.damping, *self.laws))]
         if isinstance(self.potential, QuadraticPotential):
             forms.append(self.potential.form)
         return any(map(is_sparse, forms))

@@ -97,8 +97,8 @@ def _bound(
     per_force = final_time**2 * _largest_flexibility(scene.inertia)
     scale = float(np.abs(position).max() + way + per_force * force)
     rate = 0.0
-    if scene.is_sparse:
-        # what grows is not looked for in large structures: then there is no bound
+    if scene.is_sparse or (scene.is_linear and scene.active_laws):
+        # what grows is not looked for in large structures and beside laws: then there is no bound
         scale = scale if is_dissipative(scene) else math.inf
     elif scene.is_linear:
         parts = independent_systems(scene)

@@ -37,6 +37,7 @@ from fvi_cli.integrator.moments import (
 )
 from fvi_cli.integrator.motion import Motion
 from fvi_cli.integrator.run.loop import no_unique_solution
+from fvi_cli.integrator.run.objections import check_laws
 from fvi_cli.integrator.run.runge_kutta import AnySteps, integrate_runge_kutta
 from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.integrator.step_increments import run_with_increments
@@ -105,6 +106,7 @@ def integrate(
             with_steps=with_steps,
             checkpoints=checkpoints,
         )
+    check_laws(scene, method)
     if not isinstance(steps, int):
         raise ValueError(
             f"mesh: {method.case} takes equal steps only; give a number, or take a Gauss method "

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.matrices import Form, as_csr, dense, entries, is_sparse, scaled
+from fvi_cli.effects.matrix_force import MatrixForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stage_basis import (
@@ -283,7 +284,7 @@ def has_parity(method: Method) -> bool:
     return method.cq == "gauss"
 
 
-def scale_and_direction(term: FractionalDamping) -> tuple[float, Form]:
+def scale_and_direction(term: MatrixForce) -> tuple[float, Form]:
     """The coefficient matrix as a number times a matrix whose largest entry is 1."""
     kept = entries(term.form)
     scale = float(kept[np.abs(kept).argmax()])

@@ -132,8 +132,8 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
             linearised_verdict=linearised.verdict,
             reason=f"nonlinear; linearised at the start: {linearised.reason}",
         )
-    if scene.is_sparse:
-        return _of_structure(scene, method)
+    if scene.is_sparse or scene.active_laws:
+        return _by_energy(scene, method)
     systems = independent_systems(scene)
     h = scene.final_time / n_steps
     reason = _too_large(systems, method)
@@ -247,11 +247,13 @@ def _has_spurious_mode(
     return not bool((is_near & is_no_faster).any(axis=1).all())
 
 
-def _of_structure(scene: Scene, method: AnyMethod) -> StabilityPrediction:
-    """Of a scene with sparse matrices, whose modes are not looked at."""
+def _by_energy(scene: Scene, method: AnyMethod) -> StabilityPrediction:
+    """Of a scene whose modes are not looked at: with sparse matrices, or relaxation laws."""
     if gains_no_energy(method) and is_dissipative(scene):
         return NO_GAIN
     reason = f"the modes of {scene.dimension} coupled components are not looked at"
+    if scene.active_laws:
+        reason = "the modes of scenes with relaxation laws are not looked at"
     return StabilityPrediction(verdict="unknown", reason=reason)
 
 

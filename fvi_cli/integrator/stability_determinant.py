@@ -71,7 +71,7 @@ def is_dissipative(scene: Scene) -> bool:
 
     See :attr:`LinearSystem.is_dissipative`; nothing dense is made of sparse matrices.
     """
-    forms = [term.form for term in scene.active_damping]
+    forms = [term.form for term in scene.active_forces]
     if isinstance(scene.potential, QuadraticPotential):
         forms.append(scene.potential.form)
     return scene.is_linear and all(map(is_semidefinite, forms))

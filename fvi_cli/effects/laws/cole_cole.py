@@ -7,9 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from fvi_cli.effects.laws.law import ComplexArray, Law, fraction, positive
+from fvi_cli.effects.laws.law import Coefficient, Law, fraction, positive
 from fvi_cli.effects.matrices import Array
 
 # the density is zero to every accuracy so far from its peak, and its logarithm finite
@@ -67,10 +66,10 @@ class ColeCole:
         sine = math.sin(math.pi * min(a, 1 - a))
         return np.asarray(math.log(sine / math.pi) - np.log(4 * np.sinh(0.5 * near) ** 2 + width))
 
-    def symbol(self, s: ComplexArray) -> ComplexArray:
-        """The transform of the kernel."""
-        power = (np.asarray(s, dtype=complex) * self.time) ** self.order
-        return np.asarray(power / (s * (1 + power)))
+    def transform(self, s: complex) -> complex:
+        """The Laplace transform of the kernel."""
+        power = (s * self.time) ** self.order
+        return power / (s * (1 + power))
 
     def on_integration(self, integration: Array, power: Callable[[float], Array]) -> Array:
         r""":math:`I (1 + (I/\tau)^a)^{-1}`."""
@@ -79,10 +78,11 @@ class ColeCole:
 
 
 def fractional_zener(
-    *, order: float, time: float, relaxed: float, unrelaxed: float, coefficient: ArrayLike
+    *, order: float, time: float, relaxed: float, unrelaxed: float, coefficient: Coefficient
 ) -> Law:
-    r"""The law of four parameters :math:`G(s) = G_0 + (G_\infty - G_0)
-    \frac{(s\tau)^a}{1 + (s\tau)^a}`.
+    r"""The law of four parameters.
+
+    .. math:: G(s) = G_0 + (G_\infty - G_0) \frac{(s\tau)^a}{1 + (s\tau)^a}
 
     Parameters
     ----------
@@ -109,12 +109,12 @@ def fractional_zener(
         kernel=ColeCole(order=order, time=time),
         size=unrelaxed - relaxed,
         relaxed=relaxed,
-        coefficient=np.asarray(coefficient, dtype=float),
+        coefficient=coefficient,
     )
 
 
 def fractional_maxwell(
-    *, order: float, time: float, modulus: float, coefficient: ArrayLike
+    *, order: float, time: float, modulus: float, coefficient: Coefficient
 ) -> Law:
     r"""A spring and a springpot in a row: :math:`G(s) = G \frac{(s\tau)^a}{1 + (s\tau)^a}`.
 
@@ -135,5 +135,5 @@ def fractional_maxwell(
     return Law(
         kernel=ColeCole(order=order, time=time),
         size=positive(modulus, "modulus"),
-        coefficient=np.asarray(coefficient, dtype=float),
+        coefficient=coefficient,
     )

@@ -4,8 +4,8 @@ r"""A relaxation law: a force that remembers the velocity and forgets it again.
           \qquad k(t) = \int_0^\infty e^{-x t} \rho(x)\, dx
 
 with a spectral density :math:`\rho \ge 0` or point masses in its place: k is completely monotone,
-the law causal, and what it takes up it stores or dissipates (F. Mainardi, *Fractional Calculus and Waves in
-Linear Viscoelasticity*, 2010, chapter 2). Before t = 0 the law has relaxed.
+the law causal, and what it takes up it stores or dissipates (F. Mainardi, *Fractional Calculus and
+Waves in Linear Viscoelasticity*, 2010, chapter 2). Before t = 0 the law has relaxed.
 """
 
 from __future__ import annotations
@@ -15,12 +15,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-from fvi_cli.effects.matrices import Array, symmetric_matrix
+from fvi_cli.effects.matrices import Array, Factored, Form, SparseMatrix, scaled
+from fvi_cli.effects.matrix_force import MatrixForce
 
-ComplexArray = NDArray[np.complex128]
+Coefficient = ArrayLike | SparseMatrix | Factored
+"""A number or a symmetric matrix, dense, sparse or in factors."""
 
 
 class RelaxationKernel(Protocol):
@@ -36,8 +37,9 @@ class RelaxationKernel(Protocol):
 
     @property
     def peak(self) -> tuple[float, float] | None:
-        r"""Logarithm of a y, and how far beside it in the imaginary direction the density is
-        singular in :math:`\log y`; None where it has the same power everywhere.
+        r"""Where the density bends: a :math:`\log y`, and how far singularities are there.
+
+        These lie beside the real axis of :math:`\log y`. None where the power is the same for all.
         """
 
     @property
@@ -54,8 +56,8 @@ class RelaxationKernel(Protocol):
     def log_density(self, log_rate: Array) -> Array:
         r""":math:`\log(y \rho(l + y))` at :math:`\log y`, same shape."""
 
-    def symbol(self, s: ComplexArray) -> ComplexArray:
-        r"""Laplace transform :math:`\hat k(s)`, cut along the negative axis, same shape."""
+    def transform(self, s: complex) -> complex:
+        r"""Laplace transform :math:`\hat k(s)`, cut along the negative axis."""
 
     def on_integration(self, integration: Array, power: Callable[[float], Array]) -> Array:
         r""":math:`\hat k(I^{-1})` of the matrix I by which a method integrates over a step.
@@ -69,8 +71,8 @@ class RelaxationKernel(Protocol):
         """
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Law:
+@dataclass(frozen=True, kw_only=True, eq=False, init=False)
+class Law(MatrixForce):
     r"""The force :math:`A\,(G_0 q + g\, k * \dot q)` of a relaxation law.
 
     Parameters
@@ -92,34 +94,45 @@ class Law:
 
     kernel: RelaxationKernel
     size: float
-    coefficient: Array
     relaxed: float = 0.0
 
-    def __post_init__(self) -> None:
-        for name in ("size", "relaxed"):
-            value = float(getattr(self, name))
+    def __init__(
+        self,
+        *,
+        kernel: RelaxationKernel,
+        size: float,
+        coefficient: Coefficient,
+        relaxed: float = 0.0,
+    ) -> None:
+        super().__init__(coefficient=coefficient)
+        object.__setattr__(self, "kernel", kernel)
+        for name, value in (("size", size), ("relaxed", relaxed)):
             if not 0 <= value < math.inf:
                 raise ValueError(f"{name}: {value!r} is not allowed; it must not be negative")
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "coefficient", symmetric_matrix(self.coefficient, "coefficient"))
+            object.__setattr__(self, name, float(value))
 
     @property
-    def dimension(self) -> int:
-        """Number d of degrees of freedom."""
-        return int(self.coefficient.shape[0])
-
-    @property
-    def stiffness(self) -> Array:
+    def stiffness(self) -> Form:
         """G0 A, shape ``(d, d)``."""
-        return self.relaxed * self.coefficient
+        return scaled(self.form, self.relaxed)
 
-    def modulus(self, s: ComplexArray) -> ComplexArray:
-        r"""The complex modulus :math:`G(s) = G_0 + g\,s\,\hat k(s)`, same shape.
+    @property
+    def is_active(self) -> bool:
+        """Whether the law remembers anything: neither its matrix nor its size is zero."""
+        return self.size > 0 and super().is_active
 
-        A motion from rest, q(0) = 0, has the force :math:`\hat F = G(s)\,A\,\hat q`; at
+    def symbol(self, s: complex) -> complex:
+        r"""What the law is on :math:`e^{st}`: the complex modulus :math:`G_0 + g\,s\,\hat k(s)`.
+
+        The force on :math:`q = v e^{st}` is minus symbol times matrix times v; at
         :math:`s = i \omega` its real part stores and its imaginary part dissipates.
         """
-        return np.asarray(self.relaxed + self.size * s * self.kernel.symbol(s))
+        return self.relaxed + self.size * s * self.kernel.transform(s)
+
+    def without_stiffness(self) -> Law:
+        """What the law remembers, without its relaxed modulus."""
+        coefficient = self.form if self.factored is None else self.factored
+        return Law(kernel=self.kernel, size=self.size, coefficient=coefficient)
 
 
 def positive(value: float, name: str) -> float:

@@ -6,9 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from fvi_cli.effects.laws.law import ComplexArray, Law, positive
+from fvi_cli.effects.laws.law import Coefficient, Law, positive
 from fvi_cli.effects.matrices import Array
 
 
@@ -46,12 +45,9 @@ class Exponentials:
         """There is none."""
         return np.full(np.shape(log_rate), -np.inf)
 
-    def symbol(self, s: ComplexArray) -> ComplexArray:
-        """The transform of the kernel."""
-        total = np.zeros(np.shape(s), dtype=complex)
-        for rate, weight in self.masses:
-            total = total + weight / (s + rate)
-        return total
+    def transform(self, s: complex) -> complex:
+        """The Laplace transform of the kernel."""
+        return sum((weight / (s + rate) for rate, weight in self.masses), 0j)
 
     def on_integration(self, integration: Array, power: Callable[[float], Array]) -> Array:
         r""":math:`\sum_i g_i I (1 + x_i I)^{-1}`."""
@@ -66,7 +62,7 @@ def prony(
     *,
     moduli: Sequence[float],
     times: Sequence[float],
-    coefficient: ArrayLike,
+    coefficient: Coefficient,
     relaxed: float = 0.0,
 ) -> Law:
     r"""The law :math:`G(t) = G_0 + \sum_i g_i e^{-t/\tau_i}`.
@@ -98,5 +94,5 @@ def prony(
         kernel=Exponentials(masses=masses),
         size=1.0,
         relaxed=relaxed,
-        coefficient=np.asarray(coefficient, dtype=float),
+        coefficient=coefficient,
     )

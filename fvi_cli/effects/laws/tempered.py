@@ -7,9 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from fvi_cli.effects.laws.law import ComplexArray, Law, fraction, positive
+from fvi_cli.effects.laws.law import Coefficient, Law, fraction, positive
 from fvi_cli.effects.matrices import Array
 from fvi_cli.mathematics.matrices.powers import matrix_power
 
@@ -61,9 +60,9 @@ class TemperedPower:
         sine = math.sin(math.pi * min(self.order, 1 - self.order))
         return np.asarray(math.log(sine / math.pi) + self.order * log_rate)
 
-    def symbol(self, s: ComplexArray) -> ComplexArray:
-        """The transform of the kernel."""
-        return np.asarray((np.asarray(s, dtype=complex) + self.rate) ** (self.order - 1))
+    def transform(self, s: complex) -> complex:
+        """The Laplace transform of the kernel."""
+        return (s + self.rate) ** (self.order - 1)
 
     def on_integration(self, integration: Array, power: Callable[[float], Array]) -> Array:
         r""":math:`(I (1 + l I)^{-1})^{1 - \gamma}`."""
@@ -76,7 +75,7 @@ class TemperedPower:
         return np.asarray(scale**exponent * matrix_power(damped / scale, exponent))
 
 
-def tempered(*, order: float, rate: float, coefficient: ArrayLike) -> Law:
+def tempered(*, order: float, rate: float, coefficient: Coefficient) -> Law:
     r"""The law :math:`G(s) = s (s + l)^{\gamma - 1}`, a springpot that forgets in times of 1/l.
 
     Parameters
@@ -94,5 +93,5 @@ def tempered(*, order: float, rate: float, coefficient: ArrayLike) -> Law:
     return Law(
         kernel=TemperedPower(order=order, rate=rate),
         size=1.0,
-        coefficient=np.asarray(coefficient, dtype=float),
+        coefficient=coefficient,
     )

@@ -12,6 +12,9 @@ that are too small to forget anything in the time of the run; it is what the res
 velocity lacks, so that none is left to the last digit. Where some terms subtract and others do
 not, the states begin with zero and have one more column, which begins with 1, is driven by
 nothing, and carries :math:`v_0` for those that do.
+
+A relaxation law is one more term: its local block is :math:`\hat k((h_n A)^{-1})`, its states are
+the same with weights of its own.
 """
 
 from __future__ import annotations
@@ -23,9 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import Form, form, scaled, times
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.convolution.kernel import Kernel, power_kernel
+from fvi_cli.integrator.convolution.kernel import Kernel, Term, power_kernel
 from fvi_cli.integrator.convolution.reach import Reach
 from fvi_cli.integrator.convolution.stages import StageOperator, StepKernel
 from fvi_cli.integrator.memory import same_direction, scale_and_direction
@@ -38,7 +42,7 @@ LARGEST_EXPONENT = math.nextafter(1.0, 0.0)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Direction:
-    r"""Damping terms that act along one matrix.
+    r"""Damping terms and laws that act along one matrix.
 
     Parameters
     ----------
@@ -46,8 +50,8 @@ class Direction:
         D, shape ``(d, d)``, as it is best kept.
     inner
         The same on the components that are remembered, shape ``(r, r)``.
-    exponents, factors
-        :math:`1 - \gamma` and the coefficient of every term with memory.
+    terms, factors
+        :math:`1 - \gamma`, or the kernel of a law, and the coefficient of everything with memory.
     rate
         Coefficient of the terms of order 1, which act on the velocity itself.
     is_relative
@@ -59,7 +63,7 @@ class Direction:
 
     matrix: Form
     inner: Form
-    exponents: tuple[float, ...]
+    terms: tuple[Term, ...]
     factors: tuple[float, ...]
     rate: float
     is_relative: bool = False
@@ -105,12 +109,12 @@ def no_damping(stages: int, dimension: int) -> DampingTables:
 
 
 class Damping:
-    """The fractional damping of a scene on meshes with steps from `shortest_step` on.
+    """What remembers in a scene, fractional damping and laws, on meshes of certain steps.
 
     Parameters
     ----------
     scene
-        Its active damping terms are taken.
+        Its active damping terms and laws are taken.
     operator
         The Runge-Kutta method.
     shortest_step
@@ -142,25 +146,29 @@ class Damping:
         caputo = scene.derivative == "caputo" and bool(np.any(velocity != 0))
         above = [term for term in terms if caputo and term.order > 1]
         below = [term for term in terms if term not in above]
-        self.has_column = bool(above) and any(term.order != 1 for term in below)
+        laws = scene.active_laws
+        remember = any(term.order != 1 for term in below) or bool(laws)
+        self.has_column = bool(above) and remember
         self.dimension = scene.dimension
         self.reach = reach
         self.n_remembered = scene.dimension if reach is None else reach.count
         self._columns = self.n_remembered + (1 if self.has_column else 0)
         start = self.remembered(velocity)
         self._first_state = start if above and not self.has_column else np.zeros_like(start)
-        groups = _directions(tuple(below), reach)
+        groups = _directions((*below, *laws), reach)
         for direction in _directions(tuple(above), reach):
             carried = times(start, direction.inner) if self.has_column else None
             groups.append(replace(direction, is_relative=True, start_force=carried))
         self.directions = tuple(groups)
-        exponents = sorted({e for one in groups for e in one.exponents})
-        self._index = {exponent: index for index, exponent in enumerate(exponents)}
-        self._blocks = {e: operator.local_block(e) for e in exponents}
+        kernels = [term for one in groups for term in one.terms if not isinstance(term, float)]
+        exponents = sorted({e for one in groups for e in one.terms if isinstance(e, float)})
+        every: list[Term] = [*exponents, *dict.fromkeys(kernels)]
+        self._index = {term: index for index, term in enumerate(every)}
+        self._powers = {e: operator.local_block(e) for e in exponents}
         self.kernel: Kernel | None = None
-        if exponents:
+        if every:
             self.kernel = power_kernel(
-                exponents,
+                every,
                 shortest_step=shortest_step,
                 final_time=scene.final_time,
                 stages=self._stages,
@@ -173,7 +181,7 @@ class Damping:
         """Multiply-adds of the memory in a step: force on it, and what it adds to the states."""
         if self.kernel is None:
             return 0
-        remembering = sum(1 for one in self.directions if one.exponents)
+        remembering = sum(1 for one in self.directions if one.terms)
         return (remembering + 1) * self._stages * self.kernel.n_states * self._columns
 
     @property
@@ -193,15 +201,15 @@ class Damping:
     def tables(self, step_size: float) -> DampingTables:
         """Numbers of a step of size `step_size`."""
         m = self._stages
-        blocks = {e: step_size**e * block for e, block in self._blocks.items()}
+        blocks = {term: self._local_block(term, step_size) for term in self._index}
         step = None
         if self.kernel is not None:
             step = self._operator.step_tables(self.kernel, step_size)
         local = []
         for one in self.directions:
             total = one.rate * np.eye(m)
-            for exponent, factor in zip(one.exponents, one.factors, strict=True):
-                total = total + factor * blocks[exponent]
+            for term, factor in zip(one.terms, one.factors, strict=True):
+                total = total + factor * blocks[term]
             local.append(total)
         if step is None:
             return DampingTables(
@@ -227,11 +235,16 @@ class Damping:
             step=step,
         )
 
-    def combined(self, one: Direction, by_exponent: Array) -> Array:
-        """Sum over the terms of a direction of what is given for every exponent, first axis."""
-        total = np.zeros(by_exponent.shape[1:])
-        for exponent, factor in zip(one.exponents, one.factors, strict=True):
-            total += factor * by_exponent[self._index[exponent]]
+    def _local_block(self, term: Term, step_size: float) -> Array:
+        if isinstance(term, float):
+            return np.asarray(step_size**term * self._powers[term])
+        return self._operator.law_block(term, step_size)
+
+    def combined(self, one: Direction, by_term: Array) -> Array:
+        """Sum over the terms of a direction of what is given for every term, first axis."""
+        total = np.zeros(by_term.shape[1:])
+        for term, factor in zip(one.terms, one.factors, strict=True):
+            total += factor * by_term[self._index[term]]
         return total
 
     def energy_weights(self) -> tuple[Array, ...]:
@@ -264,7 +277,7 @@ class Damping:
         """Force of the past at the stages, shape ``(m, d)``."""
         total = np.zeros((self._stages, self.n_remembered))
         for response, one in zip(tables.response, self.directions, strict=True):
-            if one.exponents:
+            if one.terms:
                 total += self.force_of_states(one, response @ states)
         return self.spread(total)
 
@@ -285,24 +298,27 @@ class Damping:
         return tables.decay[:, None] * states + tables.intake @ driving
 
 
-def _directions(terms: tuple[FractionalDamping, ...], reach: Reach | None) -> list[Direction]:
+def _directions(
+    forces: tuple[FractionalDamping | Law, ...], reach: Reach | None
+) -> list[Direction]:
     """One direction for all terms whose matrices are multiples of each other."""
     groups: list[Direction] = []
-    for term in terms:
-        scale, matrix = scale_and_direction(term)
-        is_rate = term.order == 1
+    for force in forces:
+        scale, matrix = scale_and_direction(force)
         known = next((i for i, o in enumerate(groups) if same_direction(o.matrix, matrix)), None)
         if known is None:
             matrix = form(matrix)
-            inner = matrix if reach is None else scaled(reach.inner(term), 1.0 / scale)
-            groups.append(Direction(matrix=matrix, inner=inner, exponents=(), factors=(), rate=0.0))
+            inner = matrix if reach is None else scaled(reach.inner(force), 1.0 / scale)
+            groups.append(Direction(matrix=matrix, inner=inner, terms=(), factors=(), rate=0.0))
             known = -1
         one = groups[known]
-        if is_rate:
+        if isinstance(force, FractionalDamping) and force.order == 1:
             groups[known] = replace(one, rate=one.rate + scale)
+            continue
+        term: Term
+        if isinstance(force, FractionalDamping):
+            term = min(1.0 - force.order, LARGEST_EXPONENT)
         else:
-            exponent = min(1.0 - term.order, LARGEST_EXPONENT)
-            groups[known] = replace(
-                one, exponents=(*one.exponents, exponent), factors=(*one.factors, scale)
-            )
+            term, scale = force.kernel, force.size * scale
+        groups[known] = replace(one, terms=(*one.terms, term), factors=(*one.factors, scale))
     return groups

@@ -9,8 +9,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.matrices import Factored, Form, as_csr, form, touched
+from fvi_cli.effects.matrix_force import MatrixForce
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class Reach:
         whole = np.asarray(as_csr(self.rows).T @ flat.T).T
         return whole.reshape(*forces.shape[:-1], self.rows.shape[1])
 
-    def inner(self, term: FractionalDamping) -> Form:
+    def inner(self, term: MatrixForce) -> Form:
         """The matrix C of a term, shape ``(r, r)``."""
         if self.components is not None:
             if isinstance(term.form, np.ndarray):
@@ -66,7 +66,7 @@ class Reach:
         return form(whole)
 
 
-def find_reach(terms: Sequence[FractionalDamping]) -> Reach | None:
+def find_reach(terms: Sequence[MatrixForce]) -> Reach | None:
     """The fewest forms that hold all that damping terms act on; None: there are none but all."""
     reached = np.any([touched(term.form) for term in terms], axis=0)
     components = np.flatnonzero(reached)

@@ -175,7 +175,7 @@ class StageOperator:
         """The local block of a relaxation law over a step of length `h`, shape ``(m, m)``."""
 
         def power(theta: float) -> Array:
-            return h**theta * _power(self.tableau.name, self.n_stages, theta)
+            return np.asarray(h**theta * _power(self.tableau.name, self.n_stages, theta))
 
         block = kernel.on_integration(h * self.matrix, power)
         if self.basis == "values":

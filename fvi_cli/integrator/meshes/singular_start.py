@@ -32,9 +32,12 @@ def start_power(scene: Scene, *, at_start: bool) -> float | None:
     At t = 0, Caputo: :math:`3 - \gamma` for :math:`\gamma < 1` and an initial velocity, otherwise
     :math:`4 - \gamma`. Riemann-Liouville: :math:`2 - \gamma` for an initial position,
     :math:`3 - \gamma` for an initial velocity. A force may begin with a power of its own; then no
-    more than 2.5 is taken.
+    more than 2.5 is taken. A relaxation law whose kernel is like :math:`t^{-\gamma}`, or like a
+    constant and :math:`t^a` (then :math:`\gamma = -a`), begins as a derivative of order gamma.
     """
     orders = [term.order for term in scene.active_damping if not term.is_integer_order]
+    begins = [law.kernel.start_order for law in scene.active_laws]
+    orders += [order for order in begins if order is not None]
     forced = scene.forcing is not None
     if not orders:
         return FORCED_POWER if forced and at_start else None

@@ -36,7 +36,7 @@ class RunSetup:
     stepper
         Single steps.
     damping
-        Fractional damping; None: there is none.
+        Fractional damping and relaxation laws; None: there are none.
     decoupling
         Coordinates in which a linear scene falls apart; None for others and for sparse ones.
     bound
@@ -72,7 +72,7 @@ def prepare_run(
     tables = step_tables(method)
     damping = None
     decoupling = linear_decoupling(scene) if scene.is_linear else None
-    if scene.active_damping:
+    if scene.active_forces:
         operator = StageOperator(tableau=runge_kutta_tableau(method))
         damping = Damping(
             scene,
@@ -98,7 +98,7 @@ def _reach(scene: Scene, stages: int, decoupling: Decoupling | None) -> Reach | 
         return None
     if scene.dimension * stages * LEAST_BLOCK <= LARGEST_DENSE and decoupling is not None:
         return None
-    return find_reach(scene.active_damping)
+    return find_reach(scene.active_forces)
 
 
 def linear_decoupling(scene: Scene) -> Decoupling | None:
@@ -108,6 +108,7 @@ def linear_decoupling(scene: Scene) -> Decoupling | None:
     potential = scene.potential
     stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
     directions = [dense(matrix) for matrix, _ in terms_by_direction(scene.active_damping)]
+    directions += [law.coefficient for law in scene.active_laws]
     return decouple_forms(scene.inertia.mass, stiffness, directions)
 
 

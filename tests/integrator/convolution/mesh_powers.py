@@ -1,7 +1,8 @@
-"""Powers of the integration matrix of a mesh, in as many digits as they need."""
+"""Functions of the integration matrix of a mesh, in as many digits as they need."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import mpmath as mp
@@ -64,10 +65,15 @@ def local_power(m: int, theta: float) -> Array:
 
 
 def mesh_power(steps: Array, m: int, theta: float) -> Array:
-    """The matrix ``I^theta`` of the mesh with these steps, shape ``(N m, N m)``.
+    """The matrix ``I^theta`` of the mesh with these steps, shape ``(N m, N m)``."""
+    return mesh_function(steps, m, lambda value: value ** mp.mpf(theta))
+
+
+def mesh_function(steps: Array, m: int, function: Callable[[mp.mpc], mp.mpc]) -> Array:
+    """An analytic function of the matrix I of the mesh with these steps, shape ``(N m, N m)``.
 
     In the eigenvectors of A the matrix is lower triangular, and Parlett's recurrence (Higham,
-    *Functions of Matrices*, section 4.6) has its power. Steps that are equal are taken apart by
+    *Functions of Matrices*, section 4.6) has its functions. Steps that are equal are taken apart by
     parts in 10^24, and the digits that the recurrence loses to that are added.
     """
     n = len(steps)
@@ -86,9 +92,8 @@ def mesh_power(steps: Array, m: int, theta: float) -> Array:
             for i in range(size)
         ]  # fmt: skip
         power = [[mp.mpf(0)] * size for _ in range(size)]
-        theta_ = mp.mpf(theta)
         for i in range(size):
-            power[i][i] = diagonal[i] ** theta_
+            power[i][i] = function(diagonal[i])
         for gap in range(1, size):
             for j in range(size - gap):
                 i = j + gap

@@ -1,0 +1,114 @@
+"""Relaxation laws: their transforms against their spectra, and what they refuse."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.laws.cole_cole import fractional_maxwell, fractional_zener
+from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.laws.prony import prony
+from fvi_cli.effects.laws.tempered import tempered
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+
+ZENER = {"order": 0.675, "time": 0.3, "relaxed": 2.0, "unrelaxed": 7.0, "coefficient": 1.0}
+LAWS = {
+    "zener": fractional_zener(**ZENER),
+    "narrow": fractional_zener(**{**ZENER, "order": 0.97}),
+    "maxwell": fractional_maxwell(order=0.5, time=0.2, modulus=5.0, coefficient=1.0),
+    "prony": prony(moduli=[1.0, 0.5], times=[0.1, 1.0], coefficient=1.0, relaxed=2.0),
+    "tempered": tempered(order=0.4, rate=0.3, coefficient=1.0),
+}
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("s", [0.02, 3.0, 0.3 + 4.0j, 50.0j])
+def test_the_transform_is_the_integral_over_the_spectrum(name, s):
+    kernel = LAWS[name].kernel
+    total = sum(weight / (s + rate) for rate, weight in kernel.masses)
+    if kernel.ends is not None:
+
+        def integrand(u: mp.mpf) -> mp.mpc:
+            y = mp.exp(u)
+            return mp.exp(float(kernel.log_density(np.array(float(u))))) / (s + kernel.shift + y)
+
+        # far away the density is a power, whose integral is the last value over the exponent
+        low, high = kernel.ends
+        places = [-60, -20, -5, -1, 0, 1, 2, 5, 20, 60]
+        total = mp.quad(integrand, places)
+        total += integrand(mp.mpf(-60)) / low + integrand(mp.mpf(60)) / (1 - high)
+    assert complex(total) == pytest.approx(kernel.transform(s), rel=1e-9)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_laws_store_and_dissipate_at_every_frequency(name):
+    for frequency in np.geomspace(1e-6, 1e6, 40):
+        modulus = LAWS[name].symbol(1j * frequency)
+        assert modulus.real > 0
+        assert modulus.imag > 0
+
+
+def test_the_zener_law_goes_from_the_relaxed_to_the_unrelaxed_modulus():
+    law = LAWS["zener"]
+    assert law.symbol(1e-12) == pytest.approx(2.0, abs=1e-7)
+    assert law.symbol(1e14) == pytest.approx(7.0, abs=1e-7)
+    half = 2.0 + 5.0 / 2.0
+    assert law.symbol(1 / 0.3) == pytest.approx(half)
+
+
+def test_relaxed_moduli_become_stiffnesses_of_the_scene_once():
+    matrix = np.array([[2.0, -1.0], [-1.0, 1.0]])
+    law = fractional_zener(**{**ZENER, "coefficient": matrix})
+    scene = Scene(
+        inertia=Inertia(mass=np.eye(2)),
+        potential=QuadraticPotential(stiffness=3.0 * np.eye(2)),
+        laws=(law,),
+        initial_position=np.zeros(2),
+        initial_velocity=np.ones(2),
+        final_time=1.0,
+    )
+    again = Scene(
+        inertia=scene.inertia,
+        potential=scene.potential,
+        laws=scene.laws,
+        initial_position=np.zeros(2),
+        initial_velocity=np.ones(2),
+        final_time=1.0,
+    )
+    for one in (scene, again):
+        np.testing.assert_array_equal(one.potential.stiffness, 3.0 * np.eye(2) + 2.0 * matrix)
+        assert one.laws[0].relaxed == 0.0
+        assert one.laws[0].symbol(4.0) == pytest.approx(law.symbol(4.0) - 2.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: fractional_zener(**{**ZENER, "order": 1.0}), r"order: 1.0 .*\(0, 1\)"),
+        (lambda: fractional_zener(**{**ZENER, "time": 0.0}), "time: 0.0 .* positive"),
+        (lambda: fractional_zener(**{**ZENER, "relaxed": -1.0}), "relaxed: -1.0 "),
+        (lambda: fractional_zener(**{**ZENER, "unrelaxed": 1.0}), "unrelaxed: 1.0 .* energy"),
+        (lambda: fractional_zener(**{**ZENER, "unrelaxed": np.inf}), "unrelaxed: inf "),
+        (
+            lambda: fractional_maxwell(order=0.5, time=1.0, modulus=-2.0, coefficient=1.0),
+            "modulus: -2.0 ",
+        ),
+        (lambda: prony(moduli=[1.0], times=[1.0, 2.0], coefficient=1.0), "times: 2 of them"),
+        (lambda: prony(moduli=[], times=[], coefficient=1.0), "moduli: at least one"),
+        (lambda: prony(moduli=[1.0, 0.0], times=[1.0, 2.0], coefficient=1.0), "moduli.1: 0.0 "),
+        (lambda: prony(moduli=[1.0], times=[-1.0], coefficient=1.0), "times.0: -1.0 "),
+        (lambda: tempered(order=1.5, rate=1.0, coefficient=1.0), "order: 1.5 "),
+        (lambda: tempered(order=0.5, rate=0.0, coefficient=1.0), "rate: 0.0 "),
+        (
+            lambda: tempered(order=0.5, rate=1.0, coefficient=[[1.0, 2.0], [0.0, 1.0]]),
+            "coefficient: .*symmetric",
+        ),
+        (lambda: Law(kernel=LAWS["prony"].kernel, size=-1.0, coefficient=1.0), "size: -1.0 "),
+    ],
+)
+def test_what_is_no_passive_law_is_refused(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()

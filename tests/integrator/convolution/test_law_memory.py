@@ -1,0 +1,158 @@
+"""Relaxation laws on any mesh, against functions of the mesh's matrix and exact solutions."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mpmath as mp
+import numpy as np
+import pytest
+from mesh_powers import Array, mesh_function, meshes
+
+from fvi_cli.config.method_names import method_named
+from fvi_cli.effects.diagnostics_request import Asked
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_zener
+from fvi_cli.effects.laws.law import RelaxationKernel
+from fvi_cli.effects.laws.prony import Exponentials
+from fvi_cli.effects.laws.tempered import TemperedPower
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.convolution.kernel import power_kernel
+from fvi_cli.integrator.convolution.stages import gauss_operator
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.method import Method
+from fvi_cli.mathematics.talbot import talbot_inverse
+
+
+def cole_cole(s: mp.mpc, order: float, time: float) -> mp.mpc:
+    power = (s * mp.mpf(time)) ** mp.mpf(order)
+    return power / (s * (1 + power))
+
+
+def exact_transform(kernel: RelaxationKernel, s: mp.mpc) -> mp.mpc:
+    if isinstance(kernel, ColeCole):
+        return cole_cole(s, kernel.order, kernel.time)
+    if isinstance(kernel, TemperedPower):
+        return (s + mp.mpf(kernel.rate)) ** (mp.mpf(kernel.order) - 1)
+    return mp.fsum(mp.mpf(weight) / (s + mp.mpf(rate)) for rate, weight in kernel.masses)
+
+
+def every_block(kernel: RelaxationKernel, beside: float, steps: Array, m: int) -> Array:
+    """The matrix of a law on a mesh, from tables that it shares with a power."""
+    operator, n = gauss_operator(m), len(steps)
+    shared = power_kernel(
+        [beside, kernel],
+        shortest_step=float(steps.min()),
+        final_time=float(steps.sum()),
+        stages=m,
+        steps=n,
+        accuracy=1e-14,
+    )
+    whole = np.zeros((n, m, n, m))
+    tables = [operator.step_tables(shared, float(h)) for h in steps]
+    for first, h in enumerate(steps):
+        whole[first, :, first] = operator.law_block(kernel, float(h))
+        states = tables[first].intake
+        for later in range(first + 1, n):
+            whole[later, :, first] = tables[later].response[1] @ states
+            states = tables[later].decay[:, None] * states
+    return whole
+
+
+@pytest.mark.parametrize("kind", ["uniform", "random", "geometric"])
+@pytest.mark.parametrize("m", [2, 5])
+@pytest.mark.parametrize(
+    "kernel",
+    [
+        ColeCole(order=0.05, time=0.3),
+        ColeCole(order=0.675, time=0.3),
+        ColeCole(order=0.9, time=1e-9),
+        ColeCole(order=0.97, time=50.0),
+        ColeCole(order=0.5, time=1e7),
+        TemperedPower(order=0.4, rate=0.3),
+        TemperedPower(order=0.9, rate=1e4),
+        TemperedPower(order=0.1, rate=1e-5),
+        Exponentials(masses=((10.0, 1.0), (1.0, 0.5))),
+    ],
+    ids=str,
+)
+def test_every_block_of_a_law_is_that_function_of_the_mesh(kernel, m, kind):
+    n = 7 if m == 2 else 3
+    steps = meshes(n)[kind]
+    exact = mesh_function(steps, m, lambda value: exact_transform(kernel, 1 / value))
+    whole = every_block(kernel, 0.5, steps, m)
+    errors = np.abs(whole - exact.reshape(whole.shape)).max(axis=(1, 3))
+    sizes = np.abs(exact.reshape(whole.shape)).max(axis=(1, 3))
+    # what a law has forgotten counts against what it began with
+    sizes = np.maximum(sizes, 1e-8 * sizes.max())
+    lower = np.tril_indices(n)
+    assert (errors[lower] / sizes[lower]).max() < 2e-12
+
+
+SCENE = Scene(
+    inertia=Inertia(mass=1.0),
+    initial_position=1.0,
+    initial_velocity=0.5,
+    final_time=6.0,
+    laws=(fractional_zener(order=0.675, time=0.3, relaxed=2.0, unrelaxed=7.0, coefficient=1.0),),
+)
+PLACES = np.linspace(0.5, 6.0, 12)
+
+
+@cache
+def oracle() -> Array:
+    """By the contour of Talbot, 60 terms and more."""
+
+    def transform(s: mp.mpc) -> mp.mpc:
+        law = 5 * s * cole_cole(s, 0.675, 0.3)
+        return (s + 0.5 + law / s) / (s * s + 2 + law)
+
+    return talbot_inverse(transform, list(PLACES), largest_frequency=3.0)
+
+
+def largest_error(n_steps: int, degree: int) -> float:
+    run = integrate(SCENE, Method(cq="gauss", degree=degree, start="graded"), n_steps)
+    at = [int(np.abs(run.time - time).argmin()) for time in PLACES]
+    return float(np.abs(run.position[at, 0] - oracle()).max())
+
+
+@pytest.mark.parametrize(("degree", "n_steps"), [(2, 24), (3, 24), (4, 24)])
+def test_a_fractional_zener_oscillator_has_full_order(degree, n_steps):
+    errors = [largest_error(n_steps * factor, degree) for factor in (1, 2)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2 * degree, abs=0.1)
+
+
+def test_equal_steps_have_the_order_of_the_singular_start():
+    errors = []
+    for n_steps in (192, 384):
+        plain = integrate(SCENE, Method(cq="gauss", degree=4, start="none"), n_steps)
+        finer = integrate(SCENE, Method(cq="gauss", degree=6, start="graded"), n_steps)
+        errors.append(float(np.abs(plain.position - finer.position).max()))
+    # the position begins with 3 plus the order of the law
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(3.675, abs=0.1)
+
+
+def test_few_adaptive_steps_reach_the_oracle():
+    method = Method(cq="gauss", degree=5, start="graded")
+    run = integrate(SCENE, method, AdaptiveSteps(tolerance=1e-7))
+    assert run.n_steps <= 52
+    assert run.position[-1, 0] == pytest.approx(oracle()[-1], abs=4e-13)
+
+
+@pytest.mark.parametrize("steps", [40, AdaptiveSteps(tolerance=1e-4)])
+def test_energy_with_what_the_law_stores_falls_in_every_step(steps):
+    method = Method(cq="gauss", degree=3, start="graded")
+    run = integrate(SCENE, method, steps, diagnostics=Asked(energy_balance=True))
+    stored = run.diagnostics.stored_energy
+    assert stored.max() > 0.1
+    total = run.energy + stored
+    assert np.diff(total).max() < 1e-14
+    # the mechanical energy alone gets back what was stored
+    assert np.diff(run.energy).max() > 1e-3
+
+
+@pytest.mark.parametrize("method", ["bdf2", "implicit-euler", "gauss3-series"])
+def test_methods_that_have_no_laws_say_so(method):
+    with pytest.raises(ValueError, match=r"method: .* not made for relaxation laws"):
+        integrate(SCENE, method_named(method), 8)
