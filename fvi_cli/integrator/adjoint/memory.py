@@ -57,6 +57,11 @@ class RunMemory:
     step_sizes
         Of the whole mesh, shape ``(n,)``.
 
+    Raises
+    ------
+    ValueError
+        For a scene with relaxation laws.
+
     Attributes
     ----------
     matrices
@@ -68,6 +73,8 @@ class RunMemory:
     """
 
     def __init__(self, scene: Scene, operator: StageOperator, step_sizes: Array) -> None:
+        if scene.active_laws:
+            raise ValueError("derivatives: runs with relaxation laws are not differentiated")
         self._operator = operator
         d = scene.dimension
         self._exponents = [min(1.0 - term.order, LARGEST_EXPONENT) for term in scene.damping]
@@ -111,7 +118,7 @@ class RunMemory:
                 decay=np.zeros(0),
                 intake=np.zeros((0, m)),
             )
-        plain = Kernel(exponents=(0.5,), rates=self._rates, weights=np.ones((1, self.n_rates)))
+        plain = Kernel(terms=(0.5,), rates=self._rates, weights=np.ones((1, self.n_rates)))
         step = self._operator.step_tables(plain, h)
         return TermTables(
             local=local,

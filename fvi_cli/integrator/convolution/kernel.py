@@ -250,9 +250,7 @@ def _kernel(
             last=last,
             accuracy=accuracy,
             shift=shift,
-            peaks=[
-                one.peak for one in own if not isinstance(one, float) and one.peak is not None
-            ],
+            peaks=[one.peak for one in own if not isinstance(one, float) and one.peak is not None],
         )
         columns = np.zeros((len(terms), rule.n_kept))
         masses, factors = zip(*(_density(one, rule) for one in own), strict=True)

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 # With log x = u - exp(first - u) + exp(u - last) the ends begin where x T respectively its
-# counterpart K N / (h x) is this; the integrand grows by exp(this) beside the real axis.
+# counterpart K N / (h x) is 1; the integrand grows by exp(1) beside the real axis.
 _END_ERROR = 20.0
 # densities that are singular nearer to the real axis than this have nodes crowded around there
 _WIDE = 0.55 * math.pi
 _BESIDE_PEAK = 3.0
-
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,7 +133,7 @@ def _u_of(log_rate: float, first: float, last: float) -> float:
 
 
 class _Crowds:
-    r"""The map :math:`w = u + \sum \sinh^{-1}((u - c) / \delta)`: nodes equal in w crowd around c."""
+    r"""The map :math:`w = u + \sum \sinh^{-1}((u - c) / \delta)`: equal w crowd around c."""
 
     def __init__(self, peaks: tuple[tuple[float, float], ...]) -> None:
         self._peaks = peaks
