@@ -89,9 +89,8 @@ def integrate(
     Raises
     ------
     ValueError
-        If N or `every` is not a positive integer, a break point of the forcing lies between two
-        steps of a method that takes equal ones only, or the method is not made for a general
-        Lagrangian or for diagnostics.
+        If N or `every` is no positive integer, a break point lies between two steps of a method of
+        equal ones, or it is not made for a general Lagrangian, laws, or diagnostics.
     """
     is_given = isinstance(n_steps, Mesh | AdaptiveSteps)
     check_counts(1 if is_given else n_steps, every)
