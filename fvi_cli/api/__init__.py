@@ -23,7 +23,8 @@ command             call
 :func:`as_text` is what a command prints of a result, :func:`write` puts it into files and
 :func:`compare` tells, as ``--check`` does, in what stored files differ. Without any configuration,
 :func:`integrate` computes a :class:`Scene` by a :class:`Method`, or by the name of one, and
-:func:`gradient` differentiates a number of its run by its parameters.
+:func:`gradient` differentiates a number of its run by its parameters; :func:`solve` computes it to
+a tolerance.
 
 Examples
 --------
@@ -58,6 +59,7 @@ from fvi_cli.api.calls import (
     stability,
 )
 from fvi_cli.api.gradient import Gradient, gradient
+from fvi_cli.api.solve import solve
 from fvi_cli.config import (
     LoadedConfig,
     json_schema,
@@ -86,7 +88,7 @@ from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, mesh_of, uniform_m
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.stability import StabilityPrediction
-from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.render.results import as_text, compare, figures, order_tables, write
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.plan import PlannedRun
@@ -105,6 +107,7 @@ from fvi_cli.studies.study import study
 
 __all__ = [
     "AdaptiveSteps",
+    "Assessment",
     "Baseline",
     "Checkpoint",
     "ConfigError",
@@ -172,6 +175,7 @@ __all__ = [
     "run",
     "shipped_configurations",
     "shipped_titles",
+    "solve",
     "stability",
     "starter_config",
     "study",

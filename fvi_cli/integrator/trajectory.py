@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Status = Literal["ok", "diverged", "failed", "refused"]
+Outcome = Literal["met", "unreliable", "refused"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,6 +38,36 @@ class NewtonRecord:
     largest: int = 0
     worst_step: int = -1
     worst_residuals: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Assessment:
+    """What is known of the error of a run that was made for a tolerance.
+
+    Parameters
+    ----------
+    outcome
+        ``met``; ``unreliable``: runs that should agree do not, or something may hide between their
+        points; ``refused``: the tolerance is out of reach.
+    tolerance
+        What was asked for, a length; nan where nothing moves that it could be relative to.
+    estimate
+        Estimated error of the position at any time, the least that was reached.
+    reason
+        Why it is not met, in one line; empty where it is.
+    time, place
+        Where the motion is unreliable from; None otherwise.
+    attempts
+        One line for every run.
+    """
+
+    outcome: Outcome
+    tolerance: float
+    estimate: float
+    reason: str = ""
+    time: float | None = None
+    place: tuple[float, ...] | None = None
+    attempts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,6 +106,10 @@ class Trajectory:
         All steps as polynomials on their own mesh, where they were kept.
     rejected
         Steps of an adaptive run that were tried in vain.
+    doubts
+        Times of an adaptive run at which the local error could not be kept or seen, and why.
+    assessment
+        What is known of its error, where it was made for a tolerance.
     """
 
     time: Array
@@ -93,6 +129,18 @@ class Trajectory:
     diagnostics: Diagnostics | None = None
     steps: RunSteps | None = None
     rejected: int = 0
+    doubts: tuple[tuple[float, str], ...] = ()
+    assessment: Assessment | None = None
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """Whether a tolerance was met; None where none was asked for."""
+        return None if self.assessment is None else self.assessment.outcome
+
+    @property
+    def error_estimate(self) -> float:
+        """Estimated error of the position at any time, a length; nan without a tolerance."""
+        return math.nan if self.assessment is None else self.assessment.estimate
 
     def __call__(self, time: ArrayLike) -> Array:
         """Position at any times of the run, shape ``(...)`` to ``(..., d)``.

@@ -25,6 +25,8 @@ KINKED: Final = ("abs", "sign")
 """Functions that are not smooth where their argument is zero."""
 GENTLE_FUNCTIONS: Final = frozenset({"sin", "cos"})
 """What cannot rise and fall between two samples that see nothing of it."""
+STEEP_FUNCTIONS: Final = frozenset({"exp", "expm1", "tanh", "arctan", "cosh", "sinh", "gamma"})
+"""Functions of which walls and pulses are made."""
 LARGEST_GENTLE_POWER: Final = 8.0
 LARGEST_INVERTED: Final = 200
 """Degrees of freedom up to which the mass matrix is inverted for the sake of an estimate."""
@@ -66,6 +68,8 @@ class SceneForces:
     may_hide
         Whether any formula may be large where no sample lies: functions that rise and fall
         steeply, quotients, high powers.
+    is_steep
+        Whether it may be of the kind that walls and pulses are made of.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -87,6 +91,7 @@ class SceneForces:
         called, hides = _character(scene)
         self.has_kinks = bool(called & set(KINKED))
         self.may_hide = hides
+        self.is_steep = bool(called & STEEP_FUNCTIONS)
         self._breaks = np.array(() if scene.forcing is None else scene.forcing.break_points)
 
     def mobility(self, position: Array, velocity: Array, time: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -43,6 +44,8 @@ class AdaptiveSteps:
         In the unit of time; None: 1e-7 T where the start is singular, 1e-3 T elsewhere.
     most_steps
         A run with more steps than this fails.
+    points
+        Further points of the mesh, ascending, where a force is less smooth than elsewhere.
 
     Raises
     ------
@@ -53,6 +56,7 @@ class AdaptiveSteps:
     tolerance: float
     first_step: float | None = None
     most_steps: int = 10**7
+    points: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("tolerance", "first_step"):
@@ -101,15 +105,18 @@ class StepController:
         is_singular: bool,
     ) -> None:
         self._tolerance, self._exponent = steps.tolerance, 1.0 / (stages + 1)
-        self._ends = [*breaks, final_time]
+        self._breaks = {*breaks, final_time}
+        inside = {one for one in steps.points if 0 < one < final_time}
+        self._ends = sorted(self._breaks | inside)
         self._final_time = final_time
         relative = FIRST_STEP if is_singular else SMOOTH_FIRST_STEP
         self._first = steps.first_step or relative * final_time
-        lengths = [b - a for a, b in zip([0.0, *breaks], self._ends, strict=True)]
+        lengths = [b - a for a, b in itertools.pairwise([0.0, *sorted(self._breaks)])]
         self._first = min(self._first, 0.1 * min(lengths))
         self.shortest_step = min(SHORTEST_STEP * final_time, 1e-2 * self._first)
         self._size = self._first
         self._cut: float | None = None
+        self._intended = self._first
         self.time = 0.0
         self.is_fresh = True
         self.rejected = 0
@@ -129,7 +136,7 @@ class StepController:
         if self._cut is not None:
             self._reaches_end = self._cut >= left * (1 - 1e-12)
             return left if self._reaches_end else self._cut
-        size = self._rounded(self._size)
+        size = self._intended = self._rounded(self._size)
         self._reaches_end = size >= left * (1 - 1e-12)
         if self._reaches_end:
             return left
@@ -176,9 +183,11 @@ class StepController:
                 self.forced_at = self.time
             self.time = self._ends[0] if at_end else self.time + size
             self._size = size * min(GROWTH, max(SHRINKAGE, SAFETY * factor))
-            self.is_fresh = at_end or ends_on_kink
+            self.is_fresh = ends_on_kink
             if at_end:
-                self._ends.pop(0)
+                self.is_fresh |= self._ends.pop(0) in self._breaks
+                # a step that was cut short at a point says little of how long one may be
+                self._size = max(self._size, self._intended)
             if self.is_fresh:
                 self._size = self._first
             return True

@@ -45,6 +45,7 @@ class _Ended:
     rejected: int = 0
     operations: int = 0
     earlier_seconds: float = 0.0
+    doubts: tuple[tuple[float, str], ...] = ()
 
 
 def mesh_for(scene: Scene, method: Method, n_steps: int) -> Mesh:
@@ -214,6 +215,7 @@ def _adaptive(
         newton=course.newton,
         rejected=course.rejected,
         operations=count * per_step,
+        doubts=tuple(course.doubts),
     )
     return setup, ended, clock.perf_counter(), count
 
@@ -280,6 +282,7 @@ def _trajectory(
         diagnostics=found,
         steps=steps if with_steps else None,
         rejected=ended.rejected,
+        doubts=ended.doubts,
     )
 
 

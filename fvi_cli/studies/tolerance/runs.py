@@ -1,0 +1,146 @@
+"""Runs to compare with each other: adaptive, on the same mesh, on the samples of a record."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
+from fvi_cli.integrator.meshes.singular_start import start_power
+from fvi_cli.integrator.method import ForcingQuadrature, Method
+from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+MOST_STEPS = 200_000
+EQUAL = 1e-9
+"""Samples whose distances differ by less, relative to them, lie on equal steps."""
+HALVINGS = 24
+"""Steps towards t = 0 within the first sample, each half as long as the next."""
+
+
+def gauss(scene: Scene, degree: int) -> Method:
+    """The Gauss method of a tolerance; known forces but those by samples are integrated exactly."""
+    sampled = scene.forcing is not None and bool(scene.forcing.samples)
+    rule: ForcingQuadrature = "galerkin" if sampled or scene.forcing is None else "exact"
+    return Method(cq="gauss", degree=degree, start="none", forcing_quadrature=rule)
+
+
+def adaptive_run(
+    scene: Scene,
+    degree: int,
+    local: float,
+    *,
+    points: tuple[float, ...] = (),
+    first_step: float | None = None,
+) -> Trajectory:
+    """A run whose steps keep a local tolerance, a length, with its polynomials."""
+    steps = AdaptiveSteps(
+        tolerance=local, first_step=first_step, most_steps=MOST_STEPS, points=points
+    )
+    return integrate(scene, gauss(scene, degree), steps, with_steps=True)
+
+
+def run_on(scene: Scene, degree: int, mesh: Mesh) -> Trajectory:
+    """A run on a given mesh, with its polynomials."""
+    return integrate(scene, gauss(scene, degree), mesh, with_steps=True)
+
+
+def mesh_of_run(steps: RunSteps, breaks: Sequence[float]) -> Mesh:
+    """The mesh of a finished run; successive steps of the same size are one stretch."""
+    fresh = {0.0, *breaks}
+    stretches: list[Stretch] = []
+    times, sizes = steps.time.tolist(), steps.step_size.tolist()
+    first = 0
+    for index in range(1, len(sizes) + 1):
+        goes_on = index < len(sizes) and sizes[index] == sizes[first]
+        if goes_on and times[index] not in fresh:
+            continue
+        stretches.append(
+            Stretch(
+                begin=times[first],
+                end=times[index],
+                n_steps=index - first,
+                step_size=sizes[first],
+                is_fresh=times[first] in fresh,
+            )
+        )
+        first = index
+    return Mesh(stretches=tuple(stretches))
+
+
+def knots_of(scene: Scene) -> tuple[float, ...]:
+    """Times inside of the run at which samples of the forcing lie."""
+    if scene.forcing is None:
+        return ()
+    found = {float(t) for one in scene.forcing.samples for t in one.knots}
+    return tuple(sorted(t for t in found if 0.0 < t < scene.final_time))
+
+
+def knot_mesh(scene: Scene, knots: Sequence[float], per_interval: int) -> Mesh:
+    """A mesh with all knots and break points among its points.
+
+    Parameters
+    ----------
+    scene
+        What is integrated.
+    knots
+        Times inside of the run.
+    per_interval
+        Equal steps between two of them.
+
+    Notes
+    -----
+    Where the motion begins like a fractional power of t, the first step is cut towards t = 0.
+    """
+    breaks = set(scene.break_points)
+    ends = np.array([0.0, *sorted({*knots, *breaks}), scene.final_time])
+    # points that round-off alone keeps apart are one
+    apart = np.concatenate([[True], np.diff(ends) > 1e-12 * scene.final_time])
+    is_break = np.isin(ends, list(breaks))
+    ends = ends[apart | is_break]
+    ends[-1] = scene.final_time
+    lengths = np.diff(ends)
+    stretches: list[Stretch] = []
+    first, begin = 0, 0.0
+    if start_power(scene, at_start=True) is not None:
+        stretches += _towards_zero(float(lengths[0]) / per_interval)
+        begin = stretches[-1].end
+        if per_interval > 1:
+            stretches.append(
+                _equal(begin, float(ends[1]), per_interval - 1, is_fresh=False),
+            )
+        first, begin = 1, float(ends[1])
+    for index in range(first + 1, lengths.size + 1):
+        at = float(ends[index])
+        is_alike = index < lengths.size and (
+            abs(lengths[index] - lengths[first]) <= EQUAL * lengths[first] and at not in breaks
+        )
+        if is_alike:
+            continue
+        count = (index - first) * per_interval
+        fresh = begin == 0.0 or begin in breaks
+        stretches.append(_equal(begin, at, count, is_fresh=fresh))
+        first, begin = index, at
+    return Mesh(stretches=tuple(stretches))
+
+
+def _equal(begin: float, end: float, count: int, *, is_fresh: bool) -> Stretch:
+    return Stretch(
+        begin=begin, end=end, n_steps=count, step_size=(end - begin) / count, is_fresh=is_fresh
+    )
+
+
+def _towards_zero(size: float) -> list[Stretch]:
+    edges = [0.0, *(size * 0.5**power for power in range(HALVINGS, -1, -1))]
+    return [
+        Stretch(begin=a, end=b, n_steps=1, step_size=b - a, is_fresh=a == 0.0)
+        for a, b in itertools.pairwise(edges)
+    ]
