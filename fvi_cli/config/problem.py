@@ -17,6 +17,7 @@ from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, Express
 from fvi_cli.scenes.kinds import KINDS
 from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.scenes.registry import build_problem
+from fvi_cli.scenes.structures.matrix_keys import rows_of
 
 Array = NDArray[np.float64]
 
@@ -35,7 +36,9 @@ _OTHER_NAMES: Final = {
 def force_key(problem: Mapping[str, Any]) -> str:
     """The key under which the force of a problem stands."""
     kind = KINDS.get(problem["kind"]) if isinstance(problem["kind"], str) else None
-    return "forcing" if kind is None else kind.force
+    known = ("forcing",) if kind is None else kind.forces
+    given = [key for key in known if problem.get(key, "0") != "0"]
+    return given[0] if given else known[0]
 
 
 def _pieces(problem: Mapping[str, Any]) -> list[Any]:
@@ -91,7 +94,10 @@ def _check_sizes(problem: Mapping[str, Any], at: Cursor) -> None:
     kind = KINDS.get(problem["kind"]) if isinstance(problem["kind"], str) else None
     stated = None if kind is None else kind.stated_size(problem)
     sized = [] if stated is None else [stated]
-    sized += [(key, len(value)) for key, value in _sized(problem) if isinstance(value, list)]
+    for key, value in _sized(problem):
+        size = len(value) if isinstance(value, list) else rows_of(value)
+        if size is not None:
+            sized.append((key, size))
     for key, size in sized[1:]:
         if size != sized[0][1]:
             first = ".".join(map(str, sized[0][0])) or f"kind {problem['kind']}"
@@ -149,8 +155,12 @@ def _check_values(problem: Mapping[str, Any], at: Cursor) -> None:
     for key in ("exact", "function"):
         _try(problem.get(key), at, (key,), (0.0, final_time), is_force=False)
     force, begin = force_key(problem), 0.0
-    if not isinstance(problem.get(force), Mapping):
-        _try(problem.get(force), at, (force,), (0.0, final_time))
+    given = problem.get(force)
+    if not isinstance(given, Mapping):
+        _try(given, at, (force,), (0.0, final_time))
+    elif isinstance(given.get("at"), Mapping):
+        for name, value in given["at"].items():
+            _try(value, at, (force, "at", name), (0.0, final_time))
     for index, piece in enumerate(_pieces(problem)):
         end = piece.get("until", final_time) if isinstance(piece, Mapping) else INVALID
         if not isinstance(end, float) or not begin < end <= final_time:

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.effects.matrices import Array, Factored, symmetric_matrix
 from fvi_cli.mathematics.expressions import Expression, ExpressionError
+
+_WORD: Final = re.compile(r"[A-Za-z_]\w*")
+_MOST_SHOWN: Final = 12
+
+
+def _names(used: Sequence[str], coordinates: Sequence[str]) -> tuple[str, ...]:
+    """Names that a text may hold: those that it does, and as many as a complaint can list."""
+    return tuple(dict.fromkeys([*used, *coordinates[:_MOST_SHOWN]]))
 
 
 class _Affine:
@@ -104,12 +114,17 @@ class Directions:
         ValueError
             ``acts_on.<index>: what is wrong``.
         """
-        units = np.eye(len(coordinates))
-        values = {name: _Affine(0.0, units[i]) for i, name in enumerate(coordinates)}
+        places = {name: place for place, name in enumerate(coordinates)}
         rows = []
         for index, text in enumerate(texts):
+            # forms on the coordinates that occur: a structure has thousands
+            used = [name for name in dict.fromkeys(_WORD.findall(text)) if name in places]
+            units = np.eye(len(used))
+            values = {name: _Affine(0.0, units[i]) for i, name in enumerate(used)}
             try:
-                form = Expression.parse(text, variables=tuple(coordinates)).evaluate(values, {})
+                form = Expression.parse(text, variables=_names(used, coordinates)).evaluate(
+                    values, {}
+                )
             except ExpressionError as error:
                 message = str(error)
                 if "is not available here" in message:
@@ -122,7 +137,9 @@ class Directions:
                     f"acts_on.{index}: {text!r} holds the constant {form.constant:g}; "
                     "only linear combinations of coordinates are allowed"
                 )
-            rows.append(form.factors)
+            row = np.zeros(len(coordinates))
+            row[[places[name] for name in used]] = form.factors
+            rows.append(row)
         return cls(rows=np.array(rows))
 
     @property

@@ -203,6 +203,13 @@ def added(one: Form, other: Form) -> Form:
     return cast("SparseMatrix", as_csr(one) + as_csr(other))
 
 
+def sparse_unit(dimension: int) -> SparseMatrix:
+    """The unit matrix, entries only."""
+    from scipy.sparse import eye_array
+
+    return cast(SparseMatrix, eye_array(dimension, format="csr"))
+
+
 def diagonal(matrix: Form) -> Array:
     """The entries on the diagonal, shape ``(d,)``."""
     return np.asarray(

@@ -13,7 +13,7 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Array, is_sparse
+from fvi_cli.effects.matrices import Array, Form, is_sparse
 from fvi_cli.effects.potential import Potential, QuadraticPotential, with_stiffness
 
 Derivative = Literal["caputo", "riemann-liouville"]
@@ -140,8 +140,8 @@ class Scene:
 
     @property
     def is_sparse(self) -> bool:
-        """Whether any of its matrices is kept as sparse: then nothing dense is made of it."""
-        forms = [self.inertia.form, *(term.form for term in (*self.damping, *self.laws))]
+        """Whether mass or stiffness is kept as sparse: then nothing dense is made of either."""
+        forms: list[Form] = [self.inertia.form]
         if isinstance(self.potential, QuadraticPotential):
             forms.append(self.potential.form)
         return any(map(is_sparse, forms))

@@ -36,7 +36,7 @@ _SHAPES = 17
 _POINTS = 201
 _MARKS = 9
 _DRAWN = 4001  # points of one curve
-WATERFALL_KINDS = ("chain", "frame", "string")
+WATERFALL_KINDS = ("chain", "frame", "string", "structure")
 
 
 def phase_figure(

@@ -12,7 +12,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
-from fvi_cli.effects.matrices import Array
+from fvi_cli.effects.matrices import Array, SparseMatrix
 from fvi_cli.effects.potential import Potential
 from fvi_cli.effects.scene import Derivative, Scene
 
@@ -43,14 +43,14 @@ class SceneData(TypedDict, total=False):
 
 
 def make_scene(
-    mass: ArrayLike,
+    mass: ArrayLike | SparseMatrix,
     potential: Potential | None = None,
     *,
     lagrangian: Lagrangian | None = None,
     **data: Unpack[SceneData],
 ) -> Scene:
     """The scene of a mass matrix, shape ``(d, d)`` or a number, and its other effects."""
-    inertia = Inertia(mass=np.asarray(mass, dtype=float))
+    inertia = Inertia(mass=mass)
     return Scene(
         inertia=inertia,
         potential=potential,

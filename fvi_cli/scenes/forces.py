@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
-from fvi_cli.keys.complaints import excerpt
-from fvi_cli.keys.containers import ByForm, Checked, ListOf
+from fvi_cli.keys.complaints import excerpt, listed, suggestion
+from fvi_cli.keys.containers import ByForm, Checked, ListOf, Named
 from fvi_cli.keys.cursor import INVALID, OPTIONAL, Cursor
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Choice, Formula, Number, Text
@@ -124,6 +124,20 @@ def _pieces(value: Key) -> Record:
     )
 
 
+_AT: Final = Record(
+    keys=(
+        Key(
+            "at",
+            Named(
+                shape=ByForm(single=Formula(), mappings=(SAMPLES,)),
+                names="coordinates",
+                example="{x3: sin(t)}",
+            ),
+            "Forces on some coordinates, by their names; none on the others.",
+        ),
+    )
+)
+
 FORCING: Final = Key(
     "forcing",
     ByForm(
@@ -142,12 +156,13 @@ FORCING: Final = Key(
                     "Force in this piece: number or expression in t, or one per coordinate.",
                 )
             ),
+            _AT,
             SAMPLES,
         ),
         example=f"{PIECES_EXAMPLE}, where the value may be a list",
     ),
-    "Force f(t): number or expression in t, one per coordinate, {pieces: [...]}, or samples, "
-    "{file: force.csv, column: f}.",
+    "Force f(t): number or expression in t, one per coordinate, {pieces: [...]}, {at: {x3: ...}} "
+    "for some coordinates, or samples, {file: force.csv, column: f}.",
     default="0",
 )
 """The force on every coordinate."""
@@ -173,7 +188,12 @@ GROUND_ACCELERATION: Final = Key(
 
 
 def build_forcing(
-    value: object, dimension: int, key: str = "forcing", *, final_time: float = math.inf
+    value: object,
+    dimension: int,
+    key: str = "forcing",
+    *,
+    final_time: float = math.inf,
+    names: Sequence[str] = (),
 ) -> Forcing | None:
     """A force from what stands under its key; None when it is 0.
 
@@ -187,6 +207,8 @@ def build_forcing(
         What messages call it.
     final_time
         T; samples must reach so far.
+    names
+        Of the coordinates.
 
     Raises
     ------
@@ -211,10 +233,36 @@ def build_forcing(
         except ValueError as error:
             raise ValueError(f"{place}: {error}") from None
 
-    components = _per_coordinate(value, dimension, key, component)
+    if isinstance(value, Mapping) and "at" in value:
+        nothing = _expression("0", key)
+        given = by_coordinate(value["at"], names, f"{key}.at")
+        components: tuple[ForceComponent, ...] = tuple(
+            component(given[name], f"{key}.at.{name}") if name in given else nothing
+            for name in names
+        )
+    else:
+        components = _per_coordinate(value, dimension, key, component)
     if all(_is_zero(component) for component in components):
         return None
     return Forcing(pieces=(ForcingPiece(components=components),))
+
+
+def by_coordinate(given: Mapping[str, T], names: Sequence[str], place: str) -> Mapping[str, T]:
+    """What is given for some coordinates.
+
+    Raises
+    ------
+    ValueError
+        ``<place>: what is wrong``: a name that is no coordinate.
+    """
+    for name in given:
+        if name not in names:
+            known = listed(names[:6]) + ", ..." * (len(names) > 6)
+            raise ValueError(
+                f"{place}: {excerpt(name)!r} is not a coordinate{suggestion(name, names)} "
+                f"(there are {known})"
+            )
+    return given
 
 
 def _is_zero(component: ForceComponent) -> bool:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Unpack
 
-import numpy as np
 from numpy.typing import ArrayLike
 
+from fvi_cli.effects.matrices import SparseMatrix, is_zero
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.expressions import Expression
@@ -14,7 +14,10 @@ from fvi_cli.scenes.data import SceneData, make_scene
 
 
 def linear_oscillator(
-    *, mass: ArrayLike = 1.0, stiffness: ArrayLike = 1.0, **data: Unpack[SceneData]
+    *,
+    mass: ArrayLike | SparseMatrix = 1.0,
+    stiffness: ArrayLike | SparseMatrix = 1.0,
+    **data: Unpack[SceneData],
 ) -> Scene:
     r"""Scene of :math:`M x'' + \sum_j \mu_j D^{\gamma_j} x + K x = f(t)`.
 
@@ -22,10 +25,8 @@ def linear_oscillator(
     examples"), with one term of order 1/2 or 3/2 its Bagley-Torvik equation. A stiffness of zero
     is no potential at all.
     """
-    matrix = np.asarray(stiffness, dtype=float)
-    return make_scene(
-        mass, QuadraticPotential(stiffness=matrix) if np.any(matrix) else None, **data
-    )
+    potential = QuadraticPotential(stiffness=stiffness)
+    return make_scene(mass, None if is_zero(potential.form) else potential, **data)
 
 
 def pendulum(*, omega: float = 1.0, **data: Unpack[SceneData]) -> Scene:

@@ -81,7 +81,7 @@ MISTAKES = [
     ("mass: 1.0", "mass: »1_000", "problem.mass: the text '1_000'", "written 1000"),
     ("mass: 1.0", "mass:»", "problem.mass: nothing stands here", "number"),
     ("mass: 1.0", "mass: »0", "problem.mass: 0 is not allowed", "greater than 0"),
-    ("mass: 1.0", "mass: »{a: 1}", "problem.mass: a mapping is not", "matrix"),
+    ("mass: 1.0", "mass: »{a: 1}", "problem.mass: a mapping with a is not", "matrix"),
     ("allow_unstable: false", "allow_unstable: »no", "allow_unstable: the", "true"),
     ("name: example", "name: »a b", "name: the text 'a b'", "letters, digits"),
     ("name: example", "name: »../a", "name: the text '../a'", "letters, digits"),

@@ -18,6 +18,7 @@ from fvi_cli.scenes.kinds.lagrangian import LAGRANGIAN
 from fvi_cli.scenes.kinds.oscillators import BAGLEY_TORVIK, DAMPED_OSCILLATOR
 from fvi_cli.scenes.kinds.pendulum import PENDULUM
 from fvi_cli.scenes.kinds.string import STRING
+from fvi_cli.scenes.kinds.structure import STRUCTURE
 
 KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
     {
@@ -30,6 +31,7 @@ KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
             KEPLER,
             CHAIN,
             FRAME,
+            STRUCTURE,
             STRING,
             DOUBLE_PENDULUM,
             LAGRANGIAN,

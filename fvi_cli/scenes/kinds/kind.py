@@ -9,14 +9,21 @@ from typing import Any, cast
 import numpy as np
 
 from fvi_cli.effects.forcing import ForcingPiece
+from fvi_cli.effects.matrices import is_sparse
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.records import Key, Record
-from fvi_cli.scenes.data import SceneData, per_coordinate
+from fvi_cli.scenes.data import SceneData
 from fvi_cli.scenes.exact_check import objection
-from fvi_cli.scenes.forces import FORCING, build_forcing, expressions
-from fvi_cli.scenes.kinds.shared_keys import SHARED_KEYS, build_damping, scene_keys
+from fvi_cli.scenes.forces import (
+    FORCING,
+    GROUND_ACCELERATION,
+    build_forcing,
+    expressions,
+)
+from fvi_cli.scenes.kinds.shared_keys import SHARED_KEYS, build_damping, scene_keys, vector_of
 from fvi_cli.scenes.problem import AnyProblem, Array, Problem
+from fvi_cli.scenes.structures.matrix_keys import file_form, rows_of
 
 Values = Mapping[str, Any]
 """Plain values under the keys of a kind, with every default filled in."""
@@ -58,9 +65,9 @@ class Kind:
         return self.title or self.name.replace("-", " ")
 
     @property
-    def force(self) -> str:
-        """The key under which what drives a motion stands; empty: nothing does."""
-        return ""
+    def forces(self) -> tuple[str, ...]:
+        """Keys under which what drives a motion stands."""
+        return ("forcing",)
 
     def stated_size(self, values: Values) -> tuple[KeyPath, int] | None:
         """The path of the key that says the number of coordinates, and that number."""
@@ -114,10 +121,10 @@ class SceneKind(Kind):
     names: Callable[[Values], tuple[str, ...]] | None = None
 
     @property
-    def force(self) -> str:
-        """The key under which what drives a motion stands."""
-        known = (FORCING.name, "ground_acceleration")
-        return next(name for name in known if name in self.record.names)
+    def forces(self) -> tuple[str, ...]:
+        """Keys under which what drives a motion stands; no more than one of them is given."""
+        known = (FORCING.name, GROUND_ACCELERATION.name)
+        return tuple(name for name in known if name in self.record.names)
 
     def stated_size(self, values: Values) -> tuple[KeyPath, int] | None:
         """The path of the key that says the number of coordinates, and that number."""
@@ -134,11 +141,17 @@ class SceneKind(Kind):
         if self.names is not None:
             return self.names(values)
         stated = self.stated_size(values)
-        entries = (values["initial"]["position"], values.get("mass"), values.get("stiffness"))
-        size = max(np.size(entry, 0) if isinstance(entry, list | tuple) else 1 for entry in entries)
+        entries = [values["initial"]["position"], values.get("mass"), values.get("stiffness")]
+        entries += [term["coefficient"] for term in values["damping"] if "acts_on" not in term]
+        size = max(_size(entry) for entry in entries)
         size = size if stated is None else stated[1]
         numbered = ("x",) if size == 1 else tuple(f"x{index}" for index in range(1, size + 1))
         return self.coordinates or numbered
+
+    def is_sparse(self, values: Values) -> bool:
+        """Whether mass or stiffness come from a file with entries only."""
+        given = (values.get(name) for name in ("mass", "stiffness"))
+        return any(is_sparse(file_form(one)) for one in given)
 
     def scene(self, values: Values) -> Scene:
         """The scene of values with all defaults.
@@ -151,25 +164,29 @@ class SceneKind(Kind):
         names = self.coordinate_names(values)
         data: SceneData = {
             "final_time": float(values["final_time"]),
-            "damping": build_damping(values["damping"], names),
-            "initial_position": per_coordinate(values["initial"]["position"], len(names)),
-            "initial_velocity": per_coordinate(values["initial"]["velocity"], len(names)),
+            "damping": build_damping(values["damping"], names, sparse=self.is_sparse(values)),
+            "initial_position": vector_of(values["initial"]["position"], names, "initial.position"),
+            "initial_velocity": vector_of(values["initial"]["velocity"], names, "initial.velocity"),
             "derivative": cast(Derivative, values["derivative"]),
         }
         own = {
             key.name: values[key.name] if key.build is None else key.build(values[key.name])
             for key in self.record.keys
-            if key.name not in SHARED_KEYS
+            if key.name not in SHARED_KEYS and key.name in values
         }
-        moves_ground = self.force != FORCING.name
-        force = build_forcing(
-            values[self.force],
-            1 if moves_ground else len(names),
-            self.force,
-            final_time=data["final_time"],
-        )
-        driver = {self.force: force}
-        return self.make(**{**own, **data, **driver})
+        drivers = {
+            key: build_forcing(
+                values[key],
+                len(names) if key == FORCING.name else 1,
+                key,
+                final_time=data["final_time"],
+                names=names,
+            )
+            for key in self.forces
+        }
+        if sum(driver is not None for driver in drivers.values()) > 1:
+            raise ValueError(f"{self.forces[1]}: give this or {self.forces[0]}, not both")
+        return self.make(**{**own, **data, **drivers})
 
     def build(self, values: Values, *, search: bool = True) -> Problem:
         """The scene with its exact solution, as far as that is known."""
@@ -198,3 +215,10 @@ class SceneKind(Kind):
             equation=self.equation,
             coordinates=self.coordinate_names(values),
         )
+
+
+def _size(entry: object) -> int:
+    """Number of coordinates that an entry speaks of; 1 where it does not say."""
+    if isinstance(entry, list | tuple):
+        return int(np.size(entry, 0))
+    return rows_of(entry) or 1

@@ -6,28 +6,28 @@ from typing import Final, Unpack
 
 import numpy as np
 
+from fvi_cli.effects.matrices import is_sparse
 from fvi_cli.effects.scene import Scene
-from fvi_cli.keys.containers import ByForm
 from fvi_cli.keys.records import Key
-from fvi_cli.keys.scalars import Matrix, Number
 from fvi_cli.scenes.data import SceneData
 from fvi_cli.scenes.kinds.kind import SceneKind, scene_record
-from fvi_cli.scenes.kinds.shared_keys import NUMBER_OR_SYMMETRIC, matrix_of
+from fvi_cli.scenes.kinds.shared_keys import MASS_MATRIX, NUMBER_OR_SYMMETRIC
 from fvi_cli.scenes.named import linear_oscillator
+from fvi_cli.scenes.structures.matrix_keys import file_form, matrix_of
 
 _EQUATION: Final = "M x'' + sum mu D^gamma x + K x = f(t)"
 _KEYS: Final = (
     Key(
         "mass",
-        ByForm(single=Number(above=0.0), several=Matrix(positive=True)),
-        "M: a number or a symmetric positive definite matrix.",
+        MASS_MATRIX,
+        "M: a number, a symmetric positive definite matrix or {file: M.mtx}.",
         unit="unit of mass",
         default=1.0,
     ),
     Key(
         "stiffness",
         NUMBER_OR_SYMMETRIC,
-        "K: a number or a symmetric matrix.",
+        "K: a number, a symmetric matrix or {file: K.mtx}.",
         unit="mass per time^2",
         default=1.0,
     ),
@@ -36,8 +36,11 @@ _KEYS: Final = (
 
 def _make(mass: object, stiffness: object, **data: Unpack[SceneData]) -> Scene:
     size = np.size(data["initial_position"])
+    sparse = any(is_sparse(file_form(one)) for one in (mass, stiffness))
     return linear_oscillator(
-        mass=matrix_of(mass, size), stiffness=matrix_of(stiffness, size), **data
+        mass=matrix_of(mass, size, sparse=sparse),
+        stiffness=matrix_of(stiffness, size, sparse=sparse),
+        **data,
     )
 
 

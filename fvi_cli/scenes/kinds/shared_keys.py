@@ -6,14 +6,23 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.directions import Directions
-from fvi_cli.keys.containers import ByForm, ListOf
+from fvi_cli.effects.matrices import (
+    Array,
+    Factored,
+    SparseMatrix,
+    dense,
+)
+from fvi_cli.keys.containers import ByForm, ListOf, Named
 from fvi_cli.keys.cursor import OPTIONAL, Cursor
 from fvi_cli.keys.records import Key, Record, Refusal
 from fvi_cli.keys.scalars import Choice, Formula, Matrix, Number, Text
-from fvi_cli.scenes.data import Damper
+from fvi_cli.scenes.data import Damper, per_coordinate
+from fvi_cli.scenes.forces import by_coordinate
+from fvi_cli.scenes.structures.matrix_keys import MASS_FILE, MATRIX_FILE, matrix_of
 
 
 def _alpha(at: Cursor) -> str:
@@ -42,9 +51,29 @@ _WRONG_AT_PROBLEM: Final[Mapping[str, Refusal]] = {
     "order": "not a key here: write damping: [{order: ..., coefficient: ...}]",
 }
 
-NUMBER_OR_SYMMETRIC: Final = ByForm(single=Number(), several=Matrix())
+MOST_COORDINATES: Final = 100_000
+NUMBER_OR_SYMMETRIC: Final = ByForm(
+    single=Number(), several=Matrix(), mappings=(MATRIX_FILE,), example="{file: K.mtx}"
+)
+MASS_MATRIX: Final = ByForm(
+    single=Number(above=0.0),
+    several=Matrix(positive=True),
+    mappings=(MASS_FILE,),
+    example="{file: M.mtx}",
+)
+_AT: Final = Record(
+    keys=(
+        Key(
+            "at",
+            Named(shape=Number(), names="coordinates", example="{x3: 1.0}"),
+            "Values of some coordinates, by their names; the others are 0.",
+        ),
+    )
+)
 _NUMBER_OR_LIST: Final = ByForm(
-    single=Number(), several=ListOf(shape=Number(), example="[1.0, 0.0]")
+    single=Number(),
+    several=ListOf(shape=Number(), most=MOST_COORDINATES, example="[1.0, 0.0]"),
+    mappings=(_AT,),
 )
 ORDER: Final = Key(
     "order",
@@ -61,14 +90,14 @@ _INITIAL: Final = Key(
             Key(
                 "position",
                 _NUMBER_OR_LIST,
-                "q(0), a number or one per coordinate.",
+                "q(0), a number, one per coordinate, or {at: {x3: ...}} for some.",
                 unit="length",
                 default=0.0,
             ),
             Key(
                 "velocity",
                 _NUMBER_OR_LIST,
-                "q'(0), a number or one per coordinate.",
+                "q'(0), a number, one per coordinate, or {at: {x3: ...}} for some.",
                 unit="length per time",
                 default=0.0,
             ),
@@ -106,7 +135,7 @@ def _damping(default_order: float) -> Key:
             Key(
                 "coefficient",
                 NUMBER_OR_SYMMETRIC,
-                "Factor mu, a number or a symmetric matrix.",
+                "Factor mu, a number, a symmetric matrix or {file: C.mtx}.",
                 unit="mass times time^(gamma-2)",
             ),
             Key(
@@ -147,9 +176,9 @@ def scene_keys(own: Sequence[Key], *, default_order: float, force: Key) -> Recor
 
 
 def build_damping(
-    entries: Sequence[Mapping[str, Any]], names: tuple[str, ...]
+    entries: Sequence[Mapping[str, Any]], names: tuple[str, ...], *, sparse: bool = False
 ) -> tuple[FractionalDamping, ...]:
-    """The terms under ``damping``.
+    """The terms under ``damping``, of a scene with sparse matrices or dense ones.
 
     Raises
     ------
@@ -161,19 +190,28 @@ def build_damping(
         try:
             if "acts_on" in entry:
                 directions = Directions.from_text([str(text) for text in entry["acts_on"]], names)
-                coefficient = directions.factored(entry["coefficient"])
+                inner = dense(matrix_of(entry["coefficient"], directions.count))
+                coefficient: ArrayLike | SparseMatrix | Factored = directions.factored(inner)
             else:
-                coefficient = matrix_of(entry["coefficient"], len(names))
+                coefficient = matrix_of(entry["coefficient"], len(names), sparse=sparse)
             terms.append(FractionalDamping(order=float(entry["order"]), coefficient=coefficient))
         except ValueError as error:
             raise ValueError(f"damping.{index}.{error}") from None
     return tuple(terms)
 
 
-def matrix_of(value: object, dimension: int) -> Any:
-    """A number times the unit matrix; a matrix as it is."""
-    matrix = np.asarray(value, dtype=float)
-    return matrix * np.eye(dimension) if matrix.ndim == 0 else matrix
+def vector_of(value: object, names: Sequence[str], place: str) -> Array:
+    """A number for every coordinate, one per coordinate, or those of some, ``(d,)``.
+
+    Raises
+    ------
+    ValueError
+        ``<place>: what is wrong``.
+    """
+    if isinstance(value, Mapping):
+        given = by_coordinate(value["at"], names, f"{place}.at")
+        return np.array([float(given.get(name, 0.0)) for name in names])
+    return per_coordinate(np.asarray(value, dtype=float), len(names))
 
 
 def damper_pairs(entries: Sequence[Mapping[str, Any]]) -> tuple[Damper, ...]:

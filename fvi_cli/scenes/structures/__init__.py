@@ -1,0 +1,1 @@
+"""Structures as finite-element programs have them: matrices from files."""

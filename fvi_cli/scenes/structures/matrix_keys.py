@@ -1,0 +1,129 @@
+"""Matrices from files as they stand under a key."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from fvi_cli.effects.matrices import Form, is_definite, scaled, sparse_unit
+from fvi_cli.keys.complaints import excerpt
+from fvi_cli.keys.containers import Checked
+from fvi_cli.keys.cursor import INVALID, OPTIONAL, Cursor
+from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.scalars import Text
+from fvi_cli.scenes.structures.matrix_files import MatrixFileError, read_matrix
+from fvi_cli.scenes.structures.matrix_text import (
+    LARGEST_TEXT,
+    matrix_as_text,
+    matrix_from_text,
+    rows_of_text,
+)
+
+
+def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
+    """The keys of a matrix with ``sha256`` and ``content`` filled in from the file."""
+    if "content" in values:
+        if rows_of_text(values["content"]) is None:
+            return at.refuse("not a matrix as fvi writes it", "content")
+        return values
+    name, folder = excerpt(values["file"], 200), at.complaints.folder
+    file = Path(values["file"]) if folder is None else folder / values["file"]
+    try:
+        found = read_matrix(file, name, values.get("variable"))
+    except MatrixFileError as error:
+        at.refuse(str(error), "file")
+        return INVALID
+    if positive and not is_definite(found.form):
+        return at.refuse(
+            f"{name}: an eigenvalue is zero or negative; a mass must be positive definite", "file"
+        )
+    if values.get("sha256", found.sha256).lower() != found.sha256:
+        return at.refuse(f"{name} has changed: its sha256 is {found.sha256}", "sha256")
+    text = matrix_as_text(found.form)
+    if len(text) > LARGEST_TEXT:
+        return at.refuse(
+            f"{name}: its entries take {len(text)} characters in every result file, more than "
+            f"{LARGEST_TEXT}",
+            "file",
+        )
+    return {**values, "sha256": found.sha256, "content": text}
+
+
+_KEYS: Final = Record(
+    keys=(
+        Key(
+            "file",
+            Text(what="the path of a file, from the configuration's folder"),
+            "Matrix Market (.mtx), NumPy (.npy, .npz, also of scipy.sparse), MATLAB (.mat) or "
+            "rows of numbers (.csv, .txt); a relative path begins at the configuration.",
+        ),
+        Key(
+            "variable",
+            Text(what="the name of a matrix"),
+            "Which matrix of a .mat or .npz file that holds several.",
+            default=OPTIONAL,
+        ),
+        Key(
+            "sha256",
+            Text(what="64 hexadecimal digits"),
+            "Of the file; filled in, and checked where it is given.",
+            default=OPTIONAL,
+        ),
+        Key(
+            "content",
+            Text(what="a matrix as fvi writes it"),
+            "The matrix in short; filled in, and used in place of the file.",
+            default=OPTIONAL,
+        ),
+    )
+)
+_WORDS: Final = "a matrix from a file, such as {file: K.mtx}"
+
+MATRIX_FILE: Final = Checked(
+    shape=_KEYS, check=lambda values, at: _read(values, at, positive=False), words=_WORDS
+)
+"""A symmetric matrix from a file, read together with the configuration."""
+
+MASS_FILE: Final = Checked(
+    shape=_KEYS, check=lambda values, at: _read(values, at, positive=True), words=_WORDS
+)
+"""The same, positive definite."""
+
+
+def file_form(value: object) -> Form | None:
+    """The matrix of a mapping that was read by `MATRIX_FILE`; None for anything else.
+
+    Raises
+    ------
+    ValueError
+        ``content: what is wrong``.
+    """
+    if not isinstance(value, Mapping) or "file" not in value:
+        return None
+    if "content" not in value:
+        raise ValueError(f"content: missing; what {value['file']} holds is needed as well")
+    try:
+        return matrix_from_text(str(value["content"]))
+    except ValueError as error:
+        raise ValueError(f"content: {error}") from None
+
+
+def rows_of(value: object) -> int | None:
+    """Number of rows of a matrix from a file; None for anything else."""
+    if isinstance(value, Mapping) and "file" in value and "column" not in value:
+        return rows_of_text(str(value.get("content", "")))
+    return None
+
+
+def matrix_of(value: object, dimension: int, *, sparse: bool = False) -> Form:
+    """A number times the unit matrix, which may be sparse; a matrix as it is."""
+    from_file = file_form(value)
+    if from_file is not None:
+        return from_file
+    matrix = np.asarray(value, dtype=float)
+    if matrix.ndim:
+        return matrix
+    return scaled(sparse_unit(dimension), float(matrix)) if sparse else matrix * np.eye(dimension)

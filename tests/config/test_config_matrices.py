@@ -1,0 +1,199 @@
+"""Matrices from files: every format gives the same scene, and what is wrong is told at its line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import mmwrite, savemat
+from scipy.sparse import coo_array, csr_array, diags_array, eye_array, save_npz
+
+from fvi_cli.config import load_config
+from fvi_cli.effects.matrices import is_sparse
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import ConfigError
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.structures.matrix_text import matrix_as_text, matrix_from_text, rows_of_text
+
+N = 40
+CONFIG = """\
+name: structure
+problem:
+  kind: structure
+  mass: {file: M.mtx}
+  stiffness: {file: K.mtx}
+  damping: [{order: 0.5, coefficient: 0.3, acts_on: [x2 - x1, x9]}]
+  initial: {position: {at: {x3: 1.0}}}
+  final_time: 3.0
+  exact: none
+method: {rk: gauss, degree: 2}
+ladder: {steps: [32]}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    stiffness = csr_array(
+        diags_array([-np.ones(N - 1), 2 * np.ones(N), -np.ones(N - 1)], offsets=[-1, 0, 1])
+    )
+    mass = csr_array(diags_array(np.linspace(1.0, 2.0, N)))
+    mmwrite(tmp_path / "K.mtx", coo_array(stiffness), symmetry="symmetric", precision=17)
+    mmwrite(tmp_path / "M.mtx", coo_array(mass), precision=17)
+    np.save(tmp_path / "K.npy", stiffness.toarray())
+    save_npz(tmp_path / "K.npz", stiffness)
+    np.savez(tmp_path / "both.npz", K=stiffness.toarray(), M=mass.toarray())
+    savemat(tmp_path / "both.mat", {"K": stiffness, "M": mass})
+    np.savetxt(tmp_path / "K.csv", stiffness.toarray(), delimiter=",", fmt="%.17g")
+    (tmp_path / "c.yaml").write_text(CONFIG)
+    return tmp_path
+
+
+def scene_of(folder: Path, *overrides: str) -> Scene:
+    (experiment,) = load_config(folder / "c.yaml", overrides=overrides).experiments
+    assert isinstance(experiment.problem, Problem)
+    return experiment.problem.scene
+
+
+@pytest.mark.parametrize(
+    ("source", "sparse"),
+    [
+        ("{file: K.mtx}", True),
+        ("{file: K.npz}", True),
+        ("{file: both.mat, variable: K}", True),
+        ("{file: K.npy}", False),
+        ("{file: both.npz, variable: K}", False),
+        ("{file: K.csv}", False),
+    ],
+)
+def test_every_format_holds_the_same_matrix(folder: Path, source: str, sparse: bool) -> None:
+    potential = scene_of(folder, f"problem.stiffness={source}").potential
+    expected = scene_of(folder).potential
+    assert isinstance(potential, QuadraticPotential)
+    assert isinstance(expected, QuadraticPotential)
+    assert is_sparse(potential.form) is sparse
+    assert np.array_equal(potential.stiffness, expected.stiffness)
+
+
+def test_a_bagley_torvik_scene_takes_files_as_well(folder: Path) -> None:
+    structure = scene_of(folder)
+    other = scene_of(folder, "problem.kind=bagley-torvik")
+    method = Method(cq="gauss", degree=2, start="graded")
+    one, two = integrate(structure, method, 16), integrate(other, method, 16)
+    assert np.array_equal(one.position, two.position)
+
+
+def test_what_was_read_needs_the_file_no_more_and_tells_a_change(folder: Path) -> None:
+    loaded = load_config(folder / "c.yaml")
+    problem = loaded.experiments[0].problem_specification
+    sha256 = problem["stiffness"]["sha256"]
+    (folder / "K.mtx").unlink()
+    text = problem["stiffness"]["content"]
+    assert rows_of_text(text) == N
+    again = scene_of(folder, f"problem.stiffness={{file: K.mtx, content: '{text}'}}")
+    assert again.dimension == N
+    mmwrite(folder / "K.mtx", coo_array(2.0 * eye_array(N)))
+    with pytest.raises(ConfigError, match=r"K\.mtx has changed"):
+        scene_of(folder, f"problem.stiffness={{file: K.mtx, sha256: {sha256}}}")
+
+
+def test_another_matrix_in_the_file_is_another_run(folder: Path) -> None:
+    before = load_config(folder / "c.yaml").experiments[0].problem_specification
+    mmwrite(folder / "K.mtx", coo_array(3.0 * eye_array(N)))
+    after = load_config(folder / "c.yaml").experiments[0].problem_specification
+    assert before["stiffness"]["content"] != after["stiffness"]["content"]
+
+
+@pytest.mark.parametrize("dense", [True, False])
+def test_text_gives_the_matrix_back_to_the_last_digit(dense: bool) -> None:
+    rng = np.random.default_rng(5)
+    matrix = rng.standard_normal((37, 37)) * (rng.random((37, 37)) < 0.2)
+    matrix = matrix + matrix.T
+    back = matrix_from_text(matrix_as_text(matrix if dense else csr_array(matrix)))
+    assert is_sparse(back) is not dense
+    found = back if isinstance(back, np.ndarray) else back.toarray()
+    assert np.array_equal(found, matrix)
+
+
+def broken(folder: Path) -> dict[str, str]:
+    """Overrides of the configuration, with the complaint that each earns."""
+    unit = eye_array(N).tolil()
+    unit[4, 5] = 7.0
+    mmwrite(folder / "skew.mtx", coo_array(unit))
+    singular = eye_array(N).tolil()
+    singular[4, 4] = 0.0
+    mmwrite(folder / "singular.mtx", coo_array(singular))
+    mmwrite(folder / "small.mtx", coo_array(eye_array(N - 1)))
+    mmwrite(folder / "complex.mtx", coo_array(1j * eye_array(N)))
+    infinite = np.eye(N)
+    infinite[2, 2] = np.inf
+    np.save(folder / "infinite.npy", infinite)
+    np.save(folder / "long.npy", np.ones((3, 4)))
+    (folder / "words.csv").write_text("1,0\n0,one\n")
+    (folder / "ragged.csv").write_text("1,0\n0\n")
+    (folder / "no.mtx").write_text("hello\n")
+    (folder / "file.docx").write_text("hello\n")
+    return {
+        "problem.stiffness.file=skew.mtx": "row 5, column 6 is 7 and its mirror image 0",
+        "problem.mass.file=singular.mtx": "a mass must be positive definite",
+        "problem.stiffness.file=small.mtx": f"is for {N - 1} coordinates, but mass for {N}",
+        "problem.stiffness.file=complex.mtx": "must be real numbers",
+        "problem.stiffness.file=infinite.npy": "row 3, column 3 is inf; every entry must be finite",
+        "problem.stiffness.file=long.npy": "it is 3 x 4; a square matrix is needed",
+        "problem.stiffness.file=words.csv": "words.csv:2: 'one' is not a number",
+        "problem.stiffness.file=ragged.csv": "ragged.csv:2: 1 entries where the first row has 2",
+        "problem.stiffness.file=no.mtx": "not a readable .mtx file",
+        "problem.stiffness.file=file.docx": "the ending must be one of .mtx",
+        "problem.stiffness.file=none.mtx": "cannot be read",
+        "problem.stiffness.file=both.mat": "it holds K, M; say which one under variable",
+        "problem.stiffness={file: both.mat, variable: k}": "did you mean 'K'",
+        "problem.stiffness={file: K.mtx, variable: K}": "leave out variable",
+        "problem.forcing={at: {x99: 1}}": "'x99' is not a coordinate",
+        "problem.initial.position={at: {y: 1}}": "'y' is not a coordinate",
+        "problem.modal_damping=[-0.1]": "0 or greater",
+        "problem.proportional={mass: -1}": "0 or greater",
+        "problem.ground_direction=[1, 2]": "2 entries for 40",
+    }
+
+
+def test_what_is_wrong_is_told_at_its_line(folder: Path) -> None:
+    expected = broken(folder)
+    text = (folder / "c.yaml").read_text()
+    for override, message in expected.items():
+        extra = ["problem.ground_acceleration=sin(t)"] if "direction" in override else []
+        with pytest.raises(ConfigError) as caught:
+            load_config(folder / "c.yaml", overrides=[*extra, override])
+        assert message in str(caught.value), override
+    (folder / "c.yaml").write_text(text.replace("K.mtx", "skew.mtx"))
+    with pytest.raises(ConfigError, match=r"c\.yaml:5:21: problem\.stiffness\.file: skew\.mtx"):
+        load_config(folder / "c.yaml")
+
+
+def test_proportional_and_modal_damping_are_the_matrices_they_stand_for(folder: Path) -> None:
+    scene = scene_of(folder, "problem.proportional={mass: 0.2, stiffness: 0.01, order: 0.6}")
+    mass = scene.inertia.mass
+    assert isinstance(scene.potential, QuadraticPotential)
+    term = scene.damping[1]
+    assert term.order == 0.6
+    assert term.coefficient == pytest.approx(0.2 * mass + 0.01 * scene.potential.stiffness)
+    by_modes = scene_of(folder, "problem.modal_damping=[0.02, 0.05]").damping[1].coefficient
+    values, shapes = np.linalg.eig(np.linalg.solve(mass, scene.potential.stiffness))
+    order = np.argsort(values.real)
+    for index, ratio in enumerate((0.02, 0.05, 0.0)):
+        shape = shapes[:, order[index]].real
+        shape = shape / np.sqrt(shape @ mass @ shape)
+        expected = 2.0 * ratio * np.sqrt(values.real[order[index]])
+        assert shape @ by_modes @ shape == pytest.approx(expected, abs=1e-12)
+
+
+def test_the_ground_shakes_along_its_direction(folder: Path) -> None:
+    direction = [1.0] * 20 + [0.0] * 20
+    scene = scene_of(
+        folder, "problem.ground_acceleration=sin(t)", f"problem.ground_direction={direction}"
+    )
+    assert scene.forcing is not None
+    force = scene.forcing(np.array([0.7]))[0]
+    assert force == pytest.approx(-np.sin(0.7) * scene.inertia.mass @ np.array(direction))
