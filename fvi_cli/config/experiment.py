@@ -17,6 +17,7 @@ from fvi_cli.config.keys.ladder import (
     steps_of,
 )
 from fvi_cli.config.keys.methods import ListedMethod, read_methods
+from fvi_cli.config.keys.observations import is_observed, read_observations
 from fvi_cli.config.keys.stability import stability_settings
 from fvi_cli.config.keys.store import read_diagnostics
 from fvi_cli.config.keys.sweep import SWEEP
@@ -32,6 +33,7 @@ from fvi_cli.config.problem import break_points, make_problem
 from fvi_cli.effects.diagnostics_request import NOTHING
 from fvi_cli.integrator.break_points import TOLERANCE
 from fvi_cli.integrator.method import Baseline, Method, takes_any_mesh
+from fvi_cli.integrator.observations.asked import Observations
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
@@ -70,7 +72,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         values.get("method"),
         at,
         USUAL if "accuracy" in values else {},
-        start="series" if grading == 1.0 else "none",
+        start="none" if grading != 1.0 else "graded" if is_observed(at) else "series",
     )
     check_accuracy(at)
     ends = () if problem is None else (*break_points(described), problem.final_time)
@@ -80,6 +82,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
     for key in ("expect", "claims"):
         _check_cases(values[key], methods, at.under(key))
     accuracy, diagnostics, members = None, NOTHING, None
+    observed = Observations()
     if problem is not None:
         _check_meeting(problem, methods)
         every = store["every"] if isinstance(store, Mapping) else None
@@ -87,6 +90,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
             _check_memory(problem, methods, steps, every, at)
         accuracy = accuracy_of(values.get("accuracy"), problem, methods, at)
         diagnostics = read_diagnostics(store, problem, at)
+        observed = read_observations(values, described, problem, methods, at)
         if at.has(SWEEP):
             members = _make_members(described, problem, methods, steps, grading, at)
             if members is not None and isinstance(every, int):
@@ -115,6 +119,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         claims=values["claims"],
         figures=tuple(values["figures"]),
         diagnostics=diagnostics,
+        observations=observed,
         stability=stability_settings(values["stability"]),
         members=() if members is None else members.members,
         accuracy=accuracy,

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 if TYPE_CHECKING:
     from fvi_cli.integrator.diagnostics import Diagnostics
+    from fvi_cli.integrator.observations.observe import Observed
     from fvi_cli.integrator.run.steps_of_run import RunSteps
 
 Array = NDArray[np.float64]
@@ -110,6 +111,8 @@ class Trajectory:
         Times of an adaptive run at which the local error could not be kept or seen, and why.
     assessment
         What is known of its error, where it was made for a tolerance.
+    observed
+        Quantities and events, where they were asked for; then `time` are the times of the output.
     """
 
     time: Array
@@ -131,6 +134,7 @@ class Trajectory:
     rejected: int = 0
     doubts: tuple[tuple[float, str], ...] = ()
     assessment: Assessment | None = None
+    observed: Observed | None = None
 
     @property
     def outcome(self) -> Outcome | None:

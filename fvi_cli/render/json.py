@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.plan import PlannedRun
 from fvi_cli.runner.request import Request
 from fvi_cli.storage import StoredFile
+from fvi_cli.storage.fields.observed import ObservedSummary, summary_of
 from fvi_cli.studies.experiment import FinishedRun, Run
 
 JSON_FORMAT = 1
@@ -47,6 +49,7 @@ def contents_as_json(stored: StoredFile) -> str:
             "identity": run.identity,
             "members": run.members,
             "swept": run.swept,
+            **_observed(run.observed),
         }
         for run in stored.runs
     ]
@@ -119,6 +122,16 @@ def _finished(finished: FinishedRun) -> dict[str, object]:
         "seconds": trajectory.stepping_seconds,
         "message": trajectory.message,
         "remarks": list(trajectory.remarks),
+        **_observed(summary_of(trajectory.observed)),
+    }
+
+
+def _observed(summary: ObservedSummary) -> dict[str, object]:
+    """How large quantities become, and how often events happened."""
+    return {
+        "quantities": {name: asdict(one) for name, one in summary.extents.items()},
+        "events": dict(summary.counts),
+        "stopped_by": summary.stopped_by or None,
     }
 
 

@@ -8,8 +8,10 @@ import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+from fvi_cli.render.observed import observed_rows
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import Location, StoredFile
+from fvi_cli.storage.fields.observed import summary_of
 from fvi_cli.studies.sweep_summary import sweep_lines
 
 
@@ -56,6 +58,7 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
             )
     texts = [aligned(rows)] if len(rows) > 1 or not summed_up else []
     texts += _assurances_as_text(outcomes)
+    texts += _observed_as_text(outcomes)
     return "\n\n".join([*texts, *summed_up])
 
 
@@ -69,6 +72,20 @@ def _assurances_as_text(outcomes: Sequence[Outcome]) -> list[str]:
                 name = outcome.experiment.name
                 rows.append((name, f"{own.tolerance:g}", f"{own.estimate:.3e}", own.choice))
     return [aligned(rows)] if len(rows) > 1 else []
+
+
+def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
+    """Quantities and events of every run that stands alone."""
+    found = [
+        (
+            (outcome.experiment.name, one.run.method.case, str(one.run.n_steps)),
+            summary_of(one.trajectory.observed),
+        )
+        for outcome in outcomes
+        for one in outcome.finished
+        if one.run.member is None
+    ]
+    return [aligned(rows) for rows in observed_rows(found)]
 
 
 def _members_as_text(outcome: Outcome) -> str:
@@ -117,7 +134,11 @@ def contents_as_text(stored: StoredFile) -> str:
         for run in stored.runs
         if run.members
     )
-    return "\n".join([text, *(["", *swept] if swept else [])])
+    observed = observed_rows(
+        ((run.experiment, run.case, str(run.n_steps)), run.observed) for run in stored.runs
+    )
+    tables = [line for rows in observed for line in ("", aligned(rows))]
+    return "\n".join([text, *tables, *(["", *swept] if swept else [])])
 
 
 def titles_as_text(titles: Mapping[str, str]) -> str:

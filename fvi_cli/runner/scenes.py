@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fvi_cli.config import method_named
 from fvi_cli.effects.scene import Scene
@@ -13,6 +14,8 @@ from fvi_cli.integrator import integrate as engine
 from fvi_cli.integrator import members, stability
 from fvi_cli.integrator.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.method import AnyMethod, Method, takes_any_mesh
+from fvi_cli.integrator.observations.asked import Event, coordinate_names, observations
+from fvi_cli.integrator.observations.observe import check_observable, observe
 from fvi_cli.integrator.run import parts
 from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.run.parts import Part
@@ -29,6 +32,11 @@ def integrate(
     every: int = 1,
     diagnostics: Asked = NOTHING,
     with_steps: bool = False,
+    output: ArrayLike | None = None,
+    quantities: Mapping[str, str | float] | None = None,
+    events: Mapping[str, str | Event | Mapping[str, object]] | None = None,
+    coordinates: Sequence[str] | None = None,
+    parameters: Mapping[str, float] | None = None,
 ) -> Trajectory:
     """Integrate a scene over [0, T].
 
@@ -50,6 +58,18 @@ def integrate(
     with_steps
         Keep the polynomials of the steps, for ``trajectory(t)`` and ``trajectory.velocity(t)``;
         for Gauss methods without a series.
+    output
+        Times at which the motion is reported; the points of the mesh by default.
+    quantities
+        By name expressions in coordinates, ``v<name>``, ``a<name>``, ``d<name>`` (the damping
+        force on it) and t: ``trajectory.observed.quantities`` at the reported times, and
+        ``trajectory.observed.extents``.
+    events
+        By name such an expression, or ``{"when": ..., "direction": ..., "stop": ...}``, for the
+        times at which it changes its sign: ``trajectory.observed.events``.
+    coordinates, parameters
+        Names in these expressions: by default ``x``, or ``x1``, ``x2``, ..., or the coordinates of
+        the Lagrangian; and values of further names.
 
     Returns
     -------
@@ -62,9 +82,37 @@ def integrate(
         For numbers out of range and a name that says no method.
     """
     chosen = method_on(method, n_steps)
-    return engine.integrate(
-        scene, chosen, n_steps, every=every, diagnostics=diagnostics, with_steps=with_steps
+    asked = observations(
+        coordinates or names_of(scene),
+        output=output,
+        quantities=quantities,
+        events=events,
+        parameters=parameters,
     )
+    if not asked.is_empty:
+        if isinstance(method, str) and isinstance(chosen, Method) and chosen.start == "series":
+            is_told = chosen.cq != "gauss" or "series" in method.lower()
+            chosen = chosen if is_told else replace(chosen, start="graded")
+        check_observable(chosen)
+    trajectory = engine.integrate(
+        scene,
+        chosen,
+        n_steps,
+        every=every,
+        diagnostics=diagnostics,
+        with_steps=with_steps or not asked.is_empty,
+    )
+    if asked.is_empty:
+        return trajectory
+    _, reported = observe(scene, chosen, trajectory, asked)
+    return reported if with_steps else replace(reported, steps=None)
+
+
+def names_of(scene: Scene) -> tuple[str, ...]:
+    """Names of the coordinates of a scene: those of its formulas, or ``x1``, ``x2``, ..."""
+    if scene.lagrangian is not None:
+        return scene.lagrangian.coordinates
+    return coordinate_names(scene.dimension)
 
 
 def integrate_part(

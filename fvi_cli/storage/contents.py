@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from fvi_cli.storage.differences import difference_in_words
+from fvi_cli.storage.fields.observed import NOTHING_OBSERVED, ObservedSummary, observed_summary
 from fvi_cli.storage.files import printable, reading, root_attributes
 from fvi_cli.storage.groups import StoredGroup, run_groups
 from fvi_cli.storage.provenance import canonical_json, sha256
@@ -85,6 +86,8 @@ class StoredRun:
         What members differ in, in words.
     variant
         In words what the run has other than the file's configuration; empty for the runs of it.
+    observed
+        Quantities and events of a single run.
     """
 
     experiment: str
@@ -101,6 +104,7 @@ class StoredRun:
     members: int = 0
     swept: str = ""
     variant: str = ""
+    observed: ObservedSummary = NOTHING_OBSERVED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,7 +192,11 @@ def _difference(base: dict[str, Any] | None, own: dict[str, Any]) -> str:
 
 def _stored_run(group: StoredGroup, variant: str) -> StoredRun:
     a = group.attributes
-    of_several: dict[str, Any] = _of_members(group) if group.keys else {"error": float(a["error"])}
+    of_several: dict[str, Any] = (
+        _of_members(group)
+        if group.keys
+        else {"error": float(a["error"]), "observed": observed_summary(a)}
+    )
     names = ("experiment", "case", "norm", "status", "predicted", "identity")
     words: dict[str, Any] = {name: printable(str(a[name])) for name in names}
     return StoredRun(

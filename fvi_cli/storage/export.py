@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from fvi_cli.errors import RequestError
 from fvi_cli.scenes.kinds import KINDS, SceneKind
 from fvi_cli.storage.atomic import replace_file
+from fvi_cli.storage.fields.observed import EVENTS
 from fvi_cli.storage.files import reading
 from fvi_cli.storage.groups import run_groups
 
@@ -71,7 +72,10 @@ def stored_arrays(path: Path) -> Iterator[StoredArrays]:
                 name=group.group.name.rpartition("/")[2],
                 attributes=group.attributes,
                 arrays={name: _values(dataset) for name, dataset in group.nodes.items()},
-                dimensions={name: _axes(name, dataset) for name, dataset in group.nodes.items()},
+                dimensions={
+                    name: _axes(name, dataset, group.group.name)
+                    for name, dataset in group.nodes.items()
+                },
             )
 
 
@@ -81,11 +85,12 @@ def _values(dataset: h5py.Dataset) -> NDArray[Any]:
     return np.asarray(dataset[()])
 
 
-def _axes(name: str, dataset: h5py.Dataset) -> tuple[str, ...]:
+def _axes(name: str, dataset: h5py.Dataset, group: str) -> tuple[str, ...]:
     """The scale of every axis; a scale is its own axis."""
     if dataset.is_scale:
         return (name,)
-    return tuple(dim[0].name.rpartition("/")[2] if len(dim) else "" for dim in dataset.dims)
+    own = f"{group}/"
+    return tuple(dim[0].name.removeprefix(own) if len(dim) else "" for dim in dataset.dims)
 
 
 def export_file(path: Path, form: str, directory: Path) -> list[Path]:
@@ -140,6 +145,10 @@ def _csv_files(stem: str, runs: Iterator[StoredArrays]) -> Iterator[tuple[str, b
         yield f"{name}.json", f"{about}\n".encode()
         if "member" in run.arrays:
             yield f"{name}-members.csv", _csv(run, ("member",)).encode()
+        for axis in run.arrays:
+            if axis.startswith(f"{EVENTS}/") and run.dimensions[axis] == (axis,):
+                event = axis.split("/")[1]
+                yield f"{name}-events-{event}.csv", _csv(run, (axis,)).encode()
 
 
 def _csv(run: StoredArrays, along: Sequence[str]) -> str:
@@ -175,9 +184,12 @@ def _columns(run: StoredArrays, along: Sequence[str]) -> Iterator[tuple[str, NDA
                 coordinates[k] if axes[axis] == "dof" else str(k)
                 for axis, k in zip(further, label, strict=True)
             ]
-            title = "_".join([_SHORT.get(name, name) if "dof" in axes else name, *told])
-            if name == "position" and told[0] not in run.arrays:
+            bare = name.rpartition("/")[2]
+            title = "_".join([_SHORT.get(bare, bare) if "dof" in axes else bare, *told])
+            if bare == "position" and told[0] not in run.arrays:
                 title = "_".join(told)
+            elif bare == "velocity" and "dof" in axes:
+                title = f"v{told[0]}"
             yield title, np.broadcast_to(whole, shape).ravel()
 
 

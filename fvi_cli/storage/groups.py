@@ -20,8 +20,18 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.storage.fields.observed import ROOMS
 from fvi_cli.storage.provenance import CHECKSUM, canonical_json, checksum
-from fvi_cli.storage.records import DIMENSIONS, FIELDS, POINTS, SHARED, SWEPT, Record, digest_of
+from fvi_cli.storage.records import (
+    FIELDS,
+    POINTS,
+    SHARED,
+    SWEPT,
+    Record,
+    digest_of,
+    dimensions_of,
+    has_points,
+)
 from fvi_cli.studies.members import with_values
 
 COMPLETE = "complete"
@@ -60,11 +70,12 @@ class StoredGroup:
     @cached_property
     def nodes(self) -> dict[str, h5py.Dataset]:
         """The datasets by name; nothing else may be there, and nothing outside of the file."""
-        found = children(self.group)
-        for name, node in found.items():
+        found: dict[str, h5py.Dataset] = {}
+        for name, node in datasets_below(self.group):
             if not isinstance(node, h5py.Dataset):
                 raise TypeError(f"{self.group.name}/{name} is no dataset")
             _refuse_strange(node)
+            found[name] = node
         return found
 
     @cached_property
@@ -80,7 +91,7 @@ class StoredGroup:
     @cached_property
     def by_member(self) -> Columns:
         """What members differ in, by name."""
-        names = [n for n in self.nodes if n not in (MEMBER, *SHARED, *DIMENSIONS)]
+        names = [n for n in self.nodes if n != MEMBER and dimensions_of(n) is None]
         return {name: _read_column(self.nodes[name]) for name in names}
 
     @cached_property
@@ -123,7 +134,7 @@ class StoredGroup:
     def records(self, start: int, stop: int) -> list[Record]:
         """The runs from `start` up to `stop`, as they were written."""
         rows: Any = (slice(start, stop),) if self.keys else (None,)
-        names = [name for name in self.nodes if name in DIMENSIONS and name not in SHARED]
+        names = [n for n in self.nodes if dimensions_of(n) is not None and n not in SHARED]
         data = {
             name: np.asarray(self.nodes[name][rows[0]] if self.keys else self.nodes[name][()][None])
             for name in names
@@ -133,7 +144,12 @@ class StoredGroup:
             attributes = {name: values[row] for name, values in self.columns.items()}
             points = int(attributes[POINTS])
             fields = [name for name in attributes[FIELDS].split(",") if name]
-            own = {name: data[name][row - start, :points] for name in fields}
+            own = {
+                name: data[name][row - start, :points]
+                if has_points(name)
+                else data[name][row - start]
+                for name in fields
+            }
             if digest_of(own) != attributes["data_sha256"]:
                 raise ValueError(
                     f"the numbers in {self.group.name} are not those that were written"
@@ -159,6 +175,20 @@ def children(group: h5py.Group) -> dict[str, Any]:
             raise TypeError(f"{group.name}/{name} is a link that leads elsewhere")
         found[name] = group[name]
     return found
+
+
+def datasets_below(group: h5py.Group) -> Iterator[tuple[str, Any]]:
+    """What lies in the group of a run by name, and in the groups of what was observed."""
+    for name, node in children(group).items():
+        if name in ROOMS and isinstance(node, h5py.Group):
+            for inner, one in children(node).items():
+                if isinstance(one, h5py.Group):
+                    below = children(one).items()
+                    yield from ((f"{name}/{inner}/{last}", found) for last, found in below)
+                else:
+                    yield f"{name}/{inner}", one
+        else:
+            yield name, node
 
 
 def _refuse_strange(dataset: h5py.Dataset) -> None:

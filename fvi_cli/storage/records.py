@@ -6,43 +6,32 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.diagnostics import Diagnostics
 from fvi_cli.integrator.method import method_columns
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
+from fvi_cli.storage.fields.diagnostics import (
+    DIAGNOSTIC_DIMENSIONS,
+    DIAGNOSTIC_NAMES,
+    diagnostic_attributes,
+    diagnostic_datasets,
+    diagnostics_of,
+)
+from fvi_cli.storage.fields.observed import (
+    observed_attributes,
+    observed_datasets,
+    observed_dimensions,
+    observed_of,
+)
 from fvi_cli.storage.files import printable
 from fvi_cli.storage.provenance import SOLVER_VERSION, canonical_json, identity, origin
 from fvi_cli.studies.accuracy_settings import Assurance
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.members import without_values
 from fvi_cli.studies.order import damping_orders
-
-MAP_NAMES: Final = "momentum_maps"
-"""Attribute with the names of the momentum maps along the axis ``map``, as a JSON list."""
-
-DIAGNOSTIC_DIMENSIONS: Final[Mapping[str, tuple[str, ...]]] = {
-    "dissipated_work": ("time",),
-    "forcing_work": ("time",),
-    "energy_defect": ("time",),
-    "stored_energy": ("time",),
-    "map": ("map",),
-    "momentum_map": ("time", "map"),
-    "momentum_map_defect": ("time", "map"),
-}
-DIAGNOSTIC_NAMES: Final[Mapping[str, str]] = {
-    "dissipated_work": "work done against the damping since the start",
-    "forcing_work": "work done by the forcing since the start",
-    "energy_defect": "energy less its start, plus dissipated work, less work of the forcing",
-    "stored_energy": "energy in the memory of the damping",
-    "map": "momentum map, named in the attribute momentum_maps of the run",
-    "momentum_map": "momentum of a symmetry",
-    "momentum_map_defect": "momentum of a symmetry less its start and what damping and forcing "
-    "have changed",
-}
 
 DIMENSIONS: Mapping[str, tuple[str, ...]] = {
     "time": ("time",),
@@ -67,6 +56,17 @@ LONG_NAMES: Mapping[str, str] = {
     "history_operations": "multiply-adds spent on the memory",
     "status": "what was observed",
 }
+
+
+def dimensions_of(name: str) -> tuple[str, ...] | None:
+    """Names of the axes of a dataset of a run; None for what is no array of a run."""
+    return DIMENSIONS[name] if name in DIMENSIONS else observed_dimensions(name)
+
+
+def has_points(name: str) -> bool:
+    """Whether a dataset has a value at every time of a run."""
+    return "time" in (dimensions_of(name) or ())
+
 
 SHARED = ("time", "dof", "map")
 """Arrays that the members of a sweep have in common."""
@@ -194,12 +194,20 @@ def record_of(finished: FinishedRun) -> Record:
     diagnostics = None if trajectory.diagnostics is None else trajectory.diagnostics.at(kept)
     datasets.update(diagnostic_datasets(diagnostics))
     attributes.update(diagnostic_attributes(diagnostics))
+    found = observed_datasets(
+        trajectory.observed,
+        has_mesh=run.member is None and experiment.observations.times is not None,
+    )
+    datasets |= {
+        name: values[kept] if has_points(name) else values for name, values in found.items()
+    }
+    attributes |= observed_attributes(trajectory.observed, experiment.observations)
     points = datasets["time"].size
     if run.member is not None:
         points = _points_on_grid(run, datasets["time"])
         attributes[SWEPT] = json.dumps(list(run.member.values))
         datasets = {
-            name: values[:points] if "time" in DIMENSIONS[name] else values
+            name: values[:points] if has_points(name) else values
             for name, values in datasets.items()
         }
     own = {name: values for name, values in datasets.items() if name not in SHARED}
@@ -209,7 +217,9 @@ def record_of(finished: FinishedRun) -> Record:
 
 def _points_on_grid(run: Run, time: NDArray[Any]) -> int:
     """How many of the first points lie on the grid of the experiment."""
-    grid = run.times[kept_points(run.n_steps + 1, run.experiment.store_every)]
+    grid = run.experiment.observations.times
+    if grid is None:
+        grid = run.times[kept_points(run.n_steps + 1, run.experiment.store_every)]
     common = min(time.size, grid.size)
     off = np.flatnonzero(np.abs(time[:common] - grid[:common]) > 1e-6 * np.diff(grid).min())
     return int(off[0]) if off.size else common
@@ -250,6 +260,7 @@ def finished_of(record: Record, run: Run) -> FinishedRun:
         remarks=tuple(map(printable, json.loads(a["remarks"]))),
         every=int(a["store_every"]),
         diagnostics=diagnostics_of(a, data),
+        observed=observed_of(a, data),
     )
     return FinishedRun(
         run=run,
@@ -262,39 +273,6 @@ def finished_of(record: Record, run: Run) -> FinishedRun:
         reference=printable(a["reference"]),
         assurance=assurance_of(a),
     )
-
-
-def diagnostic_datasets(diagnostics: Diagnostics | None) -> dict[str, NDArray[Any]]:
-    """The datasets by name, in the order of :data:`DIAGNOSTIC_DIMENSIONS`."""
-    if diagnostics is None:
-        return {}
-    datasets: dict[str, NDArray[Any]] = {}
-    for name in DIAGNOSTIC_DIMENSIONS:
-        if name == "map":
-            values = np.arange(len(diagnostics.map_names)) if diagnostics.map_names else None
-        else:
-            values = getattr(diagnostics, name)
-        if values is not None:
-            datasets[name] = values
-    return datasets
-
-
-def diagnostic_attributes(diagnostics: Diagnostics | None) -> dict[str, str]:
-    """The attributes of a run that belong to its diagnostics."""
-    if diagnostics is None or not diagnostics.map_names:
-        return {}
-    return {MAP_NAMES: json.dumps(list(diagnostics.map_names), ensure_ascii=False)}
-
-
-def diagnostics_of(
-    attributes: Mapping[str, Any], datasets: Mapping[str, NDArray[Any]]
-) -> Diagnostics | None:
-    """The diagnostics again; None if there are none."""
-    found = {name: datasets[name] for name in DIAGNOSTIC_DIMENSIONS if name in datasets}
-    found.pop("map", None)
-    if not found:
-        return None
-    return Diagnostics(**found, map_names=tuple(json.loads(attributes.get(MAP_NAMES, "[]"))))
 
 
 def assurance_attributes(assurance: Assurance) -> dict[str, str | float]:

@@ -11,16 +11,17 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.storage.groups import COMPLETE, MEMBER, Columns
+from fvi_cli.storage.fields.observed import observed_meaning
+from fvi_cli.storage.groups import COMPLETE, MEMBER, Columns, datasets_below
 from fvi_cli.storage.provenance import CHECKSUM, canonical_json, checksum, plain, sha256
 from fvi_cli.storage.records import (
-    DIMENSIONS,
     LONG_NAMES,
     POINTS,
     SHARED,
     SWEPT,
     Record,
     digest_of,
+    dimensions_of,
     stored_kind,
 )
 from fvi_cli.studies.members import value_at, without_values
@@ -214,7 +215,8 @@ def _write_shared(group: h5py.Group, shared: Mapping[str, NDArray[Any]], length:
             # members that follow may have more points
             size = length if name == "time" else values.size
             _create(group, name, shape=(size,), kind=stored_kind(values))
-            group[name].make_scale(name)
+            if not group[name].is_scale:
+                group[name].make_scale(name)
         group[name][: values.size] = values
 
 
@@ -231,9 +233,11 @@ def _create(
         dataset = group.create_dataset(name, data=data, dtype=stored_kind(data))
     else:
         dataset = group.create_dataset(name, shape=shape, dtype=kind, fillvalue=_FILL[kind])
-    dataset.attrs["long_name"] = MEANINGS[name]
+    dataset.attrs["long_name"] = MEANINGS[name] if name in MEANINGS else observed_meaning(name)
     if keys:
         dataset.attrs["coordinates"] = " ".join(keys)
+    if dimensions_of(name) == (name,):
+        dataset.make_scale(name.rpartition("/")[2])
 
 
 _FILL: Mapping[str, float] = {"<f8": math.nan, "<i8": 0}
@@ -241,10 +245,11 @@ _FILL: Mapping[str, float] = {"<f8": math.nan, "<i8": 0}
 
 def _attach_scales(group: h5py.Group) -> None:
     first = (MEMBER,) if MEMBER in group else ()
-    for name, dataset in group.items():
+    for name, dataset in datasets_below(group):
         if dataset.is_scale:
             continue
-        for axis, dimension in enumerate((*first, *DIMENSIONS.get(name, ()))[: dataset.ndim]):
+        axes = (*first, *(dimensions_of(name) or ()))
+        for axis, dimension in enumerate(axes[: dataset.ndim]):
             dataset.dims[axis].attach_scale(group[dimension])
 
 

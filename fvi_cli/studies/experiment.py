@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.diagnostics_request import NOTHING, Asked
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh
 from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.observations.asked import Observations
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
@@ -65,6 +66,8 @@ class Experiment:
         The members of a sweep; none: the experiment has the one problem.
     diagnostics
         What is computed and stored beside every trajectory.
+    observations
+        Times, quantities and events that are asked of every run.
     stability
         What is looked at beside the runs where stability is studied.
     accuracy
@@ -87,6 +90,7 @@ class Experiment:
     members: tuple[Member, ...] = ()
     stability: StabilitySettings = USUAL
     diagnostics: Asked = NOTHING
+    observations: Observations = field(default_factory=Observations)
     accuracy: Accuracy | None = None
 
     def __repr__(self) -> str:
@@ -176,6 +180,14 @@ class Run:
         return self.step_size * np.arange(self.n_steps + 1, dtype=float)
 
     @property
+    def observations(self) -> Observations:
+        """What is asked of the motion, with the parameters of this run."""
+        asked = self.experiment.observations
+        if asked.is_empty or self.member is None:
+            return asked
+        return replace(asked, parameters=self.member.specification.get("parameters", {}))
+
+    @property
     def title(self) -> str:
         """The run in one line."""
         title = f"{self.experiment.name} {self.method.case} N={self.n_steps}"
@@ -200,6 +212,7 @@ class Run:
             "store_every": self.experiment.store_every,
             "allow_unstable": self.experiment.allow_unstable,
             **_asked(self.experiment.diagnostics),
+            **self.experiment.observations.specification(),
             **_wanted(self.experiment.accuracy),
         }
 

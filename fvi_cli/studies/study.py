@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fvi_cli.integrator.integrate import can_be_diagnosed, integrate
 from fvi_cli.integrator.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.observe import observe
 from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.integrator.stability import (
     StabilityPrediction,
@@ -85,7 +86,22 @@ def execute(run: Run, checkpoints: RunKeeper | None = None) -> FinishedRun:
         trajectory = _differentiate(problem, run)
     else:
         trajectory = _integrated(problem, run, checkpoints)
-    return assessed(run, trajectory, prediction, reference_of(run))
+    return observed_and_assessed(run, trajectory, prediction, reference_of(run))
+
+
+def observed_and_assessed(
+    run: Run, trajectory: Trajectory, prediction: StabilityPrediction, reference: Reference
+) -> FinishedRun:
+    """The run with its error on the mesh, reported at the times that are asked for."""
+    asked, problem = run.observations, run.problem
+    if asked.is_empty or not isinstance(problem, Problem):
+        return assessed(run, trajectory, prediction, reference)
+    on_mesh, reported = observe(problem.scene, run.method, trajectory, asked)
+    finished = assessed(run, dataclasses.replace(on_mesh, steps=None), prediction, reference)
+    remarks = finished.trajectory.remarks
+    return dataclasses.replace(
+        finished, trajectory=dataclasses.replace(reported, steps=None, remarks=remarks)
+    )
 
 
 def is_refused(run: Run, prediction: StabilityPrediction) -> bool:
@@ -161,6 +177,7 @@ def _integrated(problem: Problem, run: Run, checkpoints: RunKeeper | None) -> Tr
             run.steps,
             every=every,
             diagnostics=asked,
+            with_steps=not run.experiment.observations.is_empty,
             checkpoints=checkpoints,
         )
     else:

@@ -7,6 +7,7 @@ from typing import Final, get_args
 from fvi_cli.config.keys.accuracy import ACCURACY
 from fvi_cli.config.keys.ladder import LADDER
 from fvi_cli.config.keys.methods import METHODS
+from fvi_cli.config.keys.observations import EVENTS, OUTPUT, QUANTITIES
 from fvi_cli.config.keys.stability import STABILITY
 from fvi_cli.config.keys.store import STORE
 from fvi_cli.config.keys.sweep import SweepShape
@@ -94,6 +95,9 @@ _KEYS: Final = (
     ),
     Key("allow_unstable", Flag(), "Compute runs that are predicted to blow up.", default=False),
     Key("store", STORE, "What is kept in files.", default={"every": 1}),
+    OUTPUT,
+    QUANTITIES,
+    EVENTS,
     Key(
         "stability",
         STABILITY,

@@ -268,6 +268,8 @@ def make_method(
             degree = values["stages"] - (1 if cq == "lobatto-iiic" else 0)
         if values.get("history") == "exponentials" and usual_start == "series":
             usual_start = "graded" if cq == "gauss" else "none"
+        if usual_start == "graded" and cq != "gauss":
+            usual_start = "none"
         start = values.get("start", usual_start)
         forcing_quadrature = values.get("forcing_quadrature", "galerkin")
     exponents: tuple[float, ...] = ()

@@ -59,7 +59,7 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
     # what not everybody wants, and what takes the place of something else
     switched_off = {"sweep": f"# sweep: {{{described.sweep}}}"}
     if isinstance(described, SceneKind):
-        switched_off["accuracy"] = f"# {EXAMPLE}"
+        switched_off |= {"accuracy": f"# {EXAMPLE}", "output": "# output: {count: 1000}"}
     for key in EXPERIMENT.keys:
         shown = examples.get(
             key.name, "" if isinstance(key.default, Missing) else plain(key.default)

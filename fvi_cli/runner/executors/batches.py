@@ -85,7 +85,8 @@ def execute_batch(
         Where runs that stand alone keep their checkpoints.
     """
     first = batch[0]
-    if first.member is None or not isinstance(first.problem, Problem):
+    is_observed = not first.experiment.observations.is_empty
+    if first.member is None or is_observed or not isinstance(first.problem, Problem):
         if checkpoints is None:
             return [execute(run) for run in batch]
         return [execute(run, checkpoints.of(run)) for run in batch]

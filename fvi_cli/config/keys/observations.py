@@ -1,0 +1,227 @@
+"""``output``, ``quantities``, ``events``: what is asked of a motion beside its positions."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from fractions import Fraction
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.config.keys.methods import ListedMethod
+from fvi_cli.integrator.observations.asked import (
+    DIRECTIONS,
+    Event,
+    Observations,
+    known_names,
+)
+from fvi_cli.integrator.observations.observe import check_observable
+from fvi_cli.keys.containers import ListOf, Named
+from fvi_cli.keys.cursor import OPTIONAL, Cursor, is_complete
+from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.scalars import Choice, Flag, Formula, Integer, Number, Text
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.problem import AnyProblem, Problem
+
+MOST_TIMES: Final = 10_000_000
+KEYS: Final = ("output", "quantities", "events")
+EXAMPLE: Final = "{step: 0.01}, {count: 1000} or {times: [0, 0.5, 2]}"
+
+_TAKEN: Final = ("t", "time", "energy", "member", "dof", "mesh")
+_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_TEXT: Final = Text(what="an expression in coordinates, v<name>, a<name>, d<name>, t, parameters")
+
+OUTPUT: Final = Key(
+    "output",
+    Record(
+        keys=(
+            Key(
+                "step",
+                Number(above=0.0),
+                "The times 0, step, twice step and so on.",
+                unit="time",
+                default=OPTIONAL,
+            ),
+            Key(
+                "count",
+                Integer(least=2, most=MOST_TIMES),
+                "So many equally spaced times from 0 to final_time, both among them.",
+                default=OPTIONAL,
+            ),
+            Key(
+                "times",
+                ListOf(shape=Number(least=0.0), most=MOST_TIMES, example="[0, 0.5, 2]"),
+                "The times themselves, increasing.",
+                unit="time",
+                default=OPTIONAL,
+            ),
+        ),
+    ),
+    "Times at which a run is stored, whatever its steps: "
+    f"{EXAMPLE}. Default: the points of the mesh. For Runge-Kutta methods.",
+    default=OPTIONAL,
+)
+QUANTITIES: Final = Key(
+    "quantities",
+    Named(shape=_TEXT, example="{drift: x2 - x1, force: -dx1, top: ax2}"),
+    "Expressions in coordinates (x), their velocities (vx), accelerations (ax, from the equation "
+    "of motion) and the damping force on them (dx, minus the sum of mu D^gamma x), t and "
+    "parameters; stored beside the position, with peak and RMS. For Runge-Kutta methods.",
+    default=OPTIONAL,
+)
+EVENTS: Final = Key(
+    "events",
+    Named(
+        shape=Record(
+            keys=(
+                Key(
+                    "when",
+                    _TEXT,
+                    "Expression as under quantities; the event is its change of sign.",
+                ),
+                Key(
+                    "direction",
+                    Choice(words=DIRECTIONS),
+                    "rising: from below to above 0; falling; or any.",
+                    default="any",
+                ),
+                Key("stop", Flag(), "End the run at the first of them.", default=False),
+            )
+        ),
+        example="{rest: {when: vx, direction: falling}}",
+    ),
+    "Times at which expressions change their sign, found on the motion between the mesh points; "
+    "stored with position and velocity. For Runge-Kutta methods.",
+    default=OPTIONAL,
+)
+
+
+def is_observed(at: Cursor) -> bool:
+    """Whether an experiment asks for anything beside positions on the mesh."""
+    return any(at.has(key) for key in KEYS)
+
+
+def read_observations(
+    values: Mapping[str, Any],
+    described: Mapping[str, Any],
+    problem: AnyProblem,
+    methods: Sequence[ListedMethod],
+    at: Cursor,
+) -> Observations:
+    """What the keys of an experiment ask of its motion.
+
+    Parameters
+    ----------
+    values
+        What was read of the experiment; may hold INVALID.
+    described, problem
+        Its ``problem`` mapping, and what that made.
+    methods
+        Those of the experiment.
+    at
+        The experiment; receives what is wrong.
+    """
+    given = [key for key in KEYS if key in values]
+    if not given:
+        return Observations()
+    if not isinstance(problem, Problem):
+        at.refuse_key(given[0], f"not for kind {problem.kind}, in which nothing moves")
+        return Observations()
+    _check_neighbours(values, methods, given[0], at)
+    parameters = described.get("parameters", {})
+    names = known_names(problem.coordinates, tuple(parameters))
+    quantities: dict[str, Expression] = {}
+    events: dict[str, Event] = {}
+    for name in (
+        values.get("quantities", {}) if isinstance(values.get("quantities"), Mapping) else ()
+    ):
+        found = _expression(name, names, problem, at.under("quantities"))
+        if found is not None:
+            quantities[name] = found
+    given_events = values.get("events")
+    for name, one in given_events.items() if isinstance(given_events, Mapping) else ():
+        found = _expression(name, names, problem, at.under("events"), "when")
+        if found is not None and is_complete(one):
+            events[name] = Event(when=found, direction=one["direction"], stop=one["stop"])
+    return Observations(
+        coordinates=problem.coordinates,
+        times=_times(values.get("output"), problem.final_time, at.under("output")),
+        quantities=quantities,
+        events=events,
+        parameters=parameters,
+        output=values.get("output"),
+    )
+
+
+def _check_neighbours(
+    values: Mapping[str, Any], methods: Sequence[ListedMethod], key: str, at: Cursor
+) -> None:
+    """What does not go together with output, quantities and events."""
+    for listed in methods:
+        try:
+            check_observable(listed.method)
+        except ValueError as error:
+            at.refuse_key(key, str(error))
+            break
+    store = values.get("store")
+    if "output" in values and isinstance(store, Mapping):
+        if store.get("every", 1) != 1:
+            at.refuse("not together with output, which says what is kept", "store", "every")
+        if "diagnostics" in store:
+            at.refuse("not together with output: they are kept on the mesh", "store", "diagnostics")
+    if "events" in values and "sweep" in values:
+        at.refuse_key("events", "not together with sweep; give each member its own experiment")
+
+
+def _expression(
+    name: str, names: tuple[str, ...], problem: Problem, under: Cursor, *inner: str
+) -> Expression | None:
+    """The expression under a name; None, with complaints, where something is wrong."""
+    if not _NAME.fullmatch(name):
+        under.refuse_key(name, "a name has letters, digits and _, and begins with a letter")
+        return None
+    if name in (*problem.coordinates, *_TAKEN):
+        under.refuse_key(name, "is the name of something that is stored already; take another")
+        return None
+    text = Formula(variables=names).read(under.under(name, *inner))
+    return Expression.parse(text, variables=names) if isinstance(text, str) else None
+
+
+def _times(given: object, final_time: float, at: Cursor) -> NDArray[np.float64] | None:
+    """The times that are asked for; None where there are none, or something is wrong."""
+    if not isinstance(given, Mapping) or not is_complete(given):
+        return None
+    if len(given) != 1:
+        at.refuse(f"exactly one of step, count and times is needed; it must be {EXAMPLE}")
+        return None
+    if "count" in given:
+        return _exact_multiples(final_time, given["count"] - 1, given["count"])
+    if "step" in given:
+        step = given["step"]
+        count = int(final_time / step * (1 + 1e-12)) + 1
+        if count > MOST_TIMES:
+            at.refuse(f"{count} times are too many; at most {MOST_TIMES} are allowed", "step")
+            return None
+        if count < 2:
+            at.refuse(f"{step:g} is longer than final_time = {final_time:g}", "step")
+            return None
+        return np.minimum(_exact_multiples(step, 1, count), final_time)
+    times = given["times"]
+    for index, time in enumerate(times):
+        if time > final_time:
+            at.refuse(f"{time:g} is after final_time = {final_time:g}", "times", index)
+            return None
+        if index and not time > times[index - 1]:
+            at.refuse(
+                f"{time:g} is not after {times[index - 1]:g}; times must increase", "times", index
+            )
+            return None
+    return np.array(times, dtype=float)
+
+
+def _exact_multiples(length: float, parts: int, count: int) -> NDArray[np.float64]:
+    """Multiples of length / parts, of the decimal number as it is written, each rounded once."""
+    step = Fraction(repr(length)) / parts
+    return np.array([float(k * step) for k in range(count)])

@@ -1,0 +1,1 @@
+"""What is asked of a motion beside its positions: times, quantities, events, impacts."""

@@ -1,0 +1,198 @@
+"""What is asked of a motion: a value of its own, made before anything is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
+
+Array = NDArray[np.float64]
+Direction = Literal["any", "rising", "falling"]
+
+DIRECTIONS: tuple[str, ...] = get_args(Direction)
+PREFIXES = ("", "v", "a", "d")
+"""Before the name of a coordinate: position, velocity, acceleration, damping force on it."""
+
+
+def coordinate_names(dimension: int) -> tuple[str, ...]:
+    """Names of d coordinates that have none: ``x``, or ``x1``, ``x2``, ..."""
+    return ("x",) if dimension == 1 else tuple(f"x{k}" for k in range(1, dimension + 1))
+
+
+def known_names(coordinates: Sequence[str], parameters: Collection[str] = ()) -> tuple[str, ...]:
+    """The variables of an expression: t, parameters, and every coordinate with every prefix.
+
+    A coordinate or parameter goes before what is derived from another coordinate.
+    """
+    found = dict.fromkeys(("t", *coordinates, *parameters))
+    for prefix in PREFIXES[1:]:
+        for name in coordinates:
+            derived = prefix + name
+            if derived not in FUNCTION_NAMES and derived != "pi":
+                found.setdefault(derived)
+    return tuple(found)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """The times at which an expression changes its sign.
+
+    Parameters
+    ----------
+    when
+        The expression.
+    direction
+        ``rising`` from below to above 0, ``falling``, or ``any`` of the two. A value that touches
+        0 and turns back does not count, nor does one that begins or ends with 0.
+    stop
+        Whether the run ends at the first of these times.
+
+    Raises
+    ------
+    ValueError
+        For another direction.
+    """
+
+    when: Expression
+    direction: Direction = "any"
+    stop: bool = False
+
+    def __post_init__(self) -> None:
+        if self.direction not in DIRECTIONS:
+            raise ValueError(f"direction: {self.direction!r} is not one of {', '.join(DIRECTIONS)}")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Observations:
+    """What is asked of a motion; by default nothing.
+
+    Parameters
+    ----------
+    coordinates
+        Names of the d coordinates.
+    times
+        Times at which the motion is reported, shape ``(n,)``; None: the points of the mesh.
+    quantities, events
+        By name.
+    parameters
+        Values of further names in their expressions.
+    output
+        The times in short, as a configuration gives them; None: as they are.
+
+    Raises
+    ------
+    ValueError
+        For times that do not increase from 0 or later.
+    """
+
+    coordinates: tuple[str, ...] = ()
+    times: Array | None = None
+    quantities: Mapping[str, Expression] | None = None
+    events: Mapping[str, Event] | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    output: Mapping[str, object] | None = None
+
+    def __post_init__(self) -> None:
+        if self.times is None:
+            return
+        times = np.array(self.times, dtype=float)
+        if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all():
+            raise ValueError("output: at least one time is needed, all of them finite")
+        if times[0] < 0 or not (np.diff(times) > 0).all():
+            raise ValueError("output: times must increase, and begin at 0 or later")
+        times.setflags(write=False)
+        object.__setattr__(self, "times", times)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is asked for."""
+        return self.times is None and not self.quantities and not self.events
+
+    def specification(self) -> dict[str, object]:
+        """What determines the numbers, as JSON values; nothing where nothing is asked for."""
+        found: dict[str, object] = {}
+        if self.times is not None:
+            found["output"] = self.times.tolist() if self.output is None else dict(self.output)
+        if self.quantities:
+            found["quantities"] = {name: one.text for name, one in self.quantities.items()}
+        if self.events:
+            found["events"] = {
+                name: {"when": one.when.text, "direction": one.direction, "stop": one.stop}
+                for name, one in self.events.items()
+            }
+        return found
+
+
+def observations(
+    coordinates: Sequence[str],
+    *,
+    output: ArrayLike | None = None,
+    quantities: Mapping[str, str | float] | None = None,
+    events: Mapping[str, str | Event | Mapping[str, object]] | None = None,
+    parameters: Mapping[str, float] | None = None,
+) -> Observations:
+    """What is asked of a motion, from texts.
+
+    Parameters
+    ----------
+    coordinates
+        Names of the coordinates.
+    output
+        Times at which the motion is reported; None: the points of the mesh.
+    quantities
+        Expressions by name.
+    events
+        By name an expression, or ``{"when": ..., "direction": ..., "stop": ...}``.
+    parameters
+        Values of further names.
+
+    Raises
+    ------
+    ValueError
+        ``quantities.<name>: what is wrong``.
+    """
+    names = known_names(coordinates, tuple(parameters or ()))
+
+    def read(text: object, place: str) -> Expression:
+        if not isinstance(text, str | int | float):
+            raise ValueError(f"{place}: {text!r} is no expression")
+        try:
+            return Expression.parse(text, variables=names)
+        except ValueError as error:
+            raise ValueError(f"{place}: {error}") from None
+
+    found: dict[str, Event] = {}
+    for name, given in (events or {}).items():
+        place = f"events.{name}"
+        if isinstance(given, Event):
+            found[name] = given
+        elif isinstance(given, Mapping):
+            unknown = set(given) - {"when", "direction", "stop"}
+            if unknown or "when" not in given:
+                raise ValueError(f"{place}: it takes when, direction and stop")
+            direction, stop = given.get("direction", "any"), given.get("stop", False)
+            if direction not in DIRECTIONS or not isinstance(stop, bool):
+                raise ValueError(
+                    f"{place}: direction is one of {', '.join(DIRECTIONS)}, stop True or False"
+                )
+            found[name] = Event(
+                when=read(given["when"], f"{place}.when"),
+                direction=direction,  # type: ignore[arg-type]
+                stop=stop,
+            )
+        else:
+            found[name] = Event(when=read(given, place))
+    return Observations(
+        coordinates=tuple(coordinates),
+        times=None if output is None else np.asarray(output, dtype=float),
+        quantities={
+            name: read(one, f"quantities.{name}") for name, one in (quantities or {}).items()
+        },
+        events=found,
+        parameters=dict(parameters or {}),
+    )

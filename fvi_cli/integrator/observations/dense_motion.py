@@ -1,0 +1,305 @@
+r"""The motion between the points of a mesh, to the order of the method at the points.
+
+The polynomial of a step of an m-stage method has the order m + 1, its velocity m, and the damping
+force along it less; at the mesh points the Gauss method has 2 m. So a second run on the same mesh,
+by the Gauss method of 2 m stages, gives the shape of every step, and a cubic takes it to the
+positions and velocities of the run at both ends: :math:`x(t_n) = q_n`, :math:`x'(t_n) = v_n`
+exactly, and between them nothing is lost. The damping force at any time is the polynomial through
+its stage values in that second run, and the acceleration follows from the equation of motion,
+
+.. math:: M a = f(t) - \nabla V(x) - \sum_j \mu_j D^{\gamma_j} x, \qquad
+   L_{vv} a = L_x - L_{vx} v - L_{vt} + f - \sum_j \mu_j D^{\gamma_j} x,
+
+never from differences.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.matrices import times
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.balances.mesh_balance import damping_along
+from fvi_cli.integrator.growth_bound import GrowthBound
+from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.runge_kutta import integrate_runge_kutta
+from fvi_cli.integrator.run.setup import prepare_run
+from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.steps.dynamics import General, dynamics_of
+from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
+
+Array = NDArray[np.float64]
+Places = NDArray[np.intp]
+
+MOST_STAGES = 12
+"""Stages of the second run at most."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DenseMotion:
+    r"""A motion at any time of its run.
+
+    Parameters
+    ----------
+    scene
+        What moves.
+    steps
+        The run.
+    shape
+        Steps on the same mesh that say what lies between its points; those of the run itself
+        where nothing better is known.
+    force
+        Damping force :math:`\sum \mu D^\gamma q` at the stages of `shape`, ``(n, r, d)``; None
+        without damping.
+    remark
+        What the reader should know; empty: nothing.
+    """
+
+    scene: Scene
+    steps: RunSteps
+    shape: RunSteps
+    force: Array | None = None
+    remark: str = ""
+    _ends: tuple[Array, Array, Array, Array] = field(init=False, repr=False)
+    _unknowns: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        unknowns = self.shape.unknowns
+        object.__setattr__(self, "_unknowns", unknowns)
+        object.__setattr__(self, "_ends", self._gaps(unknowns))
+
+    def _gaps(self, unknowns: Array) -> tuple[Array, Array, Array, Array]:
+        """Position and velocity that the shape lacks at the left and right ends of steps."""
+        steps, shape = self.steps, self.shape
+        if shape is steps:
+            nothing = np.zeros_like(steps.position[:-1])
+            return nothing, nothing, nothing, nothing
+        dynamics = dynamics_of(self.scene)
+        with np.errstate(all="ignore"):
+            velocity = dynamics.velocity(steps.position, steps.momentum, steps.time)
+        slopes = lobatto_basis(shape.tables.degree).derivatives([0.0, 1.0])[1:]
+        left, right = np.einsum("sk,nsd->knd", slopes, unknowns)
+        way = shape.step_size[:, None] * unknowns[:, -1]
+        return (
+            steps.position[:-1] - shape.position[:-1],
+            velocity[:-1] - left,
+            steps.position[1:] - shape.position[:-1] - way,
+            velocity[1:] - right,
+        )
+
+    @property
+    def end(self) -> float:
+        """Time at which the run ended."""
+        return float(self.steps.time[-1])
+
+    def located(self, time: Array) -> tuple[Places, Array]:
+        """Number of the step and place in it, from 0 to 1, of every time, shape ``(n,)``.
+
+        Raises
+        ------
+        ValueError
+            For times outside of the run.
+        """
+        mesh = self.steps.time
+        slack = 1e-12 * (mesh[-1] - mesh[0])
+        if time.size and not (mesh[0] <= time.min() and time.max() <= mesh[-1] + slack):
+            raise ValueError(
+                f"output: {time.min():g} to {time.max():g} is not allowed; the run goes from "
+                f"{mesh[0]:g} to {mesh[-1]:g}"
+            )
+        steps = np.clip(np.searchsorted(mesh, time, side="left") - 1, 0, self.steps.n_steps - 1)
+        tau = (time - mesh[steps]) / self.steps.step_size[steps]
+        # a mesh point is met exactly, whatever the last digit of its step size
+        tau = np.where(time == mesh[steps + 1], 1.0, np.clip(tau, 0.0, 1.0))
+        return steps, tau
+
+    def time(self, steps: Places, tau: Array) -> Array:
+        """Times of places, shape ``(n,)``; the end of a step is the point of the mesh."""
+        begin = self.steps.time[steps] + tau * self.steps.step_size[steps]
+        return np.where(tau == 1.0, self.steps.time[steps + 1], begin)
+
+    def position(self, steps: Places, tau: Array) -> Array:
+        """Positions, shape ``(n, d)``."""
+        shape, h = self.shape, self.steps.step_size[steps, None]
+        basis = lobatto_basis(shape.tables.degree).values(tau)[1:]
+        way = np.einsum("sk,ksd->kd", basis, self._unknowns[steps])
+        found = shape.position[steps] + shape.step_size[steps, None] * way
+        return np.asarray(found + self._correction(steps, tau[:, None], h))
+
+    def velocity(self, steps: Places, tau: Array) -> Array:
+        """Velocities, shape ``(n, d)``."""
+        slopes = lobatto_basis(self.shape.tables.degree).derivatives(tau)[1:]
+        found = np.einsum("sk,ksd->kd", slopes, self._unknowns[steps])
+        h = self.steps.step_size[steps, None]
+        return np.asarray(found + self._correction_rate(steps, tau[:, None], h))
+
+    def _correction(self, steps: Places, tau: Array, h: Array) -> Array:
+        a, va, b, vb = (one[steps] for one in self._ends)
+        rest, both = 1.0 - tau, tau**2 * (3.0 - 2.0 * tau)
+        return np.asarray(a + (b - a) * both + h * tau * rest * (va * rest - vb * tau))
+
+    def _correction_rate(self, steps: Places, tau: Array, h: Array) -> Array:
+        a, va, b, vb = (one[steps] for one in self._ends)
+        rest = 1.0 - tau
+        return np.asarray(
+            6.0 * tau * rest * (b - a) / h
+            + va * rest * (1.0 - 3.0 * tau)
+            + vb * tau * (3.0 * tau - 2.0)
+        )
+
+    def damping(self, steps: Places, tau: Array) -> Array:
+        r"""Force of the damping on every coordinate, :math:`-\sum \mu D^\gamma q`, ``(n, d)``."""
+        total = np.zeros((steps.size, self.scene.dimension))
+        if self.force is None:
+            return total
+        points = self.shape.tables.points
+        if points.size == 1:
+            total -= self.force[steps, 0]
+        else:
+            values = LagrangeBasis(control_points=points).values(tau)
+            total -= np.einsum("rk,krd->kd", values, self.force[steps])
+        time = self.time(steps, tau)
+        with np.errstate(all="ignore"):
+            total -= _riemann_liouville(self.scene, time)
+        total[np.flatnonzero(time == 0.0)] = _damping_at_start(self.scene)
+        return total
+
+    def acceleration(self, steps: Places, tau: Array) -> Array:
+        """Accelerations from the equation of motion, shape ``(n, d)``.
+
+        At a break point of the forcing it is that before it.
+        """
+        time = self.time(steps, tau)
+        position, velocity = self.position(steps, tau), self.velocity(steps, tau)
+        force = self.damping(steps, tau)
+        if self.scene.forcing is not None:
+            force = force + self.scene.forcing(time)
+        return accelerations(self.scene, position, velocity, force, time)
+
+
+def accelerations(
+    scene: Scene, position: Array, velocity: Array, force: Array, time: Array
+) -> Array:
+    """Accelerations under forces beside those of the Lagrangian, all of shape ``(n, d)``."""
+    dynamics = dynamics_of(scene)
+    with np.errstate(all="ignore"):
+        if isinstance(dynamics, General):
+            lagrangian = dynamics.lagrangian
+            at = lagrangian.derivatives(position, velocity, time)
+            rest = lagrangian.momentum_rate(position, velocity, np.zeros_like(velocity), time)
+            right = at.force + force - rest
+            every = np.concatenate([at.mass, right[..., None]], axis=-1)
+            usable = np.asarray(np.isfinite(every).all(axis=(-2, -1)))
+            mass = np.where(usable[:, None, None], at.mass, np.eye(scene.dimension))
+            found = np.linalg.solve(mass, right[..., None])[..., 0]
+            return np.where(usable[:, None], found, np.nan)
+        _, pull = dynamics.forces(position, velocity, time)
+        return scene.inertia.velocity(pull + force)
+
+
+def _riemann_liouville(scene: Scene, time: Array) -> Array:
+    """What Riemann-Liouville derivatives of order below 1 have more than Caputo's."""
+    total = np.zeros((time.size, scene.dimension))
+    if scene.derivative == "caputo" or not np.any(scene.initial_position != 0):
+        return total
+    for term in scene.active_damping:
+        if term.order < 1:
+            power = time**-term.order / math.gamma(1.0 - term.order)
+            total += power[:, None] * times(scene.initial_position, term.form)
+    return total
+
+
+def _damping_at_start(scene: Scene) -> Array:
+    """The damping force at t = 0; nan where it is infinite."""
+    total = np.zeros(scene.dimension)
+    singular = scene.derivative == "riemann-liouville"
+    for term in scene.active_damping:
+        if term.order == 1:
+            total -= times(scene.initial_velocity, term.form)
+        elif singular:
+            driver = scene.initial_position if term.order < 1 else scene.initial_velocity
+            total[np.flatnonzero(times(driver, term.form))] = np.nan
+    return total
+
+
+def dense_motion(scene: Scene, method: Method, steps: RunSteps) -> DenseMotion:
+    """The dense motion of a finished run, by a second run on its mesh.
+
+    Parameters
+    ----------
+    scene, method
+        What moved, and by which Runge-Kutta method.
+    steps
+        All steps of the run.
+    """
+    stages = min(2 * method.degree, MOST_STAGES)
+    shape, remark = steps, ""
+    own: Method = method
+    if stages > method.degree and steps.n_steps:
+        own = Method(
+            cq="gauss",
+            degree=stages,
+            start="none",
+            forcing_quadrature=method.forcing_quadrature,
+        )
+        second = integrate_runge_kutta(
+            replace(scene, final_time=float(steps.time[-1])),
+            own,
+            mesh_through(steps, scene.break_points),
+            with_steps=True,
+        )
+        if second.status == "ok" and second.steps is not None:
+            shape = second.steps
+        else:
+            own = method
+            remark = (
+                "between the points of the mesh the motion is known to the order of a step only: "
+                f"the run of {stages} stages {second.status}: {second.message}"
+            )
+    return DenseMotion(
+        scene=scene, steps=steps, shape=shape, force=stage_forces(scene, own, shape), remark=remark
+    )
+
+
+def stage_forces(scene: Scene, method: Method, steps: RunSteps) -> Array | None:
+    """Damping force at the stages of a run, shape ``(n, r, d)``; None without damping."""
+    if not scene.active_forces or not steps.n_steps:
+        return None
+    mesh = mesh_through(steps, scene.break_points)
+    damping = prepare_run(
+        scene,
+        method,
+        shortest_step=mesh.shortest_step,
+        n_steps=mesh.equivalent_steps,
+        bound=GrowthBound(size=math.inf, rate=0.0),
+    ).damping
+    if damping is None:  # pragma: no cover - there are forces
+        return None
+    with np.errstate(all="ignore"):
+        return damping_along(damping, steps)[0]
+
+
+def mesh_through(steps: RunSteps, breaks: tuple[float, ...] = ()) -> Mesh:
+    """The mesh of a run: equal steps between break points are a stretch."""
+    sizes = steps.step_size
+    changes = np.append(np.flatnonzero(np.diff(sizes)) + 1, np.searchsorted(steps.time, breaks))
+    inside = changes[(changes > 0) & (changes < sizes.size)]
+    edges = [0, *np.unique(inside).tolist(), sizes.size]
+    stretches = []
+    for first, last in itertools.pairwise(edges):
+        stretches.append(
+            Stretch(
+                begin=float(steps.time[first]),
+                end=float(steps.time[last]),
+                n_steps=last - first,
+                step_size=float(sizes[first]),
+                is_fresh=True,
+            )
+        )
+    return Mesh(stretches=tuple(stretches))

@@ -1,0 +1,356 @@
+"""Quantities and events along a finished run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.method import AnyMethod, Method, takes_any_mesh
+from fvi_cli.integrator.observations.asked import Event, Observations
+from fvi_cli.integrator.observations.dense_motion import DenseMotion, dense_motion
+from fvi_cli.integrator.observations.pieces import (
+    Along,
+    bracketed_roots,
+    may_change_sign,
+    may_exceed,
+    mean_of,
+    pieces_of,
+    stations,
+)
+from fvi_cli.integrator.steps.dynamics import dynamics_of
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
+
+Array = NDArray[np.float64]
+Places = NDArray[np.intp]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extent:
+    """How large a quantity becomes in a run, found on the dense motion.
+
+    Parameters
+    ----------
+    peak, peak_time
+        Largest absolute value, and when it is reached first.
+    least, greatest
+        Smallest and largest value.
+    rms
+        Root of the mean square over the run.
+    """
+
+    peak: float
+    peak_time: float
+    least: float
+    greatest: float
+    rms: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Occurrences:
+    """The times of an event.
+
+    Parameters
+    ----------
+    time, position, velocity
+        Shapes ``(n,)``, ``(n, d)``, ``(n, d)``.
+    """
+
+    time: Array
+    position: Array
+    velocity: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Observed:
+    """What was asked of a motion.
+
+    Parameters
+    ----------
+    mesh
+        Points of the steps, shape ``(n + 1,)``.
+    quantities
+        By name the values at the reported times, shape ``(k,)``.
+    extents
+        By name how large they become between all times.
+    events
+        By name their occurrences.
+    stopped_by
+        Event that ended the run, or empty.
+    """
+
+    mesh: Array
+    quantities: Mapping[str, Array] = field(default_factory=dict)
+    extents: Mapping[str, Extent] = field(default_factory=dict)
+    events: Mapping[str, Occurrences] = field(default_factory=dict)
+    stopped_by: str = ""
+
+    def __repr__(self) -> str:
+        """Names, with the number of occurrences of every event."""
+        events = ", ".join(f"{name} ({one.time.size})" for name, one in self.events.items())
+        return f"<Observed: quantities {', '.join(self.quantities) or '-'}; events {events or '-'}>"
+
+
+def check_observable(method: AnyMethod) -> None:
+    """Refuse methods whose steps are no polynomials.
+
+    Raises
+    ------
+    ValueError
+        With what to take.
+    """
+    if not isinstance(method, Method) or not takes_any_mesh(method):
+        raise ValueError(
+            f"{method.case} keeps no polynomials of its steps; output, quantities and events need "
+            "a Runge-Kutta method with start: graded or none, such as rk: gauss"
+        )
+
+
+def observe(
+    scene: Scene, method: AnyMethod, trajectory: Trajectory, asked: Observations
+) -> tuple[Trajectory, Trajectory]:
+    """What is asked of a finished run.
+
+    Parameters
+    ----------
+    scene, method
+        What moved, and by which method.
+    trajectory
+        The run with its steps.
+    asked
+        What is wanted.
+
+    Returns
+    -------
+    tuple of Trajectory
+        The run on its mesh, up to where an event ended it; and at the times that are asked for,
+        with what was observed.
+
+    Raises
+    ------
+    ValueError
+        For a run without steps, and times outside of it.
+    """
+    check_observable(method)
+    steps = trajectory.steps
+    if steps is None or not isinstance(method, Method):
+        raise ValueError("observe: the steps of the run were not kept")
+    if asked.times is not None and asked.times[-1] > scene.final_time * (1.0 + 1e-12):
+        raise ValueError(
+            f"output: {asked.times[-1]:g} is not allowed; the run goes from 0 to "
+            f"{scene.final_time:g}"
+        )
+    if not steps.n_steps:
+        return trajectory, replace(trajectory, observed=Observed(mesh=steps.time))
+    motion = dense_motion(scene, method, steps)
+    events = {name: _occurrences(motion, asked, one) for name, one in (asked.events or {}).items()}
+    end, stopped_by = motion.end, ""
+    for name, one in (asked.events or {}).items():
+        first = float(events[name].time[0]) if events[name].time.size else math.inf
+        if one.stop and first < end:
+            end, stopped_by = first, name
+    if stopped_by:
+        events = {name: _until(one, end) for name, one in events.items()}
+        trajectory = _cut(motion, trajectory, end)
+    times = trajectory.time if asked.times is None else asked.times
+    at = motion.located(times[times <= end * (1.0 + 1e-12)])
+    quantities, extents = {}, {}
+    for name, expression in (asked.quantities or {}).items():
+        along = along_motion(motion, asked, expression)
+        quantities[name] = along(*at)
+        extents[name] = extent_of(motion, along, end)
+    remarks = (motion.remark,) if motion.remark else ()
+    if stopped_by:
+        remarks = (*remarks, f"stopped by the event {stopped_by} at t = {end:.10g}")
+    on_mesh = replace(trajectory, remarks=(*trajectory.remarks, *remarks))
+    observed = Observed(
+        mesh=steps.time[steps.time <= end],
+        quantities=quantities,
+        extents=extents,
+        events=events,
+        stopped_by=stopped_by,
+    )
+    if asked.times is None:
+        return on_mesh, replace(on_mesh, observed=observed)
+    position = motion.position(*at)
+    momentum, energy = _momentum_and_energy(motion, position, *at)
+    reported = replace(
+        on_mesh,
+        time=motion.time(*at),
+        position=position,
+        momentum=momentum,
+        energy=energy,
+        diagnostics=None,
+        observed=observed,
+    )
+    return on_mesh, reported
+
+
+def along_motion(motion: DenseMotion, asked: Observations, expression: Expression) -> Along:
+    """The value of an expression at places of a motion; only what occurs in it is worked out."""
+    names, coordinates = expression.names, asked.coordinates
+
+    def along(steps: Places, tau: Array) -> Array:
+        values: dict[str, Array | float] = {"t": motion.time(steps, tau)}
+        sources = {
+            "d": motion.damping,
+            "a": motion.acceleration,
+            "v": motion.velocity,
+            "": motion.position,
+        }
+        # what is named itself goes before what is derived from another name
+        for prefix, source in sources.items():
+            if any(prefix + name in names for name in coordinates):
+                columns = source(steps, tau)
+                for index, name in enumerate(coordinates):
+                    values[prefix + name] = columns[:, index]
+        values |= asked.parameters
+        found = expression.evaluate(values, NUMPY_FUNCTIONS)
+        return np.broadcast_to(np.asarray(found, dtype=float), steps.shape)
+
+    return along
+
+
+def extent_of(motion: DenseMotion, along: Along, end: float) -> Extent:
+    """How large a function along a motion becomes up to the time `end`."""
+    least, greatest, square, length = math.inf, -math.inf, 0.0, 0.0
+    at = {"least": 0.0, "greatest": 0.0}
+    size = motion.steps.step_size
+
+    def squared(steps: Places, tau: Array) -> Array:
+        return np.asarray(along(steps, tau) ** 2)
+
+    count = _steps_until(motion, end)
+    last_place = 1.0
+    if count and motion.steps.time[count] > end:
+        last_place = float((end - motion.steps.time[count - 1]) / size[count - 1])
+    for found in pieces_of(along, count):
+        seen = found.values[np.isfinite(found.values)]
+        low = min(least, float(seen.min(initial=math.inf)))
+        high = max(greatest, float(seen.max(initial=-math.inf)))
+        step, place = stations(found, may_exceed(found, low, high))
+        kept = (step < count - 1) | (place <= last_place)
+        step, place = np.append(step[kept], count - 1), np.append(place[kept], last_place)
+        values = along(step, place)
+        finite = np.isfinite(values)
+        if not finite.any():
+            continue
+        step, place, values = step[finite], place[finite], values[finite]
+        lowest, highest = int(values.argmin()), int(values.argmax())
+        time = motion.time(step, place)
+        if values[lowest] < least:
+            least, at["least"] = float(values[lowest]), float(time[lowest])
+        if values[highest] > greatest:
+            greatest, at["greatest"] = float(values[highest]), float(time[highest])
+    for found in pieces_of(squared, count):
+        kept = (found.step < count - 1) | (found.end <= last_place)
+        square += float((size[found.step] * mean_of(found))[kept].sum())
+        length += float((size[found.step] * (found.end - found.begin))[kept].sum())
+    if not math.isfinite(least):
+        return Extent(
+            peak=math.nan, peak_time=math.nan, least=math.nan, greatest=math.nan, rms=math.nan
+        )
+    is_low = -least > greatest
+    return Extent(
+        peak=-least if is_low else greatest,
+        peak_time=at["least"] if is_low else at["greatest"],
+        least=least,
+        greatest=greatest,
+        rms=math.sqrt(max(square, 0.0) / length) if length else abs(greatest),
+    )
+
+
+def _steps_until(motion: DenseMotion, end: float) -> int:
+    """Number of the steps that begin before a time."""
+    return int(np.searchsorted(motion.steps.time[:-1], end, side="left"))
+
+
+def _occurrences(motion: DenseMotion, asked: Observations, event: Event) -> Occurrences:
+    along = along_motion(motion, asked, event.when)
+    step, place = event_places(along, motion.steps.n_steps, event.direction)
+    return Occurrences(
+        time=motion.time(step, place),
+        position=motion.position(step, place),
+        velocity=motion.velocity(step, place),
+    )
+
+
+def event_places(along: Along, n_steps: int, direction: str) -> tuple[Places, Array]:
+    """Step and place in it of every change of sign, in the order of time.
+
+    Between neighbours among ends and extremes there is one root at most, so none is lost where a
+    step has two. Where the value is zero at an end, or changes from one step to the next, the
+    root is there.
+    """
+    steps, places = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
+    carried: tuple[Places, Array, Array] = (steps[0], places[0], places[0])
+    for found in pieces_of(along, n_steps):
+        step, place = stations(found, may_change_sign(found))
+        own = (step, place, along(step, place))
+        step, place, value = (np.concatenate(pair) for pair in zip(carried, own, strict=True))
+        signed = np.flatnonzero(np.isfinite(value) & (value != 0.0))
+        first, second = signed[:-1], signed[1:]
+        sign = np.sign(value)
+        turns = sign[first] != sign[second]
+        if direction != "any":
+            turns &= sign[second] == (1.0 if direction == "rising" else -1.0)
+        first, second = first[turns], second[turns]
+        inside = (step[first] == step[second]) & (second == first + 1)
+        left, right = first[inside], second[inside]
+        root = place[first].copy()
+        at = step[first].copy()
+        if left.size:
+            root[inside] = bracketed_roots(
+                along, step[left], place[left], place[right], value[left], value[right]
+            )
+        # the value is zero there, or its sign changes by round-off between two steps
+        between = np.minimum(first + 1, second)[~inside]
+        at[~inside], root[~inside] = step[between], place[between]
+        steps.append(at)
+        places.append(root)
+        kept = signed[-1:]
+        carried = (step[kept], place[kept], value[kept])
+    return np.concatenate(steps), np.concatenate(places)
+
+
+def _until(one: Occurrences, end: float) -> Occurrences:
+    kept = one.time <= end
+    return Occurrences(
+        time=one.time[kept], position=one.position[kept], velocity=one.velocity[kept]
+    )
+
+
+def _momentum_and_energy(
+    motion: DenseMotion, position: Array, steps: Places, tau: Array
+) -> tuple[Array, Array]:
+    dynamics, time = dynamics_of(motion.scene), motion.time(steps, tau)
+    with np.errstate(all="ignore"):
+        momentum = dynamics.momentum(position, motion.velocity(steps, tau), time)
+        return momentum, dynamics.energy(position, momentum, time)
+
+
+def _cut(motion: DenseMotion, trajectory: Trajectory, end: float) -> Trajectory:
+    """The run up to a time, its last point; whatever came after, it is a whole one."""
+    kept = trajectory.time < end
+    at = motion.located(np.array([end]))
+    position = motion.position(*at)
+    momentum, energy = _momentum_and_energy(motion, position, *at)
+
+    def joined(values: Array | None, last: Array) -> Array | None:
+        return None if values is None else np.concatenate([values[kept], last])
+
+    return replace(
+        trajectory,
+        time=np.append(trajectory.time[kept], end),
+        position=np.concatenate([trajectory.position[kept], position]),
+        momentum=joined(trajectory.momentum, momentum),
+        energy=joined(trajectory.energy, energy),
+        status="ok",
+        message="",
+        diagnostics=None,
+    )

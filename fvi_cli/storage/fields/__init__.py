@@ -1,0 +1,1 @@
+"""What a run has beside its trajectory, as datasets and attributes, and back."""

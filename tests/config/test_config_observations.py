@@ -1,0 +1,117 @@
+"""``output``, ``quantities`` and ``events``: what they mean and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import fvi_cli as fvi
+
+BASE = """\
+name: seen
+problem:
+  kind: lagrangian
+  coordinates: [x, y]
+  parameters: {k: 2.0}
+  lagrangian: (vx**2 + vy**2)/2 - k*(x**2 + y**2)/2
+  damping: [{order: 0.5, coefficient: 0.2}]
+  initial: {position: [1.0, 0.5]}
+  final_time: 2.0
+  exact: none
+method: {rk: gauss, degree: 4}
+ladder: {steps: [20]}
+"""
+
+
+def _load(tmp_path: object, text: str, *overrides: str) -> fvi.LoadedConfig:
+    path = tmp_path / "seen.yaml"  # type: ignore[operator]
+    path.write_text(BASE + text, encoding="utf-8")
+    return fvi.load(path, overrides=overrides)
+
+
+@pytest.mark.parametrize(
+    ("given", "times"),
+    [
+        ("{step: 0.5}", [0.0, 0.5, 1.0, 1.5, 2.0]),
+        ("{step: 0.3}", [0.0, 0.3, 0.6, 0.9, 1.2, 1.5, 1.8]),
+        ("{count: 3}", [0.0, 1.0, 2.0]),
+        ("{times: [0.1, 2]}", [0.1, 2.0]),
+    ],
+)
+def test_times_of_the_output(tmp_path: object, given: str, times: list[float]) -> None:
+    (experiment,) = _load(tmp_path, f"output: {given}\n").experiments
+    found = experiment.observations.times
+    assert found is not None
+    assert found.tolist() == times
+
+
+def test_expressions_with_parameters_and_the_run(tmp_path: object) -> None:
+    text = "quantities: {spring: k*x, power: -dx*vx}\nevents: {zero: {when: x - y}}\n"
+    config = _load(tmp_path, text)
+    (outcome,) = fvi.run(config)
+    trajectory = outcome.finished[0].trajectory
+    assert trajectory.observed is not None
+    spring = 2.0 * trajectory.position[:, 0]
+    assert np.abs(trajectory.observed.quantities["spring"] - spring).max() < 1e-13
+    assert trajectory.steps is None
+    # other values are other runs
+    runs = [
+        one.experiments[0].runs()[0].specification()
+        for one in (
+            config,
+            _load(tmp_path, text, "quantities.spring=k*y"),
+            _load(tmp_path, text, "events.zero.direction=rising"),
+            _load(tmp_path, text, "output={step: 0.5}"),
+            _load(tmp_path, text, "output={step: 0.25}"),
+        )
+    ]
+    assert len({str(one) for one in runs}) == len(runs)
+    assert "gauss-s4-graded" in config.experiments[0].methods[0].case
+
+
+def test_quantities_of_the_members_of_a_sweep(tmp_path: object) -> None:
+    text = "sweep: {problem.parameters.k: [1.0, 4.0]}\nquantities: {spring: k*x}\n"
+    (outcome,) = fvi.run(_load(tmp_path, text))
+    for one, k in zip(outcome.finished, (1.0, 4.0), strict=True):
+        observed = one.trajectory.observed
+        assert observed is not None
+        spring = k * one.trajectory.position[:, 0]
+        assert np.abs(observed.quantities["spring"] - spring).max() < 1e-13
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("output: {step: 3}\n", "13:16: output.step: 3 is longer than final_time = 2"),
+        ("output: {}\n", "13:9: output: exactly one of step, count and times is needed"),
+        ("output: {step: 1, count: 3}\n", "13:9: output: exactly one of step, count and times"),
+        ("output: {times: [0, 3]}\n", "13:21: output.times.1: 3 is after final_time = 2"),
+        ("output: {times: [1, 1]}\n", "13:21: output.times.1: 1 is not after 1; times must"),
+        ("output: {count: 1}\n", "13:17: output.count: 1 is not allowed; it must be an integer"),
+        ("quantities: {a: x + z}\n", "13:21: quantities.a: unknown name 'z'"),
+        ("quantities: {x: 2*x}\n", "13:14: quantities.x: is the name of something that is stored"),
+        ("quantities: {1a: x}\n", "13:14: quantities.1a: a name has letters, digits and _"),
+        ("events: {e: {when: sin(2x)}}\n", "13:25: events.e.when: '*' is missing: write 2*x"),
+        (
+            "events: {e: {when: x, direction: up}}\n",
+            "13:34: events.e.direction: the text 'up' is not",
+        ),
+        ("events: {e: {}}\n", "13:13: events.e.when: missing"),
+        ("output: {step: 1}\nstore: {every: 2}\n", "store.every: not together with output"),
+        ("output: {step: 1}\nstore: {diagnostics: [energy-balance]}\n", "not together with output"),
+        ("events: {e: {when: x}}\nsweep: {problem.parameters.k: [1, 2]}\n", "not together with"),
+    ],
+)
+def test_mistakes_are_told_with_their_place(tmp_path: object, text: str, complaint: str) -> None:
+    with pytest.raises(fvi.ConfigError) as caught:
+        _load(tmp_path, text)
+    assert complaint in str(caught.value)
+
+
+def test_methods_without_polynomials_and_kinds_without_motion_are_refused(tmp_path: object) -> None:
+    with pytest.raises(fvi.ConfigError, match="output: bdf2-points-s1-gauss1-series keeps no poly"):
+        _load(tmp_path, "output: {step: 1}\n", "method={bdf: 2}")
+    with pytest.raises(fvi.ConfigError, match="quantities: gauss-s4-series keeps no polynomials"):
+        _load(tmp_path, "quantities: {a: ax}\n", "method.start=series")
+    with pytest.raises(fvi.ConfigError, match="in which nothing moves"):
+        fvi.load("saturation", overrides=["experiments.0.output={step: 0.1}"])

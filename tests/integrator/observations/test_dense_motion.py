@@ -1,0 +1,184 @@
+"""What lies between the points of a mesh has the order of the points; forces do too."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import fvi_cli as fvi
+from fvi_cli.mathematics.talbot import talbot_inverse
+from fvi_cli.scenes.chains import frame
+from fvi_cli.scenes.lagrangian import double_pendulum
+
+Array = NDArray[np.float64]
+
+FINAL_TIME, STEPS = 4.0, (24, 48, 96)
+SHEAR = "ax1 + ax2 + ax3 + 3*sin(3*t)"
+FRAME = frame(
+    storeys=3,
+    stiffness=10.0,
+    dampers=[(0.5, 0.5)],
+    ground_acceleration=fvi.Forcing.from_text("sin(3*t)"),
+    final_time=FINAL_TIME,
+)
+TIMES = np.linspace(0.0, FINAL_TIME, 13)[1:]
+
+
+@pytest.fixture(scope="module")
+def control() -> tuple[Array, Array]:
+    """Base shear and top displacement, mode by mode, by inversion of their Laplace transforms."""
+    shape = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    values, modes = np.linalg.eigh(shape)
+    shares = modes.sum(axis=0)
+
+    def moved(s: mpmath.mpc, weights: Array) -> mpmath.mpc:
+        stiffness = 10 + mpmath.sqrt(s) / 2
+        per_mode = [w / (s**2 + stiffness * k) for w, k in zip(weights, values, strict=True)]
+        return -3 / (s**2 + 9) * sum(per_mode)
+
+    def shear(s: mpmath.mpc) -> mpmath.mpc:
+        return s**2 * moved(s, shares**2) + 9 / (s**2 + 9)
+
+    def top(s: mpmath.mpc) -> mpmath.mpc:
+        return moved(s, modes[2] * shares)
+
+    found = [talbot_inverse(f, TIMES.tolist(), largest_frequency=6.0) for f in (shear, top)]
+    return found[0], found[1]
+
+
+def _run(scene: fvi.Scene, method: str, n_steps: int, **asked: object) -> fvi.Trajectory:
+    return fvi.integrate(scene, method, n_steps, output=TIMES, **asked)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("method", ["gauss3", "gauss4"])
+def test_base_shear_from_accelerations_is_as_good_as_the_position(
+    method: str, control: tuple[Array, Array]
+) -> None:
+    good = 0
+    for n_steps in STEPS:
+        run = _run(FRAME, method, n_steps, quantities={"shear": SHEAR})
+        assert run.observed is not None
+        off = np.abs(run.position[:, 2] - control[1]).max() / np.abs(control[1]).max()
+        force = np.abs(run.observed.quantities["shear"] - control[0]).max()
+        assert force / np.abs(control[0]).max() < 10 * off + 1e-11
+        good += off < 1e-8
+    assert good  # some N has the accuracy that this is about
+
+
+def test_dense_output_keeps_the_order_of_the_method(control: tuple[Array, Array]) -> None:
+    errors = [
+        np.abs(_run(FRAME, "gauss3", n).position[:, 2] - control[1]).max() for n in (24, 48, 96)
+    ]
+    slopes = -np.diff(np.log2(errors))
+    assert abs(slopes[-1] - 6.0) < 0.3
+    # the polynomials of the steps themselves have order 4
+    own = [
+        np.abs(
+            fvi.integrate(FRAME, "gauss3-graded", n, with_steps=True)(TIMES[:-1] + 0.01)[:, 2]
+            - _run_at(TIMES[:-1] + 0.01)
+        ).max()
+        for n in (32, 64)
+    ]
+    assert -np.diff(np.log2(own))[0] < 4.7
+
+
+def _run_at(times: Array) -> Array:
+    return fvi.integrate(FRAME, "gauss6", 200, output=times).position[:, 2]
+
+
+@pytest.mark.parametrize("order", [0.3, 1.0, 1.6])
+def test_velocity_acceleration_and_damping_force_of_a_pendulum(order: float) -> None:
+    scene = fvi.pendulum(
+        final_time=4.0,
+        damping=[fvi.FractionalDamping(order=order, coefficient=0.4)],
+        initial_position=1.5,
+        initial_velocity=0.3,
+    )
+    asked = {"v": "vx", "a": "ax", "d": "dx", "balance": "ax + sin(x) - dx"}
+    coarse = _run(scene, "gauss4", 64, quantities=asked)
+    fine = _run(scene, "gauss6", 160, quantities=asked)
+    assert coarse.observed is not None
+    assert fine.observed is not None
+    for name in ("v", "a", "d"):
+        off = coarse.observed.quantities[name] - fine.observed.quantities[name]
+        assert np.abs(off).max() < 3e-8, name
+    assert np.abs(coarse.observed.quantities["balance"]).max() < 1e-14
+
+
+def test_damping_force_of_order_one_and_of_a_known_motion() -> None:
+    linear = fvi.linear_oscillator(
+        mass=1.0,
+        stiffness=2.0,
+        damping=[fvi.FractionalDamping(order=1.0, coefficient=0.7)],
+        initial_position=1.0,
+        initial_velocity=-0.5,
+        final_time=4.0,
+    )
+    run = fvi.integrate(linear, "gauss4", 40, quantities={"d": "dx", "v": "vx"})
+    assert run.observed is not None
+    force, velocity = run.observed.quantities["d"], run.observed.quantities["v"]
+    assert np.abs(force + 0.7 * velocity).max() < 1e-9
+    # x = t**2.5: the derivative of order 3/2 is Gamma(7/2) t
+    known = fvi.build_problem(
+        {
+            "kind": "bagley-torvik",
+            "mass": 1.0,
+            "stiffness": 1.0,
+            "damping": [{"order": 1.5, "coefficient": 1.0}],
+            "forcing": "15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5",
+            "final_time": 4.0,
+        }
+    )
+    assert isinstance(known, fvi.Problem)
+    run = _run(known.scene, "gauss4", 40, quantities={"d": "dx", "a": "ax"})
+    assert run.observed is not None
+    force = run.observed.quantities["d"] + 15 / 8 * np.sqrt(np.pi) * TIMES
+    assert np.abs(force).max() < 1e-6
+    assert np.abs(run.observed.quantities["a"] - 15 / 4 * np.sqrt(TIMES)).max() < 1e-6
+
+
+def test_acceleration_with_a_mass_matrix_that_depends_on_the_position() -> None:
+    scene = double_pendulum(joints=[(0.5, 0.3)], initial_position=[1.0, 0.5], final_time=4.0)
+    asked = {"a": "atheta1", "v": "vtheta1"}
+    step = 1e-3
+    times = np.linspace(0.5, 3.5, 7)
+    run = fvi.integrate(scene, "gauss4", 120, output=times, quantities=asked)
+    beside = [
+        fvi.integrate(scene, "gauss4", 120, output=times + shift, quantities=asked)
+        for shift in (-2 * step, -step, step, 2 * step)
+    ]
+    assert run.observed is not None
+    v = [one.observed.quantities["v"] for one in beside if one.observed is not None]
+    slope = (v[0] - 8 * v[1] + 8 * v[2] - v[3]) / (12 * step)
+    assert np.abs(run.observed.quantities["a"] - slope).max() < 1e-7
+
+
+def test_a_force_that_is_infinite_at_the_start_has_no_value_there() -> None:
+    scene = fvi.linear_oscillator(
+        mass=1.0,
+        stiffness=1.0,
+        damping=[fvi.FractionalDamping(order=0.5, coefficient=0.3)],
+        derivative="riemann-liouville",
+        initial_position=1.0,
+        final_time=4.0,
+    )
+    run = fvi.integrate(scene, "gauss4", 40, quantities={"d": "dx"})
+    assert run.observed is not None
+    force = run.observed.quantities["d"]
+    assert np.isnan(force[0])
+    assert np.isfinite(force[1:]).all()
+    # what the initial position adds is most of it at first
+    assert force[1] == pytest.approx(-0.3 * (np.pi * run.time[1]) ** -0.5, rel=0.2)
+
+
+def test_methods_without_polynomials_are_refused() -> None:
+    with pytest.raises(ValueError, match="keeps no polynomials of its steps"):
+        fvi.integrate(FRAME, "bdf2", 40, output=[1.0])
+    with pytest.raises(ValueError, match="5 is not allowed; the run goes from 0 to 4"):
+        fvi.integrate(FRAME, "gauss3", 40, output=[1.0, 5.0])
+    with pytest.raises(ValueError, match="times must increase"):
+        fvi.integrate(FRAME, "gauss3", 40, output=[1.0, 0.5])
+    with pytest.raises(ValueError, match=r"quantities\.a: column 1: unknown name 'ay'"):
+        fvi.integrate(FRAME, "gauss3", 40, quantities={"a": "ay"})

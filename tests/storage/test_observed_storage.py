@@ -1,0 +1,102 @@
+"""Output times, quantities and events in files: written, read, listed, exported."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import fvi_cli as fvi
+
+CONFIG = {
+    "name": "seen",
+    "problem": {
+        "kind": "pendulum",
+        "damping": [{"order": 0.5, "coefficient": 0.3}],
+        "initial": {"position": 1.0},
+        "final_time": 8.0,
+        "exact": "none",
+    },
+    "method": {"rk": "gauss", "degree": 4},
+    "ladder": {"steps": [32]},
+    "output": {"step": 0.1},
+    "quantities": {"torque": "dx", "a": "ax"},
+    "events": {"turn": {"when": "vx"}, "never": {"when": "x - 2"}},
+}
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, fvi.Trajectory]:
+    folder = tmp_path_factory.mktemp("seen")
+    (outcome,) = fvi.run(CONFIG, output=folder)
+    return folder / "seen.h5", outcome.finished[0].trajectory
+
+
+def test_the_run_is_read_as_it_was(stored: tuple[Path, fvi.Trajectory]) -> None:
+    path, first = stored
+    (outcome,) = fvi.recall(path)
+    again = outcome.finished[0].trajectory
+    assert again.observed is not None
+    assert first.observed is not None
+    # no dust: the times are the decimal numbers
+    assert again.time.tolist() == [float(f"{k / 10:.1f}") for k in range(81)]
+    assert np.array_equal(again.position, first.position)
+    assert np.array_equal(again.observed.mesh, first.observed.mesh)
+    for name, values in first.observed.quantities.items():
+        assert np.array_equal(again.observed.quantities[name], values)
+    assert again.observed.extents == first.observed.extents
+    for name, one in first.observed.events.items():
+        assert np.array_equal(again.observed.events[name].time, one.time)
+        assert np.array_equal(again.observed.events[name].velocity, one.velocity)
+    # the second time nothing is computed
+    assert {one.action for one in fvi.plan(CONFIG, output=path.parent)} == {"reuse"}
+    changed = {**CONFIG, "quantities": {"torque": "2*dx"}}
+    assert {one.action for one in fvi.plan(changed, output=path.parent)} == {"compute"}
+
+
+def test_groups_and_axes(stored: tuple[Path, fvi.Trajectory]) -> None:
+    with h5py.File(stored[0]) as file:
+        run = file["seen/gauss-s4-graded/n000032"]
+        assert run["time"].size == 81
+        assert run["mesh"].is_scale
+        assert run["quantities/torque"].dims[0][0] == run["time"]
+        turns = run["events/turn/time"]
+        assert turns.is_scale
+        assert turns.size >= 2
+        assert run["events/turn/velocity"].shape == (turns.size, 1)
+        assert run["events/turn/velocity"].dims[0][0] == turns
+        assert np.abs(run["events/turn/velocity"][()]).max() < 1e-12
+        assert run["events/never/time"].size == 0
+
+
+def test_a_changed_number_is_noticed(stored: tuple[Path, fvi.Trajectory], tmp_path: Path) -> None:
+    copy = tmp_path / "seen.h5"
+    copy.write_bytes(stored[0].read_bytes())
+    with h5py.File(copy, "r+") as file:
+        file["seen/gauss-s4-graded/n000032/events/turn/time"][0] += 1.0
+    with pytest.raises(fvi.StorageError, match="not those that were written"):
+        fvi.recall(copy)
+
+
+def test_listing_and_export(stored: tuple[Path, fvi.Trajectory], tmp_path: Path) -> None:
+    text = fvi.as_text(fvi.contents(stored[0]))
+    assert "torque" in text
+    assert "never  never" in text
+    names = {path.name for path in fvi.export(stored[0], "csv", tmp_path)}
+    stem = "seen-gauss-s4-graded-n000032"
+    assert {f"{stem}.csv", f"{stem}-events-turn.csv", f"{stem}-events-never.csv"} <= names
+    with (tmp_path / f"{stem}.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["time", "x", "p_x", "energy", "a", "torque"]
+    assert [row["time"] for row in rows[:4]] == ["0.0", "0.1", "0.2", "0.3"]
+    observed = stored[1].observed
+    assert observed is not None
+    assert [float(row["torque"]) for row in rows] == observed.quantities["torque"].tolist()
+    with (tmp_path / f"{stem}-events-turn.csv").open(encoding="utf-8") as file:
+        turns = list(csv.DictReader(file))
+    assert list(turns[0]) == ["time", "x", "vx"]
+    for form in ("npz", "mat"):
+        assert fvi.export(stored[0], form, tmp_path)
