@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.batches.kinds import kinds_of, side_by_side
+from fvi_cli.integrator.batches.run import integrate_side_by_side
 from fvi_cli.integrator.block_batch import BatchProblem, BatchStepped, run_batch
 from fvi_cli.integrator.block_history import BatchedChannel
 from fvi_cli.integrator.block_linear import (
@@ -21,7 +23,6 @@ from fvi_cli.integrator.block_linear import (
     stepped_scene,
 )
 from fvi_cli.integrator.block_response import LinearSystem
-from fvi_cli.integrator.break_points import fits_break_points
 from fvi_cli.integrator.decoupling import Decoupling, decouple
 from fvi_cli.integrator.engine import LEAST_BLOCK_STEPS
 from fvi_cli.integrator.growth_bound import GrowthBound, cut_at_bound, growth_bound
@@ -76,13 +77,12 @@ def integrate_members(
         together = [scenes[index] for index in indices]
         batch: list[Trajectory] | None = None
         if len(indices) > 1 and isinstance(method, Method):
-            # where the steps of a member have singular equations, each member for itself tells
-            with contextlib.suppress(np.linalg.LinAlgError):
-                batch = _integrate_batch(together, method, int(n_steps))
+            if takes_any_mesh(method):
+                batch = integrate_side_by_side(together, method, int(n_steps), every=every)
+            else:
+                batch = _old_batch(together, method, int(n_steps), every)
         if batch is None:
             batch = [integrate(scene, method, n_steps, every=every) for scene in together]
-        else:
-            batch = [thinned(trajectory, every) for trajectory in batch]
         found.update(zip(indices, batch, strict=True))
     return [found[index] for index in range(len(scenes))]
 
@@ -98,6 +98,8 @@ def companions(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list
 
 def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[list[int]]:
     """Places of the scenes that are taken together."""
+    if isinstance(method, Method) and takes_any_mesh(method):
+        return kinds_of(scenes, method)
     groups: dict[tuple[object, ...], list[int]] = {}
     for index, scene in enumerate(scenes):
         key = _kind(scene) if goes_together(scene, method, n_steps) else (index,)
@@ -107,14 +109,13 @@ def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[li
 
 def goes_together(scene: Scene, method: AnyMethod, n_steps: int) -> bool:
     """Whether a scene may be one of a batch."""
+    if isinstance(method, Method) and takes_any_mesh(method):
+        return side_by_side(scene, method) is not None
     if not isinstance(method, Method) or not scene.is_linear:
         return False
-    if method.history not in ("auto", "fft") or method.start == "graded":
+    if method.history not in ("auto", "fft"):
         return False
     if method.history == "auto" and n_steps < LEAST_BLOCK_STEPS:
-        return False
-    if takes_any_mesh(method) and not fits_break_points(scene, n_steps):
-        # a batch takes equal steps
         return False
     return method.start != "weights" or not scene.active_damping
 
@@ -125,6 +126,17 @@ def _orders(scene: Scene) -> tuple[float, ...]:
 
 def _kind(scene: Scene) -> tuple[object, ...]:
     return (scene.dimension, _orders(scene), scene.derivative, scene.final_time)
+
+
+def _old_batch(
+    scenes: Sequence[Scene], method: Method, n_steps: int, every: int
+) -> list[Trajectory] | None:
+    # where the steps of a member have singular equations, each member for itself tells
+    with contextlib.suppress(np.linalg.LinAlgError):
+        batch = _integrate_batch(scenes, method, n_steps)
+        if batch is not None:
+            return [thinned(trajectory, every) for trajectory in batch]
+    return None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -141,24 +141,22 @@ class Damping:
         self._operator = operator
         self.start_velocity = scene.initial_velocity
         self._stages = operator.n_stages
-        terms = scene.active_damping
-        velocity = scene.initial_velocity
-        caputo = scene.derivative == "caputo" and bool(np.any(velocity != 0))
-        above = [term for term in terms if caputo and term.order > 1]
-        below = [term for term in terms if term not in above]
-        laws = scene.active_laws
-        remember = any(term.order != 1 for term in below) or bool(laws)
-        self.has_column = bool(above) and remember
+        groups = directions_of(scene, reach)
+        is_relative = any(one.is_relative for one in groups)
+        self.has_column = is_relative and any(one.terms and not one.is_relative for one in groups)
         self.dimension = scene.dimension
         self.reach = reach
         self.n_remembered = scene.dimension if reach is None else reach.count
         self._columns = self.n_remembered + (1 if self.has_column else 0)
-        start = self.remembered(velocity)
-        self._first_state = start if above and not self.has_column else np.zeros_like(start)
-        groups = _directions((*below, *laws), reach)
-        for direction in _directions(tuple(above), reach):
-            carried = times(start, direction.inner) if self.has_column else None
-            groups.append(replace(direction, is_relative=True, start_force=carried))
+        start = self.remembered(scene.initial_velocity)
+        self._first_state = np.zeros_like(start)
+        if is_relative and not self.has_column:
+            self._first_state = start
+        if self.has_column:
+            groups = [
+                replace(one, start_force=times(start, one.inner)) if one.is_relative else one
+                for one in groups
+            ]
         self.directions = tuple(groups)
         kernels = [term for one in groups for term in one.terms if not isinstance(term, float)]
         exponents = sorted({e for one in groups for e in one.terms if isinstance(e, float)})
@@ -296,6 +294,15 @@ class Damping:
     def advance(self, tables: DampingTables, states: Array, driving: Array) -> Array:
         """The states after a step."""
         return tables.decay[:, None] * states + tables.intake @ driving
+
+
+def directions_of(scene: Scene, reach: Reach | None = None) -> list[Direction]:
+    """Damping terms and laws of a scene by direction; relative ones come last and stand apart."""
+    caputo = scene.derivative == "caputo" and bool(np.any(scene.initial_velocity != 0))
+    above = tuple(term for term in scene.active_damping if caputo and term.order > 1)
+    below = tuple(term for term in scene.active_damping if term not in above)
+    relative = [replace(one, is_relative=True) for one in _directions(above, reach)]
+    return _directions((*below, *scene.active_laws), reach) + relative
 
 
 def _directions(

@@ -1,0 +1,1 @@
+"""Scenes of one kind, integrated side by side on one mesh."""

@@ -1,0 +1,68 @@
+"""Which scenes are taken side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+
+from fvi_cli.effects.potential import ExpressionPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.batches.potentials import formulas_of
+from fvi_cli.integrator.convolution.damping import directions_of
+from fvi_cli.integrator.decoupling import Decoupling
+from fvi_cli.integrator.meshes.singular_start import start_power
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.setup import linear_decoupling
+
+LARGEST_STEP = 24
+"""Unknowns of a step of a system, at most: beyond, matrix products are quicker one by one."""
+FEWEST_LINEAR, FEWEST_NONLINEAR = 4, 8
+"""Systems that make it worth while."""
+
+
+def side_by_side(scene: Scene, method: Method) -> Hashable | None:
+    """What scenes have in common that are taken side by side; None: this one stands alone."""
+    if scene.lagrangian is not None or scene.is_sparse or scene.active_laws:
+        return None
+    width, formulas = 1, None
+    if isinstance(scene.potential, ExpressionPotential):
+        formulas = formulas_of(scene.potential)
+    else:
+        width = decoupling_of(scene).batch
+    if method.degree * (scene.dimension // width) > LARGEST_STEP:
+        return None
+    powers = None
+    if method.start == "graded":
+        powers = tuple(start_power(scene, at_start=at_start) for at_start in (True, False))
+    directions = directions_of(scene)
+    slots = len(directions) if scene.dimension > width else int(bool(directions))
+    has_memory = any(one.terms for one in directions)
+    return (
+        *(scene.dimension, width, scene.final_time, scene.break_points),
+        *(formulas, powers, slots, has_memory),
+    )
+
+
+def decoupling_of(scene: Scene) -> Decoupling:
+    """Coordinates in which a member falls apart; those of the scene for nonlinear ones."""
+    found = linear_decoupling(scene) if scene.is_linear else None
+    return Decoupling(mass=scene.inertia.mass, modes=None) if found is None else found
+
+
+def kinds_of(scenes: Sequence[Scene], method: Method) -> list[list[int]]:
+    """Places of the scenes that are taken side by side; one place where a scene stands alone."""
+    found: dict[Hashable, list[int]] = {}
+    for index, scene in enumerate(scenes):
+        kind = side_by_side(scene, method)
+        found.setdefault(("alone", index) if kind is None else kind, []).append(index)
+    kinds: list[list[int]] = []
+    for places in found.values():
+        if len(places) >= fewest(scenes[places[0]]):
+            kinds.append(places)
+        else:
+            kinds += [[place] for place in places]
+    return kinds
+
+
+def fewest(scene: Scene) -> int:
+    """So many scenes of one kind are quicker side by side."""
+    return FEWEST_LINEAR if scene.is_linear else FEWEST_NONLINEAR

@@ -1,0 +1,234 @@
+r"""The damping of systems side by side.
+
+All systems share the rates of the sum of exponentials, whatever their orders are, and with them
+the tables of a block of steps: what they differ in is the weight of every state in their force.
+Within a block the force of its earlier steps comes of the lags of the convolution, behind it the
+states have what the block did.
+
+All states begin with zero. Where a term subtracts the start velocity they would begin with it:
+one column, which begins with 1, is driven by nothing and serves all systems, makes the difference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.batches.systems import Systems, Terms
+from fvi_cli.integrator.convolution.damping import LARGEST_EXPONENT
+from fvi_cli.integrator.convolution.kernel import Kernel, power_kernel
+from fvi_cli.integrator.convolution.stages import BlockKernel, StageOperator, StepKernel, block_of
+
+Array = NDArray[np.float64]
+
+_SOME_EXPONENT = 0.5
+
+
+def rates_and_weights(
+    exponent: float, *, shortest_step: float, n_steps: float, final_time: float, stages: int
+) -> tuple[Array, Array]:
+    """Rates that are the same for all exponents, and the weights of one, each of shape ``(J,)``."""
+    kernel = power_kernel(
+        (-LARGEST_EXPONENT, exponent, LARGEST_EXPONENT),
+        shortest_step=shortest_step,
+        final_time=final_time,
+        stages=stages,
+        steps=n_steps,
+        accuracy=1e-14,
+    )
+    return kernel.rates, kernel.weights[1]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SideTables:
+    """Numbers of one step size.
+
+    Parameters
+    ----------
+    local
+        For every slot the local block, shape ``(m, m, q)``.
+    lags
+        For every slot the weights of the stages of earlier steps of a block, those of the step
+        right before last, shape ``(m, (B - 1) m, q)``; none without memory.
+    constant
+        Force that is the same on all stages of all steps but for its last digits, ``(m, e, q)``.
+    step
+        States and responses of a step, without the weights of the states; None without memory.
+    """
+
+    local: tuple[Array, ...]
+    lags: tuple[Array, ...]
+    constant: Array | None
+    step: StepKernel | None
+
+
+class SideDamping:
+    """The damping of systems side by side, on one mesh.
+
+    Parameters
+    ----------
+    systems
+        Whose damping.
+    operator
+        The Runge-Kutta method.
+    shortest_step, n_steps, final_time
+        Of the mesh, as for :func:`power_kernel`.
+    block
+        Most steps B of a block.
+    """
+
+    def __init__(
+        self,
+        systems: Systems,
+        operator: StageOperator,
+        *,
+        shortest_step: float,
+        n_steps: float,
+        final_time: float,
+        block: int,
+    ) -> None:
+        self._slots, self._operator, self.block = systems.slots, operator, block
+        self._m = operator.n_stages
+        self._e, self._q = systems.shape
+        self._weights: tuple[Array, ...] = ()
+        self._of_start: tuple[Array | None, ...] = ()
+        self._kernel: Kernel | None = None
+        self._blocks: dict[tuple[float, int], BlockKernel] = {}
+        if systems.has_memory:
+            found = {
+                exponent: rates_and_weights(
+                    exponent,
+                    shortest_step=shortest_step,
+                    n_steps=n_steps,
+                    final_time=final_time,
+                    stages=self._m,
+                )
+                for exponent in {term[0] for slot in systems.slots for term in slot.terms}
+            }
+            rates = next(iter(found.values()))[0].copy()
+            weights = {exponent: one[1] for exponent, one in found.items()}
+            self._kernel = Kernel(
+                terms=(_SOME_EXPONENT,), rates=rates, weights=np.ones((1, rates.size))
+            )
+            self._weights = tuple(self._weights_of(slot.terms, weights) for slot in self._slots)
+            self._of_start = tuple(
+                self._weights_of(slot.relative, weights) if slot.relative else None
+                for slot in self._slots
+            )
+
+    @property
+    def n_states(self) -> int:
+        """Number J of rates."""
+        return 0 if self._kernel is None else self._kernel.n_states
+
+    def _weights_of(self, terms: Terms, weights: dict[float, Array]) -> Array:
+        total = np.zeros((self.n_states, self._q))
+        for exponent, places, factors in terms:
+            total[:, places] += weights[exponent][:, None] * factors
+        return total
+
+    def tables(self, step_size: float) -> SideTables:
+        """Numbers of steps of this size."""
+        m = self._m
+        local = tuple(
+            slot.rate * np.eye(m)[:, :, None] + self._local(slot.terms, step_size)
+            for slot in self._slots
+        )
+        if self._kernel is None:
+            return SideTables(local=local, lags=(), constant=None, step=None)
+        step = self._operator.step_tables(self._kernel, step_size)
+        constant = np.zeros((m, self._e, self._q))
+        for slot, weights in zip(self._slots, self._of_start, strict=True):
+            if weights is not None:
+                own = self._local(slot.relative, step_size)
+                left = own.sum(axis=1) + step.response[0] @ weights
+                constant -= left[:, None] * slot.start
+        return SideTables(
+            local=local,
+            lags=tuple(self._lags(step, weights) for weights in self._weights),
+            constant=constant if constant.any() else None,
+            step=step,
+        )
+
+    def _local(self, terms: Terms, step_size: float) -> Array:
+        total = np.zeros((self._m, self._m, self._q))
+        for exponent, places, factors in terms:
+            block = step_size**exponent * self._operator.local_block(exponent)
+            total[..., places] += block[:, :, None] * factors
+        return total
+
+    def _lags(self, step: StepKernel, weights: Array) -> Array:
+        m, before = self._m, self.block - 1
+        base = step.response[0] * step.powers(np.arange(before))[:, None]
+        # lag, stage, stage of the earlier step, state
+        pairs = base[:, :, None, :] * step.intake.T
+        lags = (pairs.reshape(before * m * m, -1) @ weights).reshape(before, m, m, -1)
+        ordered = lags[::-1].transpose(1, 0, 2, 3)
+        return np.ascontiguousarray(ordered).reshape(m, before * m, -1)
+
+    def block_kernel(self, step_size: float, step: StepKernel, count: int) -> BlockKernel:
+        """Tables of a block of so many steps, without the weights of the states."""
+        key = (step_size, count)
+        if key not in self._blocks:
+            if len(self._blocks) >= 2 * self.block:
+                self._blocks.clear()
+            self._blocks[key] = block_of(step, count)
+        return self._blocks[key]
+
+    def past(self, block: BlockKernel, states: Array, carried: Array) -> Array:
+        """Force of the states at all stages of a block, shape ``(count, m, e, q)``.
+
+        Parameters
+        ----------
+        block
+            The block.
+        states, carried
+            Of every system, shape ``(J, e, q)``, and of a start velocity of 1, ``(J,)``.
+        """
+        weighted = np.zeros_like(states)
+        every = zip(self._slots, self._weights, self._of_start, strict=True)
+        for slot, weights, of_start in every:
+            own = states if slot.direction is None else _along(states, slot.direction)
+            weighted += weights[:, None] * own
+            if of_start is not None:
+                weighted += (carried[:, None] * of_start)[:, None] * slot.start
+        force = block.response[0] @ weighted.reshape(self.n_states, -1)
+        return np.asarray(force.reshape(block.steps, self._m, self._e, self._q))
+
+    def of_block(self, tables: SideTables, velocities: Array, done: int) -> Array:
+        """Force of the first `done` steps of a block on the next one, shape ``(m, e, q)``.
+
+        Parameters
+        ----------
+        tables
+            Of the step size.
+        velocities
+            At the stages of the block's steps, shape ``(B m, e, q)``.
+        """
+        m, total = self._m, None
+        before = velocities[: done * m]
+        for slot, lags in zip(self._slots, tables.lags, strict=True):
+            recent = lags[:, lags.shape[1] - done * m :]
+            own = (recent[:, :, None] * before).sum(axis=1)
+            if slot.direction is not None:
+                own = _along(own, slot.direction)
+            total = own if total is None else total + own
+        return np.zeros((m, self._e, self._q)) if total is None else total
+
+    def pushed(self, block: BlockKernel, states: Array, velocities: Array) -> Array:
+        """The states behind a block with these velocities at its stages."""
+        rows = block.steps * self._m
+        moved = block.intake @ velocities[:rows].reshape(rows, -1)
+        return np.asarray(
+            states + (block.change[:, None, None] * states + moved.reshape(states.shape))
+        )
+
+
+def _along(values: Array, directions: Array) -> Array:
+    """Rows of values ``(n, e, q)`` times a matrix ``(e, e, q)`` for every system."""
+    return np.asarray((values[:, :, None] * directions).sum(axis=1))
+
+
+__all__ = ["SideDamping", "SideTables", "rates_and_weights"]

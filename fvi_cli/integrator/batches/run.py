@@ -1,0 +1,186 @@
+"""From scenes of one kind to their trajectories."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.batches.march import Loads, SideMarch
+from fvi_cli.integrator.batches.memory import SideDamping
+from fvi_cli.integrator.batches.systems import filled, joined
+from fvi_cli.integrator.convolution.stages import StageOperator
+from fvi_cli.integrator.decoupling import Decoupling
+from fvi_cli.integrator.growth_bound import TOLERATED_FACTOR
+from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.memory import runge_kutta_tableau
+from fvi_cli.integrator.meshes.mesh import Mesh
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.runge_kutta import integrate_runge_kutta, mesh_for
+from fvi_cli.integrator.run.setup import linear_decoupling
+from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+BLOCK = 16
+"""Steps of a block: the fewer, the more often all states are pushed, the more, the more lags."""
+MOST_TOGETHER = 512
+"""Systems that are stepped together: more would not stay in the cache."""
+
+
+def integrate_side_by_side(
+    scenes: Sequence[Scene], method: Method, n_steps: int, *, every: int = 1
+) -> list[Trajectory]:
+    """Integrate scenes of one kind, :func:`side_by_side`, by a Runge-Kutta method.
+
+    Each is what it is alone, to round-off, and the same to the last bit whatever others are beside
+    it. Where the equations of a member cannot be solved here, or it leaves what can be told to be
+    sound without a closer look, it is integrated alone and tells itself what happened.
+
+    Parameters
+    ----------
+    scenes
+        What is integrated.
+    method, n_steps, every
+        As for :func:`fvi_cli.integrator.integrate.integrate`, the same for all.
+    """
+    decouplings = [_decoupling(scene) for scene in scenes]
+    most = max(1, MOST_TOGETHER // decouplings[0].batch)
+    found: list[Trajectory] = []
+    for first in range(0, len(scenes), most):
+        part = slice(first, first + most)
+        found += _together(scenes[part], decouplings[part], method, n_steps, every)
+    return found
+
+
+def _decoupling(scene: Scene) -> Decoupling:
+    if scene.is_linear:
+        return linear_decoupling(scene)
+    return Decoupling(mass=scene.inertia.mass, modes=None)
+
+
+def _together(
+    scenes: Sequence[Scene],
+    decouplings: Sequence[Decoupling],
+    method: Method,
+    n_steps: int,
+    every: int,
+) -> list[Trajectory]:
+    began = clock.perf_counter()
+    width = decouplings[0].batch
+    places = filled(len(scenes), width)
+    systems = joined([scenes[i] for i in places], [decouplings[i] for i in places])
+    mesh, tables = mesh_for(scenes[0], method, n_steps), step_tables(method)
+    damping = SideDamping(
+        systems,
+        StageOperator(tableau=runge_kutta_tableau(method)),
+        shortest_step=mesh.shortest_step,
+        n_steps=mesh.equivalent_steps,
+        final_time=scenes[0].final_time,
+        block=BLOCK,
+    )
+    loads = [StepLoads(scene, method, tables) for scene in scenes]
+    known = _loads_of(loads, decouplings, places)
+    march = SideMarch(systems, damping, tables, mesh, known, every=every)
+    ready = clock.perf_counter()
+    times, positions, momenta = march.run()
+    e = scenes[0].dimension // width
+    operations = width * memory_operations(
+        mesh,
+        stages=tables.points.size,
+        n_states=damping.n_states,
+        coupled=e,
+        slots=len(systems.slots),
+    )
+    share = 1.0 / len(scenes)
+    stepped = clock.perf_counter()
+    results = []
+    for index, (scene, own) in enumerate(zip(scenes, decouplings, strict=True)):
+        part = slice(index * width, (index + 1) * width)
+        farthest = _farthest(own, march.largest.T[part])
+        if march.failed[part].any() or not farthest <= _surely_sound(scene, loads[index]):
+            results.append(integrate_runge_kutta(scene, method, n_steps, every=every))
+            continue
+        position = own.scene_positions(positions[part])
+        momentum = own.scene_forces(momenta[part])
+        results.append(
+            Trajectory(
+                time=times.copy(),
+                position=position,
+                momentum=momentum,
+                energy=scene.energy(position, momentum),
+                n_steps=mesh.n_reported,
+                step_size=scene.final_time / mesh.n_reported,
+                history_operations=operations,
+                newton=march.notes.of(index),
+                setup_seconds=share * (ready - began),
+                stepping_seconds=share * (stepped - ready),
+                every=every,
+            )
+        )
+    return results
+
+
+def memory_operations(mesh: Mesh, *, stages: int, n_states: int, coupled: int, slots: int) -> int:
+    """Multiply-adds of the memory of one system on a mesh.
+
+    Parameters
+    ----------
+    mesh
+        Where the steps are.
+    stages, n_states
+        Of the method, and states of the damping.
+    coupled, slots
+        Components of the system, and directions of its damping.
+    """
+    if n_states == 0:
+        return 0
+    total = 0
+    for one in mesh.stretches:
+        whole, rest = divmod(one.n_steps, BLOCK)
+        pairs = whole * (BLOCK * (BLOCK - 1) // 2) + rest * (rest - 1) // 2
+        total += 2 * one.n_steps * stages * n_states + slots * stages**2 * pairs
+    return coupled * total
+
+
+def _loads_of(
+    every: Sequence[StepLoads], decouplings: Sequence[Decoupling], places: NDArray[np.intp]
+) -> Loads:
+    """Known forces of all systems, those of scenes without any zero."""
+
+    def loads(begin: float, step_size: float, n_steps: int, is_fresh: bool) -> Array | None:
+        if all(one.is_empty for one in every):
+            return None
+        found = [one.of_steps(begin, step_size, n_steps, is_fresh=is_fresh) for one in every]
+        shape = next(one.shape for one in found if one is not None)
+        parts = [
+            own.forces(np.zeros(shape) if one is None else one)
+            for one, own in zip(found, decouplings, strict=True)
+        ]
+        joined_loads = np.concatenate([parts[place] for place in places])
+        return np.ascontiguousarray(np.moveaxis(joined_loads, 0, -1))
+
+    return loads
+
+
+def _farthest(own: Decoupling, largest: Array) -> float:
+    """No position of a scene was larger, by its largest coordinates, ``(width, e)``."""
+    if own.modes is None:
+        return float(largest.max())
+    modes = np.abs(own.modes)
+    found = modes * largest[:, 0] if modes.ndim == 1 else modes @ largest[:, 0]
+    return float(found.max())
+
+
+def _surely_sound(scene: Scene, loads: StepLoads) -> float:
+    """A position up to which no run is taken for diverged."""
+    scale = float(np.abs(scene.initial_position).max())
+    scale += scene.final_time * float(np.abs(scene.initial_velocity).max())
+    if loads.largest_force > 0:
+        inverse = float(np.linalg.norm(np.linalg.inv(scene.inertia.mass), 2))
+        scale += scene.final_time**2 * inverse * loads.largest_force
+    return TOLERATED_FACTOR * scale if scale > 0 else np.inf
