@@ -47,11 +47,11 @@ def integrate_members(
 ) -> list[Trajectory]:
     """Integrate every scene, those that fit together as one batch.
 
-    Linear scenes of the same number of degrees of freedom, orders of damping, kind of derivative
-    and final time share all weights, and their steps are done side by side, without a loop over
-    scenes. The others, and all of them with ``start: weights`` or ``graded``, ``history: direct``
-    or ``exponentials``, on very few steps, or with break points between two steps, are integrated
-    one by one.
+    Runge-Kutta methods on any mesh take scenes of one mesh, see
+    :func:`fvi_cli.integrator.batches.kinds.side_by_side`, side by side, nonlinear ones of the same
+    formulas too. By others linear scenes of the same number of degrees of freedom, orders of
+    damping, kind of derivative and final time share all weights. What is left is integrated one by
+    one.
 
     Parameters
     ----------

@@ -1,16 +1,20 @@
-"""The systems of a linear scene, and whether those of many scenes are done side by side."""
+"""What the steps are done with where systems of one scene or of many are taken side by side."""
 
 from __future__ import annotations
 
 import functools
+from dataclasses import dataclass, replace
 
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.batches.plan import plan_side_by_side
 from fvi_cli.integrator.block_sizes import batch_sizes
 from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.engine import scene_decoupling
+from fvi_cli.integrator.engine import Route, scene_decoupling
 from fvi_cli.integrator.memory import terms_by_direction
-from fvi_cli.planning.history_work import Shape
+from fvi_cli.integrator.method import Method
+from fvi_cli.planning.history_work import Shape, block_operations
+from fvi_cli.planning.plan_words import history_in_words, systems_in_words
 
 
 @functools.lru_cache(maxsize=8)
@@ -29,3 +33,69 @@ def fit_together(scene: Scene, shape: Shape, n_steps: int, members: int) -> bool
         return False
     coupled = scene.dimension // decoupling.batch
     return batch_sizes(shape.samples, coupled, members * decoupling.batch, n_steps) is not None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Machinery:
+    """What the steps and their memory are done with."""
+
+    route: Route | str
+    shape: Shape
+    steps: str
+    history: str
+    operations: int
+    n_states: int = 0
+    members: int = 1
+    n_mesh_steps: int = 0
+    block: int = 0
+
+
+def linear_blocks(
+    scene: Scene, n_steps: int, shape: Shape, decoupling: Decoupling, ends: int, members: int
+) -> Machinery:
+    """Blocks of a linear scene by a method with sequences of weights, of several members also."""
+    coupled = scene.dimension // decoupling.batch
+    if not fit_together(scene, shape, n_steps, members):
+        # together they are too large: one by one
+        members = 1
+    chosen = batch_sizes(shape.samples, coupled, members * decoupling.batch, n_steps)
+    if chosen is None:  # pragma: no cover - the route says so
+        raise ValueError("route: these blocks are too large")
+    _, sizes = chosen
+    shape = replace(shape, coupled=coupled, batch=decoupling.batch)
+    systems = systems_in_words(shape, has_modes=decoupling.has_modes) + (
+        f", {members} members together" * (members > 1)
+    )
+    return Machinery(
+        route="linear blocks",
+        shape=replace(shape, batch=members * decoupling.batch),
+        steps=f"blocks of {sizes.block} steps as one matrix product, {systems}",
+        history=history_in_words(shape, sizes.group),
+        # all members do the same
+        operations=block_operations(shape, sizes, n_steps, ends),
+        members=members,
+    )
+
+
+def members_side_by_side(
+    scene: Scene, method: Method, n_steps: int, shape: Shape, members: int
+) -> Machinery:
+    """Members of a sweep on one mesh."""
+    plan = plan_side_by_side(scene, method, n_steps)
+    shape = replace(shape, coupled=plan.coupled, batch=plan.systems)
+    words = f"{plan.n_steps} steps of {members} members together"
+    if not scene.is_linear:
+        words += ", Newton's iteration for all at once with a linear response of each"
+    history = history_in_words(shape, 1)
+    if plan.n_states:
+        history = f"{plan.n_states} exponentials in place of the past"
+    return Machinery(
+        route="side by side",
+        shape=replace(shape, batch=members * plan.systems),
+        steps=f"{words}, {systems_in_words(shape, has_modes=plan.has_modes)}",
+        history=history,
+        operations=plan.operations,
+        n_states=plan.n_states,
+        members=members,
+        n_mesh_steps=plan.n_steps,
+    )

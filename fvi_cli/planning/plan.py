@@ -10,10 +10,9 @@ import functools
 from dataclasses import dataclass, replace
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.batches.kinds import fewest
 from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP, newton_block
-from fvi_cli.integrator.block_sizes import batch_sizes
-from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.engine import Route, choose_route, sums_directly
+from fvi_cli.integrator.engine import choose_route, sums_directly
 from fvi_cli.integrator.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.known_part import NO_SERIES, plan_series, settled_method
 from fvi_cli.integrator.large_linear import GROUP as LARGE_GROUP
@@ -22,11 +21,15 @@ from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method, takes_any_mesh
 from fvi_cli.integrator.run.runge_kutta import plan_runge_kutta
 from fvi_cli.integrator.stepped_history import STEPPED_GROUP
-from fvi_cli.planning.batches import fit_together, systems_of
+from fvi_cli.planning.batches import (
+    Machinery,
+    linear_blocks,
+    members_side_by_side,
+    systems_of,
+)
 from fvi_cli.planning.history_work import (
     Shape,
     baseline_operations,
-    block_operations,
     channel_shapes,
     direct_operations,
     large_operations,
@@ -225,21 +228,6 @@ def _sizes(
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Machinery:
-    """What the steps and their memory are done with."""
-
-    route: Route | str
-    shape: Shape
-    steps: str
-    history: str
-    operations: int
-    n_states: int = 0
-    members: int = 1
-    n_mesh_steps: int = 0
-    block: int = 0
-
-
 @functools.lru_cache(maxsize=256)
 def _machinery(
     scene: Scene,
@@ -249,13 +237,15 @@ def _machinery(
     *,
     diagnosed: bool = False,
     grading: float = 1.0,
-) -> _Machinery:
+) -> Machinery:
     samples = 1 if method.sampling == "nodes" else method.stages
     channels = channel_shapes(method, n_steps + 1, scene.active_damping)
     shape = Shape(channels=channels, samples=samples, coupled=scene.dimension)
     ends = int(method.sampling == "nodes" and bool(shape.channels))
     together = members > 1 and goes_together(scene, method, n_steps)
-    if takes_any_mesh(method) and not (together and fit_together(scene, shape, n_steps, members)):
+    if takes_any_mesh(method):
+        if together and members >= fewest(scene) and grading == 1.0:
+            return members_side_by_side(scene, method, n_steps, shape, members)
         steps: int | Mesh = n_steps
         if grading != 1.0:
             steps = graded_mesh(scene.final_time, n_steps, grading, scene.break_points)
@@ -271,11 +261,11 @@ def _machinery(
         route = "stepped" if damped else "direct steps"
     if route == "linear blocks" and decoupling is not None:
         count = members if together else 1
-        return _linear_blocks(scene, n_steps, shape, decoupling, ends, count)
+        return linear_blocks(scene, n_steps, shape, decoupling, ends, count)
     if route == "newton blocks":
         largest = newton_block(scene, shape.samples, n_steps) or 1
         group = largest * BLOCKS_PER_GROUP
-        return _Machinery(
+        return Machinery(
             route=route,
             shape=shape,
             steps=f"Newton's iteration on blocks of up to {largest} steps with a frozen linear "
@@ -284,7 +274,7 @@ def _machinery(
             operations=newton_operations(shape, largest, n_steps, ends),
         )
     if route == "large steps":
-        return _Machinery(
+        return Machinery(
             route=route,
             shape=shape,
             steps=f"{n_steps} single steps with one sparse factorisation",
@@ -292,7 +282,7 @@ def _machinery(
             operations=large_operations(shape, n_steps, ends),
         )
     if route == "stepped":
-        return _Machinery(
+        return Machinery(
             route=route,
             shape=shape,
             steps=single,
@@ -300,7 +290,7 @@ def _machinery(
             operations=stepped_operations(shape, n_steps),
         )
     direct = "every sum written out" if shape.memory > 1 else history_in_words(shape, 1)
-    return _Machinery(
+    return Machinery(
         route=route,
         shape=shape,
         steps=single,
@@ -309,33 +299,7 @@ def _machinery(
     )
 
 
-def _linear_blocks(
-    scene: Scene, n_steps: int, shape: Shape, decoupling: Decoupling, ends: int, members: int
-) -> _Machinery:
-    coupled = scene.dimension // decoupling.batch
-    if not fit_together(scene, shape, n_steps, members):
-        # together they are too large: one by one
-        members = 1
-    chosen = batch_sizes(shape.samples, coupled, members * decoupling.batch, n_steps)
-    if chosen is None:  # pragma: no cover - the route says so
-        raise ValueError("route: these blocks are too large")
-    _, sizes = chosen
-    shape = replace(shape, coupled=coupled, batch=decoupling.batch)
-    systems = systems_in_words(shape, has_modes=decoupling.has_modes) + (
-        f", {members} members together" * (members > 1)
-    )
-    return _Machinery(
-        route="linear blocks",
-        shape=replace(shape, batch=members * decoupling.batch),
-        steps=f"blocks of {sizes.block} steps as one matrix product, {systems}",
-        history=history_in_words(shape, sizes.group),
-        # all members do the same
-        operations=block_operations(shape, sizes, n_steps, ends),
-        members=members,
-    )
-
-
-def _any_mesh(scene: Scene, method: Method, mesh: int | Mesh, shape: Shape) -> _Machinery:
+def _any_mesh(scene: Scene, method: Method, mesh: int | Mesh, shape: Shape) -> Machinery:
     """Steps of a Runge-Kutta method on its own mesh, as the run itself plans them."""
     plan = plan_runge_kutta(scene, method, mesh)
     shape = replace(shape, coupled=plan.coupled, batch=plan.systems)
@@ -354,7 +318,7 @@ def _any_mesh(scene: Scene, method: Method, mesh: int | Mesh, shape: Shape) -> _
     history = history_in_words(shape, 1)
     if plan.n_states:
         history = f"{plan.n_states} exponentials in place of the past"
-    return _Machinery(
+    return Machinery(
         route="any mesh",
         shape=shape,
         steps=", ".join([*words, systems_in_words(shape, has_modes=plan.has_modes)]),

@@ -10,6 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.batches.march import CHUNK as CHUNK_TOGETHER
+from fvi_cli.integrator.batches.plan import BLOCK
+from fvi_cli.integrator.batches.run import MOST_TOGETHER
 from fvi_cli.integrator.block_history import LARGEST_NEAR
 from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP, newton_block
 from fvi_cli.integrator.block_sizes import BlockSizes, batch_sizes
@@ -81,6 +84,8 @@ def peak_bytes(sizes: Sizes) -> int:
     """Largest memory of a run in bytes, the program itself left out."""
     if sizes.route == "any mesh":
         return int(8 * (SMALLEST + _any_mesh(sizes)))
+    if sizes.route == "side by side":
+        return int(8 * (SMALLEST + _side_by_side(sizes)))
     if sizes.route in ("linear blocks", "newton blocks"):
         numbers = _blocks(sizes)
     else:
@@ -265,3 +270,15 @@ def _any_mesh(sizes: Sizes) -> float:
     # diagnostics are made of all stages, when the matrices of the blocks are gone
     diagnosing = kept + (12 + (6 + 5 * m) * d) * sizes.n_mesh_steps
     return max(stepping, diagnosing) if sizes.diagnosed else stepping
+
+
+def _side_by_side(sizes: Sizes) -> float:
+    """Trajectories of all members, put together at the end, and what their steps take."""
+    shape, d = sizes.shape, sizes.components
+    points = sizes.n_steps / sizes.every + 2
+    m, e, q = shape.samples, shape.coupled, min(shape.batch, MOST_TOGETHER)
+    size = (sizes.method.degree + 1) * e
+    tables = sizes.n_states * (3 * BLOCK * m + 5 * q * e) + 2 * BLOCK * m * m * sizes.n_states
+    matrices = q * (2 * size * (size + e) + BLOCK * m * (m + 2 * e))
+    loads = 3 * CHUNK_TOGETHER * size * q if sizes.driven else 0
+    return max(5 * d, 4 * d + 2 * sizes.members) * points + tables + matrices + loads

@@ -11,6 +11,7 @@ import time
 
 import numpy as np
 
+from fvi_cli.integrator.batches.run import MOST_TOGETHER
 from fvi_cli.integrator.block_sizes import batch_sizes
 from fvi_cli.planning.history_work import direct_operations
 from fvi_cli.planning.plan_memory import Sizes
@@ -77,6 +78,11 @@ def predicted_seconds(sizes: Sizes, operations: int | None) -> float:
         else:
             own = per_call * (8 * steps + 300 * min(steps, 60))
         return 10_000 * per_call * 0.1 + 0.3 * work + own + per_operation * 40 * steps * (d * m)
+    if sizes.route == "side by side":
+        steps = sizes.n_mesh_steps * (25 if sizes.scene.is_linear else 120)
+        own = each * per_call * steps * -(-shape.batch // MOST_TOGETHER)
+        own += per_operation * 60 * sizes.n_mesh_steps * (d * m) ** 2
+        return 10_000 * per_call * (0.1 * each + 0.02) + 0.3 * work + own
     if sizes.route == "newton blocks":
         return setup + work + n * (8 * per_call + per_operation * 60 * (d * m) ** 2)
     calls = 30 if sizes.scene.is_linear else 150

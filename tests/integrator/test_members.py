@@ -11,21 +11,21 @@ import numpy as np
 import pytest
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import joined_start as joined_module
 from fvi_cli.integrator import members as members_module
 from fvi_cli.integrator import start as start_module
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.members import companions, integrate_members
+from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 
 TOLERANCE = 1e-12
 GAUSS2 = Method(cq="gauss", degree=2)
+BDF2 = Method(cq="bdf2", degree=1)
 METHODS = [
     GAUSS2,
     Method(cq="gauss", degree=3, start="series"),
@@ -179,15 +179,15 @@ def counted(call: Callable[[], object]) -> tuple[int, int]:
 
 def test_those_that_fit_together_are_one_batch() -> None:
     scenes = oscillators(4)
-    assert counted(lambda: integrate_members(scenes, GAUSS2, 64)) == (1, 0)
+    assert counted(lambda: integrate_members(scenes, BDF2, 64)) == (1, 0)
     mixed = [*scenes, *oscillators(2, (0.7,)), replace(scenes[0], final_time=4.0)]
-    assert counted(lambda: integrate_members(mixed, GAUSS2, 64)) == (2, 1)
-    assert counted(lambda: integrate_members(scenes, replace(GAUSS2, history="direct"), 64)) == (
+    assert counted(lambda: integrate_members(mixed, BDF2, 64)) == (2, 1)
+    assert counted(lambda: integrate_members(scenes, replace(BDF2, history="direct"), 64)) == (
         0,
         4,
     )
-    assert counted(lambda: integrate_members(scenes, GAUSS2, 8)) == (0, 4)
-    agree(mixed, GAUSS2, 64)
+    assert counted(lambda: integrate_members(scenes, BDF2, 8)) == (0, 4)
+    agree(mixed, BDF2, 64)
 
 
 @pytest.mark.parametrize(
@@ -230,7 +230,7 @@ def test_a_member_that_diverges_does_not_spoil_the_others() -> None:
 
 def test_operations_are_those_of_the_member() -> None:
     scenes = oscillators(3)
-    batch = integrate_members(scenes, GAUSS2, 600)
+    batch = integrate_members(scenes, BDF2, 600)
     assert len({one.history_operations for one in batch}) == 1
     total = members_module.run_batch
     seen: list[int] = []
@@ -242,7 +242,7 @@ def test_operations_are_those_of_the_member() -> None:
         return finished
 
     with patch.object(members_module, "run_batch", spy):
-        again = integrate_members(scenes, GAUSS2, 600)
+        again = integrate_members(scenes, BDF2, 600)
     assert sum(one.history_operations for one in again) == seen[0] > 0
 
 
@@ -268,7 +268,7 @@ def test_a_wrong_member_would_be_seen() -> None:
     scenes = oscillators(3)
     batch = integrate_members(scenes, GAUSS2, 100)
     term = scenes[1].damping[0]
-    moved = replace(term, coefficient=term.coefficient * 1.0001)
+    moved = FractionalDamping(order=term.order, coefficient=1.0001 * term.coefficient)
     alone = integrate(replace(scenes[1], damping=(moved,)), GAUSS2, 100)
     assert difference(batch[1], alone) > 1e3 * TOLERANCE
 
@@ -381,31 +381,6 @@ def test_a_singular_frozen_response_is_no_failure() -> None:
     run = integrate(swing, Method(cq="gauss", degree=1), 64)
     assert run.status in ("ok", "failed")
     assert "unique" not in run.message
-
-
-@pytest.mark.parametrize(
-    ("start", "n_steps", "count"), [("none", 64, 3), ("none", 65, 1), ("graded", 64, 1)]
-)
-def test_a_batch_takes_equal_steps(start: str, n_steps: int, count: int) -> None:
-    """What has a mesh of its own is done alone, and gives what it gives alone."""
-    pieces = tuple(
-        ForcingPiece(components=(Expression.parse(text, variables=("t",)),), until=until)
-        for text, until in (("1", 2.0), ("0", math.inf))
-    )
-    scenes = [
-        linear_oscillator(
-            final_time=4.0,
-            stiffness=stiffness,
-            damping=[FractionalDamping(order=0.5, coefficient=0.3)],
-            forcing=Forcing(pieces=pieces),
-            initial_position=1.0,
-        )
-        for stiffness in (1.0, 2.0, 3.0)
-    ]
-    method = Method(cq="gauss", degree=2, start=start)  # type: ignore[arg-type]
-    assert companions(scenes, method, n_steps) == [count] * 3
-    for scene, run in zip(scenes, integrate_members(scenes, method, n_steps), strict=True):
-        assert difference(run, integrate(scene, method, n_steps)) <= TOLERANCE
 
 
 def test_a_baseline_step_without_a_solution() -> None:

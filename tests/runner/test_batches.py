@@ -84,14 +84,10 @@ def test_packs_follow_each_other_and_stay_below_the_bound_of_memory(monkeypatch)
     assert len(batches_of(one.runs())) == 4
 
 
-def test_an_interruption_of_nonlinear_members_loses_few():
-    # they are integrated one by one: nothing is gained by keeping them together
-    override = "sweep.problem.omega={from: 1, to: 2, number: 20}"
+def test_nonlinear_members_are_packed_as_linear_ones():
+    override = "sweep.problem.omega={from: 1, to: 2, number: 200}"
     sizes = {len(batch) for batch in batches_of(experiment(PENDULUMS, override).runs())}
-    assert sizes == {8, 4}
-    override = "sweep.problem.stiffness={from: 1, to: 2, number: 20}"
-    # linear ones are quicker side by side, up to a number that leaves work for every worker
-    assert {len(batch) for batch in batches_of(experiment(OSCILLATORS, override).runs())} == {32, 8}
+    assert sizes == {64, 600 % 64}
 
 
 def test_runs_without_a_sweep_stand_alone_in_their_order():

@@ -9,25 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.batches.kinds import decoupling_of
 from fvi_cli.integrator.batches.march import Loads, SideMarch
 from fvi_cli.integrator.batches.memory import SideDamping
+from fvi_cli.integrator.batches.plan import BLOCK, plan_side_by_side
 from fvi_cli.integrator.batches.systems import filled, joined
 from fvi_cli.integrator.convolution.stages import StageOperator
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.growth_bound import TOLERATED_FACTOR
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.memory import runge_kutta_tableau
-from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.runge_kutta import integrate_runge_kutta, mesh_for
-from fvi_cli.integrator.run.setup import linear_decoupling
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-BLOCK = 16
-"""Steps of a block: the fewer, the more often all states are pushed, the more, the more lags."""
 MOST_TOGETHER = 512
 """Systems that are stepped together: more would not stay in the cache."""
 
@@ -48,19 +46,13 @@ def integrate_side_by_side(
     method, n_steps, every
         As for :func:`fvi_cli.integrator.integrate.integrate`, the same for all.
     """
-    decouplings = [_decoupling(scene) for scene in scenes]
+    decouplings = [decoupling_of(scene) for scene in scenes]
     most = max(1, MOST_TOGETHER // decouplings[0].batch)
     found: list[Trajectory] = []
     for first in range(0, len(scenes), most):
         part = slice(first, first + most)
         found += _together(scenes[part], decouplings[part], method, n_steps, every)
     return found
-
-
-def _decoupling(scene: Scene) -> Decoupling:
-    if scene.is_linear:
-        return linear_decoupling(scene)
-    return Decoupling(mass=scene.inertia.mass, modes=None)
 
 
 def _together(
@@ -88,14 +80,7 @@ def _together(
     march = SideMarch(systems, damping, tables, mesh, known, every=every)
     ready = clock.perf_counter()
     times, positions, momenta = march.run()
-    e = scenes[0].dimension // width
-    operations = width * memory_operations(
-        mesh,
-        stages=tables.points.size,
-        n_states=damping.n_states,
-        coupled=e,
-        slots=len(systems.slots),
-    )
+    operations = plan_side_by_side(scenes[0], method, n_steps).operations
     share = 1.0 / len(scenes)
     stepped = clock.perf_counter()
     results = []
@@ -123,28 +108,6 @@ def _together(
             )
         )
     return results
-
-
-def memory_operations(mesh: Mesh, *, stages: int, n_states: int, coupled: int, slots: int) -> int:
-    """Multiply-adds of the memory of one system on a mesh.
-
-    Parameters
-    ----------
-    mesh
-        Where the steps are.
-    stages, n_states
-        Of the method, and states of the damping.
-    coupled, slots
-        Components of the system, and directions of its damping.
-    """
-    if n_states == 0:
-        return 0
-    total = 0
-    for one in mesh.stretches:
-        whole, rest = divmod(one.n_steps, BLOCK)
-        pairs = whole * (BLOCK * (BLOCK - 1) // 2) + rest * (rest - 1) // 2
-        total += 2 * one.n_steps * stages * n_states + slots * stages**2 * pairs
-    return coupled * total
 
 
 def _loads_of(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.potentials import SidePotentials
@@ -157,11 +158,12 @@ def _slots(pairs: Sequence[tuple[Scene, Decoupling]], width: int) -> tuple[Slot,
         for place, ((scene, _), own) in enumerate(zip(pairs, every, strict=True)):
             if index < len(own):
                 one = own[index]
-                direction[..., place] = one.matrix
+                matrix = dense(one.matrix)
+                direction[..., place] = matrix
                 rate[place] = one.rate
                 _note(found, one, place, 1.0)
                 if one.is_relative:
-                    start[:, place] = scene.initial_velocity @ one.matrix
+                    start[:, place] = scene.initial_velocity @ matrix
                     _note(relative, one, place, 1.0)
         slots.append(
             Slot(
@@ -186,7 +188,7 @@ def _number(
     for index, ((scene, own), directions) in enumerate(zip(pairs, every, strict=True)):
         part = slice(index * width, (index + 1) * width)
         for one in directions:
-            numbers = own.matrices(one.matrix)[:, 0, 0]
+            numbers = own.matrices(dense(one.matrix))[:, 0, 0]
             rate[part] += one.rate * numbers
             for place, number in zip(range(part.start, part.stop), numbers, strict=True):
                 _note(found, one, place, float(number))

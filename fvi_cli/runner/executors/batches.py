@@ -24,11 +24,9 @@ from fvi_cli.studies.study import (
 if TYPE_CHECKING:
     from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 
-LARGEST_PACK = 32
-"""More members side by side are no quicker, and would leave workers without any."""
-
-LARGEST_NONLINEAR_PACK = 8
-"""Members of nonlinear scenes are integrated one by one: a batch is what an interruption loses."""
+LARGEST_PACK = 64
+"""Members side by side gain little beyond; a pack is what a worker takes, and what an interruption
+loses."""
 
 
 def batches_of(runs: Sequence[Run]) -> list[tuple[Run, ...]]:
@@ -63,10 +61,8 @@ def pack_size(experiment: Experiment) -> int:
     """How many members of a sweep are computed together at most; 1 where nothing is swept."""
     problem = experiment.problem
     dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
-    is_linear = not isinstance(problem, Problem) or problem.scene.is_linear
-    largest = LARGEST_PACK if is_linear else LARGEST_NONLINEAR_PACK
     members = max(1, len(experiment.members))
-    return min(members, largest, members_at_a_time(max(experiment.steps), dimension))
+    return min(members, LARGEST_PACK, members_at_a_time(max(experiment.steps), dimension))
 
 
 def execute_batch(

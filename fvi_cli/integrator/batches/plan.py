@@ -1,0 +1,97 @@
+"""How many scenes of one kind will be stepped side by side, and what their memory takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.batches.kinds import decoupling_of
+from fvi_cli.integrator.batches.memory import shared_kernel
+from fvi_cli.integrator.convolution.damping import directions_of
+from fvi_cli.integrator.meshes.mesh import Mesh
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.runge_kutta import mesh_for
+
+BLOCK = 16
+"""Steps of a block: the fewer, the more often all states are pushed, the more, the more lags."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SidePlan:
+    """What is the same for all scenes of a kind.
+
+    Parameters
+    ----------
+    n_steps
+        Steps of the mesh.
+    systems, coupled
+        Independent systems that each scene is, and components of each.
+    has_modes
+        Whether these are modes of the scene, no components of its coordinates.
+    n_states
+        Exponentials that stand for the past.
+    operations
+        Multiply-adds of the memory of one scene.
+    """
+
+    n_steps: int
+    systems: int
+    coupled: int
+    has_modes: bool
+    n_states: int
+    operations: int
+
+
+def plan_side_by_side(scene: Scene, method: Method, n_steps: int) -> SidePlan:
+    """How scenes like this one are stepped side by side; no step is done."""
+    mesh, decoupling = mesh_for(scene, method, n_steps), decoupling_of(scene)
+    directions = directions_of(scene)
+    coupled = scene.dimension // decoupling.batch
+    exponents = [exponent for one in directions for exponent in one.exponents]
+    n_states = 0
+    if exponents:
+        kernel = shared_kernel(
+            exponents[0],
+            shortest_step=mesh.shortest_step,
+            n_steps=mesh.equivalent_steps,
+            final_time=scene.final_time,
+            stages=method.stages,
+        )
+        n_states = kernel.n_states
+    operations = memory_operations(
+        mesh,
+        stages=method.stages,
+        n_states=n_states,
+        coupled=coupled,
+        slots=1 if coupled == 1 else len(directions),
+    )
+    return SidePlan(
+        n_steps=mesh.n_steps,
+        systems=decoupling.batch,
+        coupled=coupled,
+        has_modes=decoupling.has_modes,
+        n_states=n_states,
+        operations=decoupling.batch * operations,
+    )
+
+
+def memory_operations(mesh: Mesh, *, stages: int, n_states: int, coupled: int, slots: int) -> int:
+    """Multiply-adds of the memory of one system on a mesh.
+
+    Parameters
+    ----------
+    mesh
+        Where the steps are.
+    stages, n_states
+        Of the method, and states of the damping.
+    coupled, slots
+        Components of the system, and directions of its damping.
+    """
+    if n_states == 0:
+        return 0
+    total = 0
+    for one in mesh.stretches:
+        whole, rest = divmod(one.n_steps, BLOCK)
+        pairs = whole * (BLOCK * (BLOCK - 1) // 2) + rest * (rest - 1) // 2
+        total += 2 * one.n_steps * stages * n_states + slots * stages**2 * pairs
+    return coupled * total

@@ -1,0 +1,287 @@
+"""Members of a sweep side by side on one mesh give what each of them gives alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.batches import memory as memory_module
+from fvi_cli.integrator.batches import run as run_module
+from fvi_cli.integrator.batches import steps as steps_module
+from fvi_cli.integrator.batches.run import integrate_side_by_side
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.members import companions, integrate_members
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.named import linear_oscillator, pendulum
+from fvi_cli.scenes.nonlinear import duffing
+
+TOLERANCE = 1e-12
+GAUSS2 = Method(cq="gauss", degree=2)
+GRADED3 = Method(cq="gauss", degree=3, start="graded")
+METHODS = [
+    GAUSS2,
+    GRADED3,
+    Method(cq="gauss", degree=1),
+    Method(cq="radau-iia", degree=2),
+    Method(cq="lobatto-iiic", degree=2, forcing_quadrature="exact"),
+]
+FORCE = Forcing(
+    pieces=tuple(
+        ForcingPiece(components=(Expression.parse(text, variables=("t",)),), until=until)
+        for text, until in (("sin(3*t)", 1.7), ("0.5", math.inf))
+    )
+)
+
+
+def damping(rng: np.random.Generator, orders: Sequence[float]) -> list[FractionalDamping]:
+    return [FractionalDamping(order=o, coefficient=rng.uniform(0.1, 0.8)) for o in orders]
+
+
+def swings(count: int, *orders: float, forcing: Forcing | None = None) -> list[Scene]:
+    rng = np.random.default_rng(5)
+    return [
+        pendulum(
+            omega=rng.uniform(0.5, 3.0),
+            final_time=4.0,
+            damping=damping(rng, orders),
+            initial_position=rng.normal(),
+            initial_velocity=rng.normal(),
+            forcing=forcing,
+        )
+        for _ in range(count)
+    ]
+
+
+def springs(count: int, *orders: float, forcing: Forcing | None = None) -> list[Scene]:
+    rng = np.random.default_rng(6)
+    return [
+        linear_oscillator(
+            mass=rng.uniform(0.5, 2.0),
+            stiffness=rng.uniform(0.5, 9.0),
+            final_time=4.0,
+            damping=damping(rng, orders),
+            initial_position=rng.normal(),
+            initial_velocity=rng.normal(),
+            forcing=forcing,
+        )
+        for _ in range(count)
+    ]
+
+
+def positive(rng: np.random.Generator) -> np.ndarray:
+    matrix = rng.normal(size=(2, 2))
+    return matrix @ matrix.T + np.eye(2)
+
+
+def coupled(count: int) -> list[Scene]:
+    """Two components with two directions of damping; nothing is diagonal together."""
+    rng = np.random.default_rng(7)
+    return [
+        linear_oscillator(
+            mass=positive(rng),
+            stiffness=positive(rng),
+            final_time=3.0,
+            damping=[
+                FractionalDamping(order=0.4, coefficient=0.2 * positive(rng)),
+                FractionalDamping(order=1.6, coefficient=0.1 * positive(rng)),
+            ],
+            initial_position=rng.normal(size=2),
+            initial_velocity=rng.normal(size=2),
+            forcing=Forcing.from_text("cos(t)", "t"),
+        )
+        for _ in range(count)
+    ]
+
+
+def modal(count: int) -> list[Scene]:
+    """The same with damping like mass and stiffness: two modes."""
+    rng = np.random.default_rng(8)
+    return [
+        replace(
+            scene,
+            damping=(
+                FractionalDamping(order=0.5, coefficient=0.1 * scene.inertia.mass),
+                FractionalDamping(order=1.5, coefficient=rng.uniform() * scene.inertia.mass),
+            ),
+        )
+        for scene in coupled(count)
+    ]
+
+
+def difference(one: Trajectory, other: Trajectory) -> float:
+    """Of position, momentum and energy, each over the largest one."""
+    assert (one.status, one.message, one.every) == (other.status, other.message, other.every)
+    assert one.time == pytest.approx(other.time, rel=1e-15, abs=0)
+    worst = 0.0
+    for name in ("position", "momentum", "energy"):
+        a, b = getattr(one, name), getattr(other, name)
+        worst = max(worst, float(np.abs(a - b).max() / max(np.abs(b).max(), 1e-300)))
+    return worst
+
+
+KINDS = {
+    "springs": lambda: springs(9, 0.5),
+    "undamped": lambda: springs(5),
+    "several terms": lambda: springs(5, 0.3, 1.0, 1.4, 0.3),
+    "forced": lambda: springs(5, 0.5, forcing=FORCE),
+    "swings": lambda: swings(9, 0.5),
+    "swings above one": lambda: swings(8, 1.7),
+    "forced swings": lambda: swings(8, 0.2, 1.2, forcing=FORCE),
+    "coupled": lambda: coupled(5),
+    "modes": lambda: modal(5),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("method", METHODS[:2], ids=lambda method: method.case)
+def test_each_is_what_it_is_alone(kind: str, method: Method) -> None:
+    scenes = KINDS[kind]()
+    assert companions(scenes, method, 60) == [len(scenes)] * len(scenes)
+    for scene, one in zip(scenes, integrate_members(scenes, method, 60), strict=True):
+        assert difference(one, integrate(scene, method, 60)) <= TOLERANCE
+
+
+@pytest.mark.parametrize("method", METHODS[2:], ids=lambda method: method.case)
+def test_other_methods(method: Method) -> None:
+    for scenes in (springs(4, 0.5, 1.5, forcing=FORCE), swings(8, 0.6)):
+        for scene, one in zip(scenes, integrate_members(scenes, method, 50), strict=True):
+            assert difference(one, integrate(scene, method, 50)) <= TOLERANCE
+
+
+def test_orders_of_their_own_share_the_states() -> None:
+    scenes = [swings(1, order)[0] for order in np.linspace(0.05, 1.95, 20)]
+    assert companions(scenes, GAUSS2, 40) == [20] * 20
+    for scene, one in zip(scenes, integrate_members(scenes, GAUSS2, 40), strict=True):
+        assert difference(one, integrate(scene, GAUSS2, 40)) <= TOLERANCE
+    # another order begins with another power of t, and has another mesh
+    assert companions(scenes, GRADED3, 40) == [1] * 20
+
+
+def test_riemann_liouville() -> None:
+    scenes = [
+        replace(scene, derivative="riemann-liouville")
+        for scene in (*springs(4, 0.5), *swings(8, 0.7))
+    ]
+    for scene, one in zip(scenes, integrate_members(scenes, GRADED3, 40), strict=True):
+        assert difference(one, integrate(scene, GRADED3, 40)) <= TOLERANCE
+
+
+@pytest.mark.parametrize("scenes", [springs(11, 0.5, 1.5), swings(11, 0.5), modal(6)])
+def test_who_stands_beside_changes_nothing(scenes: list[Scene]) -> None:
+    """To the last bit, in any company."""
+    together = integrate_side_by_side(scenes, GAUSS2, 50)
+    for places in ([3], [5, 0, 4], [*range(1, 6)], [*range(6)] * 5):
+        packed = integrate_side_by_side([scenes[place] for place in places], GAUSS2, 50)
+        for place, one in zip(places, packed, strict=True):
+            assert np.array_equal(one.position, together[place].position)
+            assert np.array_equal(one.momentum, together[place].momentum)
+            assert asdict(one.newton) == asdict(together[place].newton)
+
+
+def test_one_that_cannot_be_solved_tells_itself() -> None:
+    """A midpoint step of length 2 / sqrt(-k) has a singular matrix."""
+    method = Method(cq="gauss", degree=1)
+    scenes = springs(6)
+    scenes[2] = linear_oscillator(stiffness=-64.0, final_time=4.0, initial_position=1.0)
+    runs = integrate_members(scenes, method, 16)
+    assert [run.status for run in runs] == ["ok", "ok", "failed", "ok", "ok", "ok"]
+    assert "no unique solution" in runs[2].message
+    for scene, run in zip(scenes, runs, strict=True):
+        assert difference(run, integrate(scene, method, 16)) <= TOLERANCE
+
+
+def falling(count: int) -> list[Scene]:
+    """Beyond the hills of the potential a motion runs away in a finite time."""
+    return [
+        duffing(
+            cubic_stiffness=-0.4,
+            final_time=8.0,
+            damping=[FractionalDamping(order=0.5, coefficient=0.1)],
+            initial_position=0.1 + 0.3 * place,
+        )
+        for place in range(count)
+    ]
+
+
+def test_some_that_run_away_do_not_disturb_the_others() -> None:
+    scenes = falling(10)
+    runs = integrate_members(scenes, GAUSS2, 100)
+    statuses = [run.status for run in runs]
+    assert "ok" in statuses
+    assert statuses[-1] != "ok"
+    for scene, run in zip(scenes, runs, strict=True):
+        assert difference(run, integrate(scene, GAUSS2, 100)) <= TOLERANCE
+    calm = [scene for scene, run in zip(scenes, runs, strict=True) if run.status == "ok"]
+    for one, other in zip(
+        integrate_side_by_side(calm, GAUSS2, 100),
+        [run for run in runs if run.status == "ok"],
+        strict=True,
+    ):
+        assert np.array_equal(one.position, other.position)
+
+
+def test_thinned() -> None:
+    for scenes in (springs(4, 0.5), swings(8, 0.5)):
+        for scene, one in zip(scenes, integrate_members(scenes, GRADED3, 50, every=7), strict=True):
+            assert difference(one, integrate(scene, GRADED3, 50, every=7)) <= TOLERANCE
+
+
+def test_work_is_that_of_one_loop() -> None:
+    """No step is done for a member alone; what the memory takes is what is counted."""
+    scenes = swings(24, 0.5)
+    counted = [0]
+
+    class Counted(memory_module.SideDamping):
+        def past(self, block, states, carried):
+            counted[0] += block.response[0].size * states[0].size
+            return super().past(block, states, carried)
+
+        def of_block(self, tables, velocities, done):
+            counted[0] += tables.lags[0].shape[0] * velocities[: 2 * done].size
+            return super().of_block(tables, velocities, done)
+
+        def pushed(self, block, states, velocities):
+            counted[0] += block.intake.size * states[0].size
+            return super().pushed(block, states, velocities)
+
+    solved = patch.object(
+        steps_module.SideStep,
+        "iterated",
+        autospec=True,
+        side_effect=steps_module.SideStep.iterated,
+    )
+    with patch.object(run_module, "SideDamping", Counted), solved as steps:
+        runs = integrate_members(scenes, GAUSS2, 100)
+    assert steps.call_count == 100
+    assert sum(run.history_operations for run in runs) == counted[0] > 0
+    assert all(100 < run.newton.iterations < 1000 for run in runs)
+
+
+def test_a_wrong_member_would_be_seen() -> None:
+    """The control: one weight of ten thousand in one coefficient."""
+    scenes = swings(8, 0.5)
+    runs = integrate_members(scenes, GAUSS2, 40)
+    (term,) = scenes[3].damping
+    moved = FractionalDamping(order=0.5, coefficient=1.0001 * term.coefficient)
+    alone = integrate(replace(scenes[3], damping=(moved,)), GAUSS2, 40)
+    assert difference(runs[3], alone) > 1e3 * TOLERANCE
+
+
+def test_who_goes_together() -> None:
+    few = [*springs(3, 0.5), *swings(7, 0.5)]
+    assert companions(few, GAUSS2, 40) == [1] * 10
+    many = [*springs(4, 0.5), *swings(8, 0.5), springs(1, 0.5, forcing=FORCE)[0]]
+    assert companions(many, GAUSS2, 40) == [4] * 4 + [8] * 8 + [1]
+    # a break point on the grid or not: the mesh is the same for all that have it
+    forced = springs(4, 0.5, forcing=FORCE)
+    assert companions(forced, GAUSS2, 41) == [4] * 4
