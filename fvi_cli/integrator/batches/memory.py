@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.batches.systems import Systems, Terms
-from fvi_cli.integrator.convolution.damping import LARGEST_EXPONENT
 from fvi_cli.integrator.convolution.kernel import Kernel, power_kernel
 from fvi_cli.integrator.convolution.stages import BlockKernel, StageOperator, StepKernel, block_of
 
 Array = NDArray[np.float64]
 
 _SOME_EXPONENT = 0.5
+_EXTREME = 1.0 - 2.0**-40
+"""Rates that are dense enough for exponents up to this serve all."""
 
 
 def rates_and_weights(
@@ -31,7 +32,7 @@ def rates_and_weights(
 ) -> tuple[Array, Array]:
     """Rates that are the same for all exponents, and the weights of one, each of shape ``(J,)``."""
     kernel = power_kernel(
-        (-LARGEST_EXPONENT, exponent, LARGEST_EXPONENT),
+        (-_EXTREME, exponent, _EXTREME),
         shortest_step=shortest_step,
         final_time=final_time,
         stages=stages,
