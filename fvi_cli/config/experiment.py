@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Final
 
-from fvi_cli.config.keys.accuracy import USUAL, accuracy_of, check_accuracy
+from fvi_cli.config.keys.accuracy import accuracy_of, check_accuracy
 from fvi_cli.config.keys.ladder import (
     MOST_STEPS,
     check_grading,
@@ -17,7 +17,7 @@ from fvi_cli.config.keys.ladder import (
     steps_of,
 )
 from fvi_cli.config.keys.methods import ListedMethod, read_methods
-from fvi_cli.config.keys.observations import is_observed, read_observations
+from fvi_cli.config.keys.observations import is_observed, read_observations, usual_methods
 from fvi_cli.config.keys.stability import stability_settings
 from fvi_cli.config.keys.store import read_diagnostics
 from fvi_cli.config.keys.sweep import SWEEP
@@ -71,7 +71,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
     methods = read_methods(
         values.get("method"),
         at,
-        USUAL if "accuracy" in values else {},
+        usual_methods(at) if "accuracy" in values else {},
         start="none" if grading != 1.0 else "graded" if is_observed(at) else "series",
     )
     check_accuracy(at)

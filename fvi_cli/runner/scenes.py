@@ -15,7 +15,7 @@ from fvi_cli.integrator import members, stability
 from fvi_cli.integrator.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.method import AnyMethod, Method, takes_any_mesh
 from fvi_cli.integrator.observations.asked import Event, coordinate_names, observations
-from fvi_cli.integrator.observations.observe import check_observable, observe
+from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.run import parts
 from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.run.parts import Part
@@ -35,6 +35,7 @@ def integrate(
     output: ArrayLike | None = None,
     quantities: Mapping[str, str | float] | None = None,
     events: Mapping[str, str | Event | Mapping[str, object]] | None = None,
+    impacts: Mapping[str, Mapping[str, object]] | None = None,
     coordinates: Sequence[str] | None = None,
     parameters: Mapping[str, float] | None = None,
 ) -> Trajectory:
@@ -67,6 +68,9 @@ def integrate(
     events
         By name such an expression, or ``{"when": ..., "direction": ..., "stop": ...}``, for the
         times at which it changes its sign: ``trajectory.observed.events``.
+    impacts
+        By name ``{"when": ..., "restitution": ...}``: where that expression in coordinates and t
+        falls to 0 the velocity along its gradient is reversed and scaled.
     coordinates, parameters
         Names in these expressions: by default ``x``, or ``x1``, ``x2``, ..., or the coordinates of
         the Lagrangian; and values of further names.
@@ -87,25 +91,20 @@ def integrate(
         output=output,
         quantities=quantities,
         events=events,
+        impacts=impacts,
         parameters=parameters,
     )
     if not asked.is_empty:
         if isinstance(method, str) and isinstance(chosen, Method) and chosen.start == "series":
             is_told = chosen.cq != "gauss" or "series" in method.lower()
             chosen = chosen if is_told else replace(chosen, start="graded")
-        check_observable(chosen)
-    trajectory = engine.integrate(
-        scene,
-        chosen,
-        n_steps,
-        every=every,
-        diagnostics=diagnostics,
-        with_steps=with_steps or not asked.is_empty,
+        _, reported = integrate_observed(
+            scene, chosen, n_steps, asked, every=every, diagnostics=diagnostics
+        )
+        return reported if with_steps else replace(reported, steps=None)
+    return engine.integrate(
+        scene, chosen, n_steps, every=every, diagnostics=diagnostics, with_steps=with_steps
     )
-    if asked.is_empty:
-        return trajectory
-    _, reported = observe(scene, chosen, trajectory, asked)
-    return reported if with_steps else replace(reported, steps=None)
 
 
 def names_of(scene: Scene) -> tuple[str, ...]:

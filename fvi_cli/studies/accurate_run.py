@@ -16,7 +16,7 @@ from fvi_cli.studies.accuracy_results import Choice, Reached
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.reference import Reference
-from fvi_cli.studies.study import assessed, prediction_of, refused
+from fvi_cli.studies.study import assessed, observed_and_assessed, prediction_of, refused
 
 
 def choices_for(experiment: Experiment, *, available_bytes: int | None = None) -> list[Choice]:
@@ -91,11 +91,16 @@ def _kept(run: Run, reached: Reached) -> FinishedRun:
     reference = _nothing(run)
     if problem.exact is not None:
         reference = Reference(values=problem.exact, error=0.0, source=problem.exact_source)
-    trajectory = _diagnosed(run, reached.trajectory)
-    trajectory = dataclasses.replace(
-        trajectory, remarks=(*trajectory.remarks, f"accuracy: {reached.message}")
-    )
-    finished = assessed(run, trajectory, prediction_of(run), reference)
+    told = f"accuracy: {reached.message}"
+    if run.observations.is_empty or not isinstance(problem, Problem):
+        trajectory = _diagnosed(run, reached.trajectory)
+        trajectory = dataclasses.replace(trajectory, remarks=(*trajectory.remarks, told))
+        finished = assessed(run, trajectory, prediction_of(run), reference)
+    else:
+        finished = observed_and_assessed(run, problem, prediction_of(run), reference)
+        trajectory = finished.trajectory
+        trajectory = dataclasses.replace(trajectory, remarks=(*trajectory.remarks, told))
+        finished = dataclasses.replace(finished, trajectory=trajectory)
     if known:
         return finished
     source = f"N = {reached.n_steps // 2} steps of the same method, an estimate"

@@ -90,7 +90,7 @@ def find_references(
         elif _is_wanted(problem):
             references.append(next(refined))
         else:
-            references.append(_unknown(_scene_of(problem), "none, as asked for"))
+            references.append(unknown_reference(_scene_of(problem), "none, as asked for"))
     return references
 
 
@@ -173,10 +173,11 @@ def _refined_together(scenes: Sequence[Scene], steps: tuple[int, ...]) -> list[R
 
 
 def _nothing(scene: Scene, failure: _ReferenceFailedError) -> Reference:
-    return _unknown(scene, f"none (no exact solution is known, and {failure})")
+    return unknown_reference(scene, f"none (no exact solution is known, and {failure})")
 
 
-def _unknown(scene: Scene, source: str) -> Reference:
+def unknown_reference(scene: Scene, source: str) -> Reference:
+    """Nothing to compare with, and why."""
     dimension = scene.dimension
     return Reference(
         values=lambda times: np.full((times.size, dimension), np.nan),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fvi_cli.integrator.integrate import can_be_diagnosed, integrate
 from fvi_cli.integrator.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.observe import observe
+from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.integrator.stability import (
     StabilityPrediction,
@@ -34,7 +34,7 @@ from fvi_cli.studies.experiment import (
 )
 from fvi_cli.studies.members import Member
 from fvi_cli.studies.norms import error_norm
-from fvi_cli.studies.reference import Reference, find_reference, find_references
+from fvi_cli.studies.reference import Reference, find_reference, find_references, unknown_reference
 
 Array = NDArray[np.float64]
 
@@ -84,20 +84,36 @@ def execute(run: Run, checkpoints: RunKeeper | None = None) -> FinishedRun:
         return refused(run, prediction, reference_of(run))
     if isinstance(problem, DerivativeProblem):
         trajectory = _differentiate(problem, run)
+    elif not run.observations.is_empty:
+        return observed_and_assessed(run, problem, prediction)
     else:
         trajectory = _integrated(problem, run, checkpoints)
-    return observed_and_assessed(run, trajectory, prediction, reference_of(run))
+    return assessed(run, trajectory, prediction, reference_of(run))
 
 
 def observed_and_assessed(
-    run: Run, trajectory: Trajectory, prediction: StabilityPrediction, reference: Reference
+    run: Run,
+    problem: Problem,
+    prediction: StabilityPrediction,
+    reference: Reference | None = None,
 ) -> FinishedRun:
-    """The run with its error on the mesh, reported at the times that are asked for."""
-    asked, problem = run.observations, run.problem
-    if asked.is_empty or not isinstance(problem, Problem):
-        return assessed(run, trajectory, prediction, reference)
-    on_mesh, reported = observe(problem.scene, run.method, trajectory, asked)
-    finished = assessed(run, dataclasses.replace(on_mesh, steps=None), prediction, reference)
+    """The run with its error on the mesh, reported at the times that are asked for.
+
+    A motion with impacts has no reference.
+    """
+    asked = run.observations
+    steps = run.n_steps if asked.impacts else run.steps
+    on_mesh, reported = integrate_observed(
+        problem.scene, run.method, steps, asked, diagnostics=run.experiment.diagnostics
+    )
+    if asked.impacts:
+        reference = unknown_reference(problem.scene, "none (a motion with impacts)")
+    finished = assessed(
+        run,
+        dataclasses.replace(on_mesh, steps=None),
+        prediction,
+        reference_of(run) if reference is None else reference,
+    )
     remarks = finished.trajectory.remarks
     return dataclasses.replace(
         finished, trajectory=dataclasses.replace(reported, steps=None, remarks=remarks)
@@ -177,7 +193,6 @@ def _integrated(problem: Problem, run: Run, checkpoints: RunKeeper | None) -> Tr
             run.steps,
             every=every,
             diagnostics=asked,
-            with_steps=not run.experiment.observations.is_empty,
             checkpoints=checkpoints,
         )
     else:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -23,8 +25,8 @@ ladder: {steps: [20]}
 """
 
 
-def _load(tmp_path: object, text: str, *overrides: str) -> fvi.LoadedConfig:
-    path = tmp_path / "seen.yaml"  # type: ignore[operator]
+def _load(tmp_path: Path, text: str, *overrides: str) -> fvi.LoadedConfig:
+    path = tmp_path / "seen.yaml"
     path.write_text(BASE + text, encoding="utf-8")
     return fvi.load(path, overrides=overrides)
 
@@ -38,14 +40,14 @@ def _load(tmp_path: object, text: str, *overrides: str) -> fvi.LoadedConfig:
         ("{times: [0.1, 2]}", [0.1, 2.0]),
     ],
 )
-def test_times_of_the_output(tmp_path: object, given: str, times: list[float]) -> None:
+def test_times_of_the_output(tmp_path: Path, given: str, times: list[float]) -> None:
     (experiment,) = _load(tmp_path, f"output: {given}\n").experiments
     found = experiment.observations.times
     assert found is not None
     assert found.tolist() == times
 
 
-def test_expressions_with_parameters_and_the_run(tmp_path: object) -> None:
+def test_expressions_with_parameters_and_the_run(tmp_path: Path) -> None:
     text = "quantities: {spring: k*x, power: -dx*vx}\nevents: {zero: {when: x - y}}\n"
     config = _load(tmp_path, text)
     (outcome,) = fvi.run(config)
@@ -69,7 +71,7 @@ def test_expressions_with_parameters_and_the_run(tmp_path: object) -> None:
     assert "gauss-s4-graded" in config.experiments[0].methods[0].case
 
 
-def test_quantities_of_the_members_of_a_sweep(tmp_path: object) -> None:
+def test_quantities_of_the_members_of_a_sweep(tmp_path: Path) -> None:
     text = "sweep: {problem.parameters.k: [1.0, 4.0]}\nquantities: {spring: k*x}\n"
     (outcome,) = fvi.run(_load(tmp_path, text))
     for one, k in zip(outcome.finished, (1.0, 4.0), strict=True):
@@ -77,6 +79,33 @@ def test_quantities_of_the_members_of_a_sweep(tmp_path: object) -> None:
         assert observed is not None
         spring = k * one.trajectory.position[:, 0]
         assert np.abs(observed.quantities["spring"] - spring).max() < 1e-13
+
+
+def test_a_motion_with_impacts_is_stored_with_its_impacts(tmp_path: Path) -> None:
+    text = "impacts: {wall: {when: x + 0.5, restitution: 0.8}}\n"
+    config = _load(tmp_path, text, "problem.lagrangian=(vx**2 + vy**2)/2 - k*x - y**2/2")
+    (first,) = fvi.run(config, output=tmp_path)
+    (again,) = fvi.recall(tmp_path / "seen.h5")
+    one, other = first.finished[0].trajectory.observed, again.finished[0].trajectory.observed
+    assert one is not None
+    assert other is not None
+    assert one.events["wall"].time.size >= 1
+    assert np.array_equal(one.events["wall"].time, other.events["wall"].time)
+    assert np.abs(one.events["wall"].position[:, 0] + 0.5).max() < 1e-12
+    assert first.finished[0].reference == "none (a motion with impacts)"
+
+
+def test_a_tolerance_with_quantities(tmp_path: Path) -> None:
+    text = "quantities: {spring: k*x}\naccuracy: {tolerance: 1e-6}\n"
+    path = tmp_path / "seen.yaml"
+    base = BASE.replace("ladder: {steps: [20]}\n", "").replace(
+        "method: {rk: gauss, degree: 4}\n", ""
+    )
+    path.write_text(base + text, encoding="utf-8")
+    (outcome,) = fvi.run(fvi.load(path))
+    observed = outcome.finished[0].trajectory.observed
+    assert observed is not None
+    assert observed.extents["spring"].peak == pytest.approx(2.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -100,15 +129,19 @@ def test_quantities_of_the_members_of_a_sweep(tmp_path: object) -> None:
         ("output: {step: 1}\nstore: {every: 2}\n", "store.every: not together with output"),
         ("output: {step: 1}\nstore: {diagnostics: [energy-balance]}\n", "not together with output"),
         ("events: {e: {when: x}}\nsweep: {problem.parameters.k: [1, 2]}\n", "not together with"),
+        ("impacts: {f: {when: vx}}\n", "13:21: impacts.f.when: vx is no place; a surface is"),
+        ("impacts: {f: {when: x, restitution: 2}}\n", "13:37: impacts.f.restitution: 2 is above 1"),
+        ("impacts: {f: {when: t}}\n", "impacts.f.when: no coordinate occurs in it (x, y)"),
+        ("impacts: {f: {when: x}}\nevents: {f: {when: x}}\n", "is the name of an event already"),
     ],
 )
-def test_mistakes_are_told_with_their_place(tmp_path: object, text: str, complaint: str) -> None:
+def test_mistakes_are_told_with_their_place(tmp_path: Path, text: str, complaint: str) -> None:
     with pytest.raises(fvi.ConfigError) as caught:
         _load(tmp_path, text)
     assert complaint in str(caught.value)
 
 
-def test_methods_without_polynomials_and_kinds_without_motion_are_refused(tmp_path: object) -> None:
+def test_methods_without_polynomials_and_kinds_without_motion_are_refused(tmp_path: Path) -> None:
     with pytest.raises(fvi.ConfigError, match="output: bdf2-points-s1-gauss1-series keeps no poly"):
         _load(tmp_path, "output: {step: 1}\n", "method={bdf: 2}")
     with pytest.raises(fvi.ConfigError, match="quantities: gauss-s4-series keeps no polynomials"):

@@ -7,7 +7,7 @@ from typing import Final, get_args
 from fvi_cli.config.keys.accuracy import ACCURACY
 from fvi_cli.config.keys.ladder import LADDER
 from fvi_cli.config.keys.methods import METHODS
-from fvi_cli.config.keys.observations import EVENTS, OUTPUT, QUANTITIES
+from fvi_cli.config.keys.observations import EVENTS, IMPACTS, OUTPUT, QUANTITIES
 from fvi_cli.config.keys.stability import STABILITY
 from fvi_cli.config.keys.store import STORE
 from fvi_cli.config.keys.sweep import SweepShape
@@ -98,6 +98,7 @@ _KEYS: Final = (
     OUTPUT,
     QUANTITIES,
     EVENTS,
+    IMPACTS,
     Key(
         "stability",
         STABILITY,

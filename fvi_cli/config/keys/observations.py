@@ -10,12 +10,15 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.config.keys.accuracy import USUAL
 from fvi_cli.config.keys.methods import ListedMethod
 from fvi_cli.integrator.observations.asked import (
     DIRECTIONS,
     Event,
+    Impact,
     Observations,
     known_names,
+    surface_objection,
 )
 from fvi_cli.integrator.observations.observe import check_observable
 from fvi_cli.keys.containers import ListOf, Named
@@ -26,7 +29,7 @@ from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.problem import AnyProblem, Problem
 
 MOST_TIMES: Final = 10_000_000
-KEYS: Final = ("output", "quantities", "events")
+KEYS: Final = ("output", "quantities", "events", "impacts")
 EXAMPLE: Final = "{step: 0.01}, {count: 1000} or {times: [0, 0.5, 2]}"
 
 _TAKEN: Final = ("t", "time", "energy", "member", "dof", "mesh")
@@ -96,6 +99,35 @@ EVENTS: Final = Key(
     "stored with position and velocity. For Runge-Kutta methods.",
     default=OPTIONAL,
 )
+IMPACTS: Final = Key(
+    "impacts",
+    Named(
+        shape=Record(
+            keys=(
+                Key(
+                    "when",
+                    Text(what="an expression in coordinates, t and parameters"),
+                    "The motion stays where it is positive, and bounces at its falling roots.",
+                ),
+                Key(
+                    "restitution",
+                    Number(least=0.0),
+                    "The velocity along the normal is reversed and multiplied by it, 0 to 1.",
+                    default=1.0,
+                ),
+            )
+        ),
+        example="{floor: {when: x1, restitution: 0.8}}",
+    ),
+    "Surfaces on which the motion bounces. The damping remembers what was before; endless rebounds "
+    "end the run, which says when. Stored like events. For Runge-Kutta methods and a ladder.",
+    default=OPTIONAL,
+)
+
+
+def usual_methods(at: Cursor) -> Mapping[str, list[Any]]:
+    """The methods of which one is chosen for a tolerance where none is given."""
+    return {**USUAL, "start": ["graded"]} if is_observed(at) else USUAL
 
 
 def is_observed(at: Cursor) -> bool:
@@ -134,6 +166,7 @@ def read_observations(
     names = known_names(problem.coordinates, tuple(parameters))
     quantities: dict[str, Expression] = {}
     events: dict[str, Event] = {}
+    impacts: dict[str, Impact] = {}
     for name in (
         values.get("quantities", {}) if isinstance(values.get("quantities"), Mapping) else ()
     ):
@@ -145,11 +178,26 @@ def read_observations(
         found = _expression(name, names, problem, at.under("events"), "when")
         if found is not None and is_complete(one):
             events[name] = Event(when=found, direction=one["direction"], stop=one["stop"])
+    given_impacts = values.get("impacts")
+    for name, one in given_impacts.items() if isinstance(given_impacts, Mapping) else ():
+        under = at.under("impacts")
+        found = _expression(name, names, problem, under, "when")
+        if found is None or not is_complete(one):
+            continue
+        if name in events:
+            under.refuse_key(name, "is the name of an event already; take another")
+        elif said := surface_objection(found, problem.coordinates):
+            under.refuse(said, name, "when")
+        elif one["restitution"] > 1.0:
+            under.refuse(f"{one['restitution']:g} is above 1", name, "restitution")
+        else:
+            impacts[name] = Impact(when=found, restitution=one["restitution"])
     return Observations(
         coordinates=problem.coordinates,
         times=_times(values.get("output"), problem.final_time, at.under("output")),
         quantities=quantities,
         events=events,
+        impacts=impacts,
         parameters=parameters,
         output=values.get("output"),
     )
@@ -171,8 +219,18 @@ def _check_neighbours(
             at.refuse("not together with output, which says what is kept", "store", "every")
         if "diagnostics" in store:
             at.refuse("not together with output: they are kept on the mesh", "store", "diagnostics")
-    if "events" in values and "sweep" in values:
-        at.refuse_key("events", "not together with sweep; give each member its own experiment")
+    for name in ("events", "impacts"):
+        if name in values and "sweep" in values:
+            at.refuse_key(name, "not together with sweep; give each member its own experiment")
+    if "impacts" in values:
+        if "accuracy" in values:
+            at.refuse_key("impacts", "not together with accuracy; give a ladder")
+        if isinstance(values.get("ladder"), Mapping) and "grading" in values["ladder"]:
+            at.refuse(
+                "not together with impacts, which grade the mesh themselves", "ladder", "grading"
+            )
+        if isinstance(store, Mapping) and "diagnostics" in store:
+            at.refuse("not together with impacts", "store", "diagnostics")
 
 
 def _expression(

@@ -67,6 +67,31 @@ class Event:
             raise ValueError(f"direction: {self.direction!r} is not one of {', '.join(DIRECTIONS)}")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Impact:
+    """A surface on which the motion bounces.
+
+    Parameters
+    ----------
+    when
+        g(q, t): the motion is where it is positive, and meets the surface at its falling roots.
+    restitution
+        e from 0 to 1: the normal velocity is reversed and multiplied by it.
+
+    Raises
+    ------
+    ValueError
+        For a restitution out of range.
+    """
+
+    when: Expression
+    restitution: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.restitution <= 1.0:
+            raise ValueError(f"restitution: {self.restitution!r} is not allowed; it must be 0 to 1")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observations:
     """What is asked of a motion; by default nothing.
@@ -79,6 +104,8 @@ class Observations:
         Times at which the motion is reported, shape ``(n,)``; None: the points of the mesh.
     quantities, events
         By name.
+    impacts
+        Surfaces by name, which change the motion itself.
     parameters
         Values of further names in their expressions.
     output
@@ -94,6 +121,7 @@ class Observations:
     times: Array | None = None
     quantities: Mapping[str, Expression] | None = None
     events: Mapping[str, Event] | None = None
+    impacts: Mapping[str, Impact] | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
     output: Mapping[str, object] | None = None
 
@@ -111,7 +139,7 @@ class Observations:
     @property
     def is_empty(self) -> bool:
         """Whether nothing is asked for."""
-        return self.times is None and not self.quantities and not self.events
+        return self.times is None and not (self.quantities or self.events or self.impacts)
 
     def specification(self) -> dict[str, object]:
         """What determines the numbers, as JSON values; nothing where nothing is asked for."""
@@ -125,7 +153,24 @@ class Observations:
                 name: {"when": one.when.text, "direction": one.direction, "stop": one.stop}
                 for name, one in self.events.items()
             }
+        if self.impacts:
+            found["impacts"] = {
+                name: {"when": one.when.text, "restitution": one.restitution}
+                for name, one in self.impacts.items()
+            }
         return found
+
+
+def surface_objection(when: Expression, coordinates: Sequence[str]) -> str:
+    """What is wrong with the expression of a surface; nothing: it is one."""
+    derived = {p + c for p in PREFIXES[1:] for c in coordinates} - set(coordinates)
+    wrong = sorted(when.names & derived)
+    if wrong:
+        return f"{wrong[0]} is no place; a surface is an expression in coordinates and t"
+    if not when.names & set(coordinates):
+        return f"no coordinate occurs in it ({', '.join(coordinates)})"
+    unsmooth = sorted(when.functions & {"abs", "sign", "cbrt", "gamma"})
+    return f"{unsmooth[0]} has no normal everywhere; give a smooth surface" if unsmooth else ""
 
 
 def observations(
@@ -134,6 +179,7 @@ def observations(
     output: ArrayLike | None = None,
     quantities: Mapping[str, str | float] | None = None,
     events: Mapping[str, str | Event | Mapping[str, object]] | None = None,
+    impacts: Mapping[str, Mapping[str, object]] | None = None,
     parameters: Mapping[str, float] | None = None,
 ) -> Observations:
     """What is asked of a motion, from texts.
@@ -148,6 +194,8 @@ def observations(
         Expressions by name.
     events
         By name an expression, or ``{"when": ..., "direction": ..., "stop": ...}``.
+    impacts
+        By name ``{"when": ..., "restitution": ...}``.
     parameters
         Values of further names.
 
@@ -187,7 +235,19 @@ def observations(
             )
         else:
             found[name] = Event(when=read(given, place))
+    surfaces: dict[str, Impact] = {}
+    for name, surface in (impacts or {}).items():
+        if set(surface) - {"when", "restitution"} or "when" not in surface:
+            raise ValueError(f"impacts.{name}: it takes when and restitution")
+        factor = surface.get("restitution", 1.0)
+        if not isinstance(factor, int | float):
+            raise ValueError(f"impacts.{name}: restitution must be a number from 0 to 1")
+        when = read(surface["when"], f"impacts.{name}.when")
+        if said := surface_objection(when, coordinates):
+            raise ValueError(f"impacts.{name}.when: {said}")
+        surfaces[name] = Impact(when=when, restitution=float(factor))
     return Observations(
+        impacts=surfaces,
         coordinates=tuple(coordinates),
         times=None if output is None else np.asarray(output, dtype=float),
         quantities={

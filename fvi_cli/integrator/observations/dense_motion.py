@@ -28,8 +28,9 @@ from fvi_cli.integrator.balances.mesh_balance import damping_along
 from fvi_cli.integrator.growth_bound import GrowthBound
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.impacts import replayed
 from fvi_cli.integrator.run.runge_kutta import integrate_runge_kutta
-from fvi_cli.integrator.run.setup import prepare_run
+from fvi_cli.integrator.run.setup import RunSetup, prepare_run
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
@@ -83,6 +84,10 @@ class DenseMotion:
         dynamics = dynamics_of(self.scene)
         with np.errstate(all="ignore"):
             velocity = dynamics.velocity(steps.position, steps.momentum, steps.time)
+            before = velocity
+            if steps.jump is not None:
+                at_end = steps.momentum - steps.jump
+                before = dynamics.velocity(steps.position, at_end, steps.time)
         slopes = lobatto_basis(shape.tables.degree).derivatives([0.0, 1.0])[1:]
         left, right = np.einsum("sk,nsd->knd", slopes, unknowns)
         way = shape.step_size[:, None] * unknowns[:, -1]
@@ -90,7 +95,7 @@ class DenseMotion:
             steps.position[:-1] - shape.position[:-1],
             velocity[:-1] - left,
             steps.position[1:] - shape.position[:-1] - way,
-            velocity[1:] - right,
+            before[1:] - right,
         )
 
     @property
@@ -248,22 +253,39 @@ def dense_motion(scene: Scene, method: Method, steps: RunSteps) -> DenseMotion:
             start="none",
             forcing_quadrature=method.forcing_quadrature,
         )
-        second = integrate_runge_kutta(
-            replace(scene, final_time=float(steps.time[-1])),
-            own,
-            mesh_through(steps, scene.break_points),
-            with_steps=True,
-        )
-        if second.status == "ok" and second.steps is not None:
-            shape = second.steps
+        second, said = _second_run(scene, own, steps)
+        if second is not None:
+            shape = second
         else:
             own = method
             remark = (
                 "between the points of the mesh the motion is known to the order of a step only: "
-                f"the run of {stages} stages {second.status}: {second.message}"
+                f"the run of {stages} stages {said}"
             )
     return DenseMotion(
         scene=scene, steps=steps, shape=shape, force=stage_forces(scene, own, shape), remark=remark
+    )
+
+
+def _second_run(scene: Scene, method: Method, steps: RunSteps) -> tuple[RunSteps | None, str]:
+    """The run by another method on the same mesh, or why there is none."""
+    shorter = replace(scene, final_time=float(steps.time[-1]))
+    mesh = mesh_through(steps, scene.break_points)
+    if steps.jump is None:
+        second = integrate_runge_kutta(shorter, method, mesh, with_steps=True)
+        whole = second.steps if second.status == "ok" else None
+        return whole, f"{second.status}: {second.message}"
+    return replayed(prepared(shorter, method, mesh), steps), "failed"
+
+
+def prepared(scene: Scene, method: Method, mesh: Mesh) -> RunSetup:
+    """What steps on a mesh need."""
+    return prepare_run(
+        scene,
+        method,
+        shortest_step=mesh.shortest_step,
+        n_steps=mesh.equivalent_steps,
+        bound=GrowthBound(size=math.inf, rate=0.0),
     )
 
 
@@ -271,14 +293,7 @@ def stage_forces(scene: Scene, method: Method, steps: RunSteps) -> Array | None:
     """Damping force at the stages of a run, shape ``(n, r, d)``; None without damping."""
     if not scene.active_forces or not steps.n_steps:
         return None
-    mesh = mesh_through(steps, scene.break_points)
-    damping = prepare_run(
-        scene,
-        method,
-        shortest_step=mesh.shortest_step,
-        n_steps=mesh.equivalent_steps,
-        bound=GrowthBound(size=math.inf, rate=0.0),
-    ).damping
+    damping = prepared(scene, method, mesh_through(steps, scene.break_points)).damping
     if damping is None:  # pragma: no cover - there are forces
         return None
     with np.errstate(all="ignore"):

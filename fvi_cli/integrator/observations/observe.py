@@ -10,18 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.diagnostics import NOTHING, Asked
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Method, takes_any_mesh
 from fvi_cli.integrator.observations.asked import Event, Observations
 from fvi_cli.integrator.observations.dense_motion import DenseMotion, dense_motion
+from fvi_cli.integrator.observations.impacts import integrate_with_impacts
 from fvi_cli.integrator.observations.pieces import (
     Along,
-    bracketed_roots,
-    may_change_sign,
+    event_places,
     may_exceed,
     mean_of,
     pieces_of,
     stations,
 )
+from fvi_cli.integrator.run.runge_kutta import AnySteps
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
@@ -111,8 +114,51 @@ def check_observable(method: AnyMethod) -> None:
         )
 
 
+def integrate_observed(
+    scene: Scene,
+    method: AnyMethod,
+    n_steps: AnySteps,
+    asked: Observations,
+    *,
+    every: int = 1,
+    diagnostics: Asked = NOTHING,
+) -> tuple[Trajectory, Trajectory]:
+    """Integrate a scene and observe it, as :func:`observe` says.
+
+    `every` and `diagnostics` as for :func:`fvi_cli.integrator.integrate.integrate`; a run with
+    impacts has neither.
+
+    Raises
+    ------
+    ValueError
+        For methods whose steps are no polynomials, and impacts on a mesh of the caller's own.
+    """
+    check_observable(method)
+    if not asked.impacts or not isinstance(method, Method):
+        run = integrate(
+            scene, method, n_steps, every=every, diagnostics=diagnostics, with_steps=True
+        )
+        return observe(scene, method, run, asked)
+    if not isinstance(n_steps, int):
+        raise ValueError("impacts: steps are cut where these are; give a number of steps")
+    run, times = integrate_with_impacts(
+        scene,
+        method,
+        n_steps,
+        asked.impacts,
+        coordinates=asked.coordinates,
+        parameters=asked.parameters,
+    )
+    return observe(scene, method, run, asked, impacts=times)
+
+
 def observe(
-    scene: Scene, method: AnyMethod, trajectory: Trajectory, asked: Observations
+    scene: Scene,
+    method: AnyMethod,
+    trajectory: Trajectory,
+    asked: Observations,
+    *,
+    impacts: Mapping[str, Array] | None = None,
 ) -> tuple[Trajectory, Trajectory]:
     """What is asked of a finished run.
 
@@ -124,6 +170,8 @@ def observe(
         The run with its steps.
     asked
         What is wanted.
+    impacts
+        Times of the impacts of the run, which are told like events.
 
     Returns
     -------
@@ -149,6 +197,11 @@ def observe(
         return trajectory, replace(trajectory, observed=Observed(mesh=steps.time))
     motion = dense_motion(scene, method, steps)
     events = {name: _occurrences(motion, asked, one) for name, one in (asked.events or {}).items()}
+    for name, found in (impacts or {}).items():
+        at = motion.located(found)
+        events[name] = Occurrences(
+            time=found, position=motion.position(*at), velocity=motion.velocity(*at)
+        )
     end, stopped_by = motion.end, ""
     for name, one in (asked.events or {}).items():
         first = float(events[name].time[0]) if events[name].time.size else math.inf
@@ -278,44 +331,6 @@ def _occurrences(motion: DenseMotion, asked: Observations, event: Event) -> Occu
         position=motion.position(step, place),
         velocity=motion.velocity(step, place),
     )
-
-
-def event_places(along: Along, n_steps: int, direction: str) -> tuple[Places, Array]:
-    """Step and place in it of every change of sign, in the order of time.
-
-    Between neighbours among ends and extremes there is one root at most, so none is lost where a
-    step has two. Where the value is zero at an end, or changes from one step to the next, the
-    root is there.
-    """
-    steps, places = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
-    carried: tuple[Places, Array, Array] = (steps[0], places[0], places[0])
-    for found in pieces_of(along, n_steps):
-        step, place = stations(found, may_change_sign(found))
-        own = (step, place, along(step, place))
-        step, place, value = (np.concatenate(pair) for pair in zip(carried, own, strict=True))
-        signed = np.flatnonzero(np.isfinite(value) & (value != 0.0))
-        first, second = signed[:-1], signed[1:]
-        sign = np.sign(value)
-        turns = sign[first] != sign[second]
-        if direction != "any":
-            turns &= sign[second] == (1.0 if direction == "rising" else -1.0)
-        first, second = first[turns], second[turns]
-        inside = (step[first] == step[second]) & (second == first + 1)
-        left, right = first[inside], second[inside]
-        root = place[first].copy()
-        at = step[first].copy()
-        if left.size:
-            root[inside] = bracketed_roots(
-                along, step[left], place[left], place[right], value[left], value[right]
-            )
-        # the value is zero there, or its sign changes by round-off between two steps
-        between = np.minimum(first + 1, second)[~inside]
-        at[~inside], root[~inside] = step[between], place[between]
-        steps.append(at)
-        places.append(root)
-        kept = signed[-1:]
-        carried = (step[kept], place[kept], value[kept])
-    return np.concatenate(steps), np.concatenate(places)
 
 
 def _until(one: Occurrences, end: float) -> Occurrences:

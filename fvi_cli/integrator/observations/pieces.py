@@ -197,3 +197,41 @@ def bracketed_roots(
         share = np.where(usable, share, 0.5)
         share = np.clip(share, np.minimum(limit, 0.5), np.maximum(1.0 - limit, 0.5))
     return np.asarray(best)
+
+
+def event_places(along: Along, n_steps: int, direction: str) -> tuple[Places, Array]:
+    """Step and place in it of every change of sign, in the order of time.
+
+    Between neighbours among ends and extremes there is one root at most, so none is lost where a
+    step has two. Where the value is zero at an end, or changes from one step to the next, the
+    root is there.
+    """
+    steps, places = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
+    carried: tuple[Places, Array, Array] = (steps[0], places[0], places[0])
+    for found in pieces_of(along, n_steps):
+        step, place = stations(found, may_change_sign(found))
+        own = (step, place, along(step, place))
+        step, place, value = (np.concatenate(pair) for pair in zip(carried, own, strict=True))
+        signed = np.flatnonzero(np.isfinite(value) & (value != 0.0))
+        first, second = signed[:-1], signed[1:]
+        sign = np.sign(value)
+        turns = sign[first] != sign[second]
+        if direction != "any":
+            turns &= sign[second] == (1.0 if direction == "rising" else -1.0)
+        first, second = first[turns], second[turns]
+        inside = (step[first] == step[second]) & (second == first + 1)
+        left, right = first[inside], second[inside]
+        root = place[first].copy()
+        at = step[first].copy()
+        if left.size:
+            root[inside] = bracketed_roots(
+                along, step[left], place[left], place[right], value[left], value[right]
+            )
+        # the value is zero there, or its sign changes by round-off between two steps
+        between = np.minimum(first + 1, second)[~inside]
+        at[~inside], root[~inside] = step[between], place[between]
+        steps.append(at)
+        places.append(root)
+        kept = signed[-1:]
+        carried = (step[kept], place[kept], value[kept])
+    return np.concatenate(steps), np.concatenate(places)

@@ -32,6 +32,9 @@ class RunSteps:
         Shape ``(n,)``; equal steps have equal bits.
     velocity
         At the stages, shape ``(n, r, d)``.
+    jump
+        What impacts add to the momentum at the points, shape ``(n + 1, d)``, held in `momentum`
+        already; None: nothing.
     """
 
     tables: StepTables
@@ -40,6 +43,7 @@ class RunSteps:
     momentum: Array
     step_size: Array
     velocity: Array
+    jump: Array | None = None
 
     @property
     def n_steps(self) -> int:

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.observations.asked import Observations
+from fvi_cli.integrator.observations.asked import Event, Impact, Observations
 from fvi_cli.integrator.observations.observe import Extent, Observed, Occurrences
 from fvi_cli.storage.files import printable
 
@@ -95,9 +95,9 @@ def observed_attributes(observed: Observed | None, asked: Observations) -> dict[
         }
         found[QUANTITIES] = json.dumps(told, ensure_ascii=False)
     if observed.events:
-        events = asked.events or {}
+        sources: dict[str, Event | Impact] = {**(asked.events or {}), **(asked.impacts or {})}
         counts = {
-            name: {"when": events[name].when.text, "count": int(one.time.size)}
+            name: {"when": sources[name].when.text, "count": int(one.time.size)}
             for name, one in observed.events.items()
         }
         found[EVENTS] = json.dumps(counts, ensure_ascii=False)
