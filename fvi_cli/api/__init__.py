@@ -13,6 +13,7 @@ command             call
 ``fvi plot``        :func:`figures` of the same
 ``fvi stability``   :func:`stability`
 ``fvi cost``        :func:`cost`
+``fvi fit``         :func:`fit`
 ``fvi hard-cases``  :func:`hard_cases`
 ``fvi export``      :func:`export`
 ``fvi forget``      :func:`forget`
@@ -50,6 +51,7 @@ from fvi_cli.api.calls import (
     contents,
     cost,
     export,
+    fit,
     forget,
     hard_cases,
     load,
@@ -100,6 +102,7 @@ from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage import StoredConfiguration, StoredFile
 from fvi_cli.studies.cost import CostTable
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+from fvi_cli.studies.fits.result import FitResult
 from fvi_cli.studies.hard_cases.case import HardCaseReport
 from fvi_cli.studies.order import OrderTable, order_table
 from fvi_cli.studies.stability_study import StabilityTable
@@ -116,6 +119,7 @@ __all__ = [
     "Experiment",
     "ExpressionPotential",
     "FinishedRun",
+    "FitResult",
     "Forcing",
     "ForcingPiece",
     "FractionalDamping",
@@ -151,6 +155,7 @@ __all__ = [
     "cost",
     "export",
     "figures",
+    "fit",
     "forget",
     "graded_mesh",
     "gradient",

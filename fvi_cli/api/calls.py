@@ -23,6 +23,7 @@ from fvi_cli.runner.run import run_request
 from fvi_cli.runner.settings import Settings
 from fvi_cli.storage import StoredConfiguration, StoredFile, list_runs, read_configuration
 from fvi_cli.studies.cost import CostTable
+from fvi_cli.studies.fits.result import FitResult
 from fvi_cli.studies.hard_cases.case import HardCaseReport
 from fvi_cli.studies.stability_study import StabilityTable
 
@@ -198,6 +199,31 @@ def stability(
 
     request = _request(load(source, overrides=ranges(over)))
     return study_stability(request, is_observed=observe, show_progress=False)
+
+
+def fit(source: Source, *, overrides: Sequence[str] = ()) -> list[FitResult]:
+    """Numbers of a problem from measurements, as ``fvi fit`` finds them.
+
+    Parameters
+    ----------
+    source
+        As for :func:`load`.
+    overrides
+        Changes ``key.path=value``, for a configuration that is not loaded yet.
+
+    Returns
+    -------
+    list of FitResult
+        One for every experiment with ``fit``; a fit that does not converge says so.
+
+    Raises
+    ------
+    RequestError
+        Where there is nothing to fit, and for parameters without influence on the data.
+    """
+    from fvi_cli.runner.fits.fit import fit_request
+
+    return fit_request(_request(load(source, overrides=overrides)), show_progress=False)
 
 
 def cost(source: Source, *, peers: bool = False) -> list[CostTable]:

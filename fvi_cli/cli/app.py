@@ -17,6 +17,7 @@ from fvi_cli.cli.convergence import convergence
 from fvi_cli.cli.cost import cost
 from fvi_cli.cli.exits import DONE
 from fvi_cli.cli.export import export
+from fvi_cli.cli.fit import fit
 from fvi_cli.cli.forget import forget
 from fvi_cli.cli.hard_cases import hard_cases
 from fvi_cli.cli.list import list  # noqa: A004 - the command's name
@@ -33,6 +34,7 @@ COMMANDS = (
     plot,
     cost,
     stability,
+    fit,
     check,
     list,
     show,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Final
 
+from fvi_cli.config.fits import fit_settings
 from fvi_cli.config.keys.accuracy import accuracy_of, check_accuracy
 from fvi_cli.config.keys.ladder import (
     MOST_STEPS,
@@ -97,8 +98,12 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
                 dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
                 points = [n_steps // every + 2 for n_steps in steps]
                 check_total_memory(len(members.members), dimension, points, len(methods), at)
+    fit = None
+    if problem is not None and isinstance(values.get("fit"), Mapping):
+        fit = fit_settings(values["fit"], described, problem, at.under("fit"))
     resolved = {
-        **values,
+        # runs do not depend on what was measured
+        **{key: value for key, value in values.items() if key != "fit"},
         "name": name,
         "method": [listed_method.resolved for listed_method in methods],
         **({} if members is None else {SWEEP: members.resolved}),
@@ -123,6 +128,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         stability=stability_settings(values["stability"]),
         members=() if members is None else members.members,
         accuracy=accuracy,
+        fit=fit,
     )
     return ReadExperiment(resolved=resolved, experiment=experiment)
 

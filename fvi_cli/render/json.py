@@ -16,6 +16,7 @@ from fvi_cli.runner.request import Request
 from fvi_cli.storage import StoredFile
 from fvi_cli.storage.fields.observed import ObservedSummary, summary_of
 from fvi_cli.studies.experiment import FinishedRun, Run
+from fvi_cli.studies.fits.result import FitResult
 
 JSON_FORMAT = 1
 """Raised when a key is renamed or taken away; new ones may come."""
@@ -72,6 +73,36 @@ def checked_as_json(requests: Iterable[Request], complaints: Sequence[str] = ())
     return _document(
         valid=not complaints, configurations=configurations, complaints=list(complaints)
     )
+
+
+def fits_as_json(results: Sequence[FitResult], files: Sequence[Path] = ()) -> str:
+    """Every model of every experiment with its estimates, and the files that were written."""
+    fits = [
+        {
+            "experiment": result.name,
+            "model": model.model.name,
+            "status": "ok" if model.is_converged else "failed",
+            "message": model.message,
+            "values": model.n_values,
+            "aicc": model.criterion,
+            "whiteness": model.whiteness,
+            "parameters": [
+                {
+                    "parameter": one.name,
+                    "estimate": one.value,
+                    "standard_error": one.standard_error,
+                    "low": one.low,
+                    "high": one.high,
+                }
+                for one in model.estimates
+            ],
+            "correlations": [list(map(float, row)) for row in model.correlations],
+            "warnings": list(model.warnings),
+        }
+        for result in results
+        for model in result.models
+    ]
+    return _document(files=[path.as_posix() for path in files], fits=fits)
 
 
 def shipped_as_json(titles: Mapping[str, str]) -> str:

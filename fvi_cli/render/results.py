@@ -13,6 +13,7 @@ from fvi_cli.render.plans import plans_as_text
 from fvi_cli.render.runs import contents_as_text, runs_as_text
 from fvi_cli.reports import Report
 from fvi_cli.reports.kinds.cost import cost_report
+from fvi_cli.reports.kinds.fit import fit_report
 from fvi_cli.reports.kinds.hard_cases import hard_case_report
 from fvi_cli.reports.kinds.orders import order_report
 from fvi_cli.reports.kinds.stability import stability_report
@@ -23,6 +24,7 @@ from fvi_cli.runner.plan import PlannedRun
 from fvi_cli.storage import StoredFile
 from fvi_cli.studies.cost import CostTable
 from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.fits.result import FitResult
 from fvi_cli.studies.hard_cases.case import HardCaseReport
 from fvi_cli.studies.order import OrderTable
 from fvi_cli.studies.order import order_tables as tables_of_orders
@@ -31,7 +33,7 @@ from fvi_cli.studies.stability_study import StabilityTable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Result: TypeAlias = Outcome | OrderTable | StabilityTable | CostTable | PlannedRun
+Result: TypeAlias = Outcome | OrderTable | StabilityTable | CostTable | FitResult | PlannedRun
 Results: TypeAlias = Result | Sequence[Result] | HardCaseReport
 Kind = TypeVar("Kind")
 
@@ -91,7 +93,9 @@ def _report(results: Results, name: str | None) -> Report:
         return stability_report(title, stabilities)
     if costs := _of(results, CostTable):
         return cost_report(title, costs)
-    raise RequestError("there are tables of orders, stability, cost and the hard cases only")
+    if fits := _of(results, FitResult):
+        return fit_report(title, fits)
+    raise RequestError("there are tables of orders, stability, cost, fits and the hard cases only")
 
 
 def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
@@ -123,8 +127,12 @@ def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
             from fvi_cli.plotting.cost import cost_figures
 
             return cost_figures(title, costs)
+        if fits := _of(results, FitResult):
+            from fvi_cli.plotting.fits.figures import fit_figures
+
+            return dict(fit_figures(title, fits))
     raise RequestError(
-        "there are figures of outcomes, of tables of stability and of tables of cost only"
+        "there are figures of outcomes, of fits, of tables of stability and of tables of cost only"
     )
 
 
@@ -227,6 +235,9 @@ def _only_name(results: Results) -> str:
     """The name of the only experiment."""
     names: set[str] = set()
     for one in _listed(results):
+        if isinstance(one, FitResult):
+            names.add(one.name)
+            continue
         owner = one.run if isinstance(one, PlannedRun) else one
         experiment = owner.experiment
         names.add(experiment if isinstance(experiment, str) else experiment.name)

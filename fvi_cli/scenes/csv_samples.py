@@ -32,11 +32,14 @@ class CsvSamples:
         As they stand in the file, shape ``(n,)``.
     sha256
         Of the bytes of the file.
+    lines
+        The line of every sample, counted from 1.
     """
 
     time: NDArray[np.float64]
     values: NDArray[np.float64]
     sha256: str
+    lines: tuple[int, ...] = ()
 
 
 class CsvMistakesError(Exception):
@@ -107,7 +110,10 @@ def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> Cs
     mistakes.raise_if_any()
     table = np.array(found)
     return CsvSamples(
-        time=table[:, 0], values=table[:, 1], sha256=hashlib.sha256(content).hexdigest()
+        time=table[:, 0],
+        values=table[:, 1],
+        sha256=hashlib.sha256(content).hexdigest(),
+        lines=tuple(lines),
     )
 
 

@@ -17,6 +17,7 @@ from fvi_cli.integrator.observations.asked import Observations
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
+from fvi_cli.studies.fits.settings import FitSettings
 from fvi_cli.studies.members import Member
 from fvi_cli.studies.stability_settings import USUAL, StabilitySettings
 
@@ -73,6 +74,8 @@ class Experiment:
     accuracy
         A tolerance in place of `steps`, which are empty until a method and a number of steps
         are chosen; then these are the only ones.
+    fit
+        What is fitted to which measurements; None: nothing is.
     """
 
     name: str
@@ -92,6 +95,7 @@ class Experiment:
     diagnostics: Asked = NOTHING
     observations: Observations = field(default_factory=Observations)
     accuracy: Accuracy | None = None
+    fit: FitSettings | None = None
 
     def __repr__(self) -> str:
         """Name, methods and steps; the scene is too long for a line."""

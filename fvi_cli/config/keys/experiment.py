@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final, get_args
 
 from fvi_cli.config.keys.accuracy import ACCURACY
+from fvi_cli.config.keys.fit import FIT
 from fvi_cli.config.keys.ladder import LADDER
 from fvi_cli.config.keys.methods import METHODS
 from fvi_cli.config.keys.observations import EVENTS, IMPACTS, OUTPUT, QUANTITIES
@@ -104,6 +105,12 @@ _KEYS: Final = (
         STABILITY,
         "What fvi stability looks at, beside the methods and steps.",
         default={"observe": True},
+    ),
+    Key(
+        "fit",
+        FIT,
+        "Which numbers of the problem fvi fit fits to which measurements.",
+        default=OPTIONAL,
     ),
 )
 _REFUSED: Final = {

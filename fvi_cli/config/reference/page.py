@@ -148,6 +148,10 @@ def _inner(schema: Schema, path: str) -> Iterator[Row]:
         yield from _inner(variant, path)
     if "items" in schema:
         yield from _inner(schema["items"], f"{path}[]" if path else "")
+    under = schema.get("additionalProperties")
+    if isinstance(under, dict):
+        # names are the user's choice
+        yield from _inner(under, f"{path}.NAME")
     for name, described in schema.get("properties", {}).items():
         needed = name in schema.get("required", ())
         yield from _rows(f"{path}.{name}" if path else name, described, is_required=needed)

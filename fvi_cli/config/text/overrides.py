@@ -13,6 +13,10 @@ from fvi_cli.keys.nodes import ListNode, MappingNode, Node, NowhereError, node_a
 
 OPTION: Final = SourcePosition(source="--set")
 SWEEP: Final = "sweep"
+FIT: Final = "fit"
+PARAMETERS: Final = "parameters"
+ENTRIES: Final = ("start", "from", "to", "fixed", "tied", "factor", "own")
+"""What may stand below a parameter of a fit."""
 _DISPLACED: Final[Mapping[str, tuple[str, ...]]] = {
     "accuracy": ("ladder",),
     "ladder": ("accuracy",),
@@ -71,17 +75,31 @@ def _path(override: str, root: Node, complaints: Complaints) -> KeyPath:
 
 
 def _swept(root: Node, path: tuple[str, ...]) -> KeyPath:
-    """The path, of which keys below ``sweep`` hold dots: there the longest one that exists."""
-    if SWEEP not in path[:-2]:
+    """The path, where keys below ``sweep`` and in fits hold dots: the longest one that exists."""
+    depth = _dotted_from(path)
+    if depth is None:
         return path
-    outer = path[: path.index(SWEEP) + 1]
-    (node, found), rest = node_at(root, outer), path[len(outer) :]
+    outer = path[:depth]
+    (node, found), rest = node_at(root, outer), path[depth:]
     if isinstance(node, ListNode):
         return (*outer, rest[0], ".".join(rest[1:]))
     known = node.entries if isinstance(node, MappingNode) and found == outer else {}
     keys = (".".join(rest[:count]) for count in range(len(rest), 0, -1))
-    key = next((key for key in keys if key in known), ".".join(rest))
+    new = ".".join(rest[:-1] if rest[-1] in ENTRIES and outer[-1] == PARAMETERS else rest)
+    key = next((key for key in keys if key in known), new)
     return (*outer, key, *rest[key.count(".") + 1 :])
+
+
+def _dotted_from(path: tuple[str, ...]) -> int | None:
+    """Where in a path a key begins that holds dots; None: there is none."""
+    if SWEEP in path[:-2]:
+        return path.index(SWEEP) + 1
+    if FIT in path[:-2]:
+        inside = path[path.index(FIT) :]
+        for name in (PARAMETERS, "set"):
+            if name in inside[:-1]:
+                return path.index(FIT) + inside.index(name) + 1
+    return None
 
 
 def _without_displaced(root: Node, path: KeyPath) -> Node:

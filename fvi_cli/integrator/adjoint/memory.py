@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.convolution.damping import LARGEST_EXPONENT
 from fvi_cli.integrator.convolution.kernel import Kernel, power_kernel_slopes
 from fvi_cli.integrator.convolution.stages import StageOperator
+from fvi_cli.mathematics.runge_kutta import tableau
 
 Array = NDArray[np.float64]
 
@@ -138,9 +140,14 @@ class RunMemory:
 
 def _logarithm(operator: StageOperator) -> Array:
     """The logarithm of the method's matrix, shape ``(m, m)``."""
+    found = _of_coefficients(operator.tableau.name, operator.n_stages)
+    if operator.basis == "values":
+        return np.asarray(operator.to_values @ found @ operator.to_coefficients)
+    return found
+
+
+@cache
+def _of_coefficients(name: str, stages: int) -> Array:
     from scipy.linalg import logm
 
-    found = np.real(logm(operator.matrix))
-    if operator.basis == "values":
-        found = operator.to_values @ found @ operator.to_coefficients
-    return np.asarray(found)
+    return np.real(logm(StageOperator(tableau=tableau(name, stages)).matrix))

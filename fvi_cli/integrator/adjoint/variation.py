@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.matrices import entries
+from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun
 from fvi_cli.integrator.loads.step_loads import StepLoads
@@ -25,6 +27,8 @@ DIFFERENCE = 1e-3
 """Difference of a parameter, relative to its size."""
 ATTEMPTS = 4
 """Differences that are tried, each a tenth of the one before, where a value may not be left far."""
+STRAIGHT = 1e-14
+"""Round-off of numbers on a straight line, relative."""
 _FACTORS = {1: 2.0 / 3.0, -1: -2.0 / 3.0, 2: -1.0 / 12.0, -2: 1.0 / 12.0}
 
 
@@ -92,7 +96,10 @@ def _differences(one: Variation, scene: Scene) -> list[tuple[Scene, float]]:
     step = DIFFERENCE * (abs(one.value) or 1.0)
     for attempt in range(ATTEMPTS):
         try:
-            beside = {place: one.family(one.value + place * step) for place in _FACTORS}
+            near = {place: one.family(one.value + place * step) for place in (1, -1)}
+            if _is_affine(near[-1], scene, near[1]):
+                return [(near[1], 0.5 / step), (near[-1], -0.5 / step)]
+            beside = {**near, **{place: one.family(one.value + place * step) for place in (2, -2)}}
             break
         except ValueError:
             # an order beside 0 or 2
@@ -103,6 +110,27 @@ def _differences(one: Variation, scene: Scene) -> list[tuple[Scene, float]]:
         if (len(found.damping), found.dimension) != (len(scene.damping), scene.dimension):
             raise ValueError(f"{one.name}: beside {one.value:g} the scene is another one")
     return [(beside[place], factor / step) for place, factor in _FACTORS.items()]
+
+
+def _is_affine(low: Scene, middle: Scene, high: Scene) -> bool:
+    """Whether three scenes are linear, and their numbers lie on straight lines."""
+    if not middle.is_linear or not _have_same_loads(low, high):
+        return False
+    every = [_numbers(scene) for scene in (low, middle, high)]
+    if len({one.size for one in every}) != 1:
+        return False
+    bend = np.abs(every[0] - 2.0 * every[1] + every[2])
+    return bool(np.all(bend <= STRAIGHT * np.abs(every[1])))
+
+
+def _numbers(scene: Scene) -> Array:
+    """Everything that a linear scene is made of, in one row."""
+    stiffness = np.zeros(0)
+    if isinstance(scene.potential, QuadraticPotential):
+        stiffness = entries(scene.potential.form)
+    damping = [np.append(entries(term.form), term.order) for term in scene.damping]
+    start = (scene.initial_position, scene.initial_velocity)
+    return np.concatenate([entries(scene.inertia.form), stiffness, *damping, *start])
 
 
 class _Rates:

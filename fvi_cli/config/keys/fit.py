@@ -1,0 +1,164 @@
+"""``fit``: what ``fvi fit`` fits to which measurements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+from fvi_cli.keys.containers import Named, OneOrMany
+from fvi_cli.keys.cursor import OPTIONAL, Cursor
+from fvi_cli.keys.nodes import MappingNode, plain
+from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.scalars import Flag, Number, Schema, Text
+
+MOST_SETS: Final = 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class Anything:
+    """Whatever stands there, read again where it is used."""
+
+    expected: str = "what may stand under that key"
+
+    def read(self, at: Cursor) -> Any:
+        """Plain values."""
+        return plain(at.node)
+
+    def schema(self) -> Schema:
+        """The shape in JSON schema."""
+        return {}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise:
+    """``auto``, a standard deviation, or one for each column."""
+
+    expected: str = "auto, a positive number, or a mapping such as {displacement: 0.01}"
+
+    def read(self, at: Cursor) -> Any:
+        """The word, a float, or a dict."""
+        if isinstance(at.node, MappingNode):
+            return Named(shape=Number(above=0.0), names="columns").read(at)
+        if at.scalar == "auto":
+            return "auto"
+        if isinstance(at.scalar, int | float) and not isinstance(at.scalar, bool):
+            return Number(above=0.0).read(at)
+        return at.needs(self.expected)
+
+    def schema(self) -> Schema:
+        """The shape in JSON schema."""
+        number = Number(above=0.0).schema()
+        return {
+            "anyOf": [
+                {"const": "auto"},
+                number,
+                {"type": "object", "additionalProperties": number},
+            ]
+        }
+
+
+_NAMES: Final = "coordinates, or v and the name of one for its velocity,"
+_DATA: Final = Record(
+    keys=(
+        Key(
+            "file",
+            Text(what="the path of a CSV file"),
+            "CSV file, from the configuration's folder.",
+        ),
+        Key("time", Text(what="the name of a column"), "Column of the times.", default="t"),
+        Key(
+            "columns",
+            Named(
+                shape=Text(what="the name of a column"), names=_NAMES, example="{x: displacement}"
+            ),
+            "What was measured: coordinates (x, or x1, x2, ...) and velocities (v and the name of "
+            "the coordinate), each with its column.",
+        ),
+        Key(
+            "name",
+            Text(what="a name"),
+            "Of the motion; default: the name of the file.",
+            default=OPTIONAL,
+        ),
+        Key(
+            "set",
+            Named(shape=Number(), names="key paths", example="{problem.initial.position: 2.0}"),
+            "Numbers of the problem that are different in this motion.",
+            default={},
+        ),
+    )
+)
+_PARAMETER: Final = Record(
+    keys=(
+        Key(
+            "start",
+            Number(),
+            "Where the search begins; default: the value in the problem.",
+            default=OPTIONAL,
+        ),
+        Key(
+            "from", Number(), "Lower bound; with from: 0 the logarithm is fitted.", default=OPTIONAL
+        ),
+        Key("to", Number(), "Upper bound.", default=OPTIONAL),
+        Key("fixed", Number(), "Not fitted, but held at this value.", default=OPTIONAL),
+        Key(
+            "tied",
+            Text(what="the key path of another parameter"),
+            "Not fitted on its own: factor times this parameter.",
+            default=OPTIONAL,
+        ),
+        Key("factor", Number(), "Of the tie.", default=1.0),
+        Key("own", Flag(), "Every motion in data has its own value.", default=False),
+    ),
+    refused={
+        "min": "not a key: write from",
+        "max": "not a key: write to",
+        "initial": "not a key: write start",
+        "bounds": "not a key: write from and to",
+    },
+)
+_PARAMETERS: Final = Named(
+    shape=_PARAMETER,
+    names="key paths",
+    example="{problem.damping.0.order: {start: 0.5, from: 0.05, to: 1.95}}",
+)
+_MODEL: Final = Record(
+    keys=(
+        Key(
+            "set",
+            Named(shape=Anything(), names="key paths", example="{problem.damping.0.order: 1}"),
+            "What is different from the problem of the experiment.",
+            default={},
+        ),
+        Key(
+            "parameters",
+            _PARAMETERS,
+            "What is fitted; default: those of the fit that are not set.",
+            default=OPTIONAL,
+        ),
+    )
+)
+FIT: Final = Record(
+    keys=(
+        Key("data", OneOrMany(shape=_DATA, most=MOST_SETS), "Measured motions, one or several."),
+        Key("parameters", _PARAMETERS, "Numbers of the problem that are fitted."),
+        Key(
+            "noise",
+            Noise(),
+            "Standard deviation of the noise: auto (estimated from what is left), a number, or a "
+            "mapping from columns to numbers.",
+            default="auto",
+        ),
+        Key(
+            "models",
+            Named(
+                shape=_MODEL,
+                names="names",
+                example="{viscous: {set: {problem.damping.0.order: 1}}}",
+            ),
+            "Several descriptions that are fitted to the same data and compared; default: the one "
+            "of the problem.",
+            default=OPTIONAL,
+        ),
+    )
+)

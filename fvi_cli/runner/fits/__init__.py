@@ -1,0 +1,1 @@
+"""Fits that are asked for, and what they leave behind."""

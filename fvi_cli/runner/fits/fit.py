@@ -1,0 +1,77 @@
+"""Fits that a request asks for."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from fvi_cli.config.fitted import fitted_text
+from fvi_cli.errors import RequestError
+from fvi_cli.runner.progress import progress_bar
+from fvi_cli.runner.request import Request
+from fvi_cli.storage.atomic import replace_file
+from fvi_cli.studies.experiment import Experiment
+from fvi_cli.studies.fits.result import FitResult
+from fvi_cli.studies.fits.settings import FitSettings
+
+_logger = logging.getLogger(__name__)
+
+
+def fit_request(request: Request, *, show_progress: bool) -> list[FitResult]:
+    """Fit every experiment that has something to fit.
+
+    Raises
+    ------
+    RequestError
+        Where there is nothing to fit, and for parameters without influence on the data.
+    """
+    from fvi_cli.studies.fits.fitting import fit
+
+    chosen = [one for one in request.loaded.experiments if one.fit is not None]
+    if not chosen:
+        raise RequestError(
+            f"{request.name}: nothing is fitted; write fit: with data and parameters"
+        )
+    results = []
+    total = sum(len(_settings(one).models) for one in chosen)
+    with progress_bar(request.name, total, wanted=show_progress) as advance:
+        for experiment in chosen:
+            found = fit(experiment.name, _settings(experiment), tell=advance)
+            results.append(found)
+            for model in found.models:
+                title = f"{experiment.name} {model.model.name}".strip()
+                if not model.is_converged:
+                    _logger.error("%s: no fit: %s", title, model.message)
+                for warning in model.warnings if model.is_converged else ():
+                    _logger.warning("%s: %s", title, warning)
+    return results
+
+
+def _settings(experiment: Experiment) -> FitSettings:
+    if experiment.fit is None:
+        raise ValueError("experiment: it fits nothing")
+    return experiment.fit
+
+
+def write_fitted(request: Request, results: list[FitResult], output: Path) -> list[Path]:
+    """Write a configuration with the best estimates for every experiment that has some."""
+    names = [one.name for one in request.loaded.experiments]
+    paths = []
+    for result in results:
+        best = result.best
+        if not best.is_converged:
+            continue
+        text = fitted_text(
+            request.loaded,
+            names.index(result.name),
+            best.model.specification,
+            [
+                (data.name, values)
+                for data, values in zip(result.settings.data, best.assignments, strict=True)
+            ],
+        )
+        path = output / f"{result.name}-fitted.yaml"
+        output.mkdir(parents=True, exist_ok=True)
+        replace_file(path, text.encode())
+        paths.append(path)
+    return paths

@@ -1,0 +1,1 @@
+"""Parameters from measurements: what is fitted, how, and how sure it is."""

@@ -1,0 +1,319 @@
+"""A description of motions as a function of its free parameters, with exact derivatives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.adjoint.gradient import RunFailedError, run_steps, sensitivities
+from fvi_cli.integrator.adjoint.quantity import Observation
+from fvi_cli.integrator.adjoint.variation import Variation
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.scenes.registry import build_scene
+from fvi_cli.studies.fits.settings import DataSet, FitModel, Series
+from fvi_cli.studies.members import with_values
+
+Array = NDArray[np.float64]
+
+METHOD = Method(cq="gauss", degree=8, start="none")
+"""What motions are computed with."""
+MOST_STEPS = 20_000
+LEAST_SHARE = 1e-12
+"""Positive parameters stay above this share of where they started."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Free:
+    """A number that the fit may change.
+
+    Parameters
+    ----------
+    name
+        Key path; with ``@`` and the data set where each has its own.
+    start, low, high
+        Where it begins, and its bounds.
+    is_positive
+        Whether the fit works with its logarithm.
+    place
+        Where it stands in the configuration.
+    """
+
+    name: str
+    start: float
+    low: float
+    high: float
+    is_positive: bool
+    place: str = ""
+
+    def inner(self, value: float) -> float:
+        """What the fit works with."""
+        return math.log(value) if self.is_positive else value
+
+    def outer(self, inner: float) -> float:
+        """The number itself."""
+        return math.exp(min(inner, 700.0)) if self.is_positive else inner
+
+    @property
+    def inner_bounds(self) -> tuple[float, float]:
+        """Bounds of what the fit works with."""
+        if not self.is_positive:
+            return self.low, self.high
+        low = max(self.low, LEAST_SHARE * self.start)
+        return math.log(low), math.log(self.high) if self.high < math.inf else math.inf
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evaluation:
+    """The model at one point.
+
+    Parameters
+    ----------
+    residuals
+        (model - data) / deviation of every value, shape ``(n,)``.
+    jacobian
+        Derivatives by what the fit works with, ``(n, p)``; None where they were not asked for.
+    """
+
+    residuals: Array
+    jacobian: Array | None = None
+
+    @property
+    def cost(self) -> float:
+        """Sum of the squares."""
+        return float(self.residuals @ self.residuals)
+
+
+class MotionModel:
+    """The motions of all data sets for given parameters.
+
+    Parameters
+    ----------
+    model
+        What is fitted.
+    data
+        What it is fitted to.
+    deviations
+        Of every series of every data set, in their order.
+
+    Attributes
+    ----------
+    free
+        The numbers that may change.
+    evaluations
+        Runs so far.
+    """
+
+    def __init__(
+        self, model: FitModel, data: Sequence[DataSet], deviations: Sequence[Sequence[float]]
+    ) -> None:
+        self.model, self.data, self.deviations = model, tuple(data), deviations
+        self.free: list[Free] = []
+        for one in model.parameters:
+            if one.tied_to:
+                continue
+            suffixes = [f"@{each.name}" for each in data] if one.is_own else [""]
+            for suffix in suffixes:
+                positive = one.low >= 0 and one.start > 0 and one.high > 100 * max(one.low, 0.0)
+                self.free.append(
+                    Free(
+                        name=one.key + suffix,
+                        start=one.start,
+                        low=one.low,
+                        high=one.high,
+                        is_positive=positive and not one.key.endswith("order"),
+                        place=one.place,
+                    )
+                )
+        self._index = {one.name: index for index, one in enumerate(self.free)}
+        self.meshes: list[Mesh | AdaptiveSteps] = []
+        self.evaluations = 0
+
+    @property
+    def size(self) -> int:
+        """Number of measured values."""
+        return sum(one.size for one in self.data)
+
+    @property
+    def start(self) -> Array:
+        """Where the search begins, in what the fit works with."""
+        return np.array([one.inner(one.start) for one in self.free])
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Of what the fit works with."""
+        pairs = np.array([one.inner_bounds for one in self.free]).reshape(-1, 2)
+        return pairs[:, 0], pairs[:, 1]
+
+    def values(self, inner: Array) -> Array:
+        """The parameters themselves."""
+        return np.array([one.outer(u) for one, u in zip(self.free, inner, strict=True)])
+
+    def slopes(self, inner: Array) -> Array:
+        """Derivatives of the parameters by what the fit works with."""
+        return np.array(
+            [
+                value if one.is_positive else 1.0
+                for one, value in zip(self.free, self.values(inner), strict=True)
+            ]
+        )
+
+    def assignments(self, number: int, values: Array) -> dict[str, float]:
+        """Key paths with their values, for one data set."""
+        data = self.data[number]
+        found = dict(data.changes)
+        for one in self.model.parameters:
+            if not one.tied_to:
+                found[one.key] = float(values[self._place(one.key, data.name)])
+        for one in self.model.parameters:
+            if one.tied_to:
+                found[one.key] = one.factor * found[one.tied_to]
+        return found
+
+    def _place(self, key: str, name: str) -> int:
+        return self._index[key if key in self._index else f"{key}@{name}"]
+
+    def scene(self, number: int, values: Array) -> Scene:
+        """The scene of one data set, up to its last measurement.
+
+        Raises
+        ------
+        ValueError
+            If there is none for these values.
+        """
+        changed = with_values(self.model.specification, self.assignments(number, values))
+        scene = build_scene(changed)
+        return replace(scene, final_time=self.data[number].last_time)
+
+    def _beside(self, number: int, values: Array, index: int, value: float) -> Scene:
+        changed = values.copy()
+        changed[index] = value
+        return self.scene(number, changed)
+
+    def remesh(self, inner: Array, tolerance: float) -> None:
+        """Choose the steps anew, for motions near this point.
+
+        Raises
+        ------
+        RunFailedError
+            If a run does not come to its end.
+        """
+        values = self.values(inner)
+        self.meshes = []
+        for number in range(len(self.data)):
+            steps = AdaptiveSteps(tolerance=tolerance, most_steps=MOST_STEPS)
+            done = run_steps(self.scene(number, values), METHOD, steps)
+            self.evaluations += 1
+            self.meshes.append(mesh_of_run(done))
+
+    def loosen(self, tolerance: float) -> None:
+        """Choose the steps of every run on its own from now on."""
+        steps = AdaptiveSteps(tolerance=tolerance, most_steps=MOST_STEPS)
+        self.meshes = [steps for _ in self.data]
+
+    def evaluate(self, inner: Array, *, with_jacobian: bool = True) -> Evaluation:
+        """Residuals, and their derivatives, on the steps chosen last.
+
+        Raises
+        ------
+        RunFailedError
+            If a run does not come to its end.
+        ValueError
+            If there is no scene for these values.
+        """
+        values, factors = self.values(inner), self.slopes(inner)
+        residuals, rows = [], []
+        for number, data in enumerate(self.data):
+            self.evaluations += 1
+            scene = self.scene(number, values)
+            times, places = _all_times(data)
+            if with_jacobian:
+                own = [
+                    index
+                    for index, one in enumerate(self.free)
+                    if "@" not in one.name or one.name.endswith(f"@{data.name}")
+                ]
+                variations = [
+                    Variation(
+                        family=partial(self._beside, number, values, index),
+                        value=float(values[index]),
+                        name=self.free[index].name,
+                    )
+                    for index in own
+                ]
+                found = sensitivities(scene, METHOD, self.meshes[number], times, variations)
+                motion = (found.position, found.velocity)
+                changes = (found.by_position, found.by_velocity)
+            else:
+                done = run_steps(scene, METHOD, self.meshes[number])
+                motion = Observation(done, times).motion()
+            for one, place, deviation in zip(
+                data.series, places, self.deviations[number], strict=True
+            ):
+                kind = int(one.is_velocity)
+                residuals.append((motion[kind][place, one.component] - one.values) / deviation)
+                if with_jacobian:
+                    part = np.zeros((one.values.size, len(self.free)))
+                    part[:, own] = changes[kind][place, one.component] / deviation
+                    rows.append(part * factors)
+        together = np.concatenate(residuals)
+        if not np.isfinite(together).all():
+            raise RunFailedError("the motion is not finite")
+        return Evaluation(
+            residuals=together, jacobian=np.concatenate(rows) if with_jacobian else None
+        )
+
+    def curves(self, inner: Array, count: int) -> list[list[tuple[Array, Array]]]:
+        """For every series of every data set times and the fitted motion, for a figure."""
+        values, found = self.values(inner), []
+        for number, data in enumerate(self.data):
+            done = run_steps(self.scene(number, values), METHOD, self.meshes[number])
+            times = np.linspace(0.0, data.last_time, count)
+            motion = Observation(done, times).motion()
+            found.append([(times, motion[int(o.is_velocity)][:, o.component]) for o in data.series])
+        return found
+
+
+def _all_times(data: DataSet) -> tuple[Array, list[NDArray[np.intp]]]:
+    """Times of all series together, and the places of each among them."""
+    times = np.unique(np.concatenate([one.times for one in data.series]))
+    return times, [np.searchsorted(times, one.times) for one in data.series]
+
+
+def mesh_of_run(done: RunSteps) -> Mesh:
+    """The steps of a run as a mesh, with the bits of its step sizes."""
+    stretches: list[Stretch] = []
+    begin = 0
+    sizes = done.step_size
+    for end in range(1, sizes.size + 1):
+        if end < sizes.size and sizes[end] == sizes[begin]:
+            continue
+        stretches.append(
+            Stretch(
+                begin=float(done.time[begin]),
+                end=float(done.time[end]),
+                n_steps=end - begin,
+                step_size=float(sizes[begin]),
+                is_fresh=begin == 0,
+            )
+        )
+        begin = end
+    return Mesh(stretches=tuple(stretches))
+
+
+def rms(values: Array) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def series_of(data: Sequence[DataSet]) -> list[Series]:
+    """All series, one after the other."""
+    return [one for each in data for one in each.series]

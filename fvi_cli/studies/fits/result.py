@@ -1,0 +1,186 @@
+"""What came of a fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.studies.fits.settings import FitModel, FitSettings, Series
+
+Array = NDArray[np.float64]
+
+ALIKE = 0.99
+"""Parameters whose estimates are correlated like this are hard to tell apart."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimate:
+    """One parameter.
+
+    Parameters
+    ----------
+    name
+        Key path; with ``@`` and the data set where each has its own.
+    value, standard_error
+        The estimate, and the one that follows from the curvature of the misfit.
+    low, high
+        The 95 % interval by profile likelihood; infinite where the data set no limit.
+    at_bound
+        Which ends of it are bounds of the parameter: ``low``, ``high``, ``both`` or nothing.
+    profile
+        Values that were tried and signed roots of the increase of the misfit, ``(n, 2)``.
+    """
+
+    name: str
+    value: float
+    standard_error: float
+    low: float
+    high: float
+    at_bound: str
+    profile: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SeriesFit:
+    """A measured column, and what the fit makes of it.
+
+    Parameters
+    ----------
+    data
+        Name of the data set.
+    series
+        What was measured.
+    residuals
+        Model minus data, in the unit of the data, shape ``(n,)``.
+    deviation
+        Standard deviation of the noise, given or estimated.
+    curve
+        Times and the fitted motion, shape ``(2, n)``.
+    """
+
+    data: str
+    series: Series
+    residuals: Array
+    deviation: float
+    curve: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelFit:
+    """One model, fitted.
+
+    Parameters
+    ----------
+    model
+        What was fitted.
+    estimates
+        Its parameters.
+    correlations
+        Of the estimates, ``(p, p)``.
+    series
+        The data and what is left of them.
+    misfit
+        Sum of squares over the variance of the noise.
+    criterion
+        AICc: smaller is better.
+    whiteness
+        Probability (Ljung and Box) of residuals as correlated as these if they were noise.
+    steps
+        Steps of the runs.
+    discretisation
+        Error of the runs, relative to what is left of the data.
+    others
+        Other minima that fit alike: values of the parameters.
+    evaluations
+        Runs that were computed.
+    is_converged
+        Whether a minimum was found.
+    message
+        What is to be said: why not, or what the data cannot tell.
+    assignments
+        For every data set the values by key path.
+    """
+
+    model: FitModel
+    estimates: tuple[Estimate, ...]
+    correlations: Array
+    series: tuple[SeriesFit, ...]
+    misfit: float
+    criterion: float
+    whiteness: float
+    steps: int
+    discretisation: float
+    others: tuple[tuple[float, ...], ...]
+    evaluations: int
+    is_converged: bool
+    message: str
+    assignments: tuple[dict[str, float], ...]
+
+    @property
+    def n_values(self) -> int:
+        """Number of measured values."""
+        return sum(one.series.values.size for one in self.series)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader must know before believing the numbers."""
+        found = []
+        for i, one in enumerate(self.estimates):
+            for j in range(i):
+                value = self.correlations[i, j]
+                if abs(value) > ALIKE:
+                    gain = 1.0 / np.sqrt(max(1.0 - value**2, 1e-16))
+                    found.append(
+                        f"{self.estimates[j].name} and {one.name} cannot be told apart well by "
+                        f"these data: correlation {value:+.4f}; were one of them known, the error "
+                        f"of the other would be {gain:.0f} times smaller"
+                    )
+        for one in self.estimates:
+            if one.at_bound:
+                found.append(f"{one.name}: the interval ends at a bound ({one.at_bound})")
+            if not np.isfinite([one.low, one.high]).all():
+                found.append(f"{one.name}: the data set no limit to it on one side")
+        for values in self.others:
+            shown = ", ".join(
+                f"{one.name} = {value:.6g}"
+                for one, value in zip(self.estimates, values, strict=True)
+            )
+            found.append(f"another minimum fits alike: {shown}")
+        if self.whiteness < 0.001:
+            found.append(
+                f"what is left is no noise (probability {self.whiteness:.1e}): the model misses "
+                "something"
+            )
+        return tuple(found)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FitResult:
+    """All models of an experiment, fitted to the same data.
+
+    Parameters
+    ----------
+    name
+        Of the experiment.
+    settings
+        What was asked for.
+    models
+        In the order of the configuration.
+    """
+
+    name: str
+    settings: FitSettings
+    models: tuple[ModelFit, ...]
+
+    @property
+    def best(self) -> ModelFit:
+        """The model with the least AICc among those that converged, or among all."""
+        able = [one for one in self.models if one.is_converged] or list(self.models)
+        return min(able, key=lambda one: one.criterion)
+
+    @property
+    def is_converged(self) -> bool:
+        """Whether a minimum was found for every model."""
+        return all(one.is_converged for one in self.models)

@@ -1,0 +1,245 @@
+"""Least squares from a coarse scan, on more and more of the data.
+
+The misfit of an oscillation has a valley for every phase that fits by chance, the narrower the more
+periods are measured. On a short beginning of the data there is one; what is found there is followed
+to longer and longer ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.studies.fits.model import Evaluation, Free, MotionModel
+from fvi_cli.studies.fits.settings import DataSet
+
+Array = NDArray[np.float64]
+
+PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37)
+REACH = 1.0
+"""Positive parameters are scanned over so many decades on either side of their start."""
+MOST_ITERATIONS = 100
+PATIENCE = 20
+"""Evaluations of a candidate on all data, before the best of them is looked at closely."""
+FIRST_ITERATIONS = 12
+"""Evaluations of a candidate on a part of the data."""
+SAME = 0.01
+"""Candidates closer than this in every (inner) parameter are one."""
+ROUGH = 1e-3
+"""Tolerance on a part of the data."""
+HOPELESS = 30.0
+"""A candidate with so many times the misfit of the best is given up."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Found:
+    """Where least squares ended.
+
+    Parameters
+    ----------
+    point
+        In what the fit works with.
+    cost
+        Sum of squares there.
+    is_converged
+        Whether it is a minimum, as far as can be told.
+    message
+        Why the search ended.
+    """
+
+    point: Array
+    cost: float
+    is_converged: bool
+    message: str
+
+
+def least_squares_from(
+    model: MotionModel,
+    start: Array,
+    bounds: tuple[Array, Array],
+    *,
+    most: int = MOST_ITERATIONS,
+    tolerance: float = 1e-12,
+) -> Found | None:
+    """Gauss-Newton in a trust region, with exact derivatives.
+
+    Parameters
+    ----------
+    model
+        Whose misfit becomes least.
+    start, bounds
+        In what the fit works with.
+    most
+        Evaluations at most.
+    tolerance
+        Of the parameters, relative; the misfit may still change by its square.
+
+    Returns
+    -------
+    Found or None
+        None: it cannot even begin.
+    """
+    from scipy.optimize import least_squares
+
+    kept: dict[bytes, Evaluation] = {}
+
+    def at(point: Array) -> Evaluation:
+        key = point.tobytes()
+        if key not in kept:
+            kept.clear()
+            try:
+                kept[key] = model.evaluate(point)
+            except ValueError:
+                # no scene, or no run, there: the step was too long
+                nothing = np.full(model.size, np.nan)
+                kept[key] = Evaluation(residuals=nothing, jacobian=np.zeros((1, 1)))
+        return kept[key]
+
+    def residuals(point: Array) -> Array:
+        return at(point).residuals
+
+    def jacobian(point: Array) -> Array:
+        found = at(point).jacobian
+        return np.zeros((model.size, point.size)) if found is None else found
+
+    low, high = bounds
+    begin = np.clip(start, _inside(low, high, 1e-9), _inside(high, low, 1e-9))
+    if not np.isfinite(at(begin).residuals).all():
+        return None
+    with np.errstate(all="ignore"):
+        done = least_squares(
+            residuals,
+            begin,
+            jac=jacobian,
+            bounds=bounds,
+            x_scale="jac",
+            xtol=tolerance,
+            ftol=max(1e-14, 0.1 * tolerance),
+            gtol=1e-14,
+            max_nfev=most,
+        )
+    return Found(
+        point=np.asarray(done.x, dtype=float),
+        cost=float(2.0 * done.cost),
+        is_converged=bool(done.status > 0),
+        message=str(done.message),
+    )
+
+
+def _inside(bound: Array, other: Array, share: float) -> Array:
+    """A bound moved a little towards the other one."""
+    width = np.where(np.isfinite(other - bound), other - bound, np.sign(other - bound))
+    return np.where(np.isfinite(bound), bound + share * width, bound)
+
+
+def search(model: MotionModel, bounds: tuple[Array, Array], scale: float) -> list[Found]:
+    """Minima of the misfit, the best first.
+
+    Parameters
+    ----------
+    model
+        With all data.
+    bounds
+        Of what the fit works with.
+    scale
+        Size of the motion, for the steps.
+    """
+    parts = [_part(model, data) for data in _windows(model)]
+    for one in parts:
+        one.loosen(1e-4 * scale)
+    first, candidates = parts[0], [np.clip(model.start, *bounds)]
+    candidates += [np.clip(point, *bounds) for point in _scan(model.free, bounds)]
+    costs = [_cost(first, point) for point in candidates]
+    order = np.argsort(costs, kind="stable")
+    chosen = [candidates[index] for index in order[:3] if costs[index] < math.inf]
+    if costs[0] < math.inf and not any(point is candidates[0] for point in chosen):
+        chosen.append(candidates[0])
+    for one in parts[:-1]:
+        chosen = [
+            each.point
+            for each in _hopeful(
+                least_squares_from(one, point, bounds, most=FIRST_ITERATIONS, tolerance=ROUGH)
+                for point in chosen
+            )
+        ]
+    given = np.clip(model.start, *bounds)
+    if not any(np.abs(point - given).max() <= SAME for point in chosen):
+        chosen.append(given)
+    return distinct(
+        least_squares_from(parts[-1], point, bounds, most=PATIENCE, tolerance=ROUGH)
+        for point in chosen
+    )
+
+
+def _hopeful(found: Iterable[Found | None]) -> list[Found]:
+    """The best three minima whose misfit is not out of proportion."""
+    kept = distinct(found)[:3]
+    return [one for one in kept if one.cost <= HOPELESS * kept[0].cost]
+
+
+def distinct(found: Iterable[Found | None]) -> list[Found]:
+    """What was found, the best first, every minimum once."""
+    kept: list[Found] = []
+    for one in sorted((o for o in found if o is not None), key=lambda o: o.cost):
+        if all(np.abs(one.point - other.point).max() > SAME for other in kept):
+            kept.append(one)
+    return kept
+
+
+def _part(model: MotionModel, data: list[DataSet]) -> MotionModel:
+    return MotionModel(model.model, data, model.deviations)
+
+
+def _windows(model: MotionModel) -> list[list[DataSet]]:
+    """Beginnings of the data, each twice as long as the one before, and all of them."""
+    share = min(1.0, max(16, 4 * len(model.free) + 4) / model.size)
+    found = []
+    while share < 0.75:
+        found.append([one.until(_time_of(one, share)) for one in model.data])
+        share *= 3.0
+    return [*found, list(model.data)]
+
+
+def _time_of(data: DataSet, share: float) -> float:
+    """The time up to which this share of all values was measured."""
+    times = np.sort(np.concatenate([one.times for one in data.series]))
+    return float(times[min(times.size, max(1, math.ceil(share * times.size))) - 1])
+
+
+def _cost(model: MotionModel, point: Array) -> float:
+    try:
+        return model.evaluate(point, with_jacobian=False).cost
+    except ValueError:
+        return math.inf
+
+
+def _scan(free: Sequence[Free], bounds: tuple[Array, Array]) -> list[Array]:
+    """Points spread evenly (Halton's sequence) over what is likely."""
+    count = 8 + 8 * len(free)
+    low, high = bounds
+    points = []
+    for number in range(1, count + 1):
+        point = np.empty(len(free))
+        for index, one in enumerate(free):
+            share = _van_der_corput(number, PRIMES[index % len(PRIMES)])
+            middle = one.inner(one.start)
+            reach = math.log(10.0) * REACH if one.is_positive else max(abs(middle), 1.0)
+            begin, end = max(low[index], middle - reach), min(high[index], middle + reach)
+            if not one.is_positive and math.isfinite(high[index] - low[index]):
+                begin, end = low[index], high[index]
+            point[index] = begin + share * (end - begin)
+        points.append(point)
+    return points
+
+
+def _van_der_corput(number: int, base: int) -> float:
+    found, share = 0.0, 1.0 / base
+    while number:
+        number, digit = divmod(number, base)
+        found += digit * share
+        share /= base
+    return found

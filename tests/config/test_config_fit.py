@@ -1,0 +1,158 @@
+"""``fit``: what is read, and what is refused at its line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from fvi_cli.cli.app import app
+from fvi_cli.config import load_config, parse_config
+from fvi_cli.errors import ConfigError
+
+HEAD = """\
+name: decay
+problem:
+  kind: damped-oscillator
+  stiffness: 4.0
+  damping: [{order: 0.5, coefficient: 0.4}]
+  initial: {position: 1.0}
+  final_time: 5.0
+method: {rk: gauss, degree: 2}
+ladder: {steps: [16]}
+"""
+DATA = "t,x,v\n" + "".join(f"{0.1 * k:.1f},{1 - 0.1 * k:.2f},{-0.1 * k:.2f}\n" for k in range(12))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "decay.csv").write_text(DATA)
+    (tmp_path / "late.csv").write_text("t,x\n0,1\n4,1\n6,1\n")
+    (tmp_path / "short.csv").write_text("t,x\n0,1\n")
+    return tmp_path
+
+
+def read(folder: Path, fit: str, overrides: tuple[str, ...] = ()):
+    return parse_config(HEAD + fit, str(folder / "decay.yaml"), base=folder, overrides=overrides)
+
+
+GOOD = """\
+fit:
+  data: {file: decay.csv, columns: {x: x, vx: v}}
+  parameters:
+    problem.stiffness: {from: 0}
+    problem.damping.0.order: {start: 0.6}
+    problem.damping.0.coefficient: {tied: problem.stiffness, factor: 0.1}
+    problem.mass: {fixed: 1.5}
+  noise: {x: 0.01, v: 0.02}
+"""
+
+
+def test_what_is_read(folder: Path) -> None:
+    (experiment,) = read(folder, GOOD).experiments
+    settings = experiment.fit
+    assert settings is not None
+    (data,) = settings.data
+    assert data.name == "decay"
+    assert [(one.name, one.component, one.is_velocity) for one in data.series] == [
+        ("x", 0, False),
+        ("vx", 0, True),
+    ]
+    assert data.size == 24
+    assert data.last_time == 1.1
+    (model,) = settings.models
+    assert model.specification["mass"] == 1.5
+    assert [one.key for one in model.parameters] == [
+        "problem.stiffness",
+        "problem.damping.0.order",
+        "problem.damping.0.coefficient",
+    ]
+    stiffness, order, tied = model.parameters
+    assert (stiffness.start, stiffness.low) == (4.0, 0.0)
+    assert (order.start, order.low, order.high) == (0.6, 1e-3, 1.999)
+    assert (tied.tied_to, tied.factor) == ("problem.stiffness", 0.1)
+    assert settings.deviations == {"x": 0.01, "vx": 0.02}
+
+
+def test_values_are_changed_by_set(folder: Path) -> None:
+    changes = (
+        "fit.parameters.problem.stiffness.start=3.5",
+        "fit.parameters.problem.initial.position.from=0.5",
+        "fit.noise=0.1",
+    )
+    settings = read(folder, GOOD, changes).experiments[0].fit
+    assert settings is not None
+    found = {one.key: one for one in settings.models[0].parameters}
+    assert found["problem.stiffness"].start == 3.5
+    assert found["problem.initial.position"].low == 0.5
+    assert settings.deviations == {"x": 0.1, "vx": 0.1}
+
+
+def test_runs_do_not_depend_on_measurements(folder: Path) -> None:
+    assert "fit" not in read(folder, GOOD).resolved["experiments"][0]
+
+
+WRONG = {
+    "data: {file: decay.csv, columns: {x: y}}": "11:16: fit.data.file: decay.csv:1: no column is "
+    "called 'y'",
+    "data: {file: decay.csv, columns: {z: x}}": "11:37: fit.data.columns.z: not known",
+    "data: {file: decay.csv, columns: {}}": "no columns; name what was measured",
+    "data: {file: none.csv, columns: {x: x}}": "none.csv: cannot be read",
+    "data: {file: late.csv, columns: {x: x}}": "late.csv:4: t = 6 is outside of the run, which "
+    "goes from 0 to final_time = 5",
+    "data: {file: short.csv, columns: {x: x}}": "1 measured values are too few for 1 parameters",
+    "noise: 0": "fit.noise: 0 is not allowed; it must be a finite number greater than 0",
+    "noise: {y: 1}": "fit.noise.y: no column of the data",
+    "parameters: {problem.stiffnes: {}}": "12:16: fit.parameters.problem.stiffnes: no number of "
+    "the problem stands there; did you mean 'problem.stiffness'?",
+    "parameters: {problem.stiffness: {from: 5, to: 9}}": "4 lies outside of the bounds, 5 to 9",
+    "parameters: {problem.stiffness: {from: 5, to: 3}}": "from = 5 is not below to = 3",
+    "parameters: {problem.stiffness: {min: 5}}": "not a key: write from",
+    "parameters: {problem.stiffness: {tied: problem.mass}}": "'problem.mass' is no parameter that "
+    "is fitted",
+    "parameters: {problem.stiffness: {fixed: 5}}": "nothing is fitted",
+    "parameters: {problem.mass: {start: -1}}": "there is no such problem",
+    "models: {other: {set: {problem.damping: 5}}}": "there is no such problem",
+    "data: [{file: decay.csv, columns: {x: x}}, {file: decay.csv, columns: {x: x}}]": "'decay' is "
+    "the name of another motion",
+    "data: {file: decay.csv, columns: {x: x}, set: {problem.m: 2}}": "fit.data.set.problem.m: no "
+    "number of the problem stands there",
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_is_refused(folder: Path, wrong: str) -> None:
+    key = wrong.partition(":")[0]
+    entries = {
+        "data": "data: {file: decay.csv, columns: {x: x}}",
+        "parameters": "parameters: {problem.stiffness: {}}",
+    }
+    entries[key] = wrong
+    text = "fit:\n" + "".join(f"  {entry}\n" for entry in entries.values())
+    with pytest.raises(ConfigError) as refused:
+        read(folder, text)
+    assert WRONG[wrong] in str(refused.value)
+    assert str(folder / "decay.yaml") in str(refused.value)
+
+
+def test_a_parameter_without_influence_is_told_at_its_line(folder: Path) -> None:
+    path = folder / "decay.yaml"
+    path.write_text(
+        HEAD.replace("coefficient: 0.4", "coefficient: 0.0")
+        + "fit:\n  data: {file: decay.csv, columns: {x: x}}\n"
+        "  parameters:\n    problem.stiffness: {}\n    problem.damping.0.order: {}\n"
+    )
+    done = CliRunner().invoke(app, ["fit", str(path), "-o", str(folder / "out")])
+    assert done.exit_code == 2
+    assert "decay.yaml:14:30: fit.parameters.problem.damping.0.order: it has no influence" in (
+        done.stderr
+    )
+    assert not (folder / "out").exists()
+    assert load_config(path).experiments[0].fit is not None
+
+
+def test_a_configuration_without_fit_is_told(folder: Path) -> None:
+    done = CliRunner().invoke(app, ["fit", "damped-oscillator", "-o", str(folder / "out")])
+    assert done.exit_code == 2
+    assert "nothing is fitted; write fit: with data and parameters" in done.stderr
