@@ -12,6 +12,8 @@ command             call
 ``fvi convergence`` :func:`order_tables` of what :func:`run` or :func:`recall` gives
 ``fvi plot``        :func:`figures` of the same
 ``fvi stability``   :func:`stability`
+``fvi modes``       :func:`modes`
+``fvi response``    :func:`response`
 ``fvi cost``        :func:`cost`
 ``fvi fit``         :func:`fit`
 ``fvi hard-cases``  :func:`hard_cases`
@@ -62,6 +64,7 @@ from fvi_cli.api.calls import (
 )
 from fvi_cli.api.gradient import Gradient, gradient
 from fvi_cli.api.solve import solve
+from fvi_cli.api.vibration import modes, response
 from fvi_cli.config import (
     LoadedConfig,
     json_schema,
@@ -107,6 +110,8 @@ from fvi_cli.studies.hard_cases.case import HardCaseReport
 from fvi_cli.studies.order import OrderTable, order_table
 from fvi_cli.studies.stability_study import StabilityTable
 from fvi_cli.studies.study import study
+from fvi_cli.studies.vibration.modes import Mode, ModeTable
+from fvi_cli.studies.vibration.response import ResponseTable
 
 __all__ = [
     "AdaptiveSteps",
@@ -130,6 +135,8 @@ __all__ = [
     "LoadedConfig",
     "Mesh",
     "Method",
+    "Mode",
+    "ModeTable",
     "OrderTable",
     "Outcome",
     "PlannedRun",
@@ -137,6 +144,7 @@ __all__ = [
     "QuadraticPotential",
     "Quantity",
     "RequestError",
+    "ResponseTable",
     "Run",
     "SampledForce",
     "Scene",
@@ -170,6 +178,7 @@ __all__ = [
     "mesh_of",
     "method_named",
     "misfit",
+    "modes",
     "order_table",
     "order_tables",
     "pendulum",
@@ -177,6 +186,7 @@ __all__ = [
     "position_at",
     "predict_stability",
     "recall",
+    "response",
     "run",
     "shipped_configurations",
     "shipped_titles",

@@ -21,8 +21,10 @@ from fvi_cli.cli.fit import fit
 from fvi_cli.cli.forget import forget
 from fvi_cli.cli.hard_cases import hard_cases
 from fvi_cli.cli.list import list  # noqa: A004 - the command's name
+from fvi_cli.cli.modes import modes
 from fvi_cli.cli.new import new
 from fvi_cli.cli.plot import plot
+from fvi_cli.cli.response import response
 from fvi_cli.cli.run import run
 from fvi_cli.cli.schema import schema
 from fvi_cli.cli.show import show
@@ -35,6 +37,8 @@ COMMANDS = (
     cost,
     stability,
     fit,
+    modes,
+    response,
     check,
     list,
     show,

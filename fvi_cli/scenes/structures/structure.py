@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, Unpack, cast
+from typing import Any, Final, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,8 +14,7 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.matrices import (
     Array,
     Form,
-    SparseMatrix,
-    as_csr,
+    added,
     dense,
     is_sparse,
     scaled,
@@ -71,7 +70,7 @@ def structure(
     damping = list(data.get("damping", ()))
     if proportional is not None:
         a, b = float(proportional["mass"]), float(proportional["stiffness"])
-        together = _sum(scaled(m, a), scaled(k, b))
+        together = added(scaled(m, a), scaled(k, b))
         damping.append(FractionalDamping(order=float(proportional["order"]), coefficient=together))
     if modal_damping:
         damping.append(FractionalDamping(order=1.0, coefficient=modal_matrix(m, k, modal_damping)))
@@ -118,9 +117,3 @@ def modal_matrix(mass: Form, stiffness: Form, ratios: Sequence[float]) -> Array:
         push = root @ vector
         total += 2.0 * ratio * math.sqrt(max(float(value), 0.0)) * np.outer(push, push)
     return total
-
-
-def _sum(one: Form, other: Form) -> Form:
-    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        return one + other
-    return cast(SparseMatrix, as_csr(one) + as_csr(other))

@@ -1,0 +1,67 @@
+"""``fvi response``: steady responses to harmonic forces."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from fvi_cli.cli.exits import DONE, guarded, verdict
+from fvi_cli.cli.options import RESULTS, Configs, Output, Overrides, Quiet, Verbose
+
+
+@guarded
+def response(
+    configs: Configs,
+    over: Annotated[
+        str,
+        typer.Option(
+            "--over",
+            metavar="frequency=FROM:TO:NUMBER[:log]",
+            help="Frequencies in oscillations per unit of time, Hz for seconds.",
+        ),
+    ],
+    output: Output = RESULTS,
+    force: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--force",
+            metavar="WHERE[=AMPLITUDE]",
+            help="A coordinate or a combination such as 'x2 - x1', or ground: an acceleration "
+            "of 1; repeatable. Default: the ground, where it moves.",
+        ),
+    ] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--at",
+            metavar="WHERE",
+            help="What is told of: coordinates or combinations; repeatable. Default: the "
+            "coordinate that moves most.",
+        ),
+    ] = None,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check", help="Compare with the stored tables and figures, and write nothing."
+        ),
+    ] = False,
+    overrides: Overrides = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Compute magnitude and phase of steady responses, peaks and half-power loss factors."""
+    from fvi_cli.render.vibration import compare_tables, show_tables, write_tables
+    from fvi_cli.runner.request import gather
+    from fvi_cli.runner.vibration.response import frequencies, request_responses
+
+    hertz = frequencies(over)
+    differences: list[str] = []
+    for request in gather(configs, overrides or ()):
+        tables = request_responses(request, hertz, force or (), at or ())
+        if check:
+            differences += compare_tables(request.name, tables, output)
+        else:
+            show_tables(request.name, tables)
+            print("", *write_tables(request.name, tables, output), sep="\n")
+    return verdict(differences) if check else DONE

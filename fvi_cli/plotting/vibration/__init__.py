@@ -1,0 +1,1 @@
+"""Figures of modes and of harmonic responses."""

@@ -1,0 +1,199 @@
+"""Modes and harmonic responses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from fvi_cli.reports.document import Block, Code, Heading, Paragraph
+from fvi_cli.reports.table import Column, Report, Row, Sheet, Within
+from fvi_cli.studies.vibration.modes import ModeTable
+from fvi_cli.studies.vibration.response import ResponseTable
+
+FREQUENCY = Within(relative=1e-6)
+DECAY = Within(relative=1e-5, absolute=1e-6)
+PART = Within(relative=1e-6, absolute=1e-12)
+SMALL = Within(relative=1e-5, absolute=1e-9)
+
+MODE_COLUMNS = (
+    Column("mode", "number of the mode, by |s|", "mode"),
+    Column(
+        "real",
+        "real part of s, 1/time",
+        "Re s",
+        ".6g",
+        compared=DECAY,
+    ),
+    Column("imaginary", "imaginary part of s, 1/time", "Im s", ".8g", compared=FREQUENCY),
+    Column(
+        "frequency_hz",
+        "Im s / (2 pi), oscillations per unit of time (Hz for seconds)",
+        "frequency",
+        ".8g",
+        compared=FREQUENCY,
+    ),
+    Column("damping_ratio", "-Re s / |s|", "damping ratio", ".6f", compared=SMALL),
+    Column(
+        "loss_factor",
+        "eta of -s^2 = Omega^2 (1 + i eta)",
+        "loss factor",
+        ".6f",
+        compared=SMALL,
+    ),
+    Column(
+        "residual",
+        "size of (s^2 M + s Z(s) + K) v relative to that of its terms",
+        "residual",
+        ".1e",
+        compared=None,
+    ),
+)
+EXPERIMENT = Column("experiment", "name of the experiment")
+RESPONSE_COLUMNS = (
+    Column("at", "coordinate, or combination of them"),
+    Column("frequency_hz", "oscillations per unit of time (Hz for seconds)"),
+    Column("real", "real part of the amplitude", compared=PART),
+    Column(
+        "imaginary",
+        "imaginary part of the amplitude",
+        compared=PART,
+    ),
+    Column("magnitude", "size of the amplitude", compared=Within(relative=1e-6)),
+    Column("phase", "argument of the amplitude, degrees", compared=Within(absolute=1e-4)),
+)
+PEAK_COLUMNS = (
+    Column("at", "coordinate, or combination of them", "at"),
+    Column("frequency_hz", "of the peak", "peak at", ".6g", compared=FREQUENCY),
+    Column("magnitude", "of the peak", "magnitude", ".6g", compared=FREQUENCY),
+    Column("low_hz", "half-power point below", "half power from", ".6g", compared=FREQUENCY),
+    Column("high_hz", "half-power point above", "to", ".6g", compared=FREQUENCY),
+    Column("loss_factor", "width relative to frequency", "loss factor", ".5f", compared=SMALL),
+)
+
+
+def mode_report(name: str, tables: Sequence[ModeTable]) -> Report:
+    """Frequencies, damping ratios and loss factors of modes."""
+    several = len(tables) > 1
+    columns = (EXPERIMENT, *MODE_COLUMNS) if several else MODE_COLUMNS
+    rows: list[Row] = [
+        {
+            "experiment": table.name,
+            "mode": number,
+            "real": mode.frequency.real,
+            "imaginary": mode.frequency.imag,
+            "frequency_hz": mode.hertz,
+            "damping_ratio": mode.damping_ratio,
+            "loss_factor": mode.loss_factor,
+            "residual": mode.residual,
+        }
+        for table in tables
+        for number, mode in enumerate(table.modes, start=1)
+    ]
+    sheet = Sheet(
+        name="modes",
+        columns=columns,
+        rows=tuple(rows),
+        keys=("experiment", "mode") if several else ("mode",),
+    )
+    words = tuple(_mode_words(name, tables, sheet))
+    return Report(name=f"{name}-modes", sheets=(sheet,), summary=words, blocks=words)
+
+
+def _mode_words(name: str, tables: Sequence[ModeTable], sheet: Sheet) -> Iterator[Block]:
+    yield Heading(level=1, words=f"Modes: {name}")
+    for table in tables:
+        if len(tables) > 1:
+            yield Heading(level=2, words=(Code(table.name),))
+        own = [row for row in sheet.rows if row["experiment"] == table.name]
+        part = Sheet(name="modes", columns=MODE_COLUMNS, rows=tuple(own), keys=("mode",))
+        yield part.grid()
+        yield Paragraph(words=completeness(table))
+
+
+def completeness(table: ModeTable) -> str:
+    """Whether any mode is missing, in words."""
+    if table.sector is None or table.counted is None:
+        return "Whether any mode is missing could not be told."
+    sector = table.sector
+    ratio = -math.cos(sector.last)
+    where = (
+        f"with {sector.least / (2 * math.pi):.4g} < |s|/(2 pi) < "
+        f"{sector.largest / (2 * math.pi):.4g} and damping ratios up to {ratio:.3f}"
+    )
+    if table.is_complete:
+        return (
+            f"None is missing: the argument of the determinant turns {table.counted} times around "
+            f"the region {where}, in which {table.inside} modes are found."
+        )
+    return (
+        f"Not complete: the argument of the determinant turns {table.counted} times around the "
+        f"region {where}, in which {table.inside} modes are found."
+    )
+
+
+def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
+    """Amplitudes over frequencies, and peaks with their half-power widths."""
+    several = len(tables) > 1
+    extra = (EXPERIMENT,) if several else ()
+    rows: list[Row] = [
+        {
+            "experiment": table.name,
+            "at": output,
+            "frequency_hz": float(hertz),
+            "real": float(table.values[i, j].real),
+            "imaginary": float(table.values[i, j].imag),
+            "magnitude": float(table.magnitude[i, j]),
+            "phase": float(table.phase[i, j]),
+        }
+        for table in tables
+        for j, output in enumerate(table.outputs)
+        for i, hertz in enumerate(table.hertz)
+    ]
+    peaks: list[Row] = [
+        {
+            "experiment": table.name,
+            "at": peak.at,
+            "frequency_hz": peak.hertz,
+            "magnitude": peak.magnitude,
+            "low_hz": peak.low,
+            "high_hz": peak.high,
+            "loss_factor": peak.loss_factor,
+        }
+        for table in tables
+        for peak in table.peaks
+    ]
+    keys = ("experiment", "at", "frequency_hz") if several else ("at", "frequency_hz")
+    peak_sheet = Sheet(name="peaks", columns=(*extra, *PEAK_COLUMNS), rows=tuple(peaks), keys=keys)
+    words = tuple(_response_words(name, tables, peak_sheet))
+    return Report(
+        name=f"{name}-response",
+        sheets=(
+            Sheet(
+                name="response", columns=(*extra, *RESPONSE_COLUMNS), rows=tuple(rows), keys=keys
+            ),
+            peak_sheet,
+        ),
+        summary=words,
+        blocks=words,
+    )
+
+
+def _response_words(name: str, tables: Sequence[ResponseTable], peaks: Sheet) -> Iterator[Block]:
+    yield Heading(level=1, words=f"Harmonic response: {name}")
+    for table in tables:
+        if len(tables) > 1:
+            yield Heading(level=2, words=(Code(table.name),))
+        yield Paragraph(
+            words=(
+                "Load: ",
+                Code(table.load),
+                f"; {table.hertz.size} frequencies from {table.hertz[0]:g} to {table.hertz[-1]:g}.",
+            )
+        )
+        own = [row for row in peaks.rows if row["experiment"] == table.name]
+        if own:
+            yield Sheet(
+                name="peaks", columns=PEAK_COLUMNS, rows=tuple(own), keys=("frequency_hz",)
+            ).grid()
+        else:
+            yield Paragraph(words="The magnitude has no maximum inside of this range.")

@@ -1,0 +1,1 @@
+"""Modes and harmonic responses that a request asks for."""

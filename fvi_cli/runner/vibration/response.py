@@ -1,0 +1,127 @@
+"""Harmonic responses of the scenes of a request."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.directions import Directions
+from fvi_cli.effects.matrices import times
+from fvi_cli.errors import RequestError
+from fvi_cli.runner.request import Request
+from fvi_cli.runner.vibration.modes import linear_problem
+from fvi_cli.scenes.data import per_coordinate
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.studies.experiment import Experiment
+from fvi_cli.studies.vibration.response import ResponseTable, harmonic_response
+
+Array = NDArray[np.float64]
+
+MOST_FREQUENCIES = 100_000
+GROUND = "ground"
+_FORM = "it must be frequency=FROM:TO:NUMBER or frequency=FROM:TO:NUMBER:log"
+
+
+def frequencies(over: str) -> Array:
+    """Frequencies of a text such as ``frequency=0.1:20:400:log``, in oscillations per unit of time.
+
+    Raises
+    ------
+    RequestError
+        For another form and numbers out of range.
+    """
+    key, _, numbers = over.partition("=")
+    parts = numbers.split(":")
+    is_log = len(parts) == 4 and parts[3] == "log"
+    if key.strip() != "frequency" or not (len(parts) == 3 or is_log):
+        raise RequestError(f"--over: {over!r} is not allowed; {_FORM}")
+    try:
+        low, high, number = float(parts[0]), float(parts[1]), int(parts[2])
+    except ValueError:
+        raise RequestError(f"--over: {over!r} is not allowed; {_FORM}") from None
+    if not (0 < low < high < math.inf and 3 <= number <= MOST_FREQUENCIES):
+        raise RequestError(
+            f"--over: {over!r} is not allowed; 0 < FROM < TO, and 3 to {MOST_FREQUENCIES} "
+            "frequencies"
+        )
+    return np.geomspace(low, high, number) if is_log else np.linspace(low, high, number)
+
+
+def request_responses(
+    request: Request, hertz: Array, forces: Sequence[str], at: Sequence[str]
+) -> list[ResponseTable]:
+    """Responses of every experiment; of a sweep those of its first member.
+
+    Parameters
+    ----------
+    request
+        What is asked for.
+    hertz
+        Frequencies.
+    forces
+        Where forces act: coordinates or combinations of them, each with ``=amplitude`` where it
+        is not 1, or ``ground``, an acceleration of 1; all together. None: the ground, where the
+        scene has one that moves.
+    at
+        Coordinates or combinations of them that are told of; none: the one that moves most.
+
+    Raises
+    ------
+    RequestError
+        For scenes that are not linear, and forces and places that do not exist.
+    """
+    tables = []
+    for experiment in request.loaded.experiments:
+        problem = linear_problem(experiment)
+        wanted = list(forces) or _usual_force(experiment)
+        load = sum((_load(text, problem, experiment) for text in wanted), np.zeros(1))
+        rows = _rows("--at", at, problem) if at else None
+        try:
+            table = harmonic_response(
+                problem.scene,
+                load,
+                hertz,
+                outputs=at or problem.coordinates,
+                rows=rows,
+                load_words=", ".join(wanted),
+            )
+        except ValueError as error:
+            raise RequestError(f"{experiment.name}: {error}") from None
+        tables.append(dataclasses.replace(table, name=experiment.name))
+    return tables
+
+
+def _usual_force(experiment: Experiment) -> list[str]:
+    if experiment.problem_specification.get("ground_acceleration", "0") != "0":
+        return [GROUND]
+    raise RequestError(
+        f"{experiment.name}: say where forces act, for example --force x1, or --force {GROUND}"
+    )
+
+
+def _load(text: str, problem: Problem, experiment: Experiment) -> Array:
+    """The amplitude of a force, shape ``(d,)``."""
+    where, equals, size = text.partition("=")
+    try:
+        amplitude = float(size) if equals else 1.0
+    except ValueError:
+        amplitude = math.nan
+    if not math.isfinite(amplitude):
+        raise RequestError(f"--force: {text!r}: what follows = must be a number")
+    scene = problem.scene
+    if where.strip() == GROUND:
+        direction = experiment.problem_specification.get("ground_direction", 1.0)
+        along = per_coordinate(direction, scene.dimension)
+        return np.asarray(-amplitude * times(along, scene.inertia.form))
+    return np.asarray(amplitude * _rows("--force", [where], problem)[0])
+
+
+def _rows(option: str, texts: Sequence[str], problem: Problem) -> Array:
+    try:
+        return Directions.from_text(list(texts), problem.coordinates).rows
+    except ValueError as error:
+        raise RequestError(f"{option}: {str(error).partition(': ')[2] or error}") from None

@@ -1,0 +1,1 @@
+"""Linear scenes in the plane of complex frequencies: modes, and responses to harmonic forces."""

@@ -1,0 +1,213 @@
+r"""The matrix of a linear scene at a complex frequency.
+
+On :math:`q = v e^{st}` the equations of motion are :math:`T(s) v = \hat f` with
+
+.. math:: T(s) = s^2 M + \sum_j g_j(s) D_j + K,
+
+:math:`g_j(s) = s^{\gamma_j}` for a derivative and the complex modulus of a relaxation law, analytic
+but for the negative real axis, where memory has its branch cut.
+"""
+
+from __future__ import annotations
+
+import cmath
+import warnings
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.matrices import Form, SparseMatrix, as_csr, is_zero
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_array, csr_array
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Symbol = Callable[[complex], complex]
+
+SLOPE_STEP = 1e-5
+"""Relative step of the central difference for the slopes of symbols."""
+
+
+class DynamicStiffness:
+    """T(s) of a scene.
+
+    Parameters
+    ----------
+    scene
+        A linear one.
+
+    Raises
+    ------
+    ValueError
+        If the scene is not linear.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        if not scene.is_linear:
+            raise ValueError("scene: it is not linear; it has neither modes nor harmonic responses")
+        self.scene = scene
+        self.dimension = scene.dimension
+        terms: list[tuple[Symbol, Form]] = [(lambda s: s * s, scene.inertia.form)]
+        if isinstance(scene.potential, QuadraticPotential):
+            terms.append((lambda s: 1.0, scene.potential.form))
+        terms += [(one.symbol, one.form) for one in scene.active_forces]
+        self._symbols = [symbol for symbol, _ in terms]
+        self.forms = [form for _, form in terms]
+        self.is_sparse = scene.is_sparse
+        self.norms = np.array([_norm(form) for form in self.forms])
+        if self.is_sparse:
+            self._indices, self._indptr, self._entries = _together(self.forms)
+        else:
+            self._entries = np.stack([np.asarray(_dense(form)) for form in self.forms])
+
+    @property
+    def mass(self) -> Form:
+        """M."""
+        return self.forms[0]
+
+    def symbols(self, s: complex) -> ComplexArray:
+        """What stands before every matrix, shape ``(number of matrices,)``."""
+        return np.array([symbol(s) for symbol in self._symbols], dtype=complex)
+
+    def slopes(self, s: complex) -> ComplexArray:
+        """Derivatives of the symbols."""
+        step = SLOPE_STEP * abs(s)
+        return (self.symbols(s + step) - self.symbols(s - step)) / (2.0 * step)
+
+    def combined(self, factors: ComplexArray) -> ComplexArray | SparseMatrix:
+        """The matrices times factors, added up; sparse where the scene is."""
+        entries = self._entries.reshape(len(self.forms), -1)
+        total = (factors.real @ entries + 1j * (factors.imag @ entries)).reshape(
+            self._entries.shape[1:]
+        )
+        if not self.is_sparse:
+            return total
+        from scipy.sparse import csc_array
+
+        shape = (self.dimension, self.dimension)
+        whole = csc_array((total, self._indices, self._indptr), shape=shape)
+        return cast(SparseMatrix, whole)
+
+    def at(self, s: complex) -> ComplexArray | SparseMatrix:
+        """T(s)."""
+        return self.combined(self.symbols(s))
+
+    def size(self, s: complex) -> float:
+        """Sum of the sizes of the terms of T(s)."""
+        return float(np.abs(self.symbols(s)) @ self.norms)
+
+    def residual(self, s: complex, vector: ComplexArray) -> float:
+        """Size of T(s) v relative to that of its terms: the backward error of an eigenpair."""
+        left = np.asarray(self.at(s) @ vector)  # type: ignore[operator]
+        return float(np.linalg.norm(left) / (self.size(s) * np.linalg.norm(vector)))
+
+    def factors(self, s: complex) -> Factors:
+        """T(s), factorised."""
+        return Factors(self.at(s))
+
+
+class Factors:
+    """A complex matrix by its factors.
+
+    Parameters
+    ----------
+    matrix
+        Dense or sparse.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If it is singular to the last digit.
+    """
+
+    def __init__(self, matrix: ComplexArray | SparseMatrix) -> None:
+        if isinstance(matrix, np.ndarray):
+            from scipy.linalg import lu_factor, lu_solve
+
+            with warnings.catch_warnings():
+                # told below
+                warnings.simplefilter("ignore")
+                pair = lu_factor(matrix, check_finite=False)
+            self._pivots = np.diagonal(pair[0])
+            self._exchanges: tuple[list[int], ...] = (_order_of(pair[1]),)
+            if not np.abs(self._pivots).min() > 0:
+                raise np.linalg.LinAlgError("Singular matrix")
+            self.solve: Callable[[ComplexArray], ComplexArray] = lambda right: np.asarray(
+                lu_solve(pair, right, check_finite=False)
+            )
+        else:
+            from scipy.sparse.linalg import splu
+
+            try:
+                found = splu(cast("csc_array[np.complex128]", matrix))
+            except RuntimeError as error:
+                raise np.linalg.LinAlgError(str(error)) from error
+            self._pivots = np.asarray(found.U.diagonal())
+            self._exchanges = (found.perm_r.tolist(), found.perm_c.tolist())
+            self.solve = lambda right: np.asarray(found.solve(np.ascontiguousarray(right)))
+
+    @property
+    def phase(self) -> float:
+        """Argument of the determinant, in (-pi, pi]."""
+        parity = sum(map(_parity, self._exchanges))
+        total = float(np.angle(self._pivots).sum()) + cmath.pi * parity
+        return cmath.phase(cmath.rect(1.0, total))
+
+
+def _order_of(exchanges: NDArray[np.int32]) -> list[int]:
+    """The permutation that exchanges of each row with another, one after the other, make."""
+    order = list(range(exchanges.size))
+    for row, other in enumerate(exchanges.tolist()):
+        order[row], order[other] = order[other], order[row]
+    return order
+
+
+def _parity(permutation: list[int]) -> int:
+    """Number of exchanges that make a permutation, modulo 2: its size less its cycles."""
+    seen = [False] * len(permutation)
+    cycles = 0
+    for start in range(len(permutation)):
+        if seen[start]:
+            continue
+        cycles += 1
+        place = start
+        while not seen[place]:
+            seen[place] = True
+            place = permutation[place]
+    return (len(permutation) - cycles) % 2
+
+
+def _norm(form: Form) -> float:
+    """Largest sum of the sizes of a row."""
+    if isinstance(form, np.ndarray):
+        return float(np.abs(form).sum(axis=1).max())
+    return float(np.asarray(abs(as_csr(form)).sum(axis=1)).max())
+
+
+def _dense(form: Form) -> Array:
+    return form if isinstance(form, np.ndarray) else form.toarray()
+
+
+def _together(forms: Sequence[Form]) -> tuple[NDArray[np.int32], NDArray[np.int32], Array]:
+    """All matrices on one common pattern, by columns: rows, ends of columns, entries of each."""
+    from scipy.sparse import csc_array
+
+    pattern = None
+    for form in forms:
+        if is_zero(form):
+            continue
+        own = as_csr(form).copy()
+        own.data = np.ones_like(own.data)
+        pattern = own if pattern is None else pattern + own
+    whole = csc_array(cast("csr_array[np.float64]", pattern))
+    whole.sum_duplicates()
+    whole.data = np.zeros_like(whole.data)
+    rows = whole.indices
+    columns = np.repeat(np.arange(whole.shape[1]), np.diff(whole.indptr))
+    entries = [np.asarray(as_csr(form)[rows, columns]).ravel() for form in forms]
+    return np.asarray(rows), np.asarray(whole.indptr), np.stack(entries)

@@ -1,0 +1,327 @@
+r"""Modes of damped structures: the nonlinear eigenvalue problem T(s) v = 0.
+
+Starts are modes without damping, of the mass and the real part of :math:`K + \sum_j g_j D_j` at the
+frequency in question. Each is led to a solution by inverse iteration with a Rayleigh functional
+(Schwetlick, Schreiber, *Nonlinear Rayleigh functionals*, 2012; T is complex symmetric, and the
+convergence cubic). Whether any is missing is told by the argument principle on a sector that holds
+the modes; what is missing is then found by contour integrals.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.matrices import Form, as_csc
+from fvi_cli.effects.scene import Scene
+from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
+from fvi_cli.studies.vibration.sector import CountError, Sector, count_modes, modes_by_integrals
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+EXTRA: Final = 4
+"""Modes beyond those that are wanted, to see where they end."""
+FIRST_ANGLE: Final = 0.4 * math.pi
+LAST_ANGLE: Final = 0.97 * math.pi
+"""Arguments of s between which modes are counted: damping ratios from -0.31 to 0.995."""
+CONVERGED: Final = 1e-15
+RESIDUAL_LIMIT: Final = 1e-12
+MOST_SWEEPS: Final = 30
+SAME: Final = 1e-5
+"""Relative distance of frequencies, and of shapes, of modes that are one."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mode:
+    r"""A solution :math:`v e^{st}` of a scene without forcing.
+
+    Parameters
+    ----------
+    frequency
+        s, with positive imaginary part; its conjugate is one as well. 1/time.
+    shape
+        v, shape ``(d,)``, complex; its largest entry is 1.
+    residual
+        Size of T(s) v relative to that of its terms.
+    """
+
+    frequency: complex
+    shape: ComplexArray
+    residual: float
+
+    @property
+    def hertz(self) -> float:
+        """Oscillations in the unit of time."""
+        return self.frequency.imag / (2.0 * math.pi)
+
+    @property
+    def decay_rate(self) -> float:
+        """Minus the real part of s, 1/time."""
+        return -self.frequency.real
+
+    @property
+    def damping_ratio(self) -> float:
+        r""":math:`-\mathrm{Re}\, s / |s|`."""
+        return -self.frequency.real / abs(self.frequency)
+
+    @property
+    def loss_factor(self) -> float:
+        r""":math:`\eta` of :math:`-s^2 = \Omega^2 (1 + i \eta)`."""
+        square = -(self.frequency**2)
+        return square.imag / square.real if square.real else math.inf
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModeTable:
+    """Modes of one scene.
+
+    Parameters
+    ----------
+    name
+        Of the experiment.
+    coordinates
+        Names of the degrees of freedom.
+    modes
+        By frequency.
+    sector
+        The region of complex frequencies in which modes were counted; None: they were not.
+    counted
+        How many are in it; None where that could not be told.
+    inside
+        How many of `modes` are in it.
+    """
+
+    name: str
+    coordinates: tuple[str, ...]
+    modes: tuple[Mode, ...]
+    sector: Sector | None
+    counted: int | None
+    inside: int
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether it is known that none is missing."""
+        return self.counted is not None and self.counted == self.inside
+
+
+def find_modes(scene: Scene, count: int, *, near: float | None = None) -> ModeTable:
+    """Modes of lowest frequency, or nearest to one.
+
+    Parameters
+    ----------
+    scene
+        A linear one.
+    count
+        How many, at most the number of degrees of freedom.
+    near
+        Frequency in oscillations per unit of time; None: from 0 on.
+
+    Returns
+    -------
+    ModeTable
+        Without a name. Solutions that do not oscillate (branch cut, rigid motions) are none.
+
+    Raises
+    ------
+    ValueError
+        If the scene is not linear, or has no stiffness or mode at all.
+    """
+    stiffness = DynamicStiffness(scene)
+    d = scene.dimension
+    centre = 0.0 if near is None else 2.0 * math.pi * near
+    wanted = min(count + EXTRA, d)
+    found: list[Mode] = []
+    for s, vector in _undamped(stiffness, _stored(stiffness, centre), wanted, centre):
+        _keep(found, refine(stiffness, s, vector))
+    if not found:
+        raise ValueError("no mode was found: nothing in the scene oscillates")
+    return _completed(stiffness, found, count, centre)
+
+
+def refine(stiffness: DynamicStiffness, s: complex, vector: ComplexArray) -> Mode | None:
+    """The mode to which a frequency and a shape lead; None where they lead to none."""
+    best: Mode | None = None
+    for _ in range(MOST_SWEEPS):
+        if not (math.isfinite(abs(s)) and abs(s) > 0):
+            return None
+        try:
+            right = np.asarray(stiffness.combined(stiffness.slopes(s)) @ vector)  # type: ignore[operator]
+            vector = stiffness.factors(s).solve(right)
+        except np.linalg.LinAlgError:
+            s *= 1.0 + 1e-14
+            continue
+        vector = vector / vector[np.abs(vector).argmax()]
+        moved = _functional(stiffness, s, vector)
+        if moved is None:
+            return None
+        s = moved
+        residual = stiffness.residual(s, vector)
+        is_better = best is None or residual < 0.3 * best.residual
+        if best is None or residual < best.residual:
+            best = Mode(frequency=s, shape=vector, residual=residual)
+        # cubic convergence: what gets no better is round-off
+        if not is_better and residual <= RESIDUAL_LIMIT:
+            break
+    if best is None or best.residual > RESIDUAL_LIMIT:
+        return None
+    if best.frequency.imag < 0:
+        best = Mode(
+            frequency=best.frequency.conjugate(),
+            shape=best.shape.conj(),
+            residual=best.residual,
+        )
+    return best if best.frequency.imag > SAME * abs(best.frequency) else None
+
+
+def _functional(stiffness: DynamicStiffness, s: complex, vector: ComplexArray) -> complex | None:
+    """The zero near s of v^T T(s) v."""
+    forms = np.array(
+        [complex(vector @ np.asarray(form @ vector)) for form in stiffness.forms]  # type: ignore[operator]
+    )
+    for _ in range(MOST_SWEEPS):
+        value, slope = stiffness.symbols(s) @ forms, stiffness.slopes(s) @ forms
+        if slope == 0 or not math.isfinite(abs(value)):
+            return None
+        change = complex(value / slope)
+        # no farther than the plane without the branch cut allows
+        largest = 0.3 * abs(s)
+        if abs(change) > largest:
+            change *= largest / abs(change)
+        s -= change
+        if abs(change) <= CONVERGED * abs(s):
+            break
+    return s
+
+
+def _keep(found: list[Mode], mode: Mode | None) -> None:
+    """Add a mode that is not there yet."""
+    if mode is None:
+        return
+    for other in found:
+        if abs(other.frequency - mode.frequency) <= SAME * abs(mode.frequency):
+            parallel = abs(np.vdot(other.shape, mode.shape)) / (
+                np.linalg.norm(other.shape) * np.linalg.norm(mode.shape)
+            )
+            if parallel > 1.0 - SAME:
+                return
+    found.append(mode)
+
+
+def _stiffened(
+    stiffness: DynamicStiffness, found: Sequence[Mode], count: int, centre: float
+) -> list[tuple[complex, ComplexArray]]:
+    """Modes without damping, with the stiffness that it has at the frequencies of known modes."""
+    rates = sorted(abs(mode.frequency) for mode in found)
+    wanted = min(count, stiffness.dimension)
+    return [
+        start
+        for rate in dict.fromkeys((rates[0], rates[len(rates) // 2], rates[-1]))
+        for start in _undamped(stiffness, _stored(stiffness, rate), wanted, centre)
+    ]
+
+
+def _stored(stiffness: DynamicStiffness, rate: float) -> ComplexArray:
+    """Factors of the matrices in the real part of T without mass, at a real frequency."""
+    factors = stiffness.symbols(1j * max(rate, 1e-30)).real.astype(complex)
+    factors[0] = 0.0
+    return factors
+
+
+def _undamped(
+    stiffness: DynamicStiffness, factors: ComplexArray, count: int, centre: float
+) -> list[tuple[complex, ComplexArray]]:
+    """Frequencies and shapes of the mass and a combination of the other matrices."""
+    d, mass = stiffness.dimension, stiffness.mass
+    combined = stiffness.combined(factors)
+    if isinstance(combined, np.ndarray) or d <= 4 * count:
+        from scipy.linalg import eigh
+
+        whole = combined if isinstance(combined, np.ndarray) else np.asarray(combined.toarray())
+        values, vectors = eigh(whole.real, _dense(mass))
+    else:
+        from scipy.sparse.linalg import eigsh
+
+        scale = float(np.abs(factors) @ stiffness.norms) / stiffness.norms[0]
+        # beside the spectrum, since a free structure has modes at 0
+        shift = centre**2 if centre else -1e-9 * scale
+        values, vectors = eigsh(
+            as_csc(combined.real),  # type: ignore[attr-defined]
+            k=count,
+            M=as_csc(mass),
+            sigma=shift,
+            which="LM",
+            v0=np.random.default_rng(5).standard_normal(d),
+        )
+    rates = np.sqrt(np.maximum(values, 0.0))
+    order = np.argsort(np.abs(rates - centre), kind="stable")[:count]
+    largest = float(rates.max(initial=0.0))
+    return [
+        (1j * float(rates[index]), vectors[:, index].astype(complex))
+        for index in order
+        if rates[index] > 1e-6 * largest
+    ]
+
+
+def _dense(form: Form) -> Array:
+    return form if isinstance(form, np.ndarray) else np.asarray(form.toarray())
+
+
+def _completed(
+    stiffness: DynamicStiffness, found: list[Mode], count: int, centre: float
+) -> ModeTable:
+    """The modes that are wanted, with those that a count says are missing."""
+    sector, counted = None, None
+    for attempt in range(4):
+        found.sort(key=lambda mode: abs(abs(mode.frequency) - centre))
+        sector = _sector_of(found, count, centre)
+        try:
+            counted = count_modes(stiffness, sector)
+        except CountError:
+            counted = None
+            break
+        inside = [mode for mode in found if sector.holds(mode.frequency)]
+        if counted <= len(inside):
+            break
+        before = len(found)
+        starts = (
+            _stiffened(stiffness, found, count + EXTRA, centre)
+            if attempt == 0
+            else modes_by_integrals(stiffness, sector, counted)
+        )
+        for s, vector in starts:
+            _keep(found, refine(stiffness, s, vector))
+        if len(found) == before and attempt:
+            break
+    found.sort(key=lambda mode: abs(abs(mode.frequency) - centre))
+    chosen = sorted(found[:count], key=lambda mode: abs(mode.frequency))
+    inside_count = 0 if sector is None else sum(sector.holds(mode.frequency) for mode in found)
+    names = tuple(f"x{index}" for index in range(1, stiffness.dimension + 1))
+    return ModeTable(
+        name="",
+        coordinates=names,
+        modes=tuple(chosen),
+        sector=sector,
+        counted=counted,
+        inside=inside_count,
+    )
+
+
+def _sector_of(found: Sequence[Mode], count: int, centre: float) -> Sector:
+    """A sector around the modes that are wanted, with its arcs between modes."""
+    sizes = sorted(abs(mode.frequency) for mode in found)
+    wanted = sorted(abs(mode.frequency) for mode in found[:count])
+    above = [size for size in sizes if size > wanted[-1] * (1.0 + SAME)]
+    below = [size for size in sizes if size < wanted[0] * (1.0 - SAME)]
+    largest = math.sqrt(wanted[-1] * above[0]) if above else 1.05 * wanted[-1]
+    least = 0.05 * wanted[0]
+    if centre and below:
+        least = math.sqrt(below[-1] * wanted[0])
+    first = min([FIRST_ANGLE, *(0.9 * cmath.phase(mode.frequency) for mode in found[:count])])
+    return Sector(least=least, largest=largest, first=first, last=LAST_ANGLE)

@@ -1,0 +1,302 @@
+"""Modes and harmonic responses against closed forms, long runs, and each other."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import mmwrite
+from scipy.sparse import coo_array
+from typer.testing import CliRunner
+
+from fvi_cli.cli.app import app
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.laws.cole_cole import fractional_zener
+from fvi_cli.effects.matrices import Form
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method
+from fvi_cli.mathematics.characteristic import CharacteristicFunction, characteristic_zeros
+from fvi_cli.scenes.structures.sandwich_beam import SandwichBeam, beam_matrices
+from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
+from fvi_cli.studies.vibration.modes import ModeTable, find_modes
+from fvi_cli.studies.vibration.response import harmonic_response
+from fvi_cli.studies.vibration.sector import Sector, count_modes, modes_by_integrals
+
+BEAM = SandwichBeam(
+    length=0.1778,
+    width=0.0127,
+    face_thickness=1.524e-3,
+    core_thickness=1.27e-4,
+    face_modulus=6.9e10,
+    face_density=2766.0,
+    core_density=968.0,
+)
+
+
+def linear_scene(
+    mass: Form,
+    stiffness: Form,
+    *damping: FractionalDamping,
+    forcing: Forcing | None = None,
+    time: float = 1.0,
+) -> Scene:
+    d = mass.shape[0]
+    return Scene(
+        inertia=Inertia(mass=mass),
+        potential=QuadraticPotential(stiffness=stiffness),
+        damping=damping,
+        forcing=forcing,
+        initial_position=np.zeros(d),
+        initial_velocity=np.zeros(d),
+        final_time=time,
+    )
+
+
+def sandwich(elements: int) -> Scene:
+    mass, faces, core = beam_matrices(BEAM, elements)
+    law = fractional_zener(
+        order=0.675, time=8.23e-9, relaxed=3.504e5, unrelaxed=3.062e9, coefficient=core
+    )
+    d = mass.shape[0]
+    return Scene(
+        inertia=Inertia(mass=mass),
+        potential=QuadraticPotential(stiffness=faces),
+        laws=(law,),
+        initial_position=np.zeros(d),
+        initial_velocity=np.zeros(d),
+        final_time=0.1,
+    )
+
+
+@pytest.fixture(scope="module")
+def beam_modes() -> ModeTable:
+    return find_modes(sandwich(42), 10)
+
+
+def test_one_oscillator_has_the_zero_of_its_characteristic_function() -> None:
+    for order, mu in ((0.3, 0.5), (0.5, 4.0), (1.5, 0.7), (1.9, 0.2)):
+        damping = FractionalDamping(order=order, coefficient=mu)
+        table = find_modes(linear_scene(np.eye(1), 2.0 * np.eye(1), damping), 1)
+        function = CharacteristicFunction(mass=1.0, stiffness=2.0, damping=((order, mu),))
+        (cluster,) = characteristic_zeros(function)
+        assert table.is_complete
+        assert table.modes[0].frequency == pytest.approx(cluster.center, rel=1e-11)
+
+
+def test_viscous_modes_are_those_of_the_quadratic_eigenvalue_problem() -> None:
+    rng = np.random.default_rng(2)
+    root = rng.standard_normal((6, 6))
+    stiffness, mass = root @ root.T + 20 * np.eye(6), np.diag(rng.uniform(0.5, 2.0, 6))
+    other = rng.standard_normal((6, 2))
+    damping = 0.8 * other @ other.T
+    table = find_modes(
+        linear_scene(mass, stiffness, FractionalDamping(order=1.0, coefficient=damping)), 6
+    )
+    inverse = np.linalg.inv(mass)
+    companion = np.block(
+        [[np.zeros((6, 6)), np.eye(6)], [-inverse @ stiffness, -inverse @ damping]]
+    )
+    expected = sorted((s for s in np.linalg.eigvals(companion) if s.imag > 1e-6), key=abs)
+    assert table.is_complete
+    found = [mode.frequency for mode in table.modes]
+    assert found == pytest.approx(expected, rel=1e-11)
+    assert max(mode.residual for mode in table.modes) < 1e-14
+
+
+def test_equal_frequencies_are_all_found() -> None:
+    damping = FractionalDamping(order=0.5, coefficient=0.3 * np.eye(3))
+    table = find_modes(linear_scene(np.eye(3), 4.0 * np.eye(3), damping), 3)
+    assert table.is_complete
+    assert len(table.modes) == table.counted == 3
+    shapes = np.array([mode.shape for mode in table.modes])
+    assert np.linalg.matrix_rank(shapes, tol=1e-6) == 3
+
+
+def test_ten_modes_of_a_sandwich_beam(beam_modes: ModeTable) -> None:
+    assert len(beam_modes.coordinates) == 168
+    assert len(beam_modes.modes) == beam_modes.inside == beam_modes.counted == 10
+    assert max(mode.residual for mode in beam_modes.modes) < 1e-12
+    first = beam_modes.modes[0]
+    # at the loss factor that the half-power bandwidth of a light damper tells
+    assert first.hertz == pytest.approx(66.37, abs=0.02)
+    assert first.loss_factor == pytest.approx(0.2017, abs=1e-3)
+    # the matrix times the shape, written out once more
+    scene = sandwich(42)
+    assert isinstance(scene.potential, QuadraticPotential)
+    s = first.frequency
+    (law,) = scene.laws
+    left = s**2 * scene.inertia.mass + scene.potential.stiffness + law.symbol(s) * law.coefficient
+    assert np.abs(left @ first.shape).max() < 1e-13 * np.abs(left).max()
+
+
+def test_a_mode_that_is_left_out_is_missed_by_the_count(beam_modes: ModeTable) -> None:
+    assert beam_modes.sector is not None
+    stiffness = DynamicStiffness(sandwich(42))
+    whole = beam_modes.sector
+    sizes = [abs(mode.frequency) for mode in beam_modes.modes]
+    for index in (1, 4, 8):
+        between = math.sqrt(sizes[index - 1] * sizes[index])
+        part = Sector(least=whole.least, largest=between, first=whole.first, last=whole.last)
+        assert count_modes(stiffness, part) == index
+
+
+def test_contour_integrals_find_the_same_modes(beam_modes: ModeTable) -> None:
+    assert beam_modes.sector is not None
+    sector = Sector(
+        least=beam_modes.sector.least,
+        largest=math.sqrt(abs(beam_modes.modes[2].frequency * beam_modes.modes[3].frequency)),
+        first=beam_modes.sector.first,
+        last=beam_modes.sector.last,
+    )
+    found = modes_by_integrals(DynamicStiffness(sandwich(42)), sector, 3)
+    for mode in beam_modes.modes[:3]:
+        assert min(abs(s - mode.frequency) for s, _ in found) < 1e-2 * abs(mode.frequency)
+
+
+def test_modes_near_a_frequency_are_those_in_the_middle(beam_modes: ModeTable) -> None:
+    wanted = beam_modes.modes[4]
+    table = find_modes(sandwich(42), 2, near=abs(wanted.frequency) / (2 * math.pi))
+    assert table.is_complete
+    assert min(abs(m.frequency - wanted.frequency) for m in table.modes) < 1e-8 * abs(
+        wanted.frequency
+    )
+
+
+def test_a_steady_response_is_what_a_long_run_ends_in() -> None:
+    # what a start from rest leaves behind falls like t**(-5/2)
+    omega, periods, per_period = 1.3, 400, 16
+    mass, stiffness = np.diag([1.0, 0.7]), np.array([[3.0, -1.0], [-1.0, 2.0]])
+    damping = FractionalDamping(order=1.5, coefficient=np.array([[0.6, -0.2], [-0.2, 0.5]]))
+    final = periods * 2 * math.pi / omega
+    forcing = Forcing.from_text(f"cos({omega!r}*t)", "0")
+    scene = linear_scene(mass, stiffness, damping, forcing=forcing, time=final)
+    trajectory = integrate(
+        scene, Method(cq="gauss", degree=4, start="graded"), periods * per_period
+    )
+    table = harmonic_response(
+        linear_scene(mass, stiffness, damping),
+        np.array([1.0, 0.0]),
+        np.array([0.5, 1.0, 1.5]) * omega / (2 * math.pi),
+        outputs=("x1", "x2"),
+        rows=np.eye(2),
+    )
+    late = trajectory.time > 0.99 * final
+    expected = (np.exp(1j * omega * trajectory.time[late])[:, None] * table.values[1]).real
+    assert np.abs(trajectory.position[late] - expected).max() < 1e-8
+
+
+def test_a_steady_response_is_the_sum_over_modes_of_proportional_damping() -> None:
+    rng = np.random.default_rng(4)
+    root = rng.standard_normal((5, 5))
+    mass, stiffness = np.diag(rng.uniform(1.0, 2.0, 5)), root @ root.T + 5 * np.eye(5)
+    damping = 0.1 * mass + 0.02 * stiffness
+    scene = linear_scene(mass, stiffness, FractionalDamping(order=1.0, coefficient=damping))
+    load, hertz = rng.standard_normal(5), np.linspace(0.05, 1.0, 40)
+    table = harmonic_response(
+        scene, load, hertz, outputs=[f"x{i}" for i in range(1, 6)], rows=np.eye(5)
+    )
+    lower = np.linalg.inv(np.linalg.cholesky(mass))
+    squares, vectors = np.linalg.eigh(lower @ stiffness @ lower.T)
+    shapes = lower.T @ vectors
+    omega = 2 * np.pi * hertz[:, None]
+    gains = (load @ shapes) / (squares - omega**2 + 1j * omega * (0.1 + 0.02 * squares))
+    assert np.abs(table.values - gains @ shapes.T).max() < 1e-12
+
+
+def test_half_power_widths_tell_the_loss_factor_of_light_damping() -> None:
+    damping = FractionalDamping(order=1.0, coefficient=0.02)
+    scene = linear_scene(np.eye(1), np.eye(1), damping)
+    table = harmonic_response(
+        scene, np.ones(1), np.linspace(0.1, 0.25, 60), outputs=["x"], rows=np.eye(1)
+    )
+    (peak,) = table.peaks
+    assert peak.hertz == pytest.approx(math.sqrt(1 - 2 * 0.01**2) / (2 * math.pi), rel=1e-7)
+    assert peak.loss_factor == pytest.approx(0.02, rel=1e-3)
+    (mode,) = find_modes(scene, 1).modes
+    assert mode.loss_factor == pytest.approx(peak.loss_factor, rel=1e-3)
+
+
+def invoke(*arguments: str) -> str:
+    done = CliRunner().invoke(app, list(arguments))
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def test_the_commands_from_three_exported_files(tmp_path: Path) -> None:
+    mass, faces, core = beam_matrices(BEAM, 12)
+    for name, form in (("M", mass), ("K", faces), ("C", core)):
+        mmwrite(tmp_path / f"{name}.mtx", coo_array(form), symmetry="symmetric", precision=17)
+    config = tmp_path / "beam.yaml"
+    config.write_text(
+        "name: beam\n"
+        "problem:\n"
+        "  kind: structure\n"
+        "  mass: {file: M.mtx}\n"
+        "  stiffness: {file: K.mtx}\n"
+        "  damping: [{order: 0.6, coefficient: {file: C.mtx}}]\n"
+        "  final_time: 0.01\n"
+        "  exact: none\n"
+        "method: {rk: gauss, degree: 2}\n"
+        "ladder: {steps: [16]}\n"
+    )
+    output = tmp_path / "out"
+    told = invoke("modes", str(config), "--count", "4", "-o", str(output))
+    assert "None is missing" in told
+    with (output / "tables" / "beam-modes.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == [
+        "mode",
+        "real",
+        "imaginary",
+        "frequency_hz",
+        "damping_ratio",
+        "loss_factor",
+        "residual",
+    ]
+    assert len(rows) == 4
+    with h5py.File(output / "beam-modes.h5") as stored:
+        group = stored["beam"]
+        assert group["shape_real"].shape == (4, 48)
+        assert group["frequency_hz"][0] == pytest.approx(float(rows[0]["frequency_hz"]))
+        assert group["shape_real"].dims[1][0].name == "/beam/dof"
+    assert (output / "figures" / "beam-modes.png").stat().st_size > 1000
+    invoke("modes", str(config), "--count", "4", "-o", str(output), "--check")
+    over = f"frequency={0.5 * float(rows[0]['frequency_hz'])}:{float(rows[1]['frequency_hz'])}:40"
+    told = invoke("response", str(config), "--over", over, "--force", "x45", "-o", str(output))
+    assert "Load: x45" in told
+    assert (output / "tables" / "beam-response.csv").is_file()
+    assert (output / "tables" / "beam-response-peaks.csv").is_file()
+    assert (output / "figures" / "beam-response.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("modes", "pendulum"), "is not linear"),
+        (("modes", "ten-storeys", "--count", "11"), "--count: 11 is not allowed"),
+        (("modes", "ten-storeys", "--near", "-1"), "--near: -1 is not allowed"),
+        (("response", "ten-storeys", "--over", "frequency=0:1:5"), "--over: 'frequency=0:1:5'"),
+        (("response", "ten-storeys", "--over", "period=1:2:5"), "it must be frequency=FROM"),
+        (
+            ("response", "ten-storeys", "--over", "frequency=1:2:5", "--at", "x11"),
+            "--at: column 1: unknown name 'x11'",
+        ),
+        (
+            ("response", "ten-storeys", "--over", "frequency=1:2:5", "--force", "x1=a"),
+            "must be a number",
+        ),
+        (("response", "damped-oscillator", "--over", "frequency=1:2:5"), "say where forces act"),
+    ],
+)
+def test_what_cannot_be_computed_is_told(arguments: tuple[str, ...], message: str) -> None:
+    done = CliRunner().invoke(app, list(arguments))
+    assert done.exit_code == 2
+    assert message in done.stderr
