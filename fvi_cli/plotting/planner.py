@@ -21,6 +21,8 @@ from fvi_cli.plotting.motion import (
     phase_figure,
     waterfall_figure,
 )
+from fvi_cli.plotting.observed.quantities import has_quantities, quantities_figure
+from fvi_cli.plotting.observed.section import has_events, section_figure
 from fvi_cli.plotting.saturation import saturation_figure
 from fvi_cli.plotting.sweeps import sweep_convergence_figure, sweep_trajectory_figure
 from fvi_cli.plotting.time_series import energy_figure, error_figure, trajectory_figure
@@ -37,6 +39,8 @@ FIGURE_KINDS = (
     "phase",
     "path",
     "waterfall",
+    "quantities",
+    "section",
 )
 """What ``Experiment.figures`` may name."""
 
@@ -49,6 +53,8 @@ _OVER_TIME: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
     "phase": phase_figure,
     "path": path_figure,
     "waterfall": waterfall_figure,
+    "quantities": quantities_figure,
+    "section": section_figure,
 }
 _OF_MEMBERS: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
     "convergence": sweep_convergence_figure,
@@ -61,8 +67,9 @@ def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[st
     """Make every figure that the experiments of one configuration call for.
 
     An experiment that names its figures gets these. Otherwise a ladder of three or more step
-    counts gets ``convergence``, a shorter one ``trajectory``, ``energy`` and ``error``, as far as
-    there are an energy and something to measure errors against. Of a sweep there are
+    counts gets ``convergence``, a shorter one ``trajectory``, ``energy``, ``error`` and
+    ``quantities``, as far as there are an energy, something to measure errors against, and
+    quantities. Of a sweep there are
     ``convergence`` and ``trajectory`` only, in a figure of their own. Experiments of kind
     ``fractional-derivative`` share one saturation figure.
 
@@ -127,7 +134,7 @@ def figure_kinds(experiment: Experiment, finished: Sequence[FinishedRun]) -> tup
     elif "convergence" not in obstacles and len({f.run.n_steps for f in finished}) >= _LEAST_LADDER:
         wanted = ("convergence",)
     else:
-        wanted = ("trajectory", "energy", "error")
+        wanted = ("trajectory", "energy", "error", "quantities")
     return tuple(kind for kind in wanted if kind not in obstacles)
 
 
@@ -172,6 +179,12 @@ def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[
         obstacles["balance"] = "it needs store: {diagnostics: [energy-balance]}"
     if not any(has_momenta(item) for item in moving):
         obstacles["momenta"] = "it needs store: {diagnostics: [momentum-maps]}"
+    if not any(has_quantities(item) for item in moving):
+        obstacles["quantities"] = "the experiment has no quantities"
+    if not any(has_events(item) for item in moving):
+        obstacles["section"] = "no event happened"
+    if experiment.problem.exact is None and experiment.observations.times is not None:
+        obstacles["error"] = "a refined run is known on the mesh only, not at the times of output"
     if moving[0].trajectory.position.shape[1] < 2:
         obstacles["path"] = "the scene has one coordinate only"
     if experiment.problem.kind not in WATERFALL_KINDS:

@@ -47,6 +47,8 @@ FIGURES: Final = (
     "phase",
     "path",
     "waterfall",
+    "quantities",
+    "section",
 )
 _CASES: Final = "methods, such as bdf5,"
 
@@ -91,7 +93,8 @@ _KEYS: Final = (
         "figures",
         ListOf(shape=Choice(words=FIGURES), least=0, example="[convergence]"),
         "Figures to draw. Default: convergence for a ladder of three or more numbers of steps, "
-        "otherwise trajectory, energy and error.",
+        "otherwise trajectory, energy, error and, where there are any, quantities; section draws "
+        "velocity against position at events.",
         default=[],
     ),
     Key("allow_unstable", Flag(), "Compute runs that are predicted to blow up.", default=False),
