@@ -20,14 +20,16 @@ problem:
   damping: [{order: 0.5, coefficient: 0.3}]
   initial: {position: 1.0}
   final_time: 4.0
-accuracy: {tolerance: 1e-7}
+accuracy: {tolerance: 1e-7, mesh: uniform}
 """
+ADAPTIVE = CONFIG.replace(", mesh: uniform", "")
 
 
 @pytest.fixture
 def fvi(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tuned.yaml").write_text(CONFIG)
+    (tmp_path / "found.yaml").write_text(ADAPTIVE.replace("tuned", "found"))
 
     def call(*arguments, expected=0):
         result = CliRunner().invoke(app, list(arguments))
@@ -37,9 +39,9 @@ def fvi(tmp_path, monkeypatch):
     return call
 
 
-def stored(tmp_path):
+def stored(tmp_path, name="tuned"):
     """Attributes of the only run."""
-    with h5py.File(tmp_path / "results" / "tuned.h5") as file:
+    with h5py.File(tmp_path / "results" / f"{name}.h5") as file:
         ((_, cases),) = file.items()
         return [
             dict(group.attrs)
@@ -101,6 +103,9 @@ def test_result_files_are_read_without_their_configuration(fvi):
 def test_a_tolerance_below_the_floor_is_refused_and_the_exit_code_says_so(fvi, tmp_path):
     said = fvi("run", "tuned.yaml", "--set", "accuracy.tolerance=1e-15", expected=1)
     assert "below the floor" in said
+    # what was refused is no answer to be used again
+    planned = fvi("run", "tuned.yaml", "--dry-run", "--set", "accuracy.tolerance=1e-15")
+    assert "reuse" not in planned
     (run,) = stored(tmp_path)
     assert (run["status"], run["tolerance"]) == ("refused", 1e-15)
     assert "below the floor" in run["message"]
@@ -129,3 +134,76 @@ def test_starter_files_show_the_key(fvi):
     changed = text.replace(ladder, "").replace("# accuracy:", "accuracy:")
     (experiment,) = parse_config(changed, "mine.yaml").experiments
     assert experiment.needs_search
+
+
+def test_steps_are_found_on_the_way(fvi, tmp_path):
+    planned = fvi("run", "found.yaml", "--dry-run")
+    assert "adaptive" in planned
+    assert "for 1e-07" in planned
+    assert json.loads(fvi("run", "found.yaml", "--dry-run", "--json"))["runs"][0]["n_steps"] is None
+    said = fvi("run", "found.yaml")
+    (run,) = stored(tmp_path, "found")
+    assert run["error"] <= run["estimate"] <= run["tolerance"] == 1e-7
+    assert run["outcome"] == "met"
+    assert run["choice"] in said
+    assert run["n_steps"] < 40
+    with h5py.File(tmp_path / "results" / "found.h5") as file:
+        (runs,) = next(iter(file.values())).values()
+        (group,) = (group for name, group in runs.items() if name != "convergence")
+        time = group["time"][:]
+    assert time.size == run["n_steps"] + 1
+    assert (time[0], time[-1]) == (0.0, 4.0)
+    assert time[1] < 1e-3 * time[-1]
+
+
+def test_adaptive_runs_are_recalled(fvi, tmp_path):
+    fvi("run", "found.yaml")
+    (first,) = stored(tmp_path, "found")
+    assert "reuse" in fvi("run", "found.yaml", "--dry-run")
+    fvi("run", "found.yaml")
+    (again,) = stored(tmp_path, "found")
+    assert again["created"] == first["created"]
+    # control: another tolerance, another mesh, another problem
+    for change in ("accuracy.tolerance=2e-7", "accuracy.mesh=uniform", "problem.stiffness=2"):
+        assert "reuse" not in fvi("run", "found.yaml", "--dry-run", "--set", change)
+    assert str(first["n_steps"]) in fvi("convergence", "results/found.h5", "--output", "elsewhere")
+
+
+def test_relative_tolerances(fvi, tmp_path):
+    config = ADAPTIVE.replace("tolerance: 1e-7", "relative: 1e-7").replace("1.0}", "1e-3}")
+    (tmp_path / "small.yaml").write_text(config.replace("tuned", "small"))
+    fvi("run", "small.yaml")
+    (run,) = stored(tmp_path, "small")
+    assert run["relative"] == 1e-7
+    assert run["tolerance"] == pytest.approx(1e-10, rel=1e-6)
+    assert run["error"] <= run["tolerance"]
+    assert "reuse" in fvi("run", "small.yaml", "--dry-run")
+
+
+def test_what_is_out_of_reach_is_refused_with_the_best_error(fvi, tmp_path):
+    fvi("run", "found.yaml", "--set", "accuracy.tolerance=1e-18", expected=1)
+    (run,) = stored(tmp_path, "found")
+    assert (run["status"], run["outcome"]) == ("refused", "refused")
+    assert "the best error reached is" in run["message"]
+    planned = fvi("run", "found.yaml", "--dry-run", "--set", "accuracy.tolerance=1e-18")
+    assert "reuse" not in planned
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("{}", "accuracy.tolerance: missing"),
+        ("{tolerance: 1e-3, relative: 1e-3}", "accuracy.relative: not together"),
+        ("{relative: 1}", "between 0 and 1"),
+        ("{tolerance: 1e-3, mesh: fine}", "adaptive or uniform"),
+        ("{relative: 1e-3, mesh: uniform}", "accuracy.relative: it is for adaptive meshes"),
+        ("{tolerance: 1e-3, mesh: adaptive}\nmethod: {rk: gauss}", "leave method out"),
+        ("{relative: 1e-3}\nmethod: {bdf: 2}", "leave method out"),
+    ],
+)
+def test_mistakes_in_tolerances(tmp_path, given, words):
+    (tmp_path / "wrong.yaml").write_text(ADAPTIVE.replace("{tolerance: 1e-7}", given))
+    result = CliRunner().invoke(app, ["check", str(tmp_path / "wrong.yaml")])
+    assert result.exit_code == 2
+    assert words in result.output
+    assert "wrong.yaml:7:" in result.output or "wrong.yaml:8:" in result.output

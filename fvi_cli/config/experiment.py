@@ -38,6 +38,7 @@ from fvi_cli.integrator.observations.asked import Observations
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
+from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import Experiment
 
 # Break points are taken for fractions of the interval with denominators up to this.
@@ -105,7 +106,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         # runs do not depend on what was measured
         **{key: value for key, value in values.items() if key != "fit"},
         "name": name,
-        "method": [listed_method.resolved for listed_method in methods],
+        **_methods_of(methods, values.get("accuracy"), accuracy),
         **({} if members is None else {SWEEP: members.resolved}),
     }
     if problem is None or len(at.complaints) > before or not is_complete(resolved):
@@ -114,7 +115,9 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         name=name,
         problem=problem,
         problem_specification=described,
-        methods=tuple(listed_method.method for listed_method in methods),
+        methods=tuple(listed_method.method for listed_method in methods)
+        if accuracy is None
+        else accuracy.candidates,
         steps=steps,
         grading=grading,
         norm=values["report"]["norm"],
@@ -131,6 +134,17 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         fit=fit,
     )
     return ReadExperiment(resolved=resolved, experiment=experiment)
+
+
+def _methods_of(
+    methods: Sequence[ListedMethod], given: object, accuracy: Accuracy | None
+) -> dict[str, Any]:
+    """The methods of an experiment; with adaptive steps these follow from the tolerance."""
+    found = {"method": [listed_method.resolved for listed_method in methods]}
+    if accuracy is None or not isinstance(given, Mapping):
+        return found
+    own = {"accuracy": {**given, "mesh": accuracy.mesh}}
+    return own if accuracy.mesh == "adaptive" else {**found, **own}
 
 
 def _make_members(

@@ -167,9 +167,11 @@ def _observed(summary: ObservedSummary) -> dict[str, object]:
 
 
 def _plan(plan: PlannedRun) -> dict[str, object]:
-    engine = planned(plan.run)
+    engine = None if plan.finds_steps else planned(plan.run)
+    unknown = {"case": None, "n_steps": None, "step_size": None} if plan.finds_steps else {}
     return {
         **_run(plan.run),
+        **unknown,
         "action": plan.action,
         "reason": plan.reason,
         "predicted": plan.predicted,

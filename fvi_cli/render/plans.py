@@ -35,13 +35,15 @@ def plans_as_text(plans: Sequence[PlannedRun], *, in_full: bool = False) -> str:
     for alike in _alike(plans):
         plan = alike[0]
         run = plan.run
-        own = planned(run, _members_with([one.run for one in alike[:MOST_ALIKE]]).get(run, 1))
+        own = None
+        if not plan.finds_steps:
+            own = planned(run, _members_with([one.run for one in alike[:MOST_ALIKE]]).get(run, 1))
         rows.append(
             (
                 run.experiment.name,
-                run.method.case,
-                str(run.n_steps),
-                f"{run.step_size:.6g}",
+                "gauss" if plan.finds_steps else run.method.case,
+                "adaptive" if plan.finds_steps else str(run.n_steps),
+                "-" if plan.finds_steps else f"{run.step_size:.6g}",
                 plan.action if run.member is None else f"{plan.action} {len(alike)} members",
                 plan.predicted,
                 ", ".join(effects_of(run.problem)),
@@ -50,7 +52,11 @@ def plans_as_text(plans: Sequence[PlannedRun], *, in_full: bool = False) -> str:
             )
         )
     text = aligned(rows)
-    return f"{text}\n\n{machinery_as_text([p.run for p in plans])}" if in_full else text
+    return (
+        f"{text}\n\n{machinery_as_text([p.run for p in plans if not p.finds_steps])}"
+        if in_full
+        else text
+    )
 
 
 def _alike(plans: Sequence[PlannedRun]) -> list[list[PlannedRun]]:

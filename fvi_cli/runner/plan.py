@@ -11,7 +11,7 @@ from fvi_cli.runner.executors.batches import pack_size
 from fvi_cli.runner.executors.executor import crash
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import Chosen, Known, Why, resumed_at, stored_runs
+from fvi_cli.runner.stored import Chosen, Known, Why, resumed_at, reusable, stored_runs
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.accurate_run import choices_for
 from fvi_cli.studies.experiment import Experiment, Predicted, Run
@@ -43,6 +43,11 @@ class PlannedRun:
     reason: str
     predicted: Predicted
 
+    @property
+    def finds_steps(self) -> bool:
+        """Whether method and number of steps are found on the way, and not known now."""
+        return self.run.experiment.finds_steps and self.action != "reuse"
+
 
 def plan_runs(requests: Sequence[Request], settings: Settings) -> list[PlannedRun]:
     """Tell for every run of `requests` what would be done with it; nothing is written."""
@@ -66,13 +71,18 @@ def _choices_for_tolerance(
     accuracy = experiment.accuracy
     if accuracy is None or not experiment.needs_search:
         return []
-    earlier = chosen(experiment)
+    earlier = reusable(chosen(experiment))
     if earlier is not None:
         return [
             PlannedRun(
                 run=earlier.run, action="reuse", reason="stored", predicted=earlier.predicted
             )
         ]
+    if experiment.finds_steps:
+        (run,) = experiment.with_choice(accuracy.candidates[0], 1).runs()
+        action = "compute" if request.stored is None else "leave out"
+        reason = f"steps are found on the way, for {accuracy.words}; a second run tells the error"
+        return [PlannedRun(run=run, action=action, reason=reason, predicted="unknown")]
     plans: list[PlannedRun] = []
     for choice in choices_for(experiment, available_bytes=machine_bytes()):
         (run,) = experiment.with_choice(choice.method, choice.n_steps).runs()
@@ -83,13 +93,13 @@ def _choices_for_tolerance(
             PlannedRun(
                 run=run,
                 action=action,
-                reason=f"thought to reach {accuracy.tolerance:g}; N/2 is run as well",
+                reason=f"thought to reach {accuracy.words}; N/2 is run as well",
                 predicted=prediction_of(run).verdict,
             )
         )
     if not plans:
         (run,) = experiment.with_choice(accuracy.candidates[0], 1).runs()
-        reason = f"no method is thought to reach {accuracy.tolerance:g}"
+        reason = f"no method is thought to reach {accuracy.words}"
         plans.append(PlannedRun(run=run, action="refuse", reason=reason, predicted="unknown"))
     return plans
 

@@ -39,6 +39,11 @@ def no_choice(experiment: Experiment) -> FinishedRun | None:
     return None
 
 
+def reusable(found: FinishedRun | None) -> FinishedRun | None:
+    """A run that was chosen earlier, if its tolerance was met: what was refused is tried again."""
+    return None if found is None or found.status == "refused" else found
+
+
 @contextlib.contextmanager
 def stored_runs(
     request: Request, settings: Settings, *, writes: bool = False

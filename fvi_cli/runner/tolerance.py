@@ -10,7 +10,7 @@ from fvi_cli.runner.compute import Keep
 from fvi_cli.runner.executors.executor import crash, lost_run, no_memory
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import Chosen, no_choice
+from fvi_cli.runner.stored import Chosen, no_choice, reusable
 from fvi_cli.studies.accurate_run import run_for_tolerance
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
@@ -48,7 +48,7 @@ def run_tolerance_searches(
             # nothing is begun after an unexpected failure (--fail-fast)
             outcomes[experiment] = Outcome(experiment=experiment, finished=())
             continue
-        finished = chosen(experiment)
+        finished = reusable(chosen(experiment))
         if finished is None:
             finished, is_result = _searched(experiment)
             if keep is not None and is_result:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import method_columns
-from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
+from fvi_cli.integrator.trajectory import NewtonRecord, Outcome, Trajectory
 from fvi_cli.storage.fields.diagnostics import (
     DIAGNOSTIC_DIMENSIONS,
     DIAGNOSTIC_NAMES,
@@ -282,6 +282,8 @@ def assurance_attributes(assurance: Assurance) -> dict[str, str | float]:
         "estimate": assurance.estimate,
         "choice": assurance.choice,
         "attempts": json.dumps(list(assurance.attempts), ensure_ascii=False),
+        "outcome": assurance.outcome,
+        **({} if assurance.relative is None else {"relative": assurance.relative}),
     }
 
 
@@ -300,7 +302,24 @@ def assurance_of(attributes: Mapping[str, Any]) -> Assurance | None:
         estimate=float(attributes["estimate"]),
         choice=str(attributes["choice"]),
         attempts=tuple(json.loads(attributes["attempts"])),
+        outcome=_outcome(attributes),
+        relative=float(attributes["relative"]) if "relative" in attributes else None,
     )
+
+
+def _outcome(attributes: Mapping[str, Any]) -> Outcome:
+    """What became of a tolerance; files of earlier versions tell by the status alone."""
+    word = str(attributes.get("outcome", ""))
+    if word == "met" or (not word and attributes["status"] != "refused"):
+        return "met"
+    return "unreliable" if word == "unreliable" else "refused"
+
+
+def _asked_for(attributes: Mapping[str, Any]) -> tuple[float | None, float | None]:
+    """Tolerance and relative tolerance of a stored run, one of them None."""
+    if "relative" in attributes:
+        return None, float(attributes["relative"])
+    return float(attributes["tolerance"]), None
 
 
 def asked_for_tolerance(experiment: Experiment, attributes: Mapping[str, Any]) -> Run | None:
@@ -313,7 +332,7 @@ def asked_for_tolerance(experiment: Experiment, attributes: Mapping[str, Any]) -
         return None
     case, n_steps = str(attributes["case"]), int(attributes["n_steps"])
     method = next((one for one in accuracy.candidates if one.case == case), None)
-    if method is None or float(attributes["tolerance"]) != accuracy.tolerance:
+    if method is None or _asked_for(attributes) != (accuracy.tolerance, accuracy.relative):
         return None
     (run,) = experiment.with_choice(method, n_steps).runs()
     return run

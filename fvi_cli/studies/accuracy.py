@@ -38,6 +38,9 @@ BETTER: Final = 0.6
 FAR_OFF: Final = 1e5
 """Guesses that exceed the tolerance by more are believed without a run."""
 
+GREW: Final = 4.0
+"""Differences that grow by more than this are not those of round-off."""
+
 STILL: Final = 0.6
 """A difference of more than this share of the one before has not fallen."""
 
@@ -308,7 +311,11 @@ class _Search:
         differences = [candidate.differences.get(n_steps >> k, math.inf) for k in range(5)]
         if not math.isfinite(differences[0]):
             return False
-        fallen = [a < STILL * b for a, b in itertools.pairwise(differences)]
+        pairs = list(itertools.pairwise(differences))
+        if any(a > GREW * b for a, b in pairs[:2]):
+            # a motion that is not resolved yet is new with every doubling
+            return False
+        fallen = [a < STILL * b for a, b in pairs]
         few = differences[0] < 1e-6 * self.scale
         return not any(fallen[:2] if few else fallen) and all(
             map(math.isfinite, differences[: 3 if few else 5])

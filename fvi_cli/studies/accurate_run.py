@@ -17,15 +17,18 @@ from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.reference import Reference
 from fvi_cli.studies.study import assessed, observed_and_assessed, prediction_of, refused
+from fvi_cli.studies.tolerance.experiment_run import solve_experiment
 
 
 def choices_for(experiment: Experiment, *, available_bytes: int | None = None) -> list[Choice]:
     """What every candidate is thought to take, the one that would be tried first at the front."""
     accuracy, problem = _wanted(experiment)
+    if experiment.finds_steps:
+        return []
     return likely_choices(
         problem.scene,
         accuracy.candidates,
-        accuracy.tolerance,
+        accuracy.absolute,
         experiment.norm,
         available_bytes=available_bytes,
         allow_unstable=experiment.allow_unstable,
@@ -56,10 +59,12 @@ def run_for_tolerance(
         tolerance is below the floor or cannot be reached.
     """
     accuracy, problem = _wanted(experiment)
+    if experiment.finds_steps:
+        return solve_experiment(experiment, problem, accuracy, tell)
     reached = reach_tolerance(
         problem.scene,
         accuracy.candidates,
-        accuracy.tolerance,
+        accuracy.absolute,
         experiment.norm,
         available_bytes=available_bytes,
         allow_unstable=experiment.allow_unstable,
@@ -68,10 +73,11 @@ def run_for_tolerance(
     chosen = experiment.with_choice(reached.method, reached.n_steps)
     (run,) = chosen.runs()
     assurance = Assurance(
-        tolerance=accuracy.tolerance,
+        tolerance=accuracy.absolute,
         estimate=reached.estimate,
         choice=reached.message,
         attempts=reached.attempts,
+        outcome="refused" if reached.verdict == "refused" else "met",
     )
     finished = _refused(run, reached) if reached.verdict == "refused" else _kept(run, reached)
     return dataclasses.replace(finished, assurance=assurance)

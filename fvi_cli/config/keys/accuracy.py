@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 from fvi_cli.config.keys.ladder import EXAMPLE as LADDER_EXAMPLE
 from fvi_cli.config.keys.methods import ListedMethod
 from fvi_cli.config.keys.sweep import SWEEP
-from fvi_cli.keys.cursor import Cursor
+from fvi_cli.keys.cursor import OPTIONAL, Cursor
+from fvi_cli.keys.nodes import MappingNode
 from fvi_cli.keys.records import Key, Record
-from fvi_cli.keys.scalars import Number
+from fvi_cli.keys.scalars import Choice, Number
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
-from fvi_cli.studies.accuracy_settings import Accuracy
+from fvi_cli.studies.accuracy_settings import ADAPTIVE_CANDIDATES, Accuracy, MeshChoice
 
 EXAMPLE: Final = "accuracy: {tolerance: 1e-8}"
 USUAL: Final[Mapping[str, list[Any]]] = {
@@ -20,16 +21,32 @@ USUAL: Final[Mapping[str, list[Any]]] = {
     "degree": [4, 3, 2],
     "start": ["series", "none"],
 }
-"""The methods of which one is chosen where none is given."""
+"""The methods of which one is chosen where none is given, on uniform meshes."""
 
 ACCURACY: Final = Record(
     keys=(
         Key(
             "tolerance",
             Number(above=0.0),
-            "Largest error of the position, absolute, in report.norm.",
+            "Largest error of the position, absolute, in report.norm; this or relative.",
+            default=OPTIONAL,
         ),
-    )
+        Key(
+            "relative",
+            Number(above=0.0, below=1.0),
+            "The same as a share of the largest position of the run.",
+            default=OPTIONAL,
+        ),
+        Key(
+            "mesh",
+            Choice(words=get_args(MeshChoice)),
+            "adaptive: steps are found on the way, with 4 to 10 stages; uniform: one of the "
+            "methods and a number of equal steps are chosen. Default: adaptive where no method "
+            "is given.",
+            default=OPTIONAL,
+        ),
+    ),
+    alternatives=("tolerance", "relative"),
 )
 _NOT_TOGETHER: Final = {
     "ladder": "not together with ladder: N is chosen for the tolerance",
@@ -45,16 +62,48 @@ def check_accuracy(at: Cursor) -> None:
     for other, reason in _NOT_TOGETHER.items():
         if at.has("accuracy") and at.has(other):
             at.refuse_key("accuracy", reason)
+    if at.has("accuracy"):
+        _check_keys(at.under("accuracy"), has_method=at.has("method"))
+
+
+def _check_keys(at: Cursor, *, has_method: bool) -> None:
+    if not isinstance(at.node, MappingNode):
+        return
+    if at.has("tolerance") and at.has("relative"):
+        at.refuse_key("relative", "not together with tolerance: give one of them")
+    if not at.has("tolerance") and not at.has("relative"):
+        at.refuse("missing; give a tolerance, such as 1e-8, or relative", "tolerance")
+    mesh = at.under("mesh").scalar if at.has("mesh") else None
+    if mesh == "adaptive" and has_method:
+        message = "adaptive: method and degree follow from the tolerance; leave method out"
+        at.refuse_key("mesh", message)
+    if at.has("relative") and (mesh == "uniform" or (mesh is None and has_method)):
+        at.refuse_key("relative", "it is for adaptive meshes; give tolerance, or leave method out")
 
 
 def accuracy_of(
     given: object, problem: AnyProblem, methods: Sequence[ListedMethod], at: Cursor
 ) -> Accuracy | None:
     """The tolerance with the methods to choose from; None where there is a ladder."""
-    if not isinstance(given, Mapping) or not isinstance(given.get("tolerance"), float):
+    if not isinstance(given, Mapping):
+        return None
+    tolerance, relative = given.get("tolerance"), given.get("relative")
+    if (isinstance(tolerance, float)) == (isinstance(relative, float)):
         return None
     if isinstance(problem, DerivativeProblem):
         at.refuse_key("accuracy", "a derivative is taken on a ladder only")
         return None
+    is_adaptive = given.get("mesh", "uniform" if at.has("method") else "adaptive") == "adaptive"
     candidates = tuple(listed.method for listed in methods)
-    return Accuracy(tolerance=given["tolerance"], candidates=candidates) if candidates else None
+    if is_adaptive:
+        candidates = ADAPTIVE_CANDIDATES
+    elif not isinstance(tolerance, float):
+        return None
+    if not candidates:
+        return None
+    return Accuracy(
+        tolerance=tolerance if isinstance(tolerance, float) else None,
+        relative=relative if isinstance(relative, float) else None,
+        mesh="adaptive" if is_adaptive else "uniform",
+        candidates=candidates,
+    )

@@ -58,7 +58,7 @@ _KEYS: Final = (
         "method",
         METHODS,
         "One method or several; every entry is a value or a list of values, and lists are "
-        "combined. Default: {rk: gauss, degree: 3}; with accuracy Gauss methods of degree 2 to 4.",
+        "combined. Default: {rk: gauss, degree: 3}; with accuracy Gauss methods.",
         default=OPTIONAL,
     ),
     Key("ladder", LADDER, "Numbers of steps; this or accuracy is required.", default=OPTIONAL),

@@ -107,15 +107,14 @@ class Between:
         fresh
             Whether it begins where a force may be singular.
         """
-        mobility = self._mobility(path)
         at_stages, between = found.force[self._stages], found.force[self._looked_at]
         with np.errstate(all="ignore"):
-            missed = (between - self._from_stages.T @ at_stages) @ mobility
+            missed = self._accelerations(path, between - self._from_stages.T @ at_stages)
             total = BETWEEN_SHARE * path.size**2 * np.abs(missed).max(axis=1)
             if found.momentum is not None:
                 rates = found.momentum
                 change = rates[self._looked_at] - self._from_stages.T @ rates[self._stages]
-                pushed = np.abs(change @ mobility).max(axis=1)
+                pushed = np.abs(self._accelerations(path, change)).max(axis=1)
                 total = total + BETWEEN_SHARE * path.size * pushed
         counted = np.ones(total.size, dtype=bool)
         if fresh and not math.isfinite(total[0]):
@@ -133,13 +132,16 @@ class Between:
         return np.asarray(basis.values(places).T @ found.force[self._stages])
 
     def mobility_of(self, path: StepPath) -> float:
-        """Largest acceleration to a unit of force."""
+        """Largest acceleration to forces that are 1 at most."""
         with np.errstate(all="ignore"):
-            return float(np.abs(self._mobility(path)).sum(axis=1).max())
+            return self.forces.mobility(path.position, self._first_rate(path), path.begin)
 
-    def _mobility(self, path: StepPath) -> Array:
-        velocity = self._slopes[self._stages[0]] @ path.unknowns
-        return self.forces.mobility(path.position, velocity, path.begin)
+    def _accelerations(self, path: StepPath, forces: Array) -> Array:
+        rate = self._first_rate(path)
+        return self.forces.accelerations(forces, path.position, rate, path.begin)
+
+    def _first_rate(self, path: StepPath) -> Array:
+        return np.asarray(self._slopes[self._stages[0]] @ path.unknowns)
 
     def _on_kink(self, kinks: Array, place: int) -> NDArray[np.bool_]:
         return np.asarray(np.abs(kinks[:, place]) <= ON_KINK * np.abs(kinks).max(axis=1))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.forcing import ForcingPiece
+from fvi_cli.effects.matrices import diagonal
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
@@ -78,13 +79,8 @@ class SceneForces:
         potential = scene.potential
         self._potential = potential if isinstance(potential, ExpressionPotential) else None
         self._dimension = scene.dimension
-        inertia = scene.inertia
-        self._inverse: Array | None = None
-        if self._lagrangian is None:
-            if scene.dimension <= LARGEST_INVERTED:
-                self._inverse = np.asarray(np.linalg.inv(inertia.mass), dtype=float)
-            else:
-                self._inverse = np.diag(1.0 / np.diagonal(inertia.mass))
+        self._inertia = scene.inertia
+        self._mobility: float | None = None
         self.is_absent = (
             self._forcing is None and self._lagrangian is None and self._potential is None
         )
@@ -94,12 +90,28 @@ class SceneForces:
         self.is_steep = bool(called & STEEP_FUNCTIONS)
         self._breaks = np.array(() if scene.forcing is None else scene.forcing.break_points)
 
-    def mobility(self, position: Array, velocity: Array, time: float) -> Array:
-        """Inverse of the mass matrix at a point, shape ``(d, d)``."""
+    def accelerations(self, force: Array, position: Array, velocity: Array, time: float) -> Array:
+        """Accelerations to forces, with the mass matrix at one point, shape ``(n, d)``."""
         if self._lagrangian is None:
-            if self._inverse is None:  # pragma: no cover - made above
-                raise ValueError("mobility: no mass")
-            return self._inverse
+            return self._inertia.velocity(force)
+        return np.asarray(force @ self._inverse_mass(position, velocity, time))
+
+    def mobility(self, position: Array, velocity: Array, time: float) -> float:
+        """Largest acceleration to forces that are 1 at most."""
+        if self._lagrangian is not None:
+            inverse = self._inverse_mass(position, velocity, time)
+            return float(np.abs(inverse).sum(axis=1).max())
+        if self._mobility is None:
+            if self._dimension <= LARGEST_INVERTED:
+                inverse = self._inertia.velocity(np.eye(self._dimension))
+                self._mobility = float(np.abs(inverse).sum(axis=1).max())
+            else:
+                self._mobility = 1.0 / float(diagonal(self._inertia.form).min())
+        return self._mobility
+
+    def _inverse_mass(self, position: Array, velocity: Array, time: float) -> Array:
+        if self._lagrangian is None:  # pragma: no cover - asked of a Lagrangian only
+            raise ValueError("mass: it is constant")
         mass = self._lagrangian.derivatives(position, velocity, time).mass
         try:
             return np.asarray(np.linalg.inv(mass))

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from fvi_cli.effects.matrices import diagonal
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.growth_bound import PROBED_FRACTIONS
@@ -36,14 +37,14 @@ def _quarter_period(scene: Scene) -> float:
     if potential is None:
         return final_time
     if isinstance(potential, QuadraticPotential):
-        stiffness = potential.stiffness
+        pulls = diagonal(potential.form)
     else:
         with np.errstate(all="ignore"):
-            stiffness = potential.hessian(scene.initial_position)
-    if not np.isfinite(stiffness).all():
+            pulls = np.diagonal(potential.hessian(scene.initial_position))
+    if not np.isfinite(pulls).all():
         return final_time
-    # the Rayleigh quotient of the diagonal is all that is needed of the slowest mode
-    squares = np.abs(np.diagonal(stiffness)) / np.diagonal(scene.inertia.mass)
+    # the Rayleigh quotients of the axes are all that is needed of the slowest mode
+    squares = np.abs(pulls) / diagonal(scene.inertia.form)
     slowest = float(squares[squares > 0].min(initial=math.inf))
     if not 0 < slowest < math.inf:
         return final_time
