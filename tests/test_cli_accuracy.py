@@ -207,3 +207,15 @@ def test_mistakes_in_tolerances(tmp_path, given, words):
     assert result.exit_code == 2
     assert words in result.output
     assert "wrong.yaml:7:" in result.output or "wrong.yaml:8:" in result.output
+
+
+def test_adaptive_runs_are_stored_at_any_times(fvi, tmp_path):
+    text = ADAPTIVE.replace("tuned", "seen") + "output: {step: 0.5}\nquantities: {force: 2*ax}\n"
+    (tmp_path / "seen.yaml").write_text(text)
+    fvi("run", "seen.yaml")
+    (run,) = stored(tmp_path, "seen")
+    with h5py.File(tmp_path / "results" / "seen.h5") as file:
+        group = file[f"seen/{run['case']}/n{run['n_steps']:06d}"]
+        assert group["time"][:] == pytest.approx([0.5 * k for k in range(9)])
+        assert group["quantities/force"].shape == (9,)
+        assert group["mesh"].shape == (run["n_steps"] + 1,)

@@ -9,7 +9,7 @@ from fractions import Fraction
 from typing import Any, Final
 
 from fvi_cli.config.fits import fit_settings
-from fvi_cli.config.keys.accuracy import accuracy_of, check_accuracy
+from fvi_cli.config.keys.accuracy import accuracy_of, adaptive_methods, check_accuracy
 from fvi_cli.config.keys.ladder import (
     MOST_STEPS,
     check_grading,
@@ -73,7 +73,9 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
     methods = read_methods(
         values.get("method"),
         at,
-        usual_methods(at) if "accuracy" in values else {},
+        adaptive_methods(values.get("accuracy")) or usual_methods(at)
+        if "accuracy" in values
+        else {},
         start="none" if grading != 1.0 else "graded" if is_observed(at) else "series",
     )
     check_accuracy(at)

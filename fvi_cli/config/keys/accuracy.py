@@ -23,6 +23,13 @@ USUAL: Final[Mapping[str, list[Any]]] = {
 }
 """The methods of which one is chosen where none is given, on uniform meshes."""
 
+USUAL_ADAPTIVE: Final[Mapping[str, list[Any]]] = {
+    "rk": ["gauss"],
+    "degree": [10],
+    "start": ["none"],
+}
+"""What stands for the methods of adaptive meshes while a configuration is read."""
+
 ACCURACY: Final = Record(
     keys=(
         Key(
@@ -52,6 +59,12 @@ _NOT_TOGETHER: Final = {
     "ladder": "not together with ladder: N is chosen for the tolerance",
     SWEEP: f"not together with {SWEEP}: every member would take another N; give a ladder",
 }
+
+
+def adaptive_methods(given: object) -> Mapping[str, list[Any]]:
+    """What stands for the methods where steps are found on the way; empty on uniform meshes."""
+    is_uniform = not isinstance(given, Mapping) or given.get("mesh") == "uniform"
+    return {} if is_uniform else USUAL_ADAPTIVE
 
 
 def check_accuracy(at: Cursor) -> None:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.observations.observe import observe
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
@@ -65,6 +66,10 @@ def solve_experiment(
             reason = f"unreliable: {reason}"
         trajectory = replace(trajectory, status="refused", message=reason)
         status = "refused"
+    if not run.observations.is_empty and found.status == "ok":
+        _, reported = observe(problem.scene, method, trajectory, run.observations)
+        trajectory = replace(reported, remarks=remarks)
+    trajectory = replace(trajectory, steps=None)
     return FinishedRun(
         run=run,
         trajectory=trajectory,
