@@ -223,7 +223,7 @@ def _have_own_points(problem: AnyProblem | None, methods: Sequence[ListedMethod]
     """Whether break points are mesh points of their own in all that is done with a ladder."""
     return (
         problem is not None
-        and problem.exact is not None
+        and (problem.exact is not None or problem.exact_source == "none")
         and all(isinstance(m.method, Method) and takes_any_mesh(m.method) for m in methods)
     )
 

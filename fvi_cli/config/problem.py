@@ -17,6 +17,7 @@ from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, Express
 from fvi_cli.scenes.kinds import KINDS
 from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.scenes.registry import build_problem
+from fvi_cli.scenes.samples import end_of_samples
 from fvi_cli.scenes.structures.matrix_keys import rows_of
 
 Array = NDArray[np.float64]
@@ -52,8 +53,28 @@ def break_points(problem: Mapping[str, Any]) -> list[float]:
     """Ends of the pieces of the forcing, as far as they are valid and inside of (0, T)."""
     final_time = problem.get("final_time")
     ends = [piece.get("until") for piece in _pieces(problem) if isinstance(piece, Mapping)]
+    ends += _ends_of_samples(problem)
     valid = [end for end in ends if isinstance(end, float)]
     return [end for end in valid if isinstance(final_time, float) and end < final_time]
+
+
+def _ends_of_samples(problem: Mapping[str, Any]) -> list[float]:
+    """Where samples of the forcing end with nothing behind them, in order."""
+    final_time, forcing = problem.get("final_time"), problem.get(force_key(problem))
+    inner = forcing.get("at") if isinstance(forcing, Mapping) else None
+    entries: list[Any] = [forcing]
+    if isinstance(inner, Mapping):
+        entries = list(inner.values())
+    elif isinstance(forcing, list):
+        entries = forcing
+    if not isinstance(final_time, float):
+        return []
+    found = {
+        end_of_samples(one, final_time)
+        for one in entries
+        if isinstance(one, Mapping) and is_complete(one)
+    }
+    return sorted(end for end in found if end is not None)
 
 
 def make_problem(

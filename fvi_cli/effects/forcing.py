@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from fvi_cli.effects.function_force import FunctionForce
 from fvi_cli.effects.matrices import Array
-from fvi_cli.effects.sampled import SampledForce
+from fvi_cli.effects.sampled import Interpolation, SampledForce
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
 
-ForceComponent = Expression | SampledForce
+ForceComponent = Expression | SampledForce | FunctionForce
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,6 +78,56 @@ class Forcing:
         """One smooth piece from d expressions in ``t``."""
         expressions = tuple(Expression.parse(text, variables=("t",)) for text in components)
         return cls(pieces=(ForcingPiece(components=expressions),))
+
+    @classmethod
+    def from_functions(
+        cls, *functions: Callable[[Array], Array], break_points: Sequence[float] = ()
+    ) -> Forcing:
+        """A force from d functions of the time, smooth between break points.
+
+        Parameters
+        ----------
+        functions
+            Each gives the force at times of any shape, in the same shape.
+        break_points
+            Times at which they jump or have kinks; there it is the value before that counts.
+        """
+        components = tuple(FunctionForce(function=one) for one in functions)
+        ends = (*break_points, math.inf)
+        return cls(pieces=tuple(ForcingPiece(components=components, until=end) for end in ends))
+
+    @classmethod
+    def from_samples(
+        cls,
+        time: ArrayLike,
+        *values: ArrayLike,
+        interpolation: Interpolation = "linear",
+        beyond: Literal["zero", "refuse"] = "refuse",
+    ) -> Forcing:
+        """A force through samples of d components at the same times.
+
+        Parameters
+        ----------
+        time, values
+            Arrays of shape ``(n,)``.
+        interpolation
+            ``linear`` or ``cubic``.
+        beyond
+            What is behind the last sample: ``zero``, or nothing that a scene may ask for.
+        """
+        components = tuple(
+            SampledForce.through(time, one, interpolation, source=f"component {index}")
+            for index, one in enumerate(values, start=1)
+        )
+        if beyond == "refuse":
+            return cls(pieces=(ForcingPiece(components=components),))
+        nothing = Expression.parse("0", variables=("t",))
+        return cls(
+            pieces=(
+                ForcingPiece(components=components, until=float(components[0].knots[-1])),
+                ForcingPiece(components=(nothing,) * len(components)),
+            )
+        )
 
     @property
     def dimension(self) -> int:

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
 from fvi_cli.effects.matrices import Array
-from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import Damper, SceneData, per_coordinate, with_dampers
@@ -121,7 +120,7 @@ def ground_force(acceleration: Forcing, masses: Array) -> Forcing:
 
 
 def _times(component: ForceComponent, factor: float) -> ForceComponent:
-    if isinstance(component, SampledForce):
+    if not isinstance(component, Expression):
         return component.scaled(factor)
     return Expression.parse(f"({factor!r})*({component.text})", variables=component.variables)
 

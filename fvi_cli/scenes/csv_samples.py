@@ -71,7 +71,7 @@ def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> Cs
         ``<name>:<line>: what is wrong``: no such file or column, cells that are empty or not
         finite numbers, times that do not increase, or more than is allowed.
     """
-    content = _content(path, name)
+    content = read_content(path, name)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -117,7 +117,14 @@ def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> Cs
     )
 
 
-def _content(path: Path, name: str) -> bytes:
+def read_content(path: Path, name: str) -> bytes:
+    """The bytes of a file that is not too large.
+
+    Raises
+    ------
+    CsvMistakesError
+        If it cannot be read.
+    """
     try:
         # a pipe or a device would be read for ever
         if path.exists() and not path.is_file():

@@ -16,8 +16,14 @@ from fvi_cli.keys.cursor import INVALID, OPTIONAL, Cursor
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Choice, Formula, Number, Text
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
+from fvi_cli.scenes.at2_samples import SUFFIX, read_at2_samples
 from fvi_cli.scenes.csv_samples import CsvMistakesError, read_csv_samples
-from fvi_cli.scenes.samples import LARGEST_TEXT, sampled_component, samples_as_text
+from fvi_cli.scenes.samples import (
+    LARGEST_TEXT,
+    end_of_samples,
+    sampled_component,
+    samples_as_text,
+)
 
 T = TypeVar("T")
 
@@ -28,8 +34,16 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
         return values
     name, folder = excerpt(values["file"], 200), at.complaints.folder
     file = Path(values["file"]) if folder is None else folder / values["file"]
+    is_at2 = file.suffix.lower() == SUFFIX
+    if is_at2 == ("column" in values):
+        wrong = "missing; it must be the name of a column"
+        return at.refuse("not for AT2, which has one column" if is_at2 else wrong, "column")
     try:
-        found = read_csv_samples(file, name, values["time"], values["column"])
+        found = (
+            read_at2_samples(file, name)
+            if is_at2
+            else read_csv_samples(file, name, values["time"], values["column"])
+        )
     except CsvMistakesError as error:
         for message in error.messages:
             at.refuse(message, "file")
@@ -52,13 +66,14 @@ SAMPLES: Final = Checked(
             Key(
                 "file",
                 Text(what="the path of a CSV file, from the configuration's folder"),
-                "CSV file with names of columns in its first line; a relative path begins at "
-                "the configuration.",
+                "CSV file with names of columns in its first line, or a record of ground motion in "
+                "AT2 (PEER), in units of g; a relative path begins at the configuration.",
             ),
             Key(
                 "column",
                 Text(what="the name of a column"),
-                "Column of the values, in their unit divided by scale.",
+                "Column of the values, in their unit divided by scale; AT2 has none.",
+                default=OPTIONAL,
             ),
             Key(
                 "time",
@@ -77,6 +92,12 @@ SAMPLES: Final = Checked(
                 Number(),
                 "Factor of the values, for example 9.81 for a record in g.",
                 default=1.0,
+            ),
+            Key(
+                "beyond",
+                Choice(words=("refuse", "zero")),
+                "zero: no force behind the last sample, where it comes before final_time.",
+                default="refuse",
             ),
             Key(
                 "sha256",
@@ -225,13 +246,19 @@ def build_forcing(
         )
         return Forcing(pieces=pieces)
 
+    ends: dict[int, float] = {}
+
     def component(entry: object, place: str) -> ForceComponent:
         if not isinstance(entry, Mapping):
             return _expression(entry, place)
         try:
-            return sampled_component(entry, final_time)
+            found = sampled_component(entry, final_time)
+            end = end_of_samples(entry, final_time)
         except ValueError as error:
             raise ValueError(f"{place}: {error}") from None
+        if end is not None:
+            ends[id(found)] = end
+        return found
 
     if isinstance(value, Mapping) and "at" in value:
         nothing = _expression("0", key)
@@ -244,7 +271,19 @@ def build_forcing(
         components = _per_coordinate(value, dimension, key, component)
     if all(_is_zero(component) for component in components):
         return None
-    return Forcing(pieces=(ForcingPiece(components=components),))
+    return Forcing(pieces=_with_ends(components, ends))
+
+
+def _with_ends(
+    components: tuple[ForceComponent, ...], ends: Mapping[int, float]
+) -> tuple[ForcingPiece, ...]:
+    """Pieces of a force whose samples end, given by the identity of the component."""
+    nothing = _expression("0", "")
+    pieces = []
+    for until in (*sorted(set(ends.values())), math.inf):
+        left = tuple(c if ends.get(id(c), math.inf) >= until else nothing for c in components)
+        pieces.append(ForcingPiece(components=left, until=until))
+    return tuple(pieces)
 
 
 def by_coordinate(given: Mapping[str, T], names: Sequence[str], place: str) -> Mapping[str, T]:

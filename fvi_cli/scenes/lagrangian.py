@@ -15,7 +15,6 @@ from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.lagrangian import TIME, Lagrangian, velocity_name
 from fvi_cli.effects.matrices import Array
 from fvi_cli.effects.potential import ExpressionPotential, Potential, QuadraticPotential
-from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics import symbolic
 from fvi_cli.mathematics.expressions import Expression, ExpressionError
@@ -324,7 +323,7 @@ def _with(forcing: Forcing | None, own: tuple[Expression, ...] | None) -> Forcin
     for piece in forcing.pieces:
         total = tuple(
             a.plus(b)
-            if isinstance(a, SampledForce)
+            if not isinstance(a, Expression)
             else Expression.parse(f"({a.text}) + ({b.text})", variables=(TIME,))
             for a, b in zip(piece.components, own, strict=True)
         )

@@ -69,15 +69,17 @@ def sampled_component(specification: Mapping[str, Any], final_time: float) -> Sa
     ValueError
         ``<key>: what is wrong``, or what is wrong without a key.
     """
-    name, column = str(specification["file"]), str(specification["column"])
+    name, column = str(specification["file"]), str(specification.get("column", "acceleration"))
     if "content" not in specification:
         raise ValueError(f"content: missing; what {name} holds is needed as well")
     time, values = samples_from_text(str(specification["content"]))
     slack = 1e-9 * final_time
-    if time[0] > slack or time[-1] < final_time - slack:
+    ends_early = time[-1] < final_time - slack
+    if time[0] > slack or (ends_early and specification.get("beyond") != "zero"):
+        hint = "" if time[0] > slack else "; with beyond: zero there is no force behind them"
         raise ValueError(
             f"{name}: its samples reach from t = {time[0]:g} to {time[-1]:g}; they must reach from "
-            f"0 to final_time = {final_time:g}"
+            f"0 to final_time = {final_time:g}{hint}"
         )
     return SampledForce.through(
         time,
@@ -85,3 +87,11 @@ def sampled_component(specification: Mapping[str, Any], final_time: float) -> Sa
         cast(Interpolation, specification.get("interpolation", "linear")),
         source=f"{column} of {name}",
     )
+
+
+def end_of_samples(specification: Mapping[str, Any], final_time: float) -> float | None:
+    """Where samples end before T with nothing behind them; None where they do not."""
+    if specification.get("beyond") != "zero" or "content" not in specification:
+        return None
+    end = float(samples_from_text(str(specification["content"]))[0][-1])
+    return end if end < final_time * (1.0 - 1e-9) else None

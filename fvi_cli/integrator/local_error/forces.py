@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.effects.matrices import diagonal
 from fvi_cli.effects.potential import ExpressionPotential
-from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
 from fvi_cli.mathematics.formulas import FormulaSystem
@@ -215,7 +214,7 @@ def _character(scene: Scene) -> tuple[set[str], bool]:
         called, hides = called | names, hides or may
     for piece in () if scene.forcing is None else scene.forcing.pieces:
         for component in piece.components:
-            formula = component.formula if isinstance(component, SampledForce) else component
+            formula = component if isinstance(component, Expression) else component.formula
             if formula is not None:
                 names, may = _of_expression(formula)
                 called, hides = called | names, hides or may
