@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import dense
 from fvi_cli.integrator.advance import advanced
+from fvi_cli.integrator.convolution.step_group import GROUP, StepGroup
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.growth_bound import first_outside_at
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
+from fvi_cli.integrator.run.grouped_steps import grouped_steps
 from fvi_cli.integrator.run.loop import Course, Marker, no_unique_solution
 from fvi_cli.integrator.run.newton_stretch import NewtonStretch, newton_block
 from fvi_cli.integrator.run.setup import RunSetup
@@ -85,6 +87,7 @@ class March:
         self._solver = setup.stepper.solver
         self._chunk_steps = chunk_steps(setup.scene.dimension)
         self._linear: dict[tuple[float, int], LinearBlocks] = {}
+        self._groups: dict[float, StepGroup] = {}
         self._newton: dict[tuple[float, int], NewtonStretch] = {}
         damping = setup.damping
         self._per_step = 0 if damping is None else damping.operations_per_step
@@ -218,7 +221,7 @@ class March:
         self, marker: Marker, h: float, count: int, stretch_steps: int, loads: Array | None
     ) -> tuple[Array, Array, Array]:
         if self._setup.decoupling is None:
-            return self._single_steps(marker, h, count, loads)
+            return self._steps_of_structure(marker, h, count, loads)
         q = self._setup.decoupling.batch
         e = self._setup.scene.dimension // q
         stages = self._solver.tables.points.size
@@ -254,6 +257,19 @@ class March:
         )
         marker.unknowns = None
         return steps.position, steps.momentum, steps.velocity
+
+    def _steps_of_structure(
+        self, marker: Marker, h: float, count: int, loads: Array | None
+    ) -> tuple[Array, Array, Array]:
+        """Steps of a scene with sparse matrices."""
+        damping = self._setup.damping
+        if damping is None or not damping.has_memory or count < GROUP:
+            return self._single_steps(marker, h, count, loads)
+        if h not in self._groups:
+            # graded meshes have many sizes, each for a few steps
+            self._groups = {h: StepGroup(damping, self._setup.stepper.matrices(h).damping)}
+        self.operations += count * self._per_step
+        return grouped_steps(self._setup.stepper, damping, self._groups[h], marker, h, count, loads)
 
     def _nonlinear_steps(
         self,

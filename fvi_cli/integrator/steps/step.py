@@ -170,6 +170,8 @@ class StepSolver:
         states: Array,
         loads: Array | None,
         guess: Array | None,
+        *,
+        past: Array | None = None,
     ) -> StepResult:
         """Solve the step from `time` on.
 
@@ -183,6 +185,8 @@ class StepSolver:
             Load vectors g of the known force, shape ``(s + 1, d)``; None: no such force.
         guess
             First guess of U for nonlinear scenes, shape ``(s, d)``.
+        past
+            Force of the past at the stages, shape ``(m, d)``; None: that of the states.
 
         Raises
         ------
@@ -193,7 +197,8 @@ class StepSolver:
         right = np.zeros(self._shape)
         history: Array | None = None
         if damping is not None:
-            history = damping.history_force(at.damping, states) + at.damping.constant_force
+            history = damping.history_force(at.damping, states) if past is None else past
+            history = history + at.damping.constant_force
             right += h * self._test @ history
         right[0] -= momentum
         if loads is not None:
