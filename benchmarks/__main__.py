@@ -12,6 +12,7 @@ from benchmarks.adaptive import adaptive_table, run_adaptive
 from benchmarks.many import many_table, run_many
 from benchmarks.memory import memory_table, run_memory
 from benchmarks.stepping import run_stepping, stepping_table
+from benchmarks.tolerances import run_tolerances, tolerance_table
 from fvi_cli.storage.provenance import package_versions, platform_name
 
 SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
@@ -23,10 +24,18 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 }
 
 
+PAGES: dict[str, tuple[str, Callable[[], str]]] = {
+    "tolerances": ("Whether tolerances are kept", lambda: tolerance_table(run_tolerances())),
+}
+"""What has a page of its own, and is measured only when it is named."""
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure the named sections, or all, and write the page."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("sections", nargs="*", metavar="SECTION", help=", ".join(SECTIONS))
+    parser.add_argument(
+        "sections", nargs="*", metavar="SECTION", help=", ".join([*SECTIONS, *PAGES])
+    )
     parser.add_argument(
         "--exponent",
         type=int,
@@ -37,13 +46,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--output", type=Path, default=Path("results"), help="folder of the page")
     asked = parser.parse_args(arguments)
-    unknown = set(asked.sections) - set(SECTIONS)
+    unknown = set(asked.sections) - {*SECTIONS, *PAGES}
     if unknown:
-        parser.error(f"no such section: {', '.join(sorted(unknown))} ({', '.join(SECTIONS)})")
+        known = ", ".join([*SECTIONS, *PAGES])
+        parser.error(f"no such section: {', '.join(sorted(unknown))} ({known})")
+    for name in set(asked.sections) & set(PAGES):
+        _write_page(asked.output / f"{name}.md", *PAGES[name])
+    sections = [name for name in asked.sections or SECTIONS if name in SECTIONS]
+    if not sections:
+        return
     before = _load()
     measured = [
-        f"## {SECTIONS[name][0]}\n\n{SECTIONS[name][1](asked.exponent)}"
-        for name in asked.sections or SECTIONS
+        f"## {SECTIONS[name][0]}\n\n{SECTIONS[name][1](asked.exponent)}" for name in sections
     ]
     versions = package_versions()
     made_by = ", ".join(f"{name} {versions[name]}" for name in ("python", "numpy", "scipy"))
@@ -55,6 +69,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     text = "\n".join(["# What the engine takes", "", head, "", *measured])
     asked.output.mkdir(parents=True, exist_ok=True)
     path = asked.output / "benchmark.md"
+    path.write_text(text, encoding="utf-8")
+    print(text, path, sep="\n")
+
+
+def _write_page(path: Path, title: str, measure: Callable[[], str]) -> None:
+    text = "\n".join(
+        [f"# {title}", "", f"Made by `python -m benchmarks {path.stem}`.", "", measure()]
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
     print(text, path, sep="\n")
 

@@ -56,7 +56,9 @@ def polynomial_errors(steps: RunSteps) -> Array:
     last = found[-2:].max(axis=0)
     before = found[:-2].max(axis=0) if kept > 2 else last
     with np.errstate(all="ignore"):
-        fall = np.minimum(1.0, np.where(before > 0, last / before, 1.0))
+        # coefficients may fall unevenly, by parity above all: pairs are compared, and the next one
+        # may be the larger of the next pair
+        fall = np.sqrt(np.minimum(1.0, np.where(before > 0, last / before, 1.0)))
     errors = (last * fall).max(axis=1) * steps.step_size / (2 * m + 1)
     return np.where(np.isfinite(errors), errors, math.inf)
 

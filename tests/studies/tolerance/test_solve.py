@@ -227,3 +227,26 @@ def test_samples_are_points_of_the_mesh() -> None:
         total += change * np.where(late > 0, step(late)[:, 0], 0.0)
     amplitude = np.abs(total).max()
     assert np.abs(run(times)[:, 0] - total).max() <= 1e-7 * amplitude
+
+
+def test_a_record_on_a_frame_takes_no_more_than_its_samples() -> None:
+    """As many steps as the one run on the samples that happens to fit, and no search."""
+    random = np.random.default_rng(1)
+    times = 0.01 * np.arange(400)
+    shaking = np.convolve(random.standard_normal(400), np.ones(5) / 5, "same")
+    force = fvi.SampledForce.through(times, shaking, "linear")
+    chain = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    scene = fvi.linear_oscillator(
+        mass=np.eye(3),
+        stiffness=400.0 * chain,
+        damping=[fvi.FractionalDamping(order=0.6, coefficient=2.0 * chain)],
+        forcing=fvi.Forcing(pieces=(fvi.ForcingPiece(components=(force, force, force)),)),
+        final_time=3.99,
+    )
+    run = fvi.solve(scene, relative=1e-6)
+    assert run.outcome == "met"
+    assert run.n_steps <= 399 + 30
+    assert run.assessment is not None
+    assert len(run.assessment.attempts) == 1
+    by_hand = fvi.integrate(scene, "gauss4-graded", 798)
+    assert np.abs(run(by_hand.time) - by_hand.position).max() <= run.assessment.tolerance

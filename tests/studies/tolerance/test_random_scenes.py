@@ -1,0 +1,63 @@
+"""Twenty random scenes of ten kinds in every run of the tests, four hundred by a named command."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.tolerances import ToleranceRow, run_index, tolerance_table
+
+INDICES = (1, 2)
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[ToleranceRow]:
+    return [row for index in INDICES for row in run_index(index)]
+
+
+def test_nothing_is_met_and_wrong(rows: Sequence[ToleranceRow]) -> None:
+    assert not [row for row in rows if row.is_wrong]
+    # most of them are judged by their references
+    judged = [row for row in rows if row.outcome == "met" and row.is_judged]
+    assert len(judged) >= 0.7 * len(rows)
+
+
+def test_smooth_scenes_are_not_refused(rows: Sequence[ToleranceRow]) -> None:
+    smooth = [row for row in rows if row.kind not in ("kinks and walls", "near the separatrix")]
+    assert [row for row in smooth if row.outcome != "met"] == []
+
+
+def test_estimates_are_not_below_a_third_of_the_error(rows: Sequence[ToleranceRow]) -> None:
+    known = [row for row in rows if row.error > 10 * row.reference_error]
+    assert known
+    assert min(row.estimate / row.error for row in known) >= 1 / 3
+    assert float(np.median([row.estimate / row.error for row in known])) <= 100
+
+
+def test_the_table_tells_of_what_is_wrong() -> None:
+    """The control: a row whose error is above the tolerance is counted."""
+    row = ToleranceRow(
+        kind="linear",
+        outcome="met",
+        reason="",
+        tolerance=1e-6,
+        estimate=5e-7,
+        error=2e-7,
+        reference_error=1e-12,
+        rounds=1,
+        n_steps=20,
+        seconds=0.02,
+        by_hand=0.01,
+    )
+    wrong = replace(row, error=2e-6)
+    refused = replace(row, outcome="refused", reason="out of reach")
+    blind = replace(row, reference_error=1e-6, error=math.inf, outcome="unreliable")
+    assert (row.is_wrong, wrong.is_wrong, blind.is_judged) == (False, True, False)
+    text = tolerance_table([row, wrong, refused, blind])
+    (line,) = (line for line in text.splitlines() if line.startswith("| all |"))
+    assert "| 4 | 2 | 1 | 1 | 1 of 2 judged | 2 |" in line
+    assert "refused, out of reach" in text
