@@ -70,6 +70,22 @@ class CharacteristicFunction:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CharacteristicSum:
+    r"""Any sum of powers :math:`\sum_p c_p s^p`, such as one with relaxation laws, multiplied out.
+
+    Parameters
+    ----------
+    terms
+        Pairs (power of s, coefficient), powers falling, nothing that is zero.
+    """
+
+    terms: tuple[tuple[float, float], ...]
+
+
+AnyCharacteristic = CharacteristicFunction | CharacteristicSum
+
+
+@dataclass(frozen=True, kw_only=True)
 class ZeroCluster:
     r"""Zeros of a characteristic function that lie close together; nearly always a single one.
 
@@ -95,7 +111,7 @@ class ZeroCluster:
     is_real: bool
 
 
-def characteristic_zeros(characteristic: CharacteristicFunction) -> tuple[ZeroCluster, ...]:
+def characteristic_zeros(characteristic: AnyCharacteristic) -> tuple[ZeroCluster, ...]:
     r"""Zeros with :math:`0 \le \arg s < 2.9` or so; others lie inside of every contour used.
 
     One damping term with positive coefficient and positive stiffness has a single conjugate pair

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.mathematics.characteristic import (
-    CharacteristicFunction,
+    AnyCharacteristic,
     ZeroCluster,
     evaluate_powers,
 )
@@ -37,15 +37,18 @@ _SPACINGS = (0.05, 0.045)
 _DECAY = 42.0
 _CHUNK = 2048
 _SHIFT = 4.0
+_SAME_POWER = 1e-9
 
 
 def contour_response(
-    characteristic: CharacteristicFunction,
+    characteristic: AnyCharacteristic,
     zeros: tuple[ZeroCluster, ...],
     numerator: Mapping[float, float],
     time: Array,
+    *,
+    decay: float = 0.0,
 ) -> Array:
-    r"""Inverse Laplace transform of :math:`N(s)/P(s)`.
+    r"""Inverse Laplace transform of :math:`N(s)/P(s)`, times :math:`e^{-l t}`.
 
     Parameters
     ----------
@@ -54,9 +57,11 @@ def contour_response(
     zeros
         Its zeros, from :func:`characteristic_zeros`.
     numerator
-        N as a mapping from powers of s to coefficients, every power at most 1.
+        N as a mapping from powers of s to coefficients, every power at most that of P less 1.
     time
         Times >= 0, any shape.
+    decay
+        l >= 0, for transforms N(s + l)/P(s + l).
 
     Returns
     -------
@@ -68,12 +73,13 @@ def contour_response(
     Raises
     ------
     ValueError
-        If a power exceeds 1, a time is negative, or zeros away from the positive real axis
+        If a power is too high, a time is negative, or zeros away from the positive real axis
         coincide nearly.
     """
     time = np.asarray(time, dtype=float)
-    if any(power > 1 for power in numerator):
-        raise ValueError(f"numerator: powers {sorted(numerator)} are not allowed above 1")
+    top, leading = characteristic.terms[0]
+    if any(power > top - 1 + _SAME_POWER for power in numerator):
+        raise ValueError(f"numerator: powers {sorted(numerator)} are not allowed above {top - 1:g}")
     if np.any(time < 0):
         raise ValueError("time: negative times are not allowed")
     for zero in zeros:
@@ -81,7 +87,8 @@ def contour_response(
         if zero.multiplicity > 1 and not (zero.is_real and apart):
             raise ValueError(f"characteristic function: zeros near {zero.center} nearly coincide")
     flat = time.ravel()
-    result = np.full(flat.shape, numerator.get(1.0, 0.0) / characteristic.mass)
+    at_start = sum(c for power, c in numerator.items() if power > top - 1 - _SAME_POWER)
+    result = np.full(flat.shape, at_start / leading)
     clusters = [zero for zero in zeros if zero.multiplicity > 1]
     positive = flat > 0
     # A double zero on the positive axis is kept inside the contour, or well outside.
@@ -105,17 +112,19 @@ def contour_response(
                     numerator,
                     flat[part],
                     shift,
+                    decay,
                     has_clusters=bool(clusters),
                 )
     return result.reshape(time.shape)
 
 
 def _one_chunk(
-    characteristic: CharacteristicFunction,
+    characteristic: AnyCharacteristic,
     zeros: tuple[ZeroCluster, ...],
     numerator: Mapping[float, float],
     time: Array,
     shift: float,
+    decay: float,
     *,
     has_clusters: bool,
 ) -> Array:
@@ -124,7 +133,7 @@ def _one_chunk(
     vertex = 1.2 if has_clusters else min(max(steepest, 1.2), 10.0)
     scale = vertex / (1.0 - math.sin(_ANGLE))
     simple = [zero for zero in zeros if zero.multiplicity == 1]
-    residues = [_residue(characteristic, zero, numerator, time) for zero in simple]
+    residues = [_residue(characteristic, zero, numerator, time, decay) for zero in simple]
     positions = [_preimage(complex(zero.center), time, scale, shift) for zero in simple]
     candidates = [(spacing, offset) for spacing in _SPACINGS for offset in (0.0, 0.5)]
     factors = [
@@ -146,14 +155,14 @@ def _one_chunk(
             continue
         value = _trapezoidal_sum(
             characteristic, numerator, time[chosen], scale, shift, spacing, offset
-        )
+        ) * np.exp(-decay * time[chosen])
         for zero, residue, factor in zip(simple, residues, factors[index], strict=True):
             correction = residue[chosen] / (1.0 - factor[chosen])
             value += (1.0 if zero.is_real else 2.0) * correction.real
         result[chosen] = value
     for zero in zeros:
         if zero.multiplicity > 1:
-            result += _cluster_residues(characteristic, zero, numerator, time)
+            result += _cluster_residues(characteristic, zero, numerator, time, decay)
     return result
 
 
@@ -164,7 +173,7 @@ def _preimage(s: complex, time: Array, scale: float, shift: float) -> ComplexArr
 
 
 def _trapezoidal_sum(
-    characteristic: CharacteristicFunction,
+    characteristic: AnyCharacteristic,
     numerator: Mapping[float, float],
     time: Array,
     scale: float,
@@ -179,33 +188,36 @@ def _trapezoidal_sum(
     weights = weights * np.exp(z) * np.cos(1j * u - _ANGLE) * (spacing * scale / math.pi)
     top = np.zeros((len(time), len(u)), dtype=complex)
     bottom = np.zeros((len(time), len(u)), dtype=complex)
+    highest = characteristic.terms[0][0]
     for power, coefficient in numerator.items():
-        top += (coefficient * time**-power)[:, None] * z**power
+        top += (coefficient * time ** (highest - 2.0 - power))[:, None] * z**power
     for power, coefficient in characteristic.terms:
-        # Multiplied by t^2, so that the largest term is of order one at small times.
-        bottom += (coefficient * time ** (2.0 - power))[:, None] * z**power
+        # Multiplied by a power of t, so that the largest term is of order one at small times.
+        bottom += (coefficient * time ** (highest - power))[:, None] * z**power
     return np.asarray(((top / bottom) @ weights).real * time)
 
 
 def _residue(
-    characteristic: CharacteristicFunction,
+    characteristic: AnyCharacteristic,
     zero: ZeroCluster,
     numerator: Mapping[float, float],
     time: Array,
+    decay: float,
 ) -> ComplexArray:
     """Residue of N/P e^(st) at a simple zero, with the exponential in extended precision."""
     center = np.array([zero.center])
     slope = {power - 1.0: power * c for power, c in characteristic.terms if power}
     constant = (evaluate_powers(numerator, center) / evaluate_powers(slope, center))[0]
-    values = constant * np.exp(zero.center * time.astype(np.longdouble))
+    values = constant * np.exp((zero.center - decay) * time.astype(np.longdouble))
     return np.asarray(values, dtype=complex)
 
 
 def _cluster_residues(
-    characteristic: CharacteristicFunction,
+    characteristic: AnyCharacteristic,
     cluster: ZeroCluster,
     numerator: Mapping[float, float],
     time: Array,
+    decay: float,
 ) -> Array:
     """All residues of a cluster on the positive axis, by a circle round it."""
     nodes = np.exp(2j * np.pi * (np.arange(96) + 0.5) / 96)
@@ -213,5 +225,5 @@ def _cluster_residues(
     radius = np.clip(2.0 / time, 2.0 * cluster.radius * center, 0.5 * cluster.clearance * center)
     s = (center + radius[:, None] * nodes).astype(np.clongdouble)
     quotient = evaluate_powers(numerator, s) / evaluate_powers(dict(characteristic.terms), s)
-    integrand = quotient * np.exp(s * time[:, None]) * nodes
+    integrand = quotient * np.exp((s - decay) * time[:, None]) * nodes
     return np.asarray(integrand.real.mean(axis=1) * radius, dtype=float)

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.effects.matrices import Array
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Derivative, Scene
@@ -26,6 +27,7 @@ from fvi_cli.mathematics.expressions import ExpressionError
 from fvi_cli.mathematics.fractional_oscillator import contour_response
 from fvi_cli.mathematics.oscillator_closed_forms import classical_response, faddeeva_response
 from fvi_cli.mathematics.power_sum import POWER_SUM_FUNCTIONS, NotAPowerSum, PowerSum
+from fvi_cli.scenes.law_response import LawResponse, law_response
 
 Route = Literal["classical", "faddeeva", "contour"]
 
@@ -129,7 +131,8 @@ def linear_response(
     forcing: tuple[tuple[float, PowerSum], ...] = (),
     derivative: Derivative = "caputo",
     route: Route | None = None,
-) -> LinearResponse:
+    laws: tuple[tuple[RelaxationKernel, float], ...] = (),
+) -> LinearResponse | LawResponse:
     r"""Exact solution of one linear equation.
 
     .. math:: X(s) = \frac{m (s x_0 + v_0) + \sum_j \mu_j (s^{\gamma_j-1} x_0
@@ -153,6 +156,8 @@ def linear_response(
         orders up to 1.
     route
         Forced, for comparisons; by default the simplest that fits.
+    laws
+        Kernels of relaxation laws with their sizes.
 
     Raises
     ------
@@ -182,6 +187,8 @@ def linear_response(
         else:
             inputs.append((begin, jump.transform()))
     inputs.insert(0, (0.0, {power: c for power, c in start.items() if c}))
+    if laws:
+        return law_response(characteristic, inputs, laws, position)
     if route is None:
         powers = [p for _, n in inputs for p in n] + [p for p, _ in characteristic.terms]
         route = "contour"
@@ -200,9 +207,11 @@ def linear_response(
 def match_scene(scene: Scene) -> ExactSolution | None:
     r"""Exact solution of a scene, if it is one that is known exactly.
 
-    Known are linear scenes whose mass, stiffness and damping matrices are diagonal in common
+    Known are linear scenes whose mass, stiffness, damping and law matrices are diagonal in common
     coordinates, with any number of damping terms and any initial data, under a force whose
-    components are sums of powers :math:`c\,t^\beta`, in pieces that differ by polynomials.
+    components are sums of powers :math:`c\,t^\beta`, in pieces that differ by polynomials. Of laws
+    those whose transforms are quotients of powers of s: not tempered ones beside other
+    fractional terms or under a force.
 
     Returns
     -------
@@ -217,8 +226,8 @@ def match_scene(scene: Scene) -> ExactSolution | None:
         if isinstance(scene.potential, QuadraticPotential)
         else np.zeros((d, d))
     )
-    terms = scene.active_damping
-    matrices = [stiffness, *(term.coefficient for term in terms)]
+    terms, laws = scene.active_damping, scene.active_laws
+    matrices = [stiffness, *(force.coefficient for force in (*terms, *laws))]
     modes = _common_modes(scene.inertia.mass, matrices)
     if modes is None:
         return None
@@ -233,7 +242,12 @@ def match_scene(scene: Scene) -> ExactSolution | None:
                 stiffness=float(diagonals[0][i]),
                 damping=tuple(
                     (term.order, float(diagonal[i]))
-                    for term, diagonal in zip(terms, diagonals[1:], strict=True)
+                    for term, diagonal in zip(terms, diagonals[1:], strict=False)
+                ),
+                laws=tuple(
+                    (law.kernel, law.size * float(diagonal[i]))
+                    for law, diagonal in zip(laws, diagonals[1 + len(terms) :], strict=True)
+                    if diagonal[i]
                 ),
                 position=float(position[i]) if d > 1 else float(scene.initial_position[0]),
                 velocity=float(velocity[i]) if d > 1 else float(scene.initial_velocity[0]),
