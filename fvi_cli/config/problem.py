@@ -135,7 +135,8 @@ def _sized(problem: Mapping[str, Any]) -> Iterator[tuple[KeyPath, object]]:
     damping = problem.get("damping")
     for index, term in enumerate(damping if isinstance(damping, list) else []):
         if isinstance(term, Mapping) and "acts_on" not in term:
-            yield ("damping", index, "coefficient"), term.get("coefficient")
+            for key in ("coefficient", "matrix"):
+                yield ("damping", index, key), term.get(key)
     for index, piece in enumerate(_pieces(problem)):
         if isinstance(piece, Mapping):
             yield (force_key(problem), "pieces", index, "value"), piece.get("value")

@@ -158,29 +158,47 @@ def copied(value: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class ByKind:
-    """Records that differ by the word under ``kind``."""
+    """Records that differ by the word under a key of theirs.
+
+    Parameters
+    ----------
+    kinds
+        The records by their words.
+    word
+        The key.
+    meaning
+        What the word says.
+    default
+        The word where none stands; what is read then is without the key, as it is where this word
+        stands.
+    """
 
     kinds: Mapping[str, Record] = field(hash=False)
+    word: str = "kind"
+    meaning: str = "which equation"
+    default: str = ""
 
     @property
     def expected(self) -> str:
         """What is allowed."""
-        return "a mapping with kind and the keys of that kind"
+        return f"a mapping with {self.word} and the keys of that {self.word}"
 
     def read(self, at: Cursor) -> Any:
-        """A dict that begins with ``kind``."""
+        """A dict that begins with the key, unless the default stands there."""
         if not isinstance(at.node, MappingNode):
             return at.needs(self.expected)
         choice = Choice(words=tuple(self.kinds))
-        if at.has("kind"):
-            kind = choice.read(at.under("kind"))
-        else:
-            kind = at.refuse(f"missing; it must be {choice.expected}", "kind")
+        kind: Any = self.default
+        if at.has(self.word):
+            kind = choice.read(at.under(self.word))
+        elif not self.default:
+            kind = at.refuse(f"missing; it must be {choice.expected}", self.word)
         record = self.kinds[kind] if kind is not INVALID else self._of_any_kind()
-        rest = {name: entry for name, entry in at.node.entries.items() if name != "kind"}
+        rest = {name: entry for name, entry in at.node.entries.items() if name != self.word}
         node = MappingNode(place=at.node.place, entries=rest)
         values = record.read(Cursor(node=node, complaints=at.complaints, path=at.path))
-        return {"kind": kind, **values}
+        is_default = self.default and kind == self.default
+        return values if is_default or values is INVALID else {self.word: kind, **values}
 
     def _of_any_kind(self) -> Record:
         """Every key of every kind, none of them required."""
@@ -197,8 +215,11 @@ class ByKind:
         variants = []
         for kind, record in self.kinds.items():
             variant = record.schema()
-            word = {"const": kind, "description": "which equation"}
-            variant["properties"] = {"kind": word, **variant["properties"]}
-            variant["required"] = ["kind", *variant["required"]]
+            word: Schema = {"const": kind, "description": self.meaning}
+            if self.default:
+                word["default"] = self.default
+            variant["properties"] = {self.word: word, **variant["properties"]}
+            if kind != self.default:
+                variant["required"] = [self.word, *variant["required"]]
             variants.append(variant)
         return {"oneOf": variants}

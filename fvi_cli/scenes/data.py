@@ -12,6 +12,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
+from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import Array, SparseMatrix
 from fvi_cli.effects.potential import Potential
 from fvi_cli.effects.scene import Derivative, Scene
@@ -26,6 +27,8 @@ class SceneData(TypedDict, total=False):
         T: the motion is sought on [0, T].
     damping
         Terms :math:`\mu D^\gamma q` of the equation of motion; default: none.
+    laws
+        Relaxation laws; default: none.
     forcing
         f(t); default: none.
     initial_position, initial_velocity
@@ -36,6 +39,7 @@ class SceneData(TypedDict, total=False):
 
     final_time: Required[float]
     damping: Sequence[FractionalDamping]
+    laws: Sequence[Law]
     forcing: Forcing | None
     initial_position: ArrayLike
     initial_velocity: ArrayLike
@@ -56,6 +60,7 @@ def make_scene(
         potential=potential,
         lagrangian=lagrangian,
         damping=tuple(data.get("damping", ())),
+        laws=tuple(data.get("laws", ())),
         forcing=data.get("forcing"),
         initial_position=per_coordinate(data.get("initial_position", 0.0), inertia.dimension),
         initial_velocity=per_coordinate(data.get("initial_velocity", 0.0), inertia.dimension),

@@ -13,8 +13,13 @@ import numpy as np
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.lagrangian import TIME, Lagrangian, velocity_name
-from fvi_cli.effects.matrices import Array
-from fvi_cli.effects.potential import ExpressionPotential, Potential, QuadraticPotential
+from fvi_cli.effects.matrices import Array, dense
+from fvi_cli.effects.potential import (
+    ExpressionPotential,
+    Potential,
+    QuadraticPotential,
+    quadratic_text,
+)
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics import symbolic
 from fvi_cli.mathematics.expressions import Expression, ExpressionError
@@ -70,6 +75,11 @@ def lagrangian_scene(
     values = dict(parameters or {})
     check_names(names, values)
     velocities = tuple(velocity_name(name) for name in names)
+    laws = tuple(data.get("laws", ()))
+    for law in laws:
+        if law.relaxed and (stored := quadratic_text(dense(law.stiffness), names)):
+            lagrangian = f"{lagrangian} - ({stored})"
+    data["laws"] = tuple(law.without_stiffness() for law in laws)
     try:
         expression = Expression.parse(
             lagrangian, variables=(*names, *velocities, TIME), constants=values

@@ -21,7 +21,8 @@ from fvi_cli.scenes.forces import (
     build_forcing,
     expressions,
 )
-from fvi_cli.scenes.kinds.shared_keys import SHARED_KEYS, build_damping, scene_keys, vector_of
+from fvi_cli.scenes.kinds.damping_keys import build_damping, coefficient_of
+from fvi_cli.scenes.kinds.shared_keys import SHARED_KEYS, scene_keys, vector_of
 from fvi_cli.scenes.problem import AnyProblem, Array, Problem
 from fvi_cli.scenes.structures.matrix_keys import file_form, rows_of
 
@@ -142,7 +143,7 @@ class SceneKind(Kind):
             return self.names(values)
         stated = self.stated_size(values)
         entries = [values["initial"]["position"], values.get("mass"), values.get("stiffness")]
-        entries += [term["coefficient"] for term in values["damping"] if "acts_on" not in term]
+        entries += [coefficient_of(term) for term in values["damping"] if "acts_on" not in term]
         size = max(_size(entry) for entry in entries)
         size = size if stated is None else stated[1]
         numbered = ("x",) if size == 1 else tuple(f"x{index}" for index in range(1, size + 1))
@@ -162,9 +163,11 @@ class SceneKind(Kind):
             ``key.path: what is wrong``.
         """
         names = self.coordinate_names(values)
+        damping, laws = build_damping(values["damping"], names, sparse=self.is_sparse(values))
         data: SceneData = {
             "final_time": float(values["final_time"]),
-            "damping": build_damping(values["damping"], names, sparse=self.is_sparse(values)),
+            "damping": damping,
+            "laws": laws,
             "initial_position": vector_of(values["initial"]["position"], names, "initial.position"),
             "initial_velocity": vector_of(values["initial"]["velocity"], names, "initial.velocity"),
             "derivative": cast(Derivative, values["derivative"]),

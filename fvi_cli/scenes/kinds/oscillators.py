@@ -10,8 +10,9 @@ from fvi_cli.effects.matrices import is_sparse
 from fvi_cli.effects.scene import Scene
 from fvi_cli.keys.records import Key
 from fvi_cli.scenes.data import SceneData
+from fvi_cli.scenes.kinds.damping_keys import NUMBER_OR_SYMMETRIC
 from fvi_cli.scenes.kinds.kind import SceneKind, scene_record
-from fvi_cli.scenes.kinds.shared_keys import MASS_MATRIX, NUMBER_OR_SYMMETRIC
+from fvi_cli.scenes.kinds.shared_keys import MASS_MATRIX
 from fvi_cli.scenes.named import linear_oscillator
 from fvi_cli.scenes.structures.matrix_keys import file_form, matrix_of
 

@@ -6,44 +6,20 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.directions import Directions
 from fvi_cli.effects.matrices import (
     Array,
-    Factored,
-    SparseMatrix,
-    dense,
 )
 from fvi_cli.keys.containers import ByForm, ListOf, Named
-from fvi_cli.keys.cursor import OPTIONAL, Cursor
 from fvi_cli.keys.records import Key, Record, Refusal
-from fvi_cli.keys.scalars import Choice, Formula, Matrix, Number, Text
+from fvi_cli.keys.scalars import Choice, Formula, Matrix, Number
 from fvi_cli.scenes.data import Damper, per_coordinate
 from fvi_cli.scenes.forces import by_coordinate
-from fvi_cli.scenes.structures.matrix_keys import MASS_FILE, MATRIX_FILE, matrix_of
+from fvi_cli.scenes.kinds.damping_keys import ORDER, WRONG_NAMES, alpha, damping_key
+from fvi_cli.scenes.structures.matrix_keys import MASS_FILE
 
-
-def _alpha(at: Cursor) -> str:
-    reason = (
-        "not a key: order is the order gamma in the equation of motion, and gamma = 2 alpha, "
-        "because the fractional action holds two derivatives of order alpha (the factor two)"
-    )
-    value = at.scalar
-    if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1:
-        return f"{reason}; write order: {2 * value:g}"
-    return f"{reason}; write order with twice that number"
-
-
-_WRONG_NAMES: Final[Mapping[str, Refusal]] = {
-    "alpha": _alpha,
-    "beta": "not a key: write order, which is alpha + beta",
-    "gamma": "not a key: the order gamma of the derivative is called order",
-    "mu": "not a key: the factor mu of the derivative is called coefficient",
-}
 _WRONG_AT_PROBLEM: Final[Mapping[str, Refusal]] = {
-    "alpha": lambda at: f"{_alpha(at)}, under damping",
+    "alpha": lambda at: f"{alpha(at)}, under damping",
     "gamma": "not a key: write damping: [{order: ..., coefficient: ...}]",
     "mu": "not a key: write damping: [{order: ..., coefficient: ...}]",
     "m": "not a key: write mass",
@@ -52,9 +28,6 @@ _WRONG_AT_PROBLEM: Final[Mapping[str, Refusal]] = {
 }
 
 MOST_COORDINATES: Final = 100_000
-NUMBER_OR_SYMMETRIC: Final = ByForm(
-    single=Number(), several=Matrix(), mappings=(MATRIX_FILE,), example="{file: K.mtx}"
-)
 MASS_MATRIX: Final = ByForm(
     single=Number(above=0.0),
     several=Matrix(positive=True),
@@ -74,11 +47,6 @@ _NUMBER_OR_LIST: Final = ByForm(
     single=Number(),
     several=ListOf(shape=Number(), most=MOST_COORDINATES, example="[1.0, 0.0]"),
     mappings=(_AT,),
-)
-ORDER: Final = Key(
-    "order",
-    Number(above=0.0, below=2.0),
-    "Order gamma of the derivative in the equation of motion (no unit).",
 )
 FINAL_TIME: Final = Key(
     "final_time", Number(above=0.0), "End T of the interval [0, T].", unit="time"
@@ -128,42 +96,11 @@ SHARED_KEYS: Final = ("damping", "derivative", "forcing", "initial", "final_time
 """Names of the keys that all scenes share."""
 
 
-def _damping(default_order: float) -> Key:
-    term = Record(
-        keys=(
-            Key(ORDER.name, ORDER.shape, ORDER.meaning, default=default_order),
-            Key(
-                "coefficient",
-                NUMBER_OR_SYMMETRIC,
-                "Factor mu, a number, a symmetric matrix or {file: C.mtx}.",
-                unit="mass times time^(gamma-2)",
-            ),
-            Key(
-                "acts_on",
-                ListOf(
-                    shape=Text(what="a linear combination of coordinates, such as x2 - x1"),
-                    example="[x2 - x1]",
-                ),
-                "Coordinates or linear combinations of them on which the term acts, one "
-                "per row of the coefficient; without it: every coordinate.",
-                default=OPTIONAL,
-            ),
-        ),
-        refused=_WRONG_NAMES,
-    )
-    return Key(
-        "damping",
-        ListOf(shape=term, least=0, example="[{order: 0.5, coefficient: 1.0}]"),
-        "Terms mu D^gamma q of the equation of motion; none: no damping.",
-        default=[],
-    )
-
-
 def dampers_key(name: str, meaning: str, unit: str) -> Key:
     """A list of dampers, each with its order and coefficient, that stand in many places."""
     term = Record(
         keys=(ORDER, Key("coefficient", Number(), "Factor of the derivative.", unit=unit)),
-        refused=_WRONG_NAMES,
+        refused=WRONG_NAMES,
     )
     shape = ListOf(shape=term, least=0, example="[{order: 0.5, coefficient: 0.2}]")
     return Key(name, shape, meaning, default=[], build=damper_pairs)
@@ -171,33 +108,8 @@ def dampers_key(name: str, meaning: str, unit: str) -> Key:
 
 def scene_keys(own: Sequence[Key], *, default_order: float, force: Key) -> Record:
     """The keys of a scene: its own, then those that all scenes share."""
-    shared = (_damping(default_order), _DERIVATIVE, force, _INITIAL, FINAL_TIME, _EXACT)
+    shared = (damping_key(default_order), _DERIVATIVE, force, _INITIAL, FINAL_TIME, _EXACT)
     return Record(keys=(*own, *shared), refused=_WRONG_AT_PROBLEM)
-
-
-def build_damping(
-    entries: Sequence[Mapping[str, Any]], names: tuple[str, ...], *, sparse: bool = False
-) -> tuple[FractionalDamping, ...]:
-    """The terms under ``damping``, of a scene with sparse matrices or dense ones.
-
-    Raises
-    ------
-    ValueError
-        ``damping.<index>...: what is wrong``.
-    """
-    terms = []
-    for index, entry in enumerate(entries):
-        try:
-            if "acts_on" in entry:
-                directions = Directions.from_text([str(text) for text in entry["acts_on"]], names)
-                inner = dense(matrix_of(entry["coefficient"], directions.count))
-                coefficient: ArrayLike | SparseMatrix | Factored = directions.factored(inner)
-            else:
-                coefficient = matrix_of(entry["coefficient"], len(names), sparse=sparse)
-            terms.append(FractionalDamping(order=float(entry["order"]), coefficient=coefficient))
-        except ValueError as error:
-            raise ValueError(f"damping.{index}.{error}") from None
-    return tuple(terms)
 
 
 def vector_of(value: object, names: Sequence[str], place: str) -> Array:

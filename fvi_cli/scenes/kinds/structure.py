@@ -9,13 +9,9 @@ from fvi_cli.keys.cursor import OPTIONAL
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Number
 from fvi_cli.scenes.forces import GROUND_ACCELERATION
+from fvi_cli.scenes.kinds.damping_keys import NUMBER_OR_SYMMETRIC, ORDER
 from fvi_cli.scenes.kinds.kind import SceneKind, scene_record
-from fvi_cli.scenes.kinds.shared_keys import (
-    MASS_MATRIX,
-    MOST_COORDINATES,
-    NUMBER_OR_SYMMETRIC,
-    ORDER,
-)
+from fvi_cli.scenes.kinds.shared_keys import MASS_MATRIX, MOST_COORDINATES
 from fvi_cli.scenes.structures.structure import structure
 
 _PROPORTIONAL: Final = Record(
