@@ -35,6 +35,7 @@ from fvi_cli.effects.diagnostics_request import NOTHING
 from fvi_cli.integrator.break_points import TOLERANCE
 from fvi_cli.integrator.method import Baseline, Method, takes_any_mesh
 from fvi_cli.integrator.observations.asked import Observations
+from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
@@ -272,6 +273,8 @@ def _objection(problem: AnyProblem, found: ListedMethod) -> str:
     if isinstance(problem, DerivativeProblem):
         by_bdf = not isinstance(method, Baseline) and not method.is_runge_kutta
         return "" if by_bdf else f"{method.case}: a fractional derivative is taken by bdf only"
+    if said := law_objection(problem.scene, method):
+        return said
     if isinstance(method, Baseline):
         # most experiments have none, and they take long to import
         from fvi_cli.integrator.baselines import baseline_objection

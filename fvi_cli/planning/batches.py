@@ -23,6 +23,7 @@ def systems_of(scene: Scene) -> Decoupling | None:
     if scene.is_sparse:
         return None
     directions = [dense(direction) for direction, _ in terms_by_direction(scene.active_damping)]
+    directions += [law.coefficient for law in scene.active_laws]
     return scene_decoupling(scene, directions)
 
 

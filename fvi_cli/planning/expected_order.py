@@ -18,7 +18,7 @@ from fvi_cli.integrator.known_part import (
     plan_series,
     settled_method,
 )
-from fvi_cli.integrator.meshes.singular_start import FORCED_POWER
+from fvi_cli.integrator.meshes.singular_start import FORCED_POWER, start_power
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.mathematics.power_series import SeriesError
 
@@ -130,6 +130,8 @@ def smooth_order(scene: Scene, method: Method) -> float:
     gamma = 1.5 and 1.9 and m = 2, 3, 4: forces are known to the order of the stages only.
     """
     orders = [t.order for t in scene.active_damping if not t.is_integer_order]
+    begins = [law.kernel.start_order for law in scene.active_laws]
+    orders += [order for order in begins if order is not None]
     if method.is_runge_kutta and method.cq != "gauss" and orders:
         return min(float(method.classical_order), method.degree + 3.0 - max(orders))
     highest = max(orders, default=0.0)
@@ -152,6 +154,11 @@ def _left_at_breaks(scene: Scene) -> float:
 
 def _singular_order(scene: Scene, method: Method, norm: Norm) -> float:
     """Limit that powers at the start and at break points set; infinite where there are none."""
+    if scene.active_laws:
+        # the expansion knows no laws; the least power costs its own order on the grid
+        powers = [start_power(scene, at_start=at) for at in (True, not scene.break_points)]
+        least = min((power for power in powers if power is not None), default=math.inf)
+        return least if norm == "max" or math.isinf(least) else math.nan
     try:
         solution = _solution_powers(scene)
         forcing = forcing_powers(scene)

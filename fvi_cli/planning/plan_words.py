@@ -15,6 +15,7 @@ def effects_of_scene(scene: Scene) -> tuple[str, ...]:
     if scene.potential is not None:
         effects.append("linear potential" if scene.is_linear else "nonlinear potential")
     effects += [f"damping of order {term.order:g}" for term in scene.active_damping]
+    effects += [law.kernel.label for law in scene.active_laws]
     if scene.forcing is not None:
         effects.append("sampled forcing" if scene.forcing.samples else "forcing")
     return tuple(effects)

@@ -142,18 +142,24 @@ def find_resolution(scene: Scene, tolerance: float) -> Resolution:
 def _motions(scene: Scene) -> tuple[tuple[Motion, ...], tuple[Singularity, ...]]:
     if scene.dimension > LARGEST_DIMENSION or scene.is_sparse:
         return (), _unknown_singularities(scene)
+    singular: list[Singularity] = []
+    if scene.active_laws:
+        singular += _unknown_singularities(scene)
     try:
         linear = linearised_at_start(scene)
         factor: Array = np.asarray(np.linalg.cholesky(linear.inertia.mass), dtype=float)
     except (ValueError, np.linalg.LinAlgError):
         return (), _unknown_singularities(scene)
     found: list[Motion] = []
-    singular: list[Singularity] = []
     with np.errstate(all="ignore"):
         kicks = _accelerations(scene, linear, factor)
         velocity = factor.T @ scene.initial_velocity
         if linear.potential is not None:
             stiffness = linear.potential.hessian(scene.initial_position)
+            for law in linear.active_laws:
+                # as stiff as a law is at first
+                if law.kernel.at_start < math.inf:
+                    stiffness = stiffness + law.size * law.kernel.at_start * law.coefficient
             modes = _scaled(stiffness, factor, kicks, velocity, power=2.0)
             found += [_damped(mode, linear, factor) for mode in modes]
         for term in linear.active_damping:
@@ -188,10 +194,11 @@ def _singularities(
 
 
 def _unknown_singularities(scene: Scene) -> tuple[Singularity, ...]:
+    orders = [term.order for term in scene.active_damping if not term.is_integer_order]
+    begins = [law.kernel.start_order for law in scene.active_laws]
+    orders += [order for order in begins if order is not None]
     return tuple(
-        Singularity(order=(3.0 if term.order < 1 else 4.0) - term.order, size=math.inf)
-        for term in scene.active_damping
-        if not term.is_integer_order
+        Singularity(order=(3.0 if order < 1 else 4.0) - order, size=math.inf) for order in orders
     )
 
 

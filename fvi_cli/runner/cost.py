@@ -12,6 +12,7 @@ from fvi_cli.errors import RequestError
 from fvi_cli.integrator.baselines import baseline_objection
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.peers import PEER_LIMITS, peers_objection
+from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.runner.executors.executor import crash
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Request
@@ -83,7 +84,9 @@ def _beside_peers(experiment: Experiment) -> Experiment:
     for name in PEER_NAMES:
         peer = Baseline(name=name)
         problem = experiment.problem
-        reason = baseline_objection(problem.scene, peer) if isinstance(problem, Problem) else ""
+        reason = ""
+        if isinstance(problem, Problem):
+            reason = law_objection(problem.scene, peer) or baseline_objection(problem.scene, peer)
         if reason:
             _logger.warning("%s: %s; left out", experiment.name, reason)
         else:

@@ -42,7 +42,7 @@ def objection(exact: Callable[[Array], Array], scene: Scene) -> str:
 
     Its value and its rate at 0 are compared with the initial data, and the equation is tried on
     :data:`SHARES` of the interval. Nothing is said where the integrals are not resolved, and of
-    scenes with a Lagrangian only the initial data are compared.
+    scenes with a Lagrangian or relaxation laws only the initial data are compared.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def _at_start(exact: Callable[[Array], Array], scene: Scene, size: float) -> str
 
 
 def _in_the_equation(exact: Callable[[Array], Array], scene: Scene) -> str:
-    if scene.lagrangian is not None or len(scene.break_points) > _MOST_BREAKS:
+    if scene.lagrangian is not None or scene.active_laws or len(scene.break_points) > _MOST_BREAKS:
         return ""
     times = scene.final_time * np.array(SHARES)
     rough, fine = (

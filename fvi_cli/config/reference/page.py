@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from fvi_cli.config.reference.schema import json_schema
@@ -16,12 +16,16 @@ _HEADER: Final = ("key", "may be", "default", "meaning")
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One key: its path, what may stand there, its default and its meaning, as Markdown."""
+    """One key: its path, what may stand there, its default and its meaning, as Markdown.
+
+    Where `is_word` holds, a single word may stand there, as in others of several forms.
+    """
 
     key: str
     allowed: str
     default: str
     meaning: str
+    is_word: bool = False
 
 
 def configuration_reference() -> str:
@@ -127,6 +131,7 @@ def _rows(
         allowed=_allowed(schema),
         default=default or "-",
         meaning=_cell(schema.get("description", "")),
+        is_word="const" in schema,
     )
     if nested:
         yield from _members(schema, name)
@@ -134,11 +139,13 @@ def _rows(
 
 def _members(schema: Schema, path: str) -> Iterator[Row]:
     """Keys of the mappings that `schema` allows, each path once, however often it is listed."""
-    seen: set[str] = set()
+    seen: dict[str, Row] = {}
     for row in _inner(schema, path):
-        if (place := row.key.replace("[]", "")) not in seen:
-            seen.add(place)
-            yield row
+        known = seen.setdefault(row.key.replace("[]", ""), row)
+        if row.allowed != known.allowed and row.is_word:
+            words = f"{known.allowed}, {row.allowed}"
+            seen[row.key.replace("[]", "")] = replace(known, allowed=words)
+    yield from seen.values()
 
 
 def _inner(schema: Schema, path: str) -> Iterator[Row]:

@@ -37,10 +37,16 @@ class ColeCole:
     time: float
     shift = 0.0
     masses = ()
+    at_start = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "order", fraction(self.order))
         object.__setattr__(self, "time", positive(self.time, "time"))
+
+    @property
+    def label(self) -> str:
+        """The order and the time in words."""
+        return f"relaxation of order {self.order:g} in {self.time:g}"
 
     @property
     def ends(self) -> tuple[float, float]:

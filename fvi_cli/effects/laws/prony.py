@@ -41,6 +41,17 @@ class Exponentials:
             positive(rate, "rate")
             positive(weight, "weight")
 
+    @property
+    def label(self) -> str:
+        """The number of exponentials in words."""
+        count = len(self.masses)
+        return f"relaxation by {count} exponential{'s' * (count > 1)}"
+
+    @property
+    def at_start(self) -> float:
+        """The sum of the weights."""
+        return sum(weight for _, weight in self.masses)
+
     def log_density(self, log_rate: Array) -> Array:
         """There is none."""
         return np.full(np.shape(log_rate), -np.inf)

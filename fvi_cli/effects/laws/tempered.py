@@ -35,10 +35,16 @@ class TemperedPower:
     rate: float
     masses = ()
     peak = None
+    at_start = math.inf
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "order", fraction(self.order))
         object.__setattr__(self, "rate", positive(self.rate, "rate"))
+
+    @property
+    def label(self) -> str:
+        """The order and the rate in words."""
+        return f"damping of order {self.order:g} that forgets at {self.rate:g}"
 
     @property
     def shift(self) -> float:

@@ -61,7 +61,7 @@ NUMBER_OR_SYMMETRIC: Final = ByForm(
 ORDER: Final = Key(
     "order",
     Number(above=0.0, below=2.0),
-    "Order gamma of the derivative in the equation of motion (no unit).",
+    "Order gamma of the derivative in the equation of motion; of laws in (0, 1) (no unit).",
 )
 _ACTS_ON: Final = Key(
     "acts_on",
@@ -83,7 +83,7 @@ _WHERE: Final = (
     Key(
         "matrix",
         ByForm(several=Matrix(), mappings=(MATRIX_FILE,), example="{file: Kv.mtx}"),
-        "The same under another name, for matrices.",
+        "zener, maxwell, prony, tempered: the same under another name, for matrices.",
         default=OPTIONAL,
     ),
     _ACTS_ON,
@@ -92,34 +92,42 @@ _MODULUS: Final = "stiffness over that of coefficient"
 _LAW_ORDER: Final = Key(
     "order", Number(above=0.0, below=1.0), "Order a of the law, in (0, 1) (no unit)."
 )
-_TIME: Final = Key("time", Number(above=0.0), "Relaxation time tau.", unit="time")
+_TIME: Final = Key("time", Number(above=0.0), "zener, maxwell: relaxation time tau.", unit="time")
 _POSITIVE: Final = ListOf(shape=Number(above=0.0), most=1000, example="[1.0, 0.5]")
 
 _LAWS: Final[Mapping[str, tuple[Key, ...]]] = {
     "zener": (
         _LAW_ORDER,
         _TIME,
-        Key("relaxed", Number(least=0.0), "Modulus G0 of slow motions.", unit=_MODULUS),
+        Key(
+            "relaxed", Number(least=0.0), "zener, prony: modulus G0 of slow motions.", unit=_MODULUS
+        ),
         Key(
             "unrelaxed",
             Number(least=0.0),
-            "Modulus Ginf of fast motions, at least the relaxed one.",
+            "zener: modulus Ginf of fast motions, at least the relaxed one.",
             unit=_MODULUS,
         ),
     ),
     "maxwell": (
         _LAW_ORDER,
         _TIME,
-        Key("modulus", Number(above=0.0), "Modulus G of fast motions.", unit=_MODULUS),
+        Key("modulus", Number(above=0.0), "maxwell: modulus G of fast motions.", unit=_MODULUS),
     ),
     "prony": (
-        Key("moduli", _POSITIVE, "Moduli g_i of the springs and dashpots.", unit=_MODULUS),
-        Key("times", _POSITIVE, "Their relaxation times tau_i.", unit="time"),
-        Key("relaxed", Number(least=0.0), "Modulus that is left over.", unit=_MODULUS, default=0.0),
+        Key("moduli", _POSITIVE, "prony: moduli g_i of the springs and dashpots.", unit=_MODULUS),
+        Key("times", _POSITIVE, "prony: their relaxation times tau_i.", unit="time"),
+        Key(
+            "relaxed",
+            Number(least=0.0),
+            "prony: modulus that is left over.",
+            unit=_MODULUS,
+            default=0.0,
+        ),
     ),
     "tempered": (
         Key("order", Number(above=0.0, below=1.0), "Order gamma of the derivative (no unit)."),
-        Key("rate", Number(above=0.0), "Rate l at which it forgets.", unit="1/time"),
+        Key("rate", Number(above=0.0), "tempered: rate l at which it forgets.", unit="1/time"),
     ),
 }
 _MAKE: Final[Mapping[str, Callable[..., Law]]] = {

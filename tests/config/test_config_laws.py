@@ -1,0 +1,174 @@
+"""Relaxation laws under ``damping``: what they build, and what is refused at its line."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+
+from fvi_cli.config import json_schema, parse_config
+from fvi_cli.effects.laws.cole_cole import ColeCole
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import ConfigError
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.storage.provenance import identity
+
+CONFIG = """\
+name: laws
+problem:
+  kind: {kind}
+  damping:
+    - {term}
+  initial: {{position: {position}, velocity: 0.0}}
+  final_time: 2.0
+  exact: none
+{more}
+method: {method}
+ladder: {{steps: [8, 16]}}
+"""
+METHOD = "{rk: gauss, degree: 3, start: graded}"
+ZENER = "{law: zener, order: 0.5, time: 0.2, relaxed: 2.0, unrelaxed: 5.0}"
+
+
+def text_of(
+    term: str,
+    *,
+    kind: str = "damped-oscillator",
+    more: str = "",
+    method: str = METHOD,
+    position: str = "1.0",
+) -> str:
+    return CONFIG.format(kind=kind, term=term, more=more, method=method, position=position)
+
+
+def scene_of(term: str, **others: str) -> Scene:
+    (experiment,) = parse_config(text_of(term, **others), "laws.yaml").experiments
+    assert isinstance(experiment.problem, Problem)
+    return experiment.problem.scene
+
+
+def complaint(term: str, **others: str) -> str:
+    with pytest.raises(ConfigError) as caught:
+        parse_config(text_of(term, **others), "laws.yaml")
+    return str(caught.value)
+
+
+def test_a_zener_law_is_read_with_its_stiffness():
+    scene = scene_of(ZENER)
+    (law,) = scene.laws
+    assert law.kernel == ColeCole(order=0.5, time=0.2)
+    assert law.size == 3.0
+    assert isinstance(scene.potential, QuadraticPotential)
+    # the stiffness of the kind is 1
+    np.testing.assert_array_equal(scene.potential.stiffness, [[3.0]])
+
+
+@pytest.mark.parametrize(
+    ("term", "modulus"),
+    [
+        ("{law: maxwell, order: 0.5, time: 0.2, modulus: 5.0}", 5.0 / (1 + 1 / 0.4**0.5)),
+        ("{law: prony, moduli: [1.0, 0.5], times: [0.1, 1.0]}", 2 / 12 + 0.5 * 2 / 3),
+        ("{law: tempered, order: 0.5, rate: 0.3, coefficient: 1.0}", 2 / 2.3**0.5),
+    ],
+)
+def test_every_law_has_its_modulus(term, modulus):
+    (law,) = scene_of(term).laws
+    assert law.symbol(2.0) == pytest.approx(modulus)
+
+
+@pytest.mark.parametrize("where", ["coefficient: [[1, -1], [-1, 1]]", "matrix: [[1, -1], [-1, 1]]"])
+def test_where_a_law_acts_may_be_said_in_three_ways(where):
+    expected = scene_of(f"{ZENER[:-1]}, acts_on: [x2 - x1]}}", position="[1.0, 0.0]")
+    found = scene_of(f"{ZENER[:-1]}, {where}}}", position="[1.0, 0.0]")
+    for scene in (expected, found):
+        np.testing.assert_array_equal(scene.laws[0].coefficient, [[1, -1], [-1, 1]])
+        np.testing.assert_array_equal(scene.potential.stiffness, [[3, -2], [-2, 3]])
+    assert expected.laws[0].factored is not None
+
+
+def test_nonlinear_scenes_take_the_relaxed_modulus_into_their_potential():
+    pendulum = scene_of(ZENER, kind="pendulum")
+    at = np.array([0.7])
+    np.testing.assert_allclose(pendulum.potential.gradient(at), np.sin(0.7) + 1.4, rtol=1e-14)
+    np.testing.assert_allclose(pendulum.potential.hessian(at), [[np.cos(0.7) + 2.0]], rtol=1e-14)
+    assert pendulum.potential.energy(at) == pytest.approx(1 - np.cos(0.7) + 0.49)
+    general = scene_of(
+        f"{ZENER[:-1]}, acts_on: [y - x]}}",
+        kind="lagrangian",
+        position="[0.5, 0.1]",
+        more="  coordinates: [x, y]\n  lagrangian: (1 + x**2)*vx**2/2 + vy**2/2 - x**2/2",
+    )
+    assert general.lagrangian is not None
+    force = general.lagrangian.force(np.array([0.5, 0.1]), np.zeros(2), 0.0)
+    np.testing.assert_allclose(force, [-0.5 - 0.8, 0.8], rtol=1e-14)
+    assert [law.relaxed for law in general.laws] == [0.0]
+
+
+def test_a_springpot_may_be_called_so():
+    named = scene_of("{law: springpot, order: 0.5, coefficient: 2.0}")
+    plain = scene_of("{order: 0.5, coefficient: 2.0}")
+    assert named.damping[0].order == plain.damping[0].order
+    assert not named.laws
+    runs = [
+        parse_config(text_of(term), "laws.yaml").experiments[0].runs()[0]
+        for term in (
+            "{law: springpot, order: 0.5, coefficient: 2.0}",
+            "{order: 0.5, coefficient: 2.0}",
+        )
+    ]
+    assert identity(runs[0]) == identity(runs[1])
+
+
+@pytest.mark.parametrize(
+    ("term", "said"),
+    [
+        (ZENER.replace("0.5,", "1.2,"), "laws.yaml:5:27: problem.damping.0.order: 1.2 is not"),
+        (ZENER.replace("5.0", "1.0"), "laws.yaml:5:68: problem.damping.0.unrelaxed: 1.0 is not"),
+        (ZENER.replace("2.0", "-2.0"), "problem.damping.0.relaxed: -2.0 is not allowed"),
+        (ZENER.replace("zener", "zenner"), "did you mean 'zener'"),
+        (ZENER.replace("time", "tau"), "problem.damping.0.tau: not a key: the relaxation time"),
+        (ZENER.replace("law: zener, ", ""), "problem.damping.0.time: not a key of a springpot"),
+        (f"{ZENER[:-1]}, matrix: [[1]], coefficient: 1.0}}", "matrix: give this or coefficient"),
+        (f"{ZENER[:-1]}, acts_on: [y]}}", "problem.damping.0.acts_on"),
+        ("{law: prony, moduli: [1.0], times: [1.0, 2.0]}", "times: 2 of them"),
+        ("{law: prony, moduli: [1.0, -1.0], times: [1.0, 2.0]}", "damping.0.moduli.1: -1.0"),
+        ("{law: tempered, order: 0.5, rate: 0}", "damping.0.rate: 0 is not allowed"),
+        ("{law: maxwell, order: 0.5, time: 1.0}", "damping.0.modulus: missing"),
+    ],
+)
+def test_what_is_wrong_is_told_at_its_line(term, said):
+    assert said in complaint(term)
+
+
+def test_matrices_of_laws_must_fit_the_coordinates():
+    said = complaint(f"{ZENER[:-1]}, matrix: [[1, 0], [0, 1]]}}", position="[1.0, 0.0, 0.0]")
+    assert "problem.damping.0.matrix: is for 2 coordinates" in said
+
+
+@pytest.mark.parametrize(
+    "method", ["{bdf: 2}", "{baseline: implicit-euler}", "{rk: gauss, degree: 3, history: direct}"]
+)
+def test_methods_without_laws_are_refused_at_their_line(method):
+    said = complaint(ZENER, method=method)
+    assert "laws.yaml:10:9: method: " in said
+    assert "is not made for relaxation laws" in said
+
+
+def test_riemann_liouville_is_refused_beside_a_position():
+    said = complaint(ZENER, more="  derivative: riemann-liouville")
+    assert "derivative: riemann-liouville is not for relaxation laws" in said
+
+
+def test_a_law_with_another_number_is_another_run():
+    found = []
+    for number in ("0.2", "0.25"):
+        config = parse_config(text_of(ZENER.replace("0.2", number)), "laws.yaml")
+        found.append(identity(config.experiments[0].runs()[0]))
+    assert found[0] != found[1]
+
+
+def test_the_schema_knows_all_laws():
+    text = yaml.safe_dump(json_schema())
+    for word in ("zener", "maxwell", "prony", "tempered", "springpot"):
+        assert f"const: {word}" in text
