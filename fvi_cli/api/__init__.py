@@ -76,6 +76,10 @@ from fvi_cli.config import shipped_configs as shipped_configurations
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.laws.cole_cole import fractional_maxwell, fractional_zener
+from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.laws.prony import prony
+from fvi_cli.effects.laws.tempered import tempered
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
@@ -132,6 +136,7 @@ __all__ = [
     "Gradient",
     "HardCaseReport",
     "Inertia",
+    "Law",
     "LoadedConfig",
     "Mesh",
     "Method",
@@ -165,6 +170,8 @@ __all__ = [
     "figures",
     "fit",
     "forget",
+    "fractional_maxwell",
+    "fractional_zener",
     "graded_mesh",
     "gradient",
     "hard_cases",
@@ -185,6 +192,7 @@ __all__ = [
     "plan",
     "position_at",
     "predict_stability",
+    "prony",
     "recall",
     "response",
     "run",
@@ -194,6 +202,7 @@ __all__ = [
     "stability",
     "starter_config",
     "study",
+    "tempered",
     "uniform_mesh",
     "velocity_at",
     "write",

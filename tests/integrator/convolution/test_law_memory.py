@@ -10,19 +10,23 @@ import pytest
 from mesh_powers import Array, mesh_function, meshes
 
 from fvi_cli.config.method_names import method_named
+from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.diagnostics_request import Asked
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_zener
 from fvi_cli.effects.laws.law import RelaxationKernel
-from fvi_cli.effects.laws.prony import Exponentials
-from fvi_cli.effects.laws.tempered import TemperedPower
+from fvi_cli.effects.laws.prony import Exponentials, prony
+from fvi_cli.effects.laws.tempered import TemperedPower, tempered
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.convolution.kernel import power_kernel
 from fvi_cli.integrator.convolution.stages import gauss_operator
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.parts import integrate_part
 from fvi_cli.mathematics.talbot import talbot_inverse
+from fvi_cli.scenes.lagrangian import lagrangian_scene
+from fvi_cli.scenes.named import linear_oscillator, pendulum
 
 
 def cole_cole(s: mp.mpc, order: float, time: float) -> mp.mpc:
@@ -121,6 +125,59 @@ def largest_error(n_steps: int, degree: int) -> float:
 def test_a_fractional_zener_oscillator_has_full_order(degree, n_steps):
     errors = [largest_error(n_steps * factor, degree) for factor in (1, 2)]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2 * degree, abs=0.1)
+
+
+LAWS = (
+    fractional_zener(order=0.6, time=0.4, relaxed=1.0, unrelaxed=4.0, coefficient=1.0),
+    prony(moduli=[1.0, 0.5], times=[0.5, 1.0], coefficient=1.0, relaxed=0.5),
+    tempered(order=0.4, rate=0.7, coefficient=0.5),
+)
+MATRIX = np.array([[1.0, -1.0], [-1.0, 1.0]])
+SCENES = {
+    "pendulum": pendulum(initial_position=1.0, initial_velocity=0.3, final_time=8.0, laws=LAWS),
+    "general": lagrangian_scene(
+        coordinates=("x", "y"),
+        lagrangian="(1 + x**2/4)*vx**2/2 + vy**2/2 - x**2 - y**2/2",
+        initial_position=[1.0, 0.0],
+        initial_velocity=[0.0, 0.5],
+        final_time=6.0,
+        laws=(
+            fractional_zener(order=0.6, time=0.4, relaxed=1.0, unrelaxed=4.0, coefficient=MATRIX),
+        ),
+        damping=[FractionalDamping(order=0.5, coefficient=0.2 * np.eye(2))],
+    ),
+    # a column carries the start velocity for the derivative of order 3/2, and not for the law
+    "beside orders above 1": linear_oscillator(
+        stiffness=2.0 * np.eye(2),
+        mass=np.eye(2),
+        initial_position=[1.0, 0.5],
+        initial_velocity=[0.3, 0.0],
+        final_time=10.0,
+        damping=[FractionalDamping(order=1.5, coefficient=0.3 * np.eye(2))],
+        laws=(
+            fractional_zener(order=0.6, time=0.4, relaxed=1.0, unrelaxed=4.0, coefficient=MATRIX),
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_laws_have_full_order_in_every_kind_of_scene(name):
+    scene, errors = SCENES[name], []
+    fine = integrate(scene, Method(cq="gauss", degree=7, start="graded"), 96)
+    for n_steps in (24, 48):
+        run = integrate(scene, Method(cq="gauss", degree=3, start="graded"), n_steps)
+        errors.append(float(np.abs(run.position - fine.position[:: 96 // n_steps]).max()))
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(6.0, abs=0.1)
+
+
+def test_a_run_with_laws_goes_on_from_a_checkpoint_bit_for_bit():
+    method = Method(cq="gauss", degree=3, start="graded")
+    whole = integrate(SCENE, method, 9000)
+    first = integrate_part(SCENE, method, 9000, until=4000)
+    assert first.checkpoint is not None
+    rest = integrate_part(SCENE, method, 9000, checkpoint=first.checkpoint)
+    np.testing.assert_array_equal(rest.position[-1], whole.position[-1])
 
 
 def test_equal_steps_have_the_order_of_the_singular_start():
