@@ -177,7 +177,7 @@ def test_a_run_with_laws_goes_on_from_a_checkpoint_bit_for_bit():
     first = integrate_part(SCENE, method, 9000, until=4000)
     assert first.checkpoint is not None
     rest = integrate_part(SCENE, method, 9000, checkpoint=first.checkpoint)
-    np.testing.assert_array_equal(rest.position[-1], whole.position[-1])
+    np.testing.assert_array_equal(rest.trajectory.position[-1], whole.position[-1])
 
 
 def test_equal_steps_have_the_order_of_the_singular_start():
