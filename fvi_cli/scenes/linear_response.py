@@ -27,7 +27,7 @@ from fvi_cli.mathematics.expressions import ExpressionError
 from fvi_cli.mathematics.fractional_oscillator import contour_response
 from fvi_cli.mathematics.oscillator_closed_forms import classical_response, faddeeva_response
 from fvi_cli.mathematics.power_sum import POWER_SUM_FUNCTIONS, NotAPowerSum, PowerSum
-from fvi_cli.scenes.law_response import LawResponse, law_response
+from fvi_cli.scenes.relaxation.response import LawResponse, law_response
 
 Route = Literal["classical", "faddeeva", "contour"]
 

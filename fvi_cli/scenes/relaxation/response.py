@@ -16,7 +16,14 @@ from fvi_cli.mathematics.characteristic import (
     characteristic_zeros,
 )
 from fvi_cli.mathematics.fractional_oscillator import contour_response
-from fvi_cli.scenes.law_transforms import Powers, common_decay, fraction_of, plus, product, shifted
+from fvi_cli.scenes.relaxation.transforms import (
+    Powers,
+    common_decay,
+    fraction_of,
+    plus,
+    product,
+    shifted,
+)
 
 MOST_TERMS = 30
 """Powers of s of which the zeros are looked for; their balances grow with the square."""

@@ -1,0 +1,1 @@
+"""Exact solutions of linear scenes with relaxation laws."""
