@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from fvi_cli.integrator.run.showing import dataframe_of, dataset_of, html_of, line_of
 
 if TYPE_CHECKING:
     from fvi_cli.integrator.diagnostics import Diagnostics
@@ -113,6 +115,8 @@ class Trajectory:
         What is known of its error, where it was made for a tolerance.
     observed
         Quantities and events, where they were asked for; then `time` are the times of the output.
+    coordinates
+        Names of the coordinates; empty: they have none.
     """
 
     time: Array
@@ -135,6 +139,7 @@ class Trajectory:
     doubts: tuple[tuple[float, str], ...] = ()
     assessment: Assessment | None = None
     observed: Observed | None = None
+    coordinates: tuple[str, ...] = ()
 
     @property
     def outcome(self) -> Outcome | None:
@@ -145,6 +150,34 @@ class Trajectory:
     def error_estimate(self) -> float:
         """Estimated error of the position at any time, a length; nan without a tolerance."""
         return math.nan if self.assessment is None else self.assessment.estimate
+
+    def __repr__(self) -> str:
+        """The trajectory in one line."""
+        return line_of(self)
+
+    def _repr_html_(self) -> str:
+        """A line, a picture and a small table, for notebooks."""
+        return html_of(self)
+
+    def to_dataframe(self) -> Any:
+        """A pandas DataFrame over the times: ``x1``, momenta ``p_x1``, energy and quantities.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        return dataframe_of(self)
+
+    def to_xarray(self) -> Any:
+        """An xarray Dataset along ``time`` and ``coordinate``: position, momentum and the others.
+
+        Raises
+        ------
+        ImportError
+            If xarray is not installed.
+        """
+        return dataset_of(self)
 
     def __call__(self, time: ArrayLike) -> Array:
         """Position at any times of the run, shape ``(...)`` to ``(..., d)``.

@@ -101,10 +101,12 @@ def integrate(
         _, reported = integrate_observed(
             scene, chosen, n_steps, asked, every=every, diagnostics=diagnostics
         )
-        return reported if with_steps else replace(reported, steps=None)
-    return engine.integrate(
+        steps = reported.steps if with_steps else None
+        return replace(reported, steps=steps, coordinates=asked.coordinates)
+    found = engine.integrate(
         scene, chosen, n_steps, every=every, diagnostics=diagnostics, with_steps=with_steps
     )
+    return replace(found, coordinates=asked.coordinates)
 
 
 def names_of(scene: Scene) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import method_columns
 from fvi_cli.integrator.trajectory import NewtonRecord, Outcome, Trajectory
+from fvi_cli.scenes.problem import Problem
 from fvi_cli.storage.fields.diagnostics import (
     DIAGNOSTIC_DIMENSIONS,
     DIAGNOSTIC_NAMES,
@@ -261,6 +262,7 @@ def finished_of(record: Record, run: Run) -> FinishedRun:
         every=int(a["store_every"]),
         diagnostics=diagnostics_of(a, data),
         observed=observed_of(a, data),
+        coordinates=run.problem.coordinates if isinstance(run.problem, Problem) else (),
     )
     return FinishedRun(
         run=run,

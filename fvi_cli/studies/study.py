@@ -114,10 +114,13 @@ def observed_and_assessed(
         prediction,
         reference_of(run) if reference is None else reference,
     )
-    remarks = finished.trajectory.remarks
-    return dataclasses.replace(
-        finished, trajectory=dataclasses.replace(reported, steps=None, remarks=remarks)
+    reported = dataclasses.replace(
+        reported,
+        steps=None,
+        remarks=finished.trajectory.remarks,
+        coordinates=asked.coordinates,
     )
+    return dataclasses.replace(finished, trajectory=reported)
 
 
 def is_refused(run: Run, prediction: StabilityPrediction) -> bool:
@@ -147,7 +150,8 @@ def assessed(
             "reference: unreliable, its refined runs differ by too much of the motion (chaos, or a "
             "motion too rough for them): the error says nothing",
         )
-    trajectory = dataclasses.replace(trajectory, remarks=remarks)
+    names = run.problem.coordinates if isinstance(run.problem, Problem) else ()
+    trajectory = dataclasses.replace(trajectory, remarks=remarks, coordinates=names)
     spacing: float | Array = trajectory.every * run.step_size
     if experiment.grading != 1.0:
         spacing = np.diff(trajectory.time, prepend=0.0)
