@@ -15,14 +15,15 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.chains import chain
-from fvi_cli.scenes.named import linear_oscillator
+from fvi_cli.scenes.named import linear_oscillator, pendulum
 
-Kind = Literal["members", "uncoupled", "dampers", "one damper"]
+Kind = Literal["members", "pendulums", "uncoupled", "dampers", "one damper"]
 
 COUNT = 1000
 """Oscillators, or masses of a chain, with the usual exponent of 20."""
 LONGEST = 12
 """They take at most 2 to this power steps."""
+MOST_PENDULUM_STEPS = 2**10
 ORDER, FINAL_TIME = 0.5, 20.0
 REPEATS_ALONE = 9
 
@@ -36,7 +37,8 @@ class ManyCase:
     name
         In words.
     kind
-        ``members``: scenes of their own in one batch; ``uncoupled``: the same as one scene;
+        ``members``: scenes of their own in one batch; ``pendulums``: nonlinear ones in at most
+        1024 steps; ``uncoupled``: the oscillators as one scene;
         ``dampers``: a chain with a damper beside every spring (modes); ``one damper``: a chain
         with a damper at its free end (no modes).
     start
@@ -127,6 +129,7 @@ def many_cases() -> tuple[ManyCase, ...]:
     """The figures: a batch at a quarter of the time of one by one, chains at most five times it."""
     return (
         ManyCase(name="oscillators, one batch", kind="members", start="none", largest_each=0.25),
+        ManyCase(name="pendulums, one batch", kind="pendulums", start="none", largest_each=0.35),
         ManyCase(
             name="oscillators, one batch, start series",
             kind="members",
@@ -157,8 +160,10 @@ def measure_many(case: ManyCase, count: int, n_steps: int) -> ManyRow:
     """Measure one case in this process."""
     method = Method(cq="gauss", degree=2, start=case.start)
     members = oscillators(count)
+    if case.kind == "pendulums":
+        n_steps, members = min(n_steps, MOST_PENDULUM_STEPS), pendulums(count)
     alone = least_seconds(lambda: integrate(members[0], method, n_steps), REPEATS_ALONE)
-    if case.kind == "members":
+    if case.kind in ("members", "pendulums"):
         together = least_seconds(lambda: integrate_members(members, method, n_steps), 2)
         found = integrate_members(members, method, n_steps)
         single = integrate(members[-1], method, n_steps).position
@@ -201,6 +206,21 @@ def oscillators(count: int) -> list[Scene]:
             damping=[
                 FractionalDamping(order=ORDER, coefficient=rng.uniform(0.05, 1.0) * np.eye(1))
             ],
+            initial_position=rng.normal(),
+            initial_velocity=rng.normal(),
+        )
+        for _ in range(count)
+    ]
+
+
+def pendulums(count: int) -> list[Scene]:
+    """Pendulums of lengths, damping and start values of their own."""
+    rng = np.random.default_rng(1)
+    return [
+        pendulum(
+            final_time=FINAL_TIME,
+            omega=rng.uniform(0.5, 2.0),
+            damping=[FractionalDamping(order=ORDER, coefficient=rng.uniform(0.05, 1.0))],
             initial_position=rng.normal(),
             initial_velocity=rng.normal(),
         )

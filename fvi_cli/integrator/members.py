@@ -99,7 +99,7 @@ def companions(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list
 def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[list[int]]:
     """Places of the scenes that are taken together."""
     if isinstance(method, Method) and takes_any_mesh(method):
-        return kinds_of(scenes, method)
+        return kinds_of(scenes, method, n_steps)
     groups: dict[tuple[object, ...], list[int]] = {}
     for index, scene in enumerate(scenes):
         key = _kind(scene) if goes_together(scene, method, n_steps) else (index,)

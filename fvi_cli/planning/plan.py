@@ -244,7 +244,7 @@ def _machinery(
     ends = int(method.sampling == "nodes" and bool(shape.channels))
     together = members > 1 and goes_together(scene, method, n_steps)
     if takes_any_mesh(method):
-        if together and members >= fewest(scene) and grading == 1.0:
+        if together and members >= fewest(scene, n_steps) and grading == 1.0:
             return members_side_by_side(scene, method, n_steps, shape, members)
         steps: int | Mesh = n_steps
         if grading != 1.0:

@@ -281,7 +281,7 @@ class TestMembers:
     def test_members_that_do_not_go_together_are_planned_alone(self):
         scenes = [*different(3), swing(), oscillators(2), *different(2)]
         assert companions(scenes, gauss(), 300) == [5, 5, 5, 1, 1, 5, 5]
-        # a pendulum is not one of a batch, whatever number is given
+        # seven pendulums are quicker one by one
         assert plan_run(swing(), gauss(), 300, members=7) == plan_run(swing(), gauss(), 300)
         direct = gauss(history="direct")
         assert companions(scenes, direct, 300) == [1] * len(scenes)

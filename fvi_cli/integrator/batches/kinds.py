@@ -15,8 +15,11 @@ from fvi_cli.integrator.run.setup import linear_decoupling
 
 LARGEST_STEP = 24
 """Unknowns of a step of a system, at most: beyond, matrix products are quicker one by one."""
-FEWEST_LINEAR, FEWEST_NONLINEAR = 4, 8
-"""Systems that make it worth while."""
+FEWEST_LINEAR, FEWEST_NONLINEAR = (4, 32), (16, 64)
+"""Systems that make it worth while, on few steps and on many: in a long run alone a block of steps
+is one matrix product."""
+STEPS_FOR_ONE_MORE = {True: 128, False: 64}
+"""With so many steps of linear scenes, and of others, one more is needed."""
 
 
 def side_by_side(scene: Scene, method: Method) -> Hashable | None:
@@ -33,9 +36,10 @@ def side_by_side(scene: Scene, method: Method) -> Hashable | None:
     powers = None
     if method.start == "graded":
         powers = tuple(start_power(scene, at_start=at_start) for at_start in (True, False))
-    directions = directions_of(scene)
-    slots = len(directions) if scene.dimension > width else int(bool(directions))
-    has_memory = any(one.terms for one in directions)
+    slots = int(bool(scene.active_damping))
+    if slots and scene.dimension > width:
+        slots = len(directions_of(scene))
+    has_memory = any(term.order != 1 for term in scene.active_damping)
     return (
         *(scene.dimension, width, scene.final_time, scene.break_points),
         *(formulas, powers, slots, has_memory),
@@ -44,11 +48,13 @@ def side_by_side(scene: Scene, method: Method) -> Hashable | None:
 
 def decoupling_of(scene: Scene) -> Decoupling:
     """Coordinates in which a member falls apart; those of the scene for nonlinear ones."""
-    found = linear_decoupling(scene) if scene.is_linear else None
+    found = None
+    if scene.is_linear and scene.dimension > 1:
+        found = linear_decoupling(scene)
     return Decoupling(mass=scene.inertia.mass, modes=None) if found is None else found
 
 
-def kinds_of(scenes: Sequence[Scene], method: Method) -> list[list[int]]:
+def kinds_of(scenes: Sequence[Scene], method: Method, n_steps: int) -> list[list[int]]:
     """Places of the scenes that are taken side by side; one place where a scene stands alone."""
     found: dict[Hashable, list[int]] = {}
     for index, scene in enumerate(scenes):
@@ -56,13 +62,14 @@ def kinds_of(scenes: Sequence[Scene], method: Method) -> list[list[int]]:
         found.setdefault(("alone", index) if kind is None else kind, []).append(index)
     kinds: list[list[int]] = []
     for places in found.values():
-        if len(places) >= fewest(scenes[places[0]]):
+        if len(places) >= fewest(scenes[places[0]], n_steps):
             kinds.append(places)
         else:
             kinds += [[place] for place in places]
     return kinds
 
 
-def fewest(scene: Scene) -> int:
+def fewest(scene: Scene, n_steps: int) -> int:
     """So many scenes of one kind are quicker side by side."""
-    return FEWEST_LINEAR if scene.is_linear else FEWEST_NONLINEAR
+    least, most = FEWEST_LINEAR if scene.is_linear else FEWEST_NONLINEAR
+    return max(least, min(most, n_steps // STEPS_FOR_ONE_MORE[scene.is_linear]))

@@ -62,6 +62,7 @@ class SideMarch:
         self._states = np.zeros((damping.n_states, self._e, self._q))
         self._carried = np.ones(damping.n_states)
         self._unknowns: tuple[Array, float] | None = None
+        self._going_on = ((0.0, 0.0), np.zeros((0, 0)))
         self._at: SideStep | None = None
         self.notes = Notes(self._q)
         self.failed = np.zeros(self._q, dtype=bool)
@@ -203,10 +204,12 @@ class SideMarch:
         """Ways to the stages by the polynomial of the last step, or by uniform motion."""
         if self._unknowns is not None and step_size <= 1.5 * self._unknowns[1]:
             unknowns, before = self._unknowns
-            ratio = step_size / before
-            places = self._ahead.values(1.0 + ratio * self._tables.points)[1:].T
-            way = before * (places - self._ahead.values(np.ones(1))[1:].T)
-            return on_first_axis(way, unknowns)
+            key = (step_size, before)
+            if self._going_on[0] != key:
+                ahead = self._ahead.values(1.0 + step_size / before * self._tables.points)
+                end = self._ahead.values(np.ones(1))
+                self._going_on = (key, before * (ahead - end)[1:].T)
+            return on_first_axis(self._going_on[1], unknowns)
         velocity = self._velocity()
         return np.asarray(step_size * self._tables.points[:, None, None] * velocity)
 

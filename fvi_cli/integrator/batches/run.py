@@ -75,7 +75,7 @@ def _together(
         final_time=scenes[0].final_time,
         block=BLOCK,
     )
-    loads = [StepLoads(scene, method, tables) for scene in scenes]
+    loads = [None if _is_free(scene) else StepLoads(scene, method, tables) for scene in scenes]
     known = _loads_of(loads, decouplings, places)
     march = SideMarch(systems, damping, tables, mesh, known, every=every)
     ready = clock.perf_counter()
@@ -110,15 +110,23 @@ def _together(
     return results
 
 
+def _is_free(scene: Scene) -> bool:
+    """Whether no known force pulls, that of Riemann-Liouville derivatives among them."""
+    return scene.forcing is None and scene.derivative == "caputo"
+
+
 def _loads_of(
-    every: Sequence[StepLoads], decouplings: Sequence[Decoupling], places: NDArray[np.intp]
+    every: Sequence[StepLoads | None], decouplings: Sequence[Decoupling], places: NDArray[np.intp]
 ) -> Loads:
     """Known forces of all systems, those of scenes without any zero."""
 
     def loads(begin: float, step_size: float, n_steps: int, is_fresh: bool) -> Array | None:
-        if all(one.is_empty for one in every):
+        if all(one is None or one.is_empty for one in every):
             return None
-        found = [one.of_steps(begin, step_size, n_steps, is_fresh=is_fresh) for one in every]
+        found = [
+            None if one is None else one.of_steps(begin, step_size, n_steps, is_fresh=is_fresh)
+            for one in every
+        ]
         shape = next(one.shape for one in found if one is not None)
         parts = [
             own.forces(np.zeros(shape) if one is None else one)
@@ -139,11 +147,11 @@ def _farthest(own: Decoupling, largest: Array) -> float:
     return float(found.max())
 
 
-def _surely_sound(scene: Scene, loads: StepLoads) -> float:
+def _surely_sound(scene: Scene, loads: StepLoads | None) -> float:
     """A position up to which no run is taken for diverged."""
     scale = float(np.abs(scene.initial_position).max())
     scale += scene.final_time * float(np.abs(scene.initial_velocity).max())
-    if loads.largest_force > 0:
+    if loads is not None and loads.largest_force > 0:
         inverse = float(np.linalg.norm(np.linalg.inv(scene.inertia.mass), 2))
         scale += scene.final_time**2 * inverse * loads.largest_force
     return TOLERATED_FACTOR * scale if scale > 0 else np.inf

@@ -110,18 +110,20 @@ class SideStep:
         inputs = np.concatenate([force.reshape(r * e, q), momentum])
         known = None if load is None else load.reshape(-1, q)
         fixed = self._fixed(inputs, known)
+        begun = self._way_of(fixed)
         iteration = Iteration(position, guess, live)
         for _ in range(ITERATION_LIMIT):
             way = iteration.way
             pull = potential.gradient(position + way) - self._bent(way)
             added = _times(self._by_pull, pull.reshape(r * e, q)).reshape(r, e, q)
-            slow = iteration.take(pull, self._way_of(fixed) + added)
+            slow = iteration.take(pull, begun + added)
             if not iteration.live.any():
                 break
             if slow.any():
                 places = filled_up(np.flatnonzero(slow))
                 self._renew(places, position, iteration.way)
                 fixed[:, places] = self._fixed(inputs, known, places)
+                begun = self._way_of(fixed)
                 iteration.renewed(places)
         iteration.give_up()
         moved = fixed + _times(self._matrix[:, : r * e], iteration.pull.reshape(r * e, q))
