@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from benchmarks.measuring import number, table, yardstick_seconds, yes_or_no
 from fvi_cli.api import cost, load
 from fvi_cli.integrator.method import Method
 from fvi_cli.render.cost import PAGE_CONFIGS
-from fvi_cli.studies.cost import CostRow, CostTable
+from fvi_cli.studies.cost import CostTable
 from fvi_cli.studies.price import Curve, cost_curves
 
 YARDSTICK_STEPS = 2**19
@@ -96,7 +96,7 @@ def cost_goals(tables: Sequence[CostTable], yardstick: float) -> list[Goal]:
 
 def _pendulum_goals(table: CostTable) -> list[Goal]:
     curves = {curve.key: curve for curve in cost_curves(table)}
-    blocks = [curve for curve in curves.values() if _is_by_blocks(curve)]
+    blocks = [curve for curve in curves.values() if _is_ours(curve)]
     baselines = [curve for curve in curves.values() if curve.is_baseline]
     ours = _least_seconds(blocks, 1e-9)
     goals = []
@@ -111,9 +111,6 @@ def _pendulum_goals(table: CostTable) -> list[Goal]:
                 how=f"{theirs:.2g} s {how} over {ours:.2g} s",
             )
         )
-    for curve in blocks:
-        if f"{curve.key}-direct" in curves:
-            goals += _route_goals(curve, curves[f"{curve.key}-direct"])
     if baselines:
         ours = _least_seconds(blocks, 1e-7)
         times = {curve.key: _seconds(curve, 1e-7) for curve in baselines}
@@ -127,33 +124,6 @@ def _pendulum_goals(table: CostTable) -> list[Goal]:
                 bound=100.0,
                 is_least=True,
                 how=f"{name} {theirs:.2g} s {how} over {ours:.2g} s",
-            )
-        )
-    return goals
-
-
-def _route_goals(blocks: Curve, direct: Curve) -> list[Goal]:
-    """One method by both routes of its steps."""
-    slow, quick = direct.seconds_to(1e-9), blocks.seconds_to(1e-9)
-    goals = [
-        Goal(
-            name=f"pendulum to 1e-9, {blocks.key}: step by step with direct history over blocks",
-            measured=slow / quick,
-            bound=2.0,
-            is_least=True,
-            how=f"{slow:.2g} s over {quick:.2g} s, set-up included",
-        )
-    ]
-    both = _same_steps(direct, blocks, 1e-9)
-    if both is not None:
-        slow, quick = (row.stepping_seconds_min for row in both)
-        goals.append(
-            Goal(
-                name="the same, steps alone",
-                measured=slow / quick,
-                bound=2.0,
-                is_least=True,
-                how=f"{slow:.2g} s over {quick:.2g} s, N = {both[0].n_steps}",
             )
         )
     return goals
@@ -193,7 +163,7 @@ def _oscillator_goals(table: CostTable) -> list[Goal]:
     theirs = next((curve for curve in curves if curve.is_by_tolerance), None)
     ratios: dict[int, tuple[float, float, float]] = {}
     for curve in curves:
-        for point in curve.points if _is_by_blocks(curve) else ():
+        for point in curve.points if _is_ours(curve) else ():
             if theirs is None or point.error > 1e-9:
                 continue
             n_steps = point.row.n_steps
@@ -223,9 +193,8 @@ def _oscillator_goals(table: CostTable) -> list[Goal]:
     ]
 
 
-def _is_by_blocks(curve: Curve) -> bool:
-    method = curve.methods[0]
-    return isinstance(method, Method) and method.history != "direct"
+def _is_ours(curve: Curve) -> bool:
+    return isinstance(curve.methods[0], Method)
 
 
 def _least_seconds(curves: list[Curve], accuracy: float) -> float:
@@ -239,14 +208,3 @@ def _seconds(curve: Curve, accuracy: float) -> tuple[float, str]:
     if not math.isnan(seconds):
         return seconds, "(measured)"
     return curve.extrapolated_seconds(accuracy), "(extrapolated)"
-
-
-def _same_steps(slow: Curve, quick: Curve, accuracy: float) -> tuple[CostRow, CostRow] | None:
-    """Rows of both curves on the coarsest grid on which both reach the accuracy."""
-    rows: Mapping[int, CostRow] = {
-        point.row.n_steps: point.row for point in slow.points if point.error <= accuracy
-    }
-    for point in quick.points:
-        if point.error <= accuracy and point.row.n_steps in rows:
-            return rows[point.row.n_steps], point.row
-    return None

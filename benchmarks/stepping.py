@@ -26,7 +26,7 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loads.step_loads import StepLoads
-from fvi_cli.integrator.method import Method, takes_any_mesh
+from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.march import CHUNK
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.scenes.named import linear_oscillator, pendulum
@@ -74,7 +74,8 @@ class SteppingRow:
     stepping_seconds, weights_seconds
         Steps, and what is ready before the first of them (least of the repeats).
     direct_seconds
-        The same steps one after the other with every sum written out; nan where that takes long.
+        The same steps of backward differences one after the other with every sum written out; nan
+        for other methods, and where that takes long.
     error
         Largest error on the grid; nan where no exact solution is known.
     growth_exponent
@@ -219,7 +220,7 @@ def measure_stepping(case: SteppingCase, repeats: int) -> SteppingRow:
         before = _steps_alone(case, scene, 2**14, [one.stepping_seconds for one in shorter])
         growth = math.log2(stepping / before) / (case.exponent - 14)
     direct = float("nan")
-    if case.exponent <= 12:
+    if case.exponent <= 12 and not case.method.is_runge_kutta:
         slow = replace(case.method, history="direct")
         direct = min(integrate(scene, slow, n_steps).stepping_seconds for _ in range(repeats))
     operations = runs[0].history_operations
@@ -246,7 +247,7 @@ def _steps_alone(case: SteppingCase, scene: Scene, n_steps: int, seconds: Sequen
 
     Methods with equal steps only evaluate the force beforehand, which counts as set-up.
     """
-    if scene.forcing is None or not takes_any_mesh(case.method):
+    if scene.forcing is None or not case.method.is_runge_kutta:
         return min(seconds)
     loads = StepLoads(scene, case.method, step_tables(case.method))
     h = scene.final_time / n_steps

@@ -11,7 +11,7 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.studies.cost import CostCase, CostRow, CostTable
 from fvi_cli.studies.order import damping_orders
 
-GAUSS = Method(cq="gauss", degree=2, start="series")
+GAUSS = Method(cq="gauss", degree=2, start="graded")
 COUNTS = (10, 20, 40, 80, 160)
 
 

@@ -117,7 +117,7 @@ def test_a_result_file_tells_what_it_holds(tmp_path: Path) -> None:
     fvi.run(CONFIG, output=tmp_path)
     stored = fvi.contents(tmp_path / "free.h5")
     assert [run.n_steps for run in stored.runs] == [4, 8, 16, 32]
-    assert "gauss-s2-series" in fvi.as_text(stored)
+    assert "gauss-s2-graded" in fvi.as_text(stored)
     assert fvi.load(yaml.safe_load(fvi.configuration(tmp_path / "free.h5").text)).name == "free"
     with pytest.raises(fvi.StorageError, match=r"none\.h5"):
         fvi.contents(tmp_path / "none.h5")
@@ -239,7 +239,7 @@ def test_a_scene_is_integrated_without_any_configuration() -> None:
         damping=[fvi.FractionalDamping(order=0.5, coefficient=0.7)],
         initial_position=1.0,
     )
-    method = fvi.Method(cq="gauss", degree=3, start="series")
+    method = fvi.Method(cq="gauss", degree=3, start="graded")
     coarse, fine = (fvi.integrate(scene, method, n) for n in (32, 64))
     assert np.abs(fine.position[::2] - coarse.position).max() < 1e-6
     assert fvi.predict_stability(scene, method, 32).verdict == "stable"
@@ -275,7 +275,7 @@ def test_a_scene_is_integrated_by_the_name_of_a_method() -> None:
     )
     wanted = fvi.DiagnosticsRequest(energy_balance=True)
     named = fvi.integrate(scene, "gauss3", 16, diagnostics=wanted)
-    given = fvi.integrate(scene, fvi.Method(cq="gauss", degree=3, start="series"), 16)
+    given = fvi.integrate(scene, fvi.Method(cq="gauss", degree=3, start="graded"), 16)
     np.testing.assert_allclose(named.position, given.position, atol=1e-14)
     assert named.diagnostics is not None
     (member,) = fvi.integrate_members([scene], "gauss3", 16)
@@ -309,12 +309,12 @@ def test_an_outcome_is_short_and_has_a_table_and_a_figure_for_notebooks() -> Non
     (outcome,) = fvi.run({**CONFIG, "method": [{"rk": "gauss", "degree": [2, 3]}]})
     lines = repr([outcome]).splitlines()
     assert len(lines) == 3
-    assert "gauss-s2-series 4 ok error" in lines[1]
+    assert "gauss-s2-graded 4 ok error" in lines[1]
     assert max(map(len, lines)) < 80
     assert len(repr(outcome.finished[0])) < 80
     page = outcome._repr_html_()
     assert page.count("<tr>") == 2
-    assert "gauss-s3-series" in page
+    assert "gauss-s3-graded" in page
     picture = page.partition('<img src="data:image/png;base64,')[2].partition('"')[0]
     assert base64.b64decode(picture).startswith(b"\x89PNG")
     # one outcome does where a list would

@@ -41,7 +41,7 @@ def test_a_sweep_is_told_in_few_lines_unless_all_are_asked_for(fvi, tmp_path):
     assert len(lines) == 1 + 3 + 1
     assert all("40" in line and "stiffness = 4" in line for line in lines[1:4])
     with h5py.File(tmp_path / "results" / "many.h5") as file:
-        assert file["/many/gauss-s2-series/n000016/position"].shape == (40, 17, 1)
+        assert file["/many/gauss-s2-graded/n000016/position"].shape == (40, 17, 1)
     planned = fvi("run", "many.yaml", "--dry-run").splitlines()
     assert len(planned) == 1 + 3
     assert all("reuse 40 members" in line for line in planned[1:])

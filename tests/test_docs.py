@@ -16,7 +16,6 @@ from typer.testing import CliRunner
 import fvi_cli as fvi
 from fvi_cli.cli.app import app
 from fvi_cli.config import configuration_reference, json_schema, shipped_configs
-from fvi_cli.integrator.known_part import BDF_RULES, RUNGE_KUTTA_RULES
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.reports import rendered
 from fvi_cli.reports.document import Bullets, Grid
@@ -154,20 +153,6 @@ def test_the_page_of_costs_says_what_was_measured() -> None:
     assert to_markdown([Bullets(items=("1.0e+00 to 1.0e-13: nobody",))]).strip() not in page
 
 
-def test_the_rules_of_the_start_series_are_those_of_the_program() -> None:
-    rules = [
-        (least, family, rule)
-        for family, known in (("Runge-Kutta", RUNGE_KUTTA_RULES), ("BDF", BDF_RULES))
-        for least, rule in known.items()
-    ]
-    assert cells("mathematics.md", "| order from | family | decays | steps | cost |") == [
-        [str(least), family, *(f"{x:g}" for x in (rule.decays, rule.steps, rule.largest_cost))]
-        for least, family, rule in rules
-    ]
-    # the order plus 2; plus 3 for BDF3
-    assert [(least, rule.powers) for least, _, rule in rules if rule.powers != 2] == [(3, 3)]
-
-
 def test_expected_orders_are_those_of_the_program() -> None:
     def free(order: float) -> fvi.Scene:
         return fvi.linear_oscillator(
@@ -178,15 +163,15 @@ def test_expected_orders_are_those_of_the_program() -> None:
             initial_velocity=0.5,
         )
 
-    header = "| method | degree | none, 1/2 | none, 3/2 | series, 1/2 | series, 3/2 |"
+    header = "| method | degree | none, 1/2 | none, 3/2 | graded, 1/2 | graded, 3/2 |"
     rows = cells("mathematics.md", header)
     assert len(rows) >= 10
     for name, degree, *orders in rows:
         cq, _, sampling = name.partition(" ")
         expected = []
-        for start in ("none", "series"):
+        for start in ("none", "graded"):
             for order in (0.5, 1.5):
-                if sampling == "nodes" and start == "series":
+                if sampling and start == "graded":
                     expected.append("-")
                     continue
                 method = fvi.Method(

@@ -17,7 +17,7 @@ def forget(
     overrides: Overrides = None,
     case: Annotated[
         str | None,
-        typer.Option("--case", help="Only runs of this method, such as bdf2 or gauss-s3-series."),
+        typer.Option("--case", help="Only runs of this method, such as bdf2 or gauss-s3-graded."),
     ] = None,
     others: Annotated[
         bool,

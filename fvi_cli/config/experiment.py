@@ -9,7 +9,7 @@ from fractions import Fraction
 from typing import Any, Final
 
 from fvi_cli.config.fits import fit_settings
-from fvi_cli.config.keys.accuracy import accuracy_of, adaptive_methods, check_accuracy
+from fvi_cli.config.keys.accuracy import USUAL, accuracy_of, adaptive_methods, check_accuracy
 from fvi_cli.config.keys.ladder import (
     MOST_STEPS,
     check_grading,
@@ -18,7 +18,7 @@ from fvi_cli.config.keys.ladder import (
     steps_of,
 )
 from fvi_cli.config.keys.methods import ListedMethod, read_methods
-from fvi_cli.config.keys.observations import is_observed, read_observations, usual_methods
+from fvi_cli.config.keys.observations import read_observations
 from fvi_cli.config.keys.stability import stability_settings
 from fvi_cli.config.keys.store import read_diagnostics
 from fvi_cli.config.keys.sweep import SWEEP
@@ -33,7 +33,7 @@ from fvi_cli.config.memory import (
 from fvi_cli.config.problem import break_points, make_problem
 from fvi_cli.effects.diagnostics_request import NOTHING
 from fvi_cli.integrator.break_points import TOLERANCE
-from fvi_cli.integrator.method import Baseline, Method, takes_any_mesh
+from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.observations.asked import Observations
 from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
@@ -74,10 +74,8 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
     methods = read_methods(
         values.get("method"),
         at,
-        adaptive_methods(values.get("accuracy")) or usual_methods(at)
-        if "accuracy" in values
-        else {},
-        start="none" if grading != 1.0 else "graded" if is_observed(at) else "series",
+        adaptive_methods(values.get("accuracy")) or USUAL if "accuracy" in values else {},
+        start="graded" if grading == 1.0 else "none",
     )
     check_accuracy(at)
     ends = () if problem is None else (*break_points(described), problem.final_time)
@@ -225,7 +223,7 @@ def _have_own_points(problem: AnyProblem | None, methods: Sequence[ListedMethod]
     return (
         problem is not None
         and (problem.exact is not None or problem.exact_source == "none")
-        and all(isinstance(m.method, Method) and takes_any_mesh(m.method) for m in methods)
+        and all(isinstance(m.method, Method) and m.method.is_runge_kutta for m in methods)
     )
 
 
@@ -281,7 +279,7 @@ def _objection(problem: AnyProblem, found: ListedMethod) -> str:
 
         return baseline_objection(problem.scene, method)
     if problem.scene.lagrangian is not None and method.start == "weights":
-        return "start: weights need a constant mass matrix; use series or none"
+        return "start: weights need a constant mass matrix; use none"
     if method.forcing_quadrature == "projected" and method.rule.points > method.degree + 1:
         return (
             f"forcing_quadrature: projected takes at most degree + 1 = {method.degree + 1} "

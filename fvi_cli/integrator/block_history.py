@@ -22,10 +22,8 @@ ComplexArray = NDArray[np.complex128]
 LARGEST_NEAR = 192
 """Lags below this, over the numbers in a sample, are summed directly: a transform of all weights
 would round each of them as if it were as large as the first."""
-Transform = list[list[ComplexArray]]
-"""Transforms of the weights, ``[i][j - i]`` for j >= i with parity, else ``[i][j]``."""
 FREQUENCY_SLAB = 4096
-"""Frequencies multiplied at a time, so that matrix weights work in the cache."""
+"""Frequencies multiplied at a time, so that they stay in the cache."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,8 +65,7 @@ def lag_kernel(channels: tuple[BatchedChannel, ...], first: int, last: int, samp
     kernel = np.zeros((q, last - first, samples, e, samples, e))
     for batched in channels:
         weights = batched.channel.weights[first:last]
-        if batched.channel.is_scalar:
-            weights = weights[:, None, None] * np.eye(samples)
+        weights = weights[:, None, None] * np.eye(samples)
         kernel[:, : weights.shape[0]] += np.einsum(
             "nij,qab->qnibja", weights, batched.directions, optimize=False
         )
@@ -196,7 +193,7 @@ class GroupHistory:
         self._shape = (q, samples, e)
         # without channels there is nothing to keep
         self._buffer = np.zeros((q, samples, e, self._end if channels else 0))
-        self._transforms: dict[int, list[Transform]] = {}
+        self._transforms: dict[int, list[ComplexArray]] = {}
         self.operations = 0
         self._near = min(group, max(1, LARGEST_NEAR // (samples * e))) if self._long else 1
         self._tails: tuple[SharedStrip, ...] = ()
@@ -254,7 +251,9 @@ class GroupHistory:
             self._spread_once(past, target, length, period)
             return
         if period not in self._transforms:
-            self._transforms[period] = [self._transform(c.channel, period) for c in self._long]
+            self._transforms[period] = [
+                _weights_transform(c.channel.weights, self._near, period) for c in self._long
+            ]
         spectrum = np.fft.rfft(past, period)
         total = np.zeros_like(spectrum)
         for batched, transform in zip(self._long, self._transforms[period], strict=True):
@@ -270,46 +269,20 @@ class GroupHistory:
         spectrum = np.fft.rfft(past, period)
         total = np.zeros((m, q, e, spectrum.shape[-1]), dtype=complex)
         for batched in self._long:
-            channel, directions = batched.channel, batched.directions
-            if channel.is_scalar:
-                transform = _weights_transform(channel.weights, self._near, period)
-                for i in range(m):
-                    _multiply_add(total[i], transform, spectrum[:, i], directions, 1)
-                continue
+            transform = _weights_transform(batched.channel.weights, self._near, period)
             for i in range(m):
-                for j in range(i if channel.has_parity else 0, m):
-                    transform = _weights_transform(channel.weights[:, i, j], self._near, period)
-                    _multiply_add(total[i], transform, spectrum[:, j], directions, 1)
-                    if channel.has_parity and i != j:
-                        sign = -1 if (i + j) % 2 else 1
-                        _multiply_add(total[j], transform, spectrum[:, i], directions, sign)
+                _multiply_add(total[i], transform, spectrum[:, i], batched.directions)
         frequencies = spectrum.shape[-1]
         del spectrum
         for i in range(m):
             target[:, i] += np.fft.irfft(total[i], period)[..., length : length + target.shape[-1]]
         self._count(period, frequencies)
 
-    def _transform(self, channel: Channel, period: int) -> Transform:
-        """Transforms of the first `period` weights, the nearest left out."""
-        if channel.is_scalar:
-            return [[_weights_transform(channel.weights, self._near, period)]]
-        m = channel.weights.shape[1]
-        return [
-            [
-                _weights_transform(channel.weights[:, i, j], self._near, period)
-                for j in range(i if channel.has_parity else 0, m)
-            ]
-            for i in range(m)
-        ]
-
     def _count(self, period: int, frequencies: int) -> None:
         """5/4 n log2(n) multiply-adds for a real transform, 4 for a complex product."""
         q, m, e = self._shape
         transforms = 2 * q * m * e * int(1.25 * period * math.log2(period))
-        products = 0
-        for batched in self._long:
-            per_frequency = 1 if batched.channel.is_scalar else m
-            products += 4 * per_frequency * q * m * e * e * frequencies
+        products = 4 * len(self._long) * q * m * e * e * frequencies
         self.operations += transforms + products
 
 
@@ -321,42 +294,30 @@ def _weights_transform(weights: Array, first: int, period: int) -> ComplexArray:
 
 
 def _accumulate(
-    total: ComplexArray, transform: Transform, spectrum: ComplexArray, batched: BatchedChannel
+    total: ComplexArray, transform: ComplexArray, spectrum: ComplexArray, batched: BatchedChannel
 ) -> None:
     """Add weights times samples times direction at every frequency, slab by slab."""
-    m, channel, directions = spectrum.shape[1], batched.channel, batched.directions
     for first in range(0, spectrum.shape[-1], FREQUENCY_SLAB):
         slab = slice(first, first + FREQUENCY_SLAB)
-        part, result = spectrum[..., slab], total[..., slab]
-        for i in range(m):
-            if channel.is_scalar:
-                _multiply_add(result[:, i], transform[0][0][slab], part[:, i], directions, 1)
-                continue
-            for j in range(m):
-                if channel.has_parity and j < i:
-                    weights, sign = transform[j][i - j], -1 if (i + j) % 2 else 1
-                else:
-                    weights, sign = transform[i][j - i if channel.has_parity else j], 1
-                _multiply_add(result[:, i], weights[slab], part[:, j], directions, sign)
+        for i in range(spectrum.shape[1]):
+            _multiply_add(
+                total[:, i, ..., slab],
+                transform[slab],
+                spectrum[:, i, ..., slab],
+                batched.directions,
+            )
 
 
 def _multiply_add(
-    total: ComplexArray,
-    weights: ComplexArray,
-    spectrum: ComplexArray,
-    directions: Array,
-    sign: int,
+    total: ComplexArray, weights: ComplexArray, spectrum: ComplexArray, directions: Array
 ) -> None:
-    """total[q, b] += sign weights sum_a spectrum[q, a] directions[q, a, b], frequencies last."""
+    """total[q, b] += weights sum_a spectrum[q, a] directions[q, a, b], frequencies last."""
     product = spectrum * weights
     if directions.shape[-1] > 1:
         product = np.matmul(directions.transpose(0, 2, 1), product)
     elif directions.size > 1 or directions[0, 0, 0] != 1.0:
         product *= directions
-    if sign > 0:
-        total += product
-    else:
-        total -= product
+    total += product
 
 
 def even_fast_length(at_least: int) -> int:

@@ -81,7 +81,6 @@ def has_moments(problem: StepProblem) -> bool:
         problem.moments is None
         and problem.extra_force is None
         and problem.memory.known_force is None
-        and problem.position_shift is None
         and not (problem.skip_first_kick and np.any(problem.memory.first_offset != 0))
     )
 
@@ -139,8 +138,4 @@ def known_moments(problem: StepProblem, first: int, last: int) -> Array:
         # the block counts the force of the first sample; it is taken away again
         for channel in memory.channels:
             moments[0] += to_moments @ (channel.newest(memory.first_offset) @ channel.direction)
-    potential = problem.scene.potential
-    if problem.position_shift is not None and isinstance(potential, QuadraticPotential):
-        pull = problem.position_shift[first:last] @ potential.stiffness
-        moments -= h * np.einsum("ni,kid->knd", tables.test_weights, pull)
     return moments

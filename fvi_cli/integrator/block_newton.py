@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.potential import Potential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.block_history import (
@@ -18,8 +19,7 @@ from fvi_cli.integrator.block_history import (
     reversed_strip,
 )
 from fvi_cli.integrator.block_linear import known_moments
-from fvi_cli.integrator.frozen_laws import BlockInputs, frozen_law, frozen_matrices
-from fvi_cli.integrator.frozen_response import FrozenResponse
+from fvi_cli.integrator.frozen_response import BlockInputs, FrozenResponse, frozen_stiffness
 from fvi_cli.integrator.stepping import (
     StepFailedError,
     Stepped,
@@ -72,10 +72,7 @@ def newton_block(scene: Scene, samples: int, n_steps: int) -> int | None:
         Number m of samples of a step.
     """
     size, least = samples * scene.dimension, LEAST_BLOCKS
-    if scene.lagrangian is not None:
-        # velocities are unknowns as well, and the iteration takes longer
-        size, least = 2 * size, 4 * least
-    if LEAST_BLOCK * size > LARGEST_DENSE:
+    if scene.lagrangian is not None or LEAST_BLOCK * size > LARGEST_DENSE:
         return None
     largest = LARGEST_BLOCK
     while largest > LEAST_BLOCK and (largest * size > LARGEST_DENSE or least * largest > n_steps):
@@ -94,16 +91,17 @@ def run_newton_blocks(problem: StepProblem) -> Stepped | None:
     """
     samples = problem.tables.sample_points.size
     largest = newton_block(problem.scene, samples, problem.n_steps)
-    if problem.scene.is_linear or largest is None:
+    potential = problem.scene.potential
+    if problem.scene.is_linear or potential is None or largest is None:
         return None
-    return _NewtonBlocks(problem, largest).run()
+    return _NewtonBlocks(problem, potential, largest).run()
 
 
 class _NewtonBlocks:
     """State and matrices of one run."""
 
-    def __init__(self, problem: StepProblem, largest: int) -> None:
-        self._problem = problem
+    def __init__(self, problem: StepProblem, potential: Potential, largest: int) -> None:
+        self._problem, self._potential = problem, potential
         memory, d = problem.memory, problem.scene.dimension
         self._largest, self._group = largest, largest * BLOCKS_PER_GROUP
         self._d, self._m = d, problem.tables.sample_points.size
@@ -131,12 +129,12 @@ class _NewtonBlocks:
         self._count = self._ceiling = largest
         self._waiting, self._quiet, self._patience = 0, 0, LEAST_BLOCK
         self._newton = NewtonRecord()
-        self._remainder = np.zeros((1, d if problem.scene.lagrangian is None else 2 * d))
+        self._remainder = np.zeros((1, d))
         self.operations = 0
         self._samples = np.zeros((self._group, self._size))
         self._group_force = np.zeros((self._group, self._size))
         self._group_moments = np.zeros(0)
-        self._freeze(0)
+        self._freeze()
 
     def run(self) -> Stepped:
         problem, d = self._problem, self._d
@@ -229,20 +227,12 @@ class _NewtonBlocks:
         if self._damped:
             self.operations += group_operations(place, count, self._reaches) * self._size**2
 
-    def _freeze(self, done: int) -> None:
+    def _freeze(self) -> None:
         """Linear response with the second derivatives at the state that is reached."""
-        problem, d = self._problem, self._d
-        position, momentum = self._state[:d], self._state[d : 2 * d]
-        step = min(done, problem.n_steps - 1)
-        if problem.position_shift is not None:
-            position = position + problem.position_shift[step, 0]
-        if problem.known_motion is not None:
-            known = problem.known_motion.place(step, 0)
-            position, momentum = position + known[0], momentum + known[1]
-        matrices = frozen_matrices(problem, position, momentum, done * problem.step_size)
         self._frozen = FrozenResponse(
-            problem,
-            frozen_law(problem, matrices),
+            self._problem,
+            self._potential,
+            frozen_stiffness(self._potential, self._state[: self._d]),
             self._channels,
             self._largest,
             with_force=self._with_force,
@@ -254,16 +244,12 @@ class _NewtonBlocks:
     ) -> bool:
         """Attempt `count` steps; whether they are done."""
         d, place = self._d, done % self._group
-        shift, motion = self._problem.position_shift, self._problem.known_motion
         found = self._frozen.attempt(
             BlockInputs(
                 known=self._known(done, count),
                 state=self._state,
                 moments=self._group_moments[place : place + count],
                 remainder=self._remainder,
-                first=done,
-                shift=None if shift is None else shift[done : done + count],
-                motion=None if motion is None else motion.steps(done, done + count),
             )
         )
         if found is None:
@@ -282,7 +268,7 @@ class _NewtonBlocks:
         self._judge(count, len(found.changes))
         self._excess += len(found.changes) - 4
         if self._excess > REFRESH_AFTER:
-            self._freeze(done + count)
+            self._freeze()
         return True
 
     def _move(self, change: Array) -> None:

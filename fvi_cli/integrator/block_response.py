@@ -96,7 +96,6 @@ class Impulses:
     carry: Array
     force: Array
     points: Array
-    rates: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,11 +144,6 @@ class BlockResponse:
         return self._dense(self.impulses.points)
 
     @cached_property
-    def rates(self) -> Array:
-        """To h times the velocities at the quadrature points, ``(B, r, e)``, if asked for."""
-        return self._dense(self.impulses.rates)
-
-    @cached_property
     def carry(self) -> Array:
         """To the carry after every step, ``(B, m, e)``."""
         carry = self._dense(self.impulses.carry)
@@ -183,13 +177,13 @@ class BlockResponse:
         return np.concatenate(parts, axis=-1)
 
 
-def block_response(system: LinearSystem, block: int, *, with_rates: bool = False) -> BlockResponse:
+def block_response(system: LinearSystem, block: int) -> BlockResponse:
     """Matrices of `block` steps, from the responses to unit inputs in the first step."""
-    impulses = _first_step_responses(system, block, with_rates=with_rates)
+    impulses = _first_step_responses(system, block)
     return BlockResponse(system=system, block=block, impulses=impulses)
 
 
-def _first_step_responses(system: LinearSystem, block: int, *, with_rates: bool) -> Impulses:
+def _first_step_responses(system: LinearSystem, block: int) -> Impulses:
     """Step a matrix of right-hand sides through the block."""
     tables, h = system.tables, system.step_size
     q, e, m, s = system.batch, system.coupled, system.samples, tables.degree
@@ -218,7 +212,6 @@ def _first_step_responses(system: LinearSystem, block: int, *, with_rates: bool)
     to_rows = h * np.kron(system.force_weights[:-1], np.eye(e))
     to_change = -h * np.kron(system.force_weights.sum(axis=0)[None], np.eye(e))
     to_points = np.kron(tables.basis[1:].T, np.eye(e))
-    to_rates = np.kron(tables.slopes[1:].T, np.eye(e)) if with_rates else np.zeros((0, s * e))
     matrix = linear.reshape(q, s * e, s * e) - to_rows @ newest @ to_sample
     if system.stiffness is not None:
         pull = np.einsum("nm,qab->qnamb", weighted, system.stiffness)
@@ -231,7 +224,6 @@ def _first_step_responses(system: LinearSystem, block: int, *, with_rates: bool)
     carries = np.zeros((q, block, me, columns))
     forces = np.zeros((q, block, me, columns))
     points = np.zeros((q, block, r * e, columns))
-    rates = np.zeros((q, block, to_rates.shape[0], columns))
     travelled = np.zeros((q, e, columns))
     for index in range(block):
         force = newest @ carry
@@ -264,7 +256,6 @@ def _first_step_responses(system: LinearSystem, block: int, *, with_rates: bool)
         points[:, index] = (travelled[:, None] + inner.reshape(q, r, e, columns)).reshape(
             q, r * e, columns
         )
-        rates[:, index] = to_rates @ increments
         carries[:, index] = carry_end = to_carry @ increments
         # the next step's offset is constant
         carry = carry_end + system.offset.reshape(q, me, 1) * constant
@@ -278,7 +269,6 @@ def _first_step_responses(system: LinearSystem, block: int, *, with_rates: bool)
         carry=carries,
         force=forces,
         points=points,
-        rates=rates,
     )
 
 

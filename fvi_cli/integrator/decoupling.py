@@ -13,8 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.memory import Memory
-
 Array = NDArray[np.float64]
 
 DIAGONAL_TOLERANCE = 1e-13
@@ -98,13 +96,8 @@ class Decoupling:
         return np.asarray(joined @ (self.modes.T @ self.mass))
 
 
-def decouple(mass: Array, stiffness: Array | None, memory: Memory) -> Decoupling:
-    """Modes of the scene where it has any; otherwise everything stays coupled."""
-    return decouple_forms(mass, stiffness, [channel.direction for channel in memory.channels])
-
-
 def decouple_forms(mass: Array, stiffness: Array | None, directions: Sequence[Array]) -> Decoupling:
-    """The same from the directions of the damping alone."""
+    """Modes of the scene where it has any; otherwise everything stays coupled."""
     d = mass.shape[0]
     if d == 1:
         return Decoupling(mass=mass, modes=None)

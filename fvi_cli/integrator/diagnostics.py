@@ -10,19 +10,18 @@ along :math:`\xi` are
 
 What holds exactly, whatever the step size:
 
-- the balance of every momentum map, for every variational method (`nodes`, `points`, Runge-Kutta)
-  without a start series: the discrete equations tested with :math:`\xi(x_k^\nu)` (Marsden, West,
-  *Discrete mechanics and variational integrators*, Acta Numerica 2001, section 3.2);
+- the balance of every momentum map, for every variational method (`nodes`, `points`,
+  Runge-Kutta): the discrete equations tested with :math:`\xi(x_k^\nu)` (Marsden, West, *Discrete
+  mechanics and variational integrators*, Acta Numerica 2001, section 3.2);
 - the balance of the energy, for a constant mass matrix, a quadratic potential, as many Gauss
-  points as the degree, ``forcing_quadrature: galerkin`` and no start series: the action's step is
-  then a Gauss method, which keeps quadratic invariants, and a kick at a node does its work at the
-  mean of the velocities before and after it.
+  points as the degree and ``forcing_quadrature: galerkin``: the action's step is then a Gauss
+  method, which keeps quadratic invariants, and a kick at a node does its work at the mean of the
+  velocities before and after it.
 
 Otherwise the defects fall with the order of the method; but with :math:`h^{2 - 2 \gamma}` at the
-points of a method without a start series where a Riemann-Liouville derivative of order
+points of a method where a Riemann-Liouville derivative of order
 :math:`\gamma < 1` makes the force :math:`t^{-\gamma}` of an initial position: the velocity that
-meets it is known to :math:`t^{1 - \gamma}` only (measured). Beside a known part S of the motion the
-works in which S takes part are integrated to round-off, since S begins with fractional powers.
+meets it is known to :math:`t^{1 - \gamma}` only (measured).
 """
 
 from __future__ import annotations
@@ -35,13 +34,6 @@ from numpy.typing import NDArray
 from fvi_cli.effects.diagnostics_request import NOTHING as NOTHING
 from fvi_cli.effects.diagnostics_request import Asked as Asked
 from fvi_cli.effects.symmetry import Symmetry
-from fvi_cli.integrator.known_balance import (
-    collocated_rates,
-    damping_beside_known,
-    direction_of_known,
-    forcing_beside_known,
-    known_field,
-)
 from fvi_cli.integrator.motion import (
     Motion,
     control_places,
@@ -123,18 +115,11 @@ def diagnose(motion: Motion, asked: Asked) -> Diagnostics:
 
 def _energy_balance(motion: Motion) -> Diagnostics:
     rates = control_rates(motion)
-    if motion.known is not None:
-        known = motion.known
-        collocated = collocated_rates(motion, known, rates)
-        field = known_field(motion, known.velocity)
-        dissipated = damping_beside_known(motion, collocated, field)
-        worked = forcing_beside_known(motion, rates, field)
+    worked = running_sum(paired(motion.forcing_moments, rates, motion.n_steps))
+    if motion.method.sampling == "nodes":
+        dissipated = _work_of_kicks(motion)
     else:
-        worked = running_sum(paired(motion.forcing_moments, rates, motion.n_steps))
-        if motion.method.sampling == "nodes":
-            dissipated = _work_of_kicks(motion)
-        else:
-            dissipated = running_sum(paired(motion.damping_moments(), rates, motion.n_steps))
+        dissipated = running_sum(paired(motion.damping_moments(), rates, motion.n_steps))
     worked = worked - running_sum(_rate_of_lagrangian(motion, rates))
     return Diagnostics(
         dissipated_work=dissipated,
@@ -165,9 +150,6 @@ def _rate_of_lagrangian(motion: Motion, rates: Array) -> Array:
     position = np.einsum("vm,kvd->kmd", tables.basis, control_places(motion))
     velocity = np.einsum("vm,kvd->kmd", tables.basis, rates)
     left = motion.step_size * np.arange(motion.n_steps, dtype=float)
-    if motion.known is not None:
-        position = position + motion.known.position(left, motion.step_size, tables.points)
-        velocity = velocity + motion.known.velocity(left, motion.step_size, tables.points)
     time = left[:, None] + motion.step_size * tables.points
     rate = lagrangian.time_derivative(position, velocity, time)
     return np.asarray(motion.step_size * rate @ tables.weights)
@@ -176,11 +158,6 @@ def _rate_of_lagrangian(motion: Motion, rates: Array) -> Array:
 def _damping_less_forcing_along(motion: Motion, symmetry: Symmetry) -> Array:
     """Running integral of both forces along a symmetry, shape ``(n + 1,)``."""
     places = control_places(motion)
-    if motion.known is not None:
-        turned = places @ symmetry.generator.T
-        field = known_field(motion, direction_of_known(motion.known, symmetry))
-        damping = damping_beside_known(motion, turned, field)
-        return damping - forcing_beside_known(motion, turned, field)
     changes = paired(motion.forcing_moments, symmetry.direction(places), motion.n_steps)
     return _damping_along(motion, symmetry, places) - running_sum(changes)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.memory import Channel, Memory
+from fvi_cli.integrator.memory import Memory
 
 Array = NDArray[np.float64]
 
@@ -20,7 +20,9 @@ class DirectHistory:
     def __init__(self, memory: Memory, n_steps: int, dimension: int) -> None:
         self._channels = memory.channels
         self._samples = np.zeros((n_steps + 1, memory.sample_matrix.shape[1], dimension))
-        self._reversed = [_reversed_weights(channel) for channel in memory.channels]
+        self._reversed = [
+            np.ascontiguousarray(channel.weights[::-1]) for channel in memory.channels
+        ]
         self._count = 0
         self.operations = 0
 
@@ -34,13 +36,8 @@ class DirectHistory:
                 continue
             past = self._samples[self._count - length : self._count]
             end = channel.memory - 1
-            if channel.is_scalar:
-                total = (backwards[end - length : end] @ past.reshape(length, m * d)).reshape(m, d)
-                self.operations += length * m * d
-            else:
-                columns = slice((end - length) * m, end * m)
-                total = backwards[:, columns] @ past.reshape(length * m, d)
-                self.operations += length * m * m * d
+            total = (backwards[end - length : end] @ past.reshape(length, m * d)).reshape(m, d)
+            self.operations += length * m * d
             force += total @ channel.direction
         return force
 
@@ -48,12 +45,3 @@ class DirectHistory:
         """Append the samples of a finished step, shape ``(m, d)``."""
         self._samples[self._count] = samples
         self._count += 1
-
-
-def _reversed_weights(channel: Channel) -> Array:
-    """Weights in reversed time: shape ``(M,)``, or ``(m, M m)`` with the lags side by side."""
-    backwards = channel.weights[::-1]
-    if channel.is_scalar:
-        return np.ascontiguousarray(backwards)
-    m = channel.weights.shape[1]
-    return np.ascontiguousarray(backwards.transpose(1, 0, 2).reshape(m, -1))

@@ -14,13 +14,12 @@ from fvi_cli.integrator.block_linear import run_linear_blocks
 from fvi_cli.integrator.block_newton import newton_block, run_newton_blocks
 from fvi_cli.integrator.block_sizes import batch_sizes
 from fvi_cli.integrator.decoupling import Decoupling, decouple_forms
-from fvi_cli.integrator.large_linear import run_large_steps
 from fvi_cli.integrator.method import History
 from fvi_cli.integrator.stepped_history import SteppedHistory
 from fvi_cli.integrator.stepping import Stepped, StepProblem, run_steps
 
 Array = NDArray[np.float64]
-Route = Literal["direct steps", "stepped", "linear blocks", "newton blocks", "large steps"]
+Route = Literal["direct steps", "stepped", "linear blocks", "newton blocks"]
 
 LEAST_BLOCK_STEPS = 16
 """Fewer steps are done sooner one after the other than the matrices of a block are made."""
@@ -53,7 +52,9 @@ def choose_route(
     if decoupling is not None:
         coupled = scene.dimension // decoupling.batch
         sizes = batch_sizes(samples, coupled, decoupling.batch, n_steps)
-        return "large steps" if sizes is None else "linear blocks"
+        if sizes is None:
+            return "stepped" if damped else "direct steps"
+        return "linear blocks"
     if newton_block(scene, samples, n_steps) is not None:
         return "newton blocks"
     return "stepped" if damped else "direct steps"
@@ -100,8 +101,6 @@ def run(problem: StepProblem, history: History) -> Stepped:
         finished = run_linear_blocks(problem, decoupling)
     elif route == "newton blocks":
         finished = run_newton_blocks(problem)
-    elif route == "large steps":
-        finished = run_large_steps(problem)
     elif route == "stepped":
         finished = run_steps(problem, SteppedHistory(memory, n_steps, scene.dimension))
     return run_steps(problem) if finished is None else finished

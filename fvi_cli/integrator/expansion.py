@@ -1,4 +1,4 @@
-r"""The solution's expansion in fractional powers, at the start and after jumps of the force.
+r"""The solution's expansion in fractional powers at the start.
 
 Solutions of fractional equations behave at the start like :math:`\sum a_\sigma t^\sigma` with
 powers that are not integers (Diethelm, *The Analysis of Fractional Differential Equations*, 2010,
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.forcing import ForcingPiece
-from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
+from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.power_series import (
     CANCELLED,
@@ -34,6 +34,7 @@ from fvi_cli.mathematics.power_series import (
 Array = NDArray[np.float64]
 
 MOST_EXPONENTS: Final = 128
+FORCING_CUTOFF: Final = 8.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,11 +62,6 @@ class Expansion:
             PowerSeries(exponents=self.exponents, coefficients=column, cutoff=self.cutoff)
             for column in self.coefficients.T
         )
-
-    @property
-    def is_smooth(self) -> bool:
-        """Whether no power below the cutoff is fractional."""
-        return bool(np.all(self.exponents == np.round(self.exponents)))
 
 
 def solution_series(scene: Scene, cutoff: float) -> tuple[PowerSeries, ...]:
@@ -108,70 +104,18 @@ def solution_expansion(scene: Scene, cutoff: float) -> Expansion:
     return _nonlinear_motion(scene, start, forcing, gradient, cutoff)
 
 
-def jump_expansion(
-    scene: Scene,
-    break_point: float,
-    cutoff: float,
-    path: tuple[PowerSeries, ...] | None = None,
-) -> Expansion:
-    r"""The response, from rest, to the jump of the forcing at a break point.
-
-    The difference of what the forcing is after and before the break point is expanded in
-    :math:`t - t_b`, kinks included, and drives the equation of the response w. In a nonlinear
-    potential that is
-
-    .. math:: M w'' + \sum_j \mu_j D^{\gamma_j} w + \nabla V(y + w) - \nabla V(y) = f_+ - f_-
-
-    with the path y that the motion would have taken without the break. Where that is not known,
-    the response is determined only four powers above that of the jump, and cut off there.
-
-    Parameters
-    ----------
-    scene
-        Scene with a forcing in pieces.
-    break_point
-        The time :math:`t_b` where one piece ends.
-    cutoff
-        Q.
-    path
-        For a nonlinear potential: y in powers of :math:`t - t_b`; None: not known.
+def forcing_powers(scene: Scene) -> Array:
+    """Powers of t with which the forcing starts.
 
     Raises
     ------
     SeriesError
-        If one of the pieces has no expansion there, and for a general Lagrangian.
-    ValueError
-        If no piece of the forcing ends at `break_point`.
+        If it has no expansion in powers.
     """
-    breaks = () if scene.forcing is None else scene.forcing.break_points
-    if scene.forcing is None or break_point not in breaks:
-        raise ValueError(f"break_point: {break_point!r} is not one of {list(breaks)}")
-    if scene.lagrangian is not None:
-        raise SeriesError("the response of a general Lagrangian to a jump is not expanded")
-    index = breaks.index(break_point)
-    before, after = scene.forcing.pieces[index : index + 2]
-    jump = _sum(
-        [
-            _forcing_expansion(after, _needed(cutoff), break_point),
-            _scaled(_forcing_expansion(before, _needed(cutoff), break_point), -1.0),
-        ]
-    )
-    start = np.zeros((2, scene.dimension))
-    if isinstance(scene.potential, ExpressionPotential):
-        if path is not None:
-            return _nonlinear_motion(
-                scene, start, jump, _difference_of(scene.potential, path), cutoff
-            )
-        if jump.exponents.size:
-            cutoff = min(cutoff, float(jump.exponents[0]) + 4.0)
-    return _linear_motion(scene, start, jump, _stiffness_of(scene), cutoff)
-
-
-def forcing_is_smooth(scene: Scene, cutoff: float) -> bool:
-    """Whether the forcing starts with integer powers only."""
     if scene.forcing is None:
-        return True
-    return _forcing_expansion(scene.forcing.pieces[0], _needed(cutoff), 0.0).is_smooth
+        return np.empty(0)
+    series = [expand(c, FORCING_CUTOFF) for c in scene.forcing.pieces[0].components]
+    return np.concatenate([s.exponents[s.coefficients != 0] for s in series])
 
 
 def _needed(cutoff: float) -> float:
@@ -359,20 +303,6 @@ def _gradient_of(scene: Scene) -> Callable[[Expansion], Expansion] | None:
     return gradient
 
 
-def _difference_of(
-    potential: ExpressionPotential, path: tuple[PowerSeries, ...]
-) -> Callable[[Expansion], Expansion]:
-    """What a potential pulls more at a distance from a path than on it."""
-    before = potential.gradient_components(path, SERIES_FUNCTIONS)
-
-    def gradient(series: Expansion) -> Expansion:
-        at = [y + w for y, w in zip(path, series.components, strict=True)]
-        after = potential.gradient_components(at, SERIES_FUNCTIONS)
-        return _stacked([a - b for a, b in zip(after, before, strict=True)], series.cutoff)
-
-    return gradient
-
-
 def _forcing_expansion(piece: ForcingPiece, cutoff: float, at: float) -> Expansion:
     return _stacked([expand(component, cutoff, at) for component in piece.components], cutoff)
 
@@ -396,15 +326,3 @@ def _stacked(values: list[PowerSeries | float] | list[PowerSeries], cutoff: floa
 def _truncated(exponents: Array, coefficients: Array, cutoff: float) -> Expansion:
     exponents, coefficients = merged_terms(exponents, coefficients, cutoff)
     return Expansion(exponents=exponents, coefficients=coefficients, cutoff=cutoff)
-
-
-def _scaled(series: Expansion, factor: float) -> Expansion:
-    return _truncated(series.exponents, factor * series.coefficients, series.cutoff)
-
-
-def _sum(series: list[Expansion]) -> Expansion:
-    return _truncated(
-        np.concatenate([one.exponents for one in series]),
-        np.concatenate([one.coefficients for one in series]),
-        min(one.cutoff for one in series),
-    )

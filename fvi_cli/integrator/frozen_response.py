@@ -7,9 +7,7 @@ points, :math:`N_i = \nabla V(X_i) - K X_i`:
 .. math:: X = X_\text{known} + P N(X),
 
 P being the response of the linear scene with K. This is Newton's iteration for the whole block
-with the Jacobian of the linear scene; it contracts like :math:`|V'' - K| (B h)^2 / 2`. For a
-Lagrangian whose mass matrix is not constant X has the velocities as well, and what is left are
-parts of the momenta and of the forces (:class:`fvi_cli.integrator.frozen_laws.LagrangianLaw`).
+with the Jacobian of the linear scene; it contracts like :math:`|V'' - K| (B h)^2 / 2`.
 """
 
 from __future__ import annotations
@@ -20,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.potential import Potential
 from fvi_cli.integrator.block_history import BatchedChannel
 from fvi_cli.integrator.block_response import BlockResponse, LinearSystem, block_response
-from fvi_cli.integrator.frozen_laws import BlockInputs, FrozenLaw
 from fvi_cli.integrator.stepping import StepProblem
 
 Array = NDArray[np.float64]
@@ -31,6 +29,28 @@ ITERATION_LIMIT = 40
 TOLERANCE = 1e-16
 ROUND_OFF = 1e-14
 """Changes that round-off alone may make."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlockInputs:
+    """What goes into a block of n steps.
+
+    Parameters
+    ----------
+    known
+        Force of older samples on each step, shape ``(n, m d)``.
+    state
+        Position, momentum, carry and the number 1.
+    moments
+        Moments of known forces, shape ``(n, s + 1, d)``.
+    remainder
+        Guess of what is left of the force, the same at all points, shape ``(1, d)``.
+    """
+
+    known: Array
+    state: Array
+    moments: Array
+    remainder: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,7 +68,7 @@ class BlockSteps:
     carry
         Carry after the last step, shape ``(m d,)``.
     remainder
-        What was left of the forces at the last point of all, shape ``(1, w)``.
+        What was left of the force at the last point of all, shape ``(1, d)``.
     changes
         How the points changed, one number per iteration.
     """
@@ -69,10 +89,9 @@ class _Sized:
     Parameters
     ----------
     known_points
-        From all that goes into a block to its quadrature points, w numbers at each: positions,
-        and h times the velocities where they are wanted.
+        From all that goes into a block to the positions at its quadrature points.
     remainder_points
-        From what is left of the forces there to those numbers.
+        From what is left of the force there to those positions.
     outputs
         From all that goes into a block to its samples, increments, force and carry.
     remainder_moments
@@ -90,8 +109,10 @@ class FrozenResponse:
 
     Parameters
     ----------
-    problem, law
-        The steps, and the linear scene with what the other is beyond it.
+    problem, potential
+        The steps and what makes them nonlinear.
+    stiffness
+        K, shape ``(d, d)``.
     channels
         Weights for the lags inside of a block.
     largest
@@ -103,18 +124,19 @@ class FrozenResponse:
     def __init__(
         self,
         problem: StepProblem,
-        law: FrozenLaw,
+        potential: Potential,
+        stiffness: Array,
         channels: tuple[BatchedChannel, ...],
         largest: int,
         *,
         with_force: bool,
     ) -> None:
-        self._problem, self._law = problem, law
+        self._problem, self._potential, self._stiffness = problem, potential, stiffness
         self._largest, self._with_force = largest, with_force
         memory = problem.memory
         system = LinearSystem(
-            mass=law.mass[None],
-            stiffness=law.stiffness[None],
+            mass=problem.scene.inertia.mass[None],
+            stiffness=stiffness[None],
             channels=channels,
             tables=problem.tables,
             sample_matrix=memory.sample_matrix,
@@ -124,7 +146,7 @@ class FrozenResponse:
             step_size=problem.step_size,
         )
         self._size, self._n_state = system.sample_size, system.state_size
-        self._response: BlockResponse = block_response(system, largest, with_rates=law.has_rates)
+        self._response: BlockResponse = block_response(system, largest)
         self._made: dict[int, _Sized] = {}
 
     def _sized(self, count: int) -> _Sized:
@@ -147,16 +169,13 @@ class FrozenResponse:
             return np.asarray(matrix[0][: count * rows][:, columns])
 
         points = part(response.points, r * d)
-        if self._law.has_rates:
-            rates = part(response.rates, r * d)
-            pairs = np.stack([points, rates]).reshape(2, count * r, d, -1)
-            points = pairs.transpose(1, 0, 2, 3).reshape(2 * count * r * d, -1)
         position, momentum = part(response.position, d), part(response.momentum, d)
         outputs = [part(response.samples, size), position, momentum]
         if self._with_force:
             outputs.append(part(response.force, size))
         outputs.append(part(response.carry, size)[-size:])
-        to_moments = self._law.to_moments
+        by_value = np.kron(tables.test_weights, np.eye(d))
+        to_moments = np.asarray(-self._problem.step_size * by_value, dtype=float)
         driven = points[:, count * size + n_state :].reshape(-1, count, width)
         self._made[count] = _Sized(
             known_points=points,
@@ -212,13 +231,10 @@ class FrozenResponse:
         least = TOLERANCE * float(np.abs(points).max()) + 1e-16 * float(np.abs(origin).max())
         changes: list[float] = []
         for _ in range(ITERATION_LIMIT):
-            remainder = self._law.remainder(inputs, points, remainder)
+            position = origin + points
+            remainder = self._potential.gradient(position) - position @ self._stiffness
             moved = fixed + (matrix @ remainder.ravel()).reshape(fixed.shape)
-            moves = np.abs(moved - points)
-            change = float(moves[..., :d].max())
-            if self._law.has_rates:
-                # over the whole block a velocity counts as the way that it makes
-                change = max(change, fixed.shape[0] * float(moves[..., d:].max()))
+            change = float(np.abs(moved - points).max())
             points = moved
             changes.append(change)
             if change <= least:
@@ -234,3 +250,11 @@ class FrozenResponse:
             elif not math.isfinite(change):
                 return None
         return None
+
+
+def frozen_stiffness(potential: Potential, position: Array) -> Array:
+    """Second derivatives of a potential, symmetric; zero where they are no numbers."""
+    stiffness = potential.hessian(position)
+    if not np.isfinite(stiffness).all():
+        stiffness = np.zeros_like(stiffness)
+    return np.asarray(0.5 * (stiffness + stiffness.T))

@@ -14,9 +14,6 @@ and, because the basis sums to one,
 .. math:: p_{k+1} = p_k + h \sum_i b_i\, \partial_q L + \sum_\nu g_{k\nu}
           - h \sum_i \beta_i F_{i,k}.
 
-With a known part S of the motion the unknown is u = x - S, and the same equations hold for the
-Lagrangian :math:`L(S + u, S' + v, t) - \partial_v L(S, S', t) v - \partial_q L(S, S', t) u`; what
-drives S alone is part of the known force.
 """
 
 from __future__ import annotations
@@ -39,7 +36,7 @@ ROUND_OFF = 1e-13
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Forces:
-    """What L gives on the points of a step, without its known part."""
+    """What L gives on the points of a step."""
 
     rows: Array
     change: Array
@@ -73,24 +70,13 @@ class GeneralStepper:
     @property
     def first_guess(self) -> Array:
         """Increments of uniform motion from the start values, shape ``(s, d)``."""
-        velocity = self._problem.scene.initial_velocity
-        if self._problem.known_motion is not None:
-            velocity = np.zeros_like(velocity)
-        return self._uniform(velocity)
+        return self._uniform(self._problem.scene.initial_velocity)
 
     def free_motion(self, index: int, position: Array, momentum: Array) -> Array:
         """Increments with the velocity that belongs to `momentum`, shape ``(s, d)``."""
-        time = (self._problem.first_step + index) * self._problem.step_size
-        known = self._problem.known_motion
+        time = index * self._problem.step_size
         with np.errstate(all="ignore"):
-            if known is None:
-                velocity = self._lagrangian.velocity(position, momentum, time)
-            else:
-                # the first point of the step is close enough to begin with
-                velocity = self._lagrangian.velocity(
-                    position + known.position[index, 0], momentum + known.momentum[index, 0], time
-                )
-                velocity = velocity - known.velocity[index, 0]
+            velocity = self._lagrangian.velocity(position, momentum, time)
         return self._uniform(np.where(np.isfinite(velocity), velocity, 0.0))
 
     def _uniform(self, velocity: Array) -> Array:
@@ -137,7 +123,7 @@ class GeneralStepper:
         increments = guess.copy()
         residuals: list[float] = []
         previous = math.inf
-        reach = self._reach(index, base)
+        reach = float(np.abs(base).max())
         for _ in range(NEWTON_LIMIT):
             forces = self._forces(index, base, increments)
             residual = forces.rows - right
@@ -147,7 +133,7 @@ class GeneralStepper:
             if not (math.isfinite(residuals[-1]) and np.isfinite(jacobian).all()):
                 raise StepFailedError(
                     "the Lagrangian or a derivative of it is not finite near "
-                    f"q = {_shown(self._end(index, base, increments))}",
+                    f"q = {_shown(base + increments[-1])}",
                     tuple(residuals),
                 )
             try:
@@ -173,37 +159,18 @@ class GeneralStepper:
         problem = self._problem
         position = base + self._positions @ increments
         velocity = self._velocities @ increments
-        known = problem.known_motion
-        if known is not None:
-            position = position + known.position[index]
-            velocity = velocity + known.velocity[index]
-        time = (problem.first_step + index + problem.tables.points) * problem.step_size
+        time = (index + problem.tables.points) * problem.step_size
         at = self._lagrangian.derivatives(position, velocity, time)
-        momentum, force = at.momentum, at.force
-        if known is not None:
-            momentum = momentum - known.momentum[index]
-            force = force - known.force[index]
         jacobian = np.einsum("inm,iab->namb", self._by_mass, at.mass)
         jacobian += np.einsum("inm,iab->namb", self._by_mixed, at.mixed)
         jacobian += np.einsum("inm,iba->namb", self._by_transposed, at.mixed)
         jacobian += np.einsum("inm,iab->namb", self._by_stiffness, at.stiffness)
         size = self._shape[0] * self._shape[1]
         return _Forces(
-            rows=self._rates[:-1] @ momentum + self._values[:-1] @ force,
-            change=self._values.sum(axis=0) @ force,
+            rows=self._rates[:-1] @ at.momentum + self._values[:-1] @ at.force,
+            change=self._values.sum(axis=0) @ at.force,
             jacobian=jacobian.reshape(size, size),
         )
-
-    def _end(self, index: int, base: Array, increments: Array) -> Array:
-        known = self._problem.known_motion
-        end = base + increments[-1]
-        return np.asarray(end if known is None else end + known.position[index, -1])
-
-    def _reach(self, index: int, base: Array) -> float:
-        """Size of the numbers that positions are made of, for what round-off can do."""
-        known = self._problem.known_motion
-        size = float(np.abs(base).max())
-        return size if known is None else size + float(np.abs(known.position[index]).max())
 
 
 def _shown(position: Array) -> str:

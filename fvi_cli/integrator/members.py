@@ -23,20 +23,14 @@ from fvi_cli.integrator.block_linear import (
     stepped_scene,
 )
 from fvi_cli.integrator.block_response import LinearSystem
-from fvi_cli.integrator.decoupling import Decoupling, decouple
+from fvi_cli.integrator.counts import check_counts
+from fvi_cli.integrator.decoupling import Decoupling, decouple_forms
 from fvi_cli.integrator.engine import LEAST_BLOCK_STEPS
-from fvi_cli.integrator.growth_bound import GrowthBound, cut_at_bound, growth_bound
-from fvi_cli.integrator.integrate import (
-    Prepared,
-    check_counts,
-    finished_trajectory,
-    integrate,
-    prepare,
-)
-from fvi_cli.integrator.joined_start import plan_members
-from fvi_cli.integrator.known_part import NO_SERIES, KnownTable, SeriesPlan
+from fvi_cli.integrator.equal_steps import Prepared, bounded, finished_trajectory, prepare
+from fvi_cli.integrator.growth_bound import GrowthBound, cut_at_bound
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.memory import shared_channels
-from fvi_cli.integrator.method import AnyMethod, Method, takes_any_mesh
+from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 
 Array = NDArray[np.float64]
@@ -77,10 +71,10 @@ def integrate_members(
         together = [scenes[index] for index in indices]
         batch: list[Trajectory] | None = None
         if len(indices) > 1 and isinstance(method, Method):
-            if takes_any_mesh(method):
+            if method.is_runge_kutta:
                 batch = integrate_side_by_side(together, method, int(n_steps), every=every)
             else:
-                batch = _old_batch(together, method, int(n_steps), every)
+                batch = _batch_or_none(together, method, int(n_steps), every)
         if batch is None:
             batch = [integrate(scene, method, n_steps, every=every) for scene in together]
         found.update(zip(indices, batch, strict=True))
@@ -98,7 +92,7 @@ def companions(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list
 
 def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[list[int]]:
     """Places of the scenes that are taken together."""
-    if isinstance(method, Method) and takes_any_mesh(method):
+    if isinstance(method, Method) and method.is_runge_kutta:
         return kinds_of(scenes, method, n_steps)
     groups: dict[tuple[object, ...], list[int]] = {}
     for index, scene in enumerate(scenes):
@@ -109,7 +103,7 @@ def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[li
 
 def goes_together(scene: Scene, method: AnyMethod, n_steps: int) -> bool:
     """Whether a scene may be one of a batch."""
-    if isinstance(method, Method) and takes_any_mesh(method):
+    if isinstance(method, Method) and method.is_runge_kutta:
         return side_by_side(scene, method) is not None
     if not isinstance(method, Method) or not scene.is_linear:
         return False
@@ -128,7 +122,7 @@ def _kind(scene: Scene) -> tuple[object, ...]:
     return (scene.dimension, _orders(scene), scene.derivative, scene.final_time)
 
 
-def _old_batch(
+def _batch_or_none(
     scenes: Sequence[Scene], method: Method, n_steps: int, every: int
 ) -> list[Trajectory] | None:
     # where the steps of a member have singular equations, each member for itself tells
@@ -156,17 +150,12 @@ def _integrate_batch(
     h = scenes[0].final_time / n_steps
     source = shared_channels(method, h, n_steps + 1, _orders(scenes[0]))
     members = []
-    planned: Sequence[tuple[SeriesPlan, KnownTable | None]] = [(NO_SERIES, None)] * len(scenes)
-    if method.start == "series":
-        planned = plan_members(scenes, method, n_steps)
-    for scene, (series, table) in zip(scenes, planned, strict=True):
-        prepared = prepare(scene, method, n_steps, source, series, table)
-        bound = growth_bound(prepared.problem)
-        farthest = float(bound.at(np.asarray(scene.final_time)))
-        prepared = replace(prepared, problem=replace(prepared.problem, stop_beyond=farthest))
+    for scene in scenes:
+        prepared, bound = bounded(prepare(scene, method, n_steps, source))
         potential = scene.potential
         stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
-        decoupling = decouple(scene.inertia.mass, stiffness, prepared.problem.memory)
+        directions = [channel.direction for channel in prepared.problem.memory.channels]
+        decoupling = decouple_forms(scene.inertia.mass, stiffness, directions)
         members.append(_Ready(prepared=prepared, bound=bound, decoupling=decoupling))
     # members with modes are as many systems as they have degrees of freedom
     widths = [member.decoupling.batch for member in members]
@@ -187,11 +176,7 @@ def _integrate_batch(
     share = 1.0 / len(members)
     return [
         finished_trajectory(
-            method,
-            member.prepared,
-            stepped,
-            setup=share * (ready - began),
-            stepping=share * (done - ready),
+            method, member.prepared, stepped, (share * (ready - began), share * (done - ready))
         )
         for member, stepped in zip(members, results, strict=True)
     ]

@@ -15,7 +15,7 @@ from fvi_cli.mathematics.quadrature import (
 
 RuleName = Literal["gauss", "lobatto", "radau"]
 Sampling = Literal["nodes", "points"]
-Start = Literal["none", "weights", "series", "graded"]
+Start = Literal["none", "weights", "graded"]
 ForcingQuadrature = Literal["galerkin", "exact", "projected"]
 History = Literal["auto", "direct", "fft", "exponentials"]
 
@@ -100,8 +100,8 @@ class Method:
         Where the fractional action is sampled: ``nodes`` (the paper) or ``points`` (the
         quadrature points; always so for Runge-Kutta).
     start
-        What is done about a singular start: ``none``, ``weights`` (BDF only), ``series``, or
-        ``graded`` (Runge-Kutta only): steps behind singular points are halved again and again.
+        What is done about a singular start: ``none``, ``weights`` (BDF only), or ``graded``
+        (Runge-Kutta only): steps behind singular points are halved again and again.
     start_exponents
         For ``weights``: exponents on which the corrected quadrature is exact; empty: those of
         the scene's own expansion.
@@ -109,9 +109,10 @@ class Method:
         ``galerkin`` (the action's rule), ``exact`` (moments to round-off) or ``projected``
         (moments of the L2 projection).
     history
-        ``direct`` (every sum written out, one step after the other), ``fft`` (block by block),
-        ``auto`` (the quicker one of these; the same to round-off) or ``exponentials``
-        (Runge-Kutta only: some 500 numbers in place of the past, whatever the number of steps).
+        BDF: ``direct`` (every sum written out, one step after the other), ``fft`` (block by
+        block) or ``auto`` (the quicker one; the same to round-off). Runge-Kutta: ``exponentials``,
+        which is what ``auto`` means there: some 100 numbers in place of the past, whatever the
+        number of steps.
 
     Raises
     ------
@@ -132,11 +133,13 @@ class Method:
         permitted: dict[str, tuple[str, ...]] = {
             "cq": BDF_NAMES + RUNGE_KUTTA_NAMES,
             "sampling": ("nodes", "points"),
-            "start": ("none", "weights", "series", "graded"),
+            "start": ("none", "weights", "graded"),
             "forcing_quadrature": ("galerkin", "exact", "projected"),
             "history": ("auto", "direct", "fft", "exponentials"),
         }
         for name, values in permitted.items():
+            if name == "start" and getattr(self, name) == "series":
+                raise ValueError(no_series(is_runge_kutta=self.is_runge_kutta))
             if getattr(self, name) not in values:
                 raise ValueError(
                     f"{name}: {getattr(self, name)!r} is not one of {', '.join(values)}"
@@ -152,21 +155,17 @@ class Method:
             if self.quadrature not in (None, own):
                 raise ValueError(f"quadrature: {self.cq} brings its own rule, {own.label}")
             if self.start == "weights":
-                raise ValueError("start: weights correct BDF only; use series or none")
+                raise ValueError("start: weights correct BDF only; use graded or none")
+            if self.history in ("direct", "fft"):
+                raise ValueError(
+                    f"history: {self.history} is for BDF only; with {self.cq} take auto, which "
+                    "sums the past up in exponentials"
+                )
             object.__setattr__(self, "quadrature", own)
-            if self.history == "exponentials" and self.start == "series":
-                raise ValueError(
-                    "start: a series goes with history: auto, direct or fft; take start: graded"
-                )
-            if self.history in ("direct", "fft") and self.start == "graded":
-                raise ValueError(
-                    f"history: {self.history} needs equal steps, and start: graded has others; "
-                    "take history: auto"
-                )
         elif self.start == "graded":
             raise ValueError(
                 f"start: graded is for {', '.join(RUNGE_KUTTA_NAMES)} only; with {self.cq} take "
-                "series, weights or none"
+                "weights or none"
             )
         elif self.history == "exponentials":
             raise ValueError(
@@ -239,7 +238,7 @@ class Method:
 
     @property
     def case(self) -> str:
-        """Name of the method in files: ``bdf2-nodes-s1-gauss1-none``, ``gauss-s3-series``."""
+        """Name of the method in files: ``bdf2-nodes-s1-gauss1-none``, ``gauss-s3-graded``."""
         if self.is_runge_kutta:
             name = f"{self.cq}-s{self.degree}-{self.start}"
             default: ForcingQuadrature = "galerkin"
@@ -324,10 +323,7 @@ def method_columns(method: AnyMethod) -> dict[str, str]:
     }
 
 
-def takes_any_mesh(method: Method) -> bool:
-    """Whether a method's steps may have any size: its past is a sum of exponentials."""
-    return (
-        method.is_runge_kutta
-        and method.start in ("none", "graded")
-        and method.history in ("auto", "exponentials")
-    )
+def no_series(*, is_runge_kutta: bool) -> str:
+    """What to write in place of a start series, which is no longer there."""
+    other = "graded, which keeps the same order" if is_runge_kutta else "none or weights"
+    return f"start: a series is no longer made; write start: {other}"

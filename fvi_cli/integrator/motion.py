@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.known_part import KnownPart
 from fvi_cli.integrator.memory import Memory
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.moments import StepFunction
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.stepping import Stepped
 from fvi_cli.mathematics.lagrange import lobatto_basis
@@ -33,10 +31,6 @@ class Motion:
         Moments of the known force, shape ``(N, s + 1, d)``; None when there is none.
     forcing_moments
         The part of `moments` that belongs to the forcing of the scene.
-    known
-        Part of the motion that is known in advance; None: the steps gave all of it.
-    jump
-        Force by which Riemann-Liouville differs from Caputo, where `known` does not hold it.
     position, momentum, energy
         On the grid, as in the trajectory.
     """
@@ -49,8 +43,6 @@ class Motion:
     stepped: Stepped
     moments: Array | None
     forcing_moments: Array | None
-    known: KnownPart | None
-    jump: StepFunction | None
     position: Array
     momentum: Array
     energy: Array
@@ -78,7 +70,7 @@ class Motion:
         n = self.n_steps
         force = self.stepped.end_force[:n]
         total = self.step_size * np.einsum("vm,kmd->kvd", self.memory.force_weights, force)
-        if self.known is None and self.moments is not None:
+        if self.moments is not None:
             # what is known of the damping force itself: the jump of Riemann-Liouville at 0
             total = total - self.moments[:n]
             if self.forcing_moments is not None:

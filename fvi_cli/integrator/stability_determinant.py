@@ -7,7 +7,7 @@ analytic in :math:`|z| < 1`, and a zero z there is a mode that grows by :math:`1
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 from fvi_cli.effects.matrices import is_semidefinite
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.decoupling import decouple
-from fvi_cli.integrator.memory import Channel, build_memory
-from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.decoupling import decouple_forms
+from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.step_patterns import pattern_size, step_patterns
-from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.disc_zeros import ComplexArray, LogFunction
 
 Array = NDArray[np.float64]
@@ -101,17 +99,12 @@ def linear_system(scene: Scene) -> LinearSystem:
     )
 
 
-def independent_systems(scene: Scene, method: Method | None = None) -> tuple[LinearSystem, ...]:
+def independent_systems(scene: Scene) -> tuple[LinearSystem, ...]:
     """The linear systems into which the scene falls apart, each of them once; itself otherwise."""
     whole = linear_system(scene)
     if scene.dimension == 1:
         return (whole,)
-    method = method or Method(cq="gauss", degree=1)
-    memory = build_memory(scene, method, step_tables(method), 1, ())
-    directions = tuple(
-        Channel(direction=matrix, weights=np.zeros(1)) for _, matrix in whole.damping
-    )
-    parts = decouple(whole.mass, whole.stiffness, replace(memory, channels=directions))
+    parts = decouple_forms(whole.mass, whole.stiffness, [matrix for _, matrix in whole.damping])
     if parts.batch == 1:
         return (whole,)
     mass, stiffness = parts.matrices(whole.mass), parts.matrices(whole.stiffness)

@@ -61,7 +61,7 @@ def stable_method(scene: Scene, method: AnyMethod, n_steps: int) -> Method | Non
     """A Gauss method of the same degree, or else of a lower one, that is stable at this step."""
     degree = method.degree if isinstance(method, Method) else 1
     for lower in range(degree, 0, -1):
-        candidate = Method(cq="gauss", degree=lower, start="series")
+        candidate = Method(cq="gauss", degree=lower, start="graded")
         if predict_stability(scene, candidate, n_steps).verdict == "stable":
             return candidate
     return None

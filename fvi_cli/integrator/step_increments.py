@@ -99,9 +99,6 @@ def linear_increments(problem: StepProblem, decoupling: Decoupling, stepped: Ste
         matrix -= h * np.einsum("nm,qab->qnamb", weighted, decoupling.matrices(potential.stiffness))
         pull = potential.gradient(stepped.position[:n])
         right += h * np.einsum("v,kd->kvd", tables.test_weights[:-1].sum(axis=1), pull)
-        if problem.position_shift is not None:
-            pull = potential.gradient(problem.position_shift[:n])
-            right += h * np.einsum("vi,kid->kvd", tables.test_weights[:-1], pull)
     inverse = np.linalg.inv(matrix.reshape(q, s * e, s * e))
     columns = decoupling.forces(right).reshape(q, n, s * e)
     found = np.matmul(columns, inverse.transpose(0, 2, 1))
@@ -134,8 +131,6 @@ def nonlinear_increments(
     for first in range(0, n, CHUNK):
         part = slice(first, min(first + CHUNK, n))
         base = stepped.position[part, None]
-        if problem.position_shift is not None:
-            base = base + problem.position_shift[part]
         with np.errstate(all="ignore"):
             solved = _newton(problem, potential, linear, base, right[part], found[part])
         if solved is None:

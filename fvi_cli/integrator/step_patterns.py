@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.memory import build_memory, runge_kutta_tableau
+from fvi_cli.integrator.memory import build_memory
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.stage_basis import StageBasis, legendre_stages
 from fvi_cli.integrator.step_tables import StepTables, step_tables
@@ -183,7 +183,9 @@ class _Forms:
         There :math:`\Delta(z)^{-1} = T A T^{-1} + z / (1 - z) e_1 e_1^T`: near z = 1 one large
         entry beside a matrix of moderate ones, whose small eigenvalues are not drowned in it.
         """
-        tableau = runge_kutta_tableau(self.method)
+        from fvi_cli.mathematics.runge_kutta import tableau as named_tableau
+
+        tableau = named_tableau(self.method.cq, self.method.stages)
         inverse = basis.to_coefficients @ tableau.A @ basis.to_values
         matrices = np.tile(inverse.astype(np.complex128), (z.size, 1, 1))
         matrices[:, 0, 0] += z / (1.0 - z)
@@ -218,11 +220,20 @@ def _forms(method: Method, tables: StepTables) -> _Forms:
         initial_velocity=np.zeros(1),
         final_time=1.0,
     )
+    if method.is_runge_kutta:
+        basis = legendre_stages(tables.sample_points)
+        return _Forms(
+            method=method,
+            sample_matrix=tables.slopes[1:] @ basis.to_coefficients.T,
+            carry_matrix=np.zeros((tables.degree, tables.sample_points.size)),
+            force_weights=tables.sample_test_weights @ basis.to_values,
+            basis=basis,
+        )
     memory = build_memory(rest, method, tables, 1, ())
     return _Forms(
         method=method,
         sample_matrix=memory.sample_matrix,
         carry_matrix=memory.carry_matrix,
         force_weights=memory.force_weights,
-        basis=legendre_stages(tables.sample_points) if method.is_runge_kutta else None,
+        basis=None,
     )

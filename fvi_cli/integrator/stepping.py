@@ -26,7 +26,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.direct_history import DirectHistory
-from fvi_cli.integrator.known_motion import KnownMotion
 from fvi_cli.integrator.memory import Memory
 from fvi_cli.integrator.step_solver import StepSolver
 from fvi_cli.integrator.step_tables import StepTables
@@ -58,16 +57,10 @@ class StepProblem:
         h and N.
     moments
         Moments of the known force, shape ``(N, s + 1, d)``; None when there is none.
-    position_shift
-        Known part of the position at the quadrature points, shape ``(N, r, d)``; None: zero.
-    known_motion
-        The same for a general Lagrangian, with velocities and what belongs to them.
     extra_force
         Known addition to the damping force, shape ``(N + 1, m, d)``; None: zero.
     position, momentum
         Start values of the unknown, shape ``(d,)``.
-    first_step
-        Number of the first step on the whole grid.
     skip_first_kick
         Leave out the damping force of step 0 (the paper's algorithm, samples on the nodes).
     stop_beyond
@@ -84,10 +77,7 @@ class StepProblem:
     position: Array
     momentum: Array
     moments: Array | None = None
-    position_shift: Array | None = None
-    known_motion: KnownMotion | None = None
     extra_force: Array | None = None
-    first_step: int = 0
     skip_first_kick: bool = False
     stop_beyond: float = math.inf
     keep_force: bool = False
@@ -200,8 +190,6 @@ class Stepper:
         problem = self._problem
         tables, h = problem.tables, problem.step_size
         moments = None if problem.moments is None else problem.moments[index]
-        shift = None if problem.position_shift is None else problem.position_shift[index]
-        base = position if shift is None else position + shift
         force = self.damping_force(known, offset, np.zeros(self._shape))
         right = h * problem.memory.force_weights[:-1] @ force
         right[0] -= momentum
@@ -210,15 +198,17 @@ class Stepper:
         residuals: tuple[float, ...] = ()
         if self._inverse is not None:
             if self._stiffness is not None:
-                pull = np.broadcast_to(base @ self._stiffness, (tables.points.size, self._shape[1]))
+                pull = np.broadcast_to(
+                    position @ self._stiffness, (tables.points.size, self._shape[1])
+                )
                 right += h * tables.test_weights[:-1] @ pull
             increments = (self._inverse @ right.ravel()).reshape(self._shape)
         else:
-            increments, residuals = self._newton(base, right, guess)
+            increments, residuals = self._newton(position, right, guess)
         force = self.damping_force(known, offset, increments)
         change = -h * problem.memory.momentum_weights @ force
         if self._potential is not None:
-            points = base + tables.basis[1:].T @ increments
+            points = position + tables.basis[1:].T @ increments
             change = change - h * tables.weights @ self._potential.gradient(points)
         if moments is not None:
             change = change + moments.sum(axis=0)

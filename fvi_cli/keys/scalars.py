@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -130,9 +131,18 @@ class Flag:
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """One word of several."""
+    """One word of several.
+
+    Parameters
+    ----------
+    words
+        What is allowed.
+    gone
+        What to write in place of a word that was allowed once.
+    """
 
     words: tuple[str, ...]
+    gone: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def expected(self) -> str:
@@ -146,6 +156,8 @@ class Choice:
         text = at.node.text if isinstance(at.node, ScalarNode) else ""
         if text in self.words:
             return text
+        if text in self.gone:
+            return at.refuse(f"{text} is no longer there; {self.gone[text]}")
         # a word such as `none` is text anyway; numbers and true have no near word
         hint = suggestion(text, self.words) if text and isinstance(at.scalar, str) else ""
         return at.refuse(f"{describe(at.node)} is not allowed; it must be {self.expected}{hint}")

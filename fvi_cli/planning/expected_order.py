@@ -10,15 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.continuation import asks_for_paths
-from fvi_cli.integrator.expansion import Expansion, solution_expansion
+from fvi_cli.integrator.expansion import Expansion, forcing_powers, solution_expansion
 from fvi_cli.integrator.interpolation_limit import interpolation_limit
-from fvi_cli.integrator.known_part import (
-    forcing_powers,
-    plan_series,
-    settled_method,
-)
-from fvi_cli.integrator.meshes.singular_start import FORCED_POWER, start_power
+from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.mathematics.power_series import SeriesError
 
@@ -43,8 +37,8 @@ def expected_order(
 ) -> float:
     r"""Order to expect on `scene` in `norm` with `n_steps` steps; nan where none is stated.
 
-    Smooth starts, and starts carried by a series: the order on smooth data (for Radau IIA and
-    Lobatto IIIC of degree s it is min(classical, s + 3 - gamma), as measured). Otherwise
+    Smooth starts: the order on smooth data (for Radau IIA and Lobatto IIIC of degree s it is
+    min(classical, s + 3 - gamma), as measured). Otherwise
 
     - a forcing that starts like :math:`t^{e_f}`, e_f not an integer, under ``galerkin``: its
       moments err by :math:`h^{e_f + 1}`;
@@ -57,45 +51,29 @@ def expected_order(
     Riemann-Liouville derivatives of an initial position (order below 1) or velocity (above 1) are
     forces that start like :math:`t^{-\gamma}` and :math:`t^{1 - \gamma}`; on the nodes the first
     costs :math:`h^{1 - \gamma}`, the kick at 0 being left out, the second :math:`h^{3 - \gamma}`.
-    A jump of the force that is left without a series counts with the power t**2 of its response.
+    A jump of the force counts with the power t**2 of its response.
     Samples of the force set a limit of their own (`interpolation_limit`).
 
     Meshes with halved steps behind singular points (``start: graded``) keep the order on smooth
-    data; a force that begins with less than the root of t leaves nothing to be stated. On graded
-    meshes, :math:`t_k = T (k / N)^r`, the limit of a singular start is r times that on equal steps
-    in the maximum norm; in other norms none is stated where it is below the order on smooth data.
+    data. On graded meshes, :math:`t_k = T (k / N)^r`, the limit of a singular start is r times that
+    on equal steps in the maximum norm; in other norms none is stated where it is below the order on
+    smooth data.
     """
     if isinstance(method, Baseline):
         return _baseline_order(scene, method)
     limit = interpolation_limit(scene, n_steps, grading=grading)
     smooth = min(smooth_order(scene, method), limit)
     if method.start == "graded":
-        return smooth if _is_graded_enough(scene) else math.nan
+        return smooth
     if grading != 1.0:
         order = float(np.minimum(smooth, grading * _singular_order(scene, method, "max")))
         return order if norm == "max" or order == smooth else math.nan
-    if method.start == "series":
-        plan = plan_series(scene, method, n_steps)
-        if plan.known is not None and not plan.fell_back:
-            limit = math.inf if smooth > 4.0 else _left_at_breaks(scene)
-            return min(smooth, limit)
-        method = settled_method(scene, method, plan)
     if method.start == "weights":
         # an exact fractional derivative is a singular force, whose moments the points see wrong;
         # on the nodes the kick at 0 that the scheme leaves out comes to light
         return _weighted_order(scene, method, smooth)
     # not `min`, for which nothing stated would be no limit
     return float(np.minimum(smooth, _singular_order(scene, method, norm)))
-
-
-def _is_graded_enough(scene: Scene) -> bool:
-    """Whether the steps of ``start: graded`` are short enough for the powers of the force."""
-    try:
-        forcing = forcing_powers(scene)
-    except SeriesError:
-        return False
-    singular = forcing[~_is_integer(forcing)]
-    return not singular.size or float(singular.min()) + 2.0 >= FORCED_POWER
 
 
 def _baseline_order(scene: Scene, method: Baseline) -> float:
@@ -140,16 +118,6 @@ def smooth_order(scene: Scene, method: Method) -> float:
     if method.is_runge_kutta or scene.active_damping:
         return float(method.classical_order)
     return float(min(2 * method.degree, method.rule.build().order))
-
-
-def _left_at_breaks(scene: Scene) -> float:
-    """Limit of methods of order 4 and less on a nonlinear scene with breaks and orders below 1.
-
-    What the window of a response costs them there depends on the motion; measured, it is more
-    than it saves, and the run does without.
-    """
-    highest = max((term.order for term in scene.active_damping), default=0.0)
-    return 4.0 - highest if asks_for_paths(scene) and highest < 1 else math.inf
 
 
 def _singular_order(scene: Scene, method: Method, norm: Norm) -> float:

@@ -10,13 +10,11 @@ import math
 from dataclasses import dataclass
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.matrices import touched
 from fvi_cli.integrator.block_history import LARGEST_NEAR, even_fast_length
 from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP
 from fvi_cli.integrator.block_sizes import BlockSizes
-from fvi_cli.integrator.large_linear import BLOCK as LARGE_BLOCK
-from fvi_cli.integrator.large_linear import GROUP as LARGE_GROUP
-from fvi_cli.integrator.memory import memory_length, terms_by_direction
+from fvi_cli.integrator.convolution.directions import terms_by_direction
+from fvi_cli.integrator.memory import memory_length
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.stepped_history import STEPPED_GROUP
 
@@ -29,15 +27,9 @@ class ChannelShape:
     ----------
     memory
         Number M of weights.
-    is_scalar
-        Whether every sample of a step is convolved on its own.
-    support
-        Components that the direction does not leave alone.
     """
 
     memory: int
-    is_scalar: bool
-    support: int = 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,22 +64,19 @@ def channel_shapes(
     return tuple(
         ChannelShape(
             memory=max(memory_length(method, order, n_weights) for _, order in terms),
-            is_scalar=not method.is_runge_kutta,
-            support=int(touched(direction).sum()),
         )
-        for direction, terms in terms_by_direction(damping)
+        for _, terms in terms_by_direction(damping)
     )
 
 
 def direct_operations(shape: Shape, n_steps: int) -> int:
     """Every sum written out, step after step, and the force at the end."""
-    return sum(_direct_sum(shape, c, c.memory, n_steps + 1) for c in shape.channels)
+    return sum(_direct_sum(shape, c.memory, n_steps + 1) for c in shape.channels)
 
 
-def _direct_sum(shape: Shape, channel: ChannelShape, memory: int, count: int) -> int:
+def _direct_sum(shape: Shape, memory: int, count: int) -> int:
     """Sums over the past of `count` steps from the first one on."""
-    per_lag = shape.samples * shape.coupled * (1 if channel.is_scalar else shape.samples)
-    return per_lag * pairs(count, memory)
+    return shape.samples * shape.coupled * pairs(count, memory)
 
 
 def pairs(count: int, memory: int) -> int:
@@ -104,8 +93,8 @@ def stepped_operations(shape: Shape, n_steps: int) -> int:
     inside = 0
     for channel in shape.channels:
         memory = min(channel.memory, STEPPED_GROUP)
-        inside += groups * _direct_sum(shape, channel, memory, STEPPED_GROUP)
-        inside += _direct_sum(shape, channel, memory, rest)
+        inside += groups * _direct_sum(shape, memory, STEPPED_GROUP)
+        inside += _direct_sum(shape, memory, rest)
     return inside + spread_operations(shape, STEPPED_GROUP, n_steps + 1, n_steps // STEPPED_GROUP)
 
 
@@ -130,19 +119,18 @@ def spread_operations(shape: Shape, group: int, n_steps: int, finished: int) -> 
             wanted = min(power, n_groups - last) * group
             length = power * group
             period = 2 * length if wanted == length else even_fast_length(length + wanted)
-            total += transform_operations(shape, long, period)
+            total += transform_operations(shape, len(long), period)
             if count > 1:
-                total += (count - 1) * transform_operations(shape, long, 2 * length)
+                total += (count - 1) * transform_operations(shape, len(long), 2 * length)
             power *= 2
     return total
 
 
-def transform_operations(shape: Shape, channels: list[ChannelShape], period: int) -> int:
+def transform_operations(shape: Shape, n_channels: int, period: int) -> int:
     """5/4 n log2(n) multiply-adds for a real transform, 4 for a complex product."""
     q, e, m = shape.batch, shape.coupled, shape.samples
     transforms = 2 * q * m * e * int(1.25 * period * math.log2(period))
-    per_frequency = sum(1 if c.is_scalar else m for c in channels)
-    return transforms + 4 * per_frequency * q * m * e * e * (period // 2 + 1)
+    return transforms + 4 * n_channels * q * m * e * e * (period // 2 + 1)
 
 
 def block_operations(shape: Shape, sizes: BlockSizes, n_steps: int, ends: int) -> int:
@@ -191,27 +179,6 @@ def newton_operations(shape: Shape, largest: int, n_steps: int, ends: int) -> in
     if ends and rest:
         connected += min(rest, memory - 1)
     return connected * size**2 + spread_operations(shape, group, n_steps + ends, groups)
-
-
-def large_operations(shape: Shape, n_steps: int, ends: int) -> int:
-    """Very many coupled components, step after step with sparse matrices; `ends` as above."""
-    m, total = shape.samples, 0
-    for channel in shape.channels:
-        if channel.memory <= 1:
-            continue
-        q = channel.support
-        groups, rest = divmod(n_steps, LARGE_GROUP)
-        blocks, left = divmod(n_steps, LARGE_BLOCK)
-        near = blocks * pairs(LARGE_BLOCK, channel.memory) + pairs(left, channel.memory)
-        total += near * m * m * q
-        reach = min(LARGE_GROUP - LARGE_BLOCK, channel.memory - 1)
-        ahead = [min(place, reach) for place in range(0, LARGE_GROUP, LARGE_BLOCK)]
-        # what lies ahead is summed up when a block is done, at the last step as well
-        reached = groups * sum(ahead) + sum(ahead[: rest // LARGE_BLOCK + 1])
-        total += q * reached * m * LARGE_BLOCK * m
-        own = Shape(channels=(channel,), samples=m, coupled=1, batch=q)
-        total += spread_operations(own, LARGE_GROUP, n_steps + 1, groups)
-    return total
 
 
 def baseline_operations(

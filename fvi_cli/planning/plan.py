@@ -14,11 +14,9 @@ from fvi_cli.integrator.batches.kinds import fewest
 from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP, newton_block
 from fvi_cli.integrator.engine import choose_route, sums_directly
 from fvi_cli.integrator.interpolation_limit import interpolation_remarks
-from fvi_cli.integrator.known_part import NO_SERIES, plan_series, settled_method
-from fvi_cli.integrator.large_linear import GROUP as LARGE_GROUP
 from fvi_cli.integrator.members import goes_together
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh
-from fvi_cli.integrator.method import AnyMethod, Baseline, Method, takes_any_mesh
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.run.runge_kutta import plan_runge_kutta
 from fvi_cli.integrator.stepped_history import STEPPED_GROUP
 from fvi_cli.planning.batches import (
@@ -32,7 +30,6 @@ from fvi_cli.planning.history_work import (
     baseline_operations,
     channel_shapes,
     direct_operations,
-    large_operations,
     newton_operations,
     stepped_operations,
 )
@@ -42,7 +39,7 @@ from fvi_cli.planning.plan_words import (
     effects_of_scene,
     forcing_in_words,
     history_in_words,
-    series_in_words,
+    start_in_words,
     systems_in_words,
 )
 
@@ -59,7 +56,7 @@ class Plan:
         How the steps are done, in words.
     history
         How the memory of the damping is summed up, in words.
-    series
+    start
         What becomes of a singular start, in words.
     forcing
         How the forcing enters, in words.
@@ -81,7 +78,7 @@ class Plan:
     effects: tuple[str, ...]
     steps: str
     history: str
-    series: str
+    start: str
     forcing: str
     history_operations: int | None
     memory_bytes: int
@@ -100,7 +97,7 @@ class Plan:
             f"effects: {', '.join(self.effects)}",
             f"steps: {self.steps}",
             f"history: {self.history}",
-            f"start: {self.series}",
+            f"start: {self.start}",
             f"forcing: {self.forcing}",
             f"operations of the history: {operations}",
             f"memory: about {self.memory_bytes / 1e6:.3g} MB",
@@ -142,8 +139,6 @@ def plan_run(
     """
     if isinstance(method, Baseline):
         return _baseline_plan(scene, method, n_steps)
-    plan = plan_series(scene, method, n_steps) if method.start == "series" else NO_SERIES
-    settled = settled_method(scene, method, plan)
     machinery = _machinery(scene, method, n_steps, members, diagnosed=diagnosed, grading=grading)
     sizes = _sizes(
         scene,
@@ -151,7 +146,6 @@ def plan_run(
         n_steps,
         every,
         members,
-        has_series=plan.known is not None,
         diagnosed=diagnosed,
         grading=grading,
     )
@@ -159,8 +153,8 @@ def plan_run(
         effects=effects_of_scene(scene),
         steps=machinery.steps,
         history=machinery.history,
-        series=series_in_words(scene, method, plan, machinery.n_mesh_steps),
-        forcing=forcing_in_words(scene, settled, plan),
+        start=start_in_words(scene, method, machinery.n_mesh_steps),
+        forcing=forcing_in_words(scene, method),
         history_operations=machinery.operations,
         memory_bytes=peak_bytes(sizes),
         seconds=predicted_seconds(sizes, machinery.operations),
@@ -180,23 +174,17 @@ def planned_bytes(
     members: int = 1,
     diagnosed: bool = False,
 ) -> int:
-    """The plan's memory alone, which takes no expansion of the solution.
-
-    A start series that is asked for counts as used.
-    """
+    """The plan's memory alone."""
     if isinstance(method, Baseline):
         return _baseline_bytes(scene, n_steps)
-    has_series = method.start == "series"
-    return peak_bytes(
-        _sizes(scene, method, n_steps, every, members, has_series=has_series, diagnosed=diagnosed)
-    )
+    return peak_bytes(_sizes(scene, method, n_steps, every, members, diagnosed=diagnosed))
 
 
 def planned_seconds(scene: Scene, method: AnyMethod, n_steps: int) -> float:
-    """The plan's time alone, without an expansion of the solution, as :func:`planned_bytes`."""
+    """The plan's time alone."""
     if isinstance(method, Baseline):
         return _baseline_plan(scene, method, n_steps).seconds
-    sizes = _sizes(scene, method, n_steps, 1, has_series=method.start == "series")
+    sizes = _sizes(scene, method, n_steps, 1)
     return predicted_seconds(sizes, _machinery(scene, method, n_steps).operations)
 
 
@@ -207,7 +195,6 @@ def _sizes(
     every: int,
     members: int = 1,
     *,
-    has_series: bool,
     diagnosed: bool = False,
     grading: float = 1.0,
 ) -> Sizes:
@@ -219,7 +206,6 @@ def _sizes(
         every=every,
         shape=machinery.shape,
         route=machinery.route,
-        has_series=has_series,
         n_states=machinery.n_states,
         n_mesh_steps=machinery.n_mesh_steps,
         block=machinery.block,
@@ -243,7 +229,7 @@ def _machinery(
     shape = Shape(channels=channels, samples=samples, coupled=scene.dimension)
     ends = int(method.sampling == "nodes" and bool(shape.channels))
     together = members > 1 and goes_together(scene, method, n_steps)
-    if takes_any_mesh(method):
+    if method.is_runge_kutta:
         if together and members >= fewest(scene, n_steps) and grading == 1.0:
             return members_side_by_side(scene, method, n_steps, shape, members)
         steps: int | Mesh = n_steps
@@ -257,8 +243,6 @@ def _machinery(
     route = choose_route(scene, method.history, n_steps, shape.samples, decoupling, damped=damped)
     whole = f"Newton's iteration with the exact Jacobian, {n_steps} single steps"
     single = f"{n_steps} single steps with one factorisation" if scene.is_linear else whole
-    if diagnosed and (route == "large steps" or scene.lagrangian is not None):
-        route = "stepped" if damped else "direct steps"
     if route == "linear blocks" and decoupling is not None:
         count = members if together else 1
         return linear_blocks(scene, n_steps, shape, decoupling, ends, count)
@@ -272,14 +256,6 @@ def _machinery(
             "response, single steps with the exact Jacobian where that does not contract",
             history=history_in_words(shape, group),
             operations=newton_operations(shape, largest, n_steps, ends),
-        )
-    if route == "large steps":
-        return Machinery(
-            route=route,
-            shape=shape,
-            steps=f"{n_steps} single steps with one sparse factorisation",
-            history=history_in_words(shape, LARGE_GROUP),
-            operations=large_operations(shape, n_steps, ends),
         )
     if route == "stepped":
         return Machinery(
@@ -337,7 +313,7 @@ def _baseline_plan(scene: Scene, method: Baseline, n_steps: int) -> Plan:
         effects=effects_of_scene(scene),
         steps=f"{n_steps} single steps of {method.name}",
         history="dot products" if scene.active_damping else "none: nothing is damped",
-        series="nothing is done about the start",
+        start="nothing is done about the start",
         forcing="none" if scene.forcing is None else "at the grid points",
         history_operations=operations,
         memory_bytes=_baseline_bytes(scene, n_steps),

@@ -21,8 +21,6 @@ from fvi_cli.integrator.run.march import CHUNK
 from fvi_cli.integrator.steps.linear_blocks import is_recurrence
 from fvi_cli.planning.history_work import Shape
 
-WEIGHTS_AT_WORK = 2**18
-"""Numbers that are in work while the weights of Runge-Kutta methods are made."""
 SMALLEST = 8_000
 """Numbers in the tables of a method, in expressions and the like."""
 
@@ -39,8 +37,6 @@ class Sizes:
         What is convolved, in the coordinates of the steps.
     route
         How the steps are done, ``any mesh`` among the ways.
-    has_series
-        Whether a part of the solution is known in advance.
     n_states, n_mesh_steps, block
         Of a method on any mesh: number of exponentials, steps of its own mesh, and steps of a
         block.
@@ -56,7 +52,6 @@ class Sizes:
     every: int
     shape: Shape
     route: str
-    has_series: bool
     n_states: int = 0
     n_mesh_steps: int = 0
     block: int = 0
@@ -71,7 +66,7 @@ class Sizes:
     @property
     def driven(self) -> bool:
         """Whether there are moments of known forces."""
-        return self.has_series or self.scene.forcing is not None
+        return self.scene.forcing is not None
 
     @property
     def keeps_force(self) -> int:
@@ -95,26 +90,19 @@ def peak_bytes(sizes: Sizes) -> int:
 
 def _weights(sizes: Sizes) -> float:
     """Numbers in all weights."""
-    m = sizes.shape.samples
-    return sum(c.memory * (1 if c.is_scalar else m * m) for c in sizes.shape.channels)
+    return sum(c.memory for c in sizes.shape.channels)
 
 
 def _making_weights(sizes: Sizes) -> float:
     m, longest = sizes.shape.samples, sizes.shape.memory
     if longest <= m + 6:
         return 0.0
-    others = _weights(sizes) - longest * (m * m if sizes.method.is_runge_kutta else 1)
-    if sizes.method.is_runge_kutta:
-        return others + WEIGHTS_AT_WORK + (2.0 * m * m + 1.2) * longest
-    return others + 5.0 * longest
+    return _weights(sizes) + 4.0 * longest
 
 
 def _known_in_advance(sizes: Sizes) -> float:
-    """Numbers in moments and known positions."""
-    d, n = sizes.components, sizes.n_steps
-    moments = (sizes.method.degree + 1) * d * n if sizes.driven else 0
-    potential = sizes.scene.potential is not None
-    return moments + (sizes.method.stages * d * n if sizes.has_series and potential else 0)
+    """Numbers in the moments of known forces."""
+    return (sizes.method.degree + 1) * sizes.components * sizes.n_steps if sizes.driven else 0
 
 
 def _blocks(sizes: Sizes) -> float:
@@ -143,16 +131,12 @@ def _blocks(sizes: Sizes) -> float:
         work, transform, group = 0.0, _transform(sizes), 0
     if n <= 2 * group or max((c.memory for c in shape.channels), default=0) <= group + 1:
         transform = 0.0
-    after = (3.4 + 0.7 * d) * n + (0 if not sizes.has_series else 7 * d * n)
+    after = (3.4 + 0.7 * d) * n
     if sizes.members > 1:
         # what becomes of one slice is there while that of the others is still to come
         path += d * n
-        held += 4 * d * n if sizes.has_series else 0
     if sizes.diagnosed:
         after += _balances(sizes)
-    if sizes.scene.lagrangian is not None:
-        held += 4 * sizes.method.stages * d * n if sizes.has_series else 0
-        after += (6 * d + 8 * d * d) * n
     if sizes.route == "newton blocks":
         # the matrices are made while the steps are under way
         return held + path + buffer + max(making, kept + transform, after - buffer)
@@ -163,10 +147,7 @@ def _blocks(sizes: Sizes) -> float:
 def _balances(sizes: Sizes) -> float:
     """Increments, rates, and the moments that are paired with them."""
     d, n, degree = sizes.scene.dimension, sizes.n_steps, sizes.method.degree
-    own = (6 * degree + 4 + 2 * sizes.shape.samples) * d * n
-    if sizes.has_series:
-        own += 2 * (degree + 1) * (2 * d + 1) * n
-    return own
+    return (6 * degree + 4 + 2 * sizes.shape.samples) * d * n
 
 
 def _transform(sizes: Sizes) -> float:
@@ -180,9 +161,8 @@ def _transform(sizes: Sizes) -> float:
 
 
 def _kept_transforms(sizes: Sizes) -> float:
-    m = sizes.shape.samples
     long = [c for c in sizes.shape.channels if c.memory > sizes.n_steps // 2]
-    return float(sum(sizes.n_steps * (1 if c.is_scalar else m * m) for c in long))
+    return float(sizes.n_steps * len(long))
 
 
 def _linear_matrices(sizes: Sizes, width: int, blocks: BlockSizes) -> tuple[float, float]:
@@ -216,10 +196,9 @@ def _linear_matrices(sizes: Sizes, width: int, blocks: BlockSizes) -> tuple[floa
 def _newton_matrices(sizes: Sizes) -> tuple[float, float]:
     shape, d, r = sizes.shape, sizes.scene.dimension, sizes.method.stages
     b = newton_block(sizes.scene, shape.samples, sizes.n_steps) or 1
-    general = sizes.scene.lagrangian is not None
     size, nodes = b * shape.samples * d, sizes.keeps_force
     columns = size + 2 * d + shape.samples * d + 1 + b * (sizes.method.degree + 1) * d
-    points, outputs = b * r * d * (1 + general), (1 + nodes) * size + 2 * b * d
+    points, outputs = b * r * d, (1 + nodes) * size + 2 * b * d
     dense = (2 * size + nodes * size + points + 2 * b * d) * columns
     frozen = points * columns + points**2 + outputs * columns
     strip = 0.0
@@ -234,20 +213,14 @@ def _newton_matrices(sizes: Sizes) -> tuple[float, float]:
 def _single_steps(sizes: Sizes) -> float:
     """Every step on its own: its samples, forces and history are arrays of the whole run."""
     shape, d, n = sizes.shape, sizes.scene.dimension, sizes.n_steps
-    m, s, r = shape.samples, sizes.method.degree, sizes.method.stages
+    m, s = shape.samples, sizes.method.degree
     numbers = 2.0 * _weights(sizes) + _known_in_advance(sizes) + (2 * d + 3 * m * d) * n
     if sizes.route == "stepped":
         numbers += m * d * n + _transform(sizes)
-    if sizes.route == "large steps":
-        numbers = _weights(sizes) + _known_in_advance(sizes) + 2 * d * n
-        numbers += sum(c.support * m * n for c in shape.channels) + 30 * s * s * d
-        widest = max((c.support for c in shape.channels), default=0)
-        numbers += 3.5 * widest * m * n if shape.memory > 1 else 0
-    elif d > 1 or sizes.scene.lagrangian is not None:
+    if d > 1 or sizes.scene.lagrangian is not None:
         numbers += 3 * (s * d) ** 2
     if sizes.scene.lagrangian is not None:
-        known = 4 * r * d * n if sizes.has_series else 0
-        numbers += known + (6 * d + 8 * d * d) * n
+        numbers += (6 * d + 8 * d * d) * n
     return numbers
 
 

@@ -17,7 +17,6 @@ from fvi_cli.planning.history_work import direct_operations
 from fvi_cli.planning.plan_memory import Sizes
 
 CALIBRATION_LENGTH = 2**15
-SERIES_SECONDS = 0.02
 
 
 @functools.cache
@@ -63,7 +62,6 @@ def predicted_seconds(sizes: Sizes, operations: int | None) -> float:
     each = 1.0 / sizes.members
     weights = 40.0 * per_operation * n * m * m * len(shape.channels) * math.log2(n + 2)
     setup = each * weights + (0.05 + 0.95 * each) * 10_000 * per_call
-    setup += (0.1 + 0.9 * each) * SERIES_SECONDS if sizes.has_series else 0.0
     systems = max(1, -(-shape.batch // 128))
     if sizes.route == "linear blocks":
         chosen = batch_sizes(m, shape.coupled, shape.batch, n)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.known_part import SeriesPlan
 from fvi_cli.integrator.method import Method
 from fvi_cli.planning.history_work import Shape
 
@@ -42,23 +41,19 @@ def history_in_words(shape: Shape, group: int) -> str:
     return f"{sequences}, direct inside of {group} steps, FFT beyond"
 
 
-def series_in_words(scene: Scene, method: Method, plan: SeriesPlan, n_steps: int) -> str:
+def start_in_words(scene: Scene, method: Method, n_steps: int) -> str:
     """What becomes of a singular start; `n_steps` are those of the mesh, reported or not."""
     if method.start == "graded":
         return f"steps behind singular points are halved again and again, {n_steps} steps in all"
-    if method.start == "series":
-        return "; ".join(plan.remarks) or "no start series: nothing is singular for this method"
     if method.start == "weights" and scene.active_damping:
         return "starting weights"
     return "nothing is done about the start"
 
 
-def forcing_in_words(scene: Scene, method: Method, plan: SeriesPlan) -> str:
+def forcing_in_words(scene: Scene, method: Method) -> str:
     """How the forcing enters."""
-    if scene.forcing is None and plan.known is None:
+    if scene.forcing is None:
         return "none"
-    if plan.known is not None:
-        return "what the known part leaves, at the points of the rule"
     words = {
         "galerkin": "at the points of the rule",
         "exact": "moments to round-off",

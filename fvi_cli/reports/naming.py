@@ -74,7 +74,6 @@ def describe_method(method: AnyMethod) -> list[str]:
         words.append(f"damping sampled at the {where}")
     starts = {
         "none": "no start correction",
-        "series": "start by series",
         "graded": "short steps behind singular points",
     }
     words.append(starts.get(method.start) or f"starting {_start(method)}")

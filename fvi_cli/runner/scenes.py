@@ -13,7 +13,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import integrate as engine
 from fvi_cli.integrator import members, stability
 from fvi_cli.integrator.diagnostics import NOTHING, Asked
-from fvi_cli.integrator.method import AnyMethod, Method, takes_any_mesh
+from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observations.asked import Event, coordinate_names, observations
 from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.run import parts
@@ -47,7 +47,7 @@ def integrate(
         Effects and initial data; what is absent is not simulated.
     method
         A method, or its name (:func:`fvi_cli.config.method_named`): ``gauss3``, ``bdf2-nodes``.
-        With a mesh or adaptive steps the name of a Gauss method means the one without a series.
+        With a mesh or adaptive steps the name of a Gauss method means the one with ``start: none``.
     n_steps
         N >= 1 for N equal steps; for Gauss methods also a :class:`Mesh`
         (:func:`uniform_mesh`, :func:`graded_mesh`, :func:`mesh_of`), or :class:`AdaptiveSteps`,
@@ -58,7 +58,7 @@ def integrate(
         What is computed beside the trajectory.
     with_steps
         Keep the polynomials of the steps, for ``trajectory(t)`` and ``trajectory.velocity(t)``;
-        for Gauss methods without a series.
+        for Runge-Kutta methods.
     output
         Times at which the motion is reported; the points of the mesh by default.
     quantities
@@ -95,9 +95,6 @@ def integrate(
         parameters=parameters,
     )
     if not asked.is_empty:
-        if isinstance(method, str) and isinstance(chosen, Method) and chosen.start == "series":
-            is_told = chosen.cq != "gauss" or "series" in method.lower()
-            chosen = chosen if is_told else replace(chosen, start="graded")
         _, reported = integrate_observed(
             scene, chosen, n_steps, asked, every=every, diagnostics=diagnostics
         )
@@ -148,10 +145,9 @@ def integrate_part(
         outside of its range.
     """
     chosen = _method(method)
-    if not isinstance(chosen, Method) or not takes_any_mesh(chosen):
+    if not isinstance(chosen, Method) or not chosen.is_runge_kutta:
         raise ValueError(
-            f"method: {chosen.case} does not stop in the midst; take a Runge-Kutta method with "
-            "start: none or graded"
+            f"method: {chosen.case} does not stop in the midst; take a Runge-Kutta method"
         )
     return parts.integrate_part(
         scene, chosen, n_steps, until=until, checkpoint=checkpoint, every=every
@@ -171,13 +167,12 @@ def predict_stability(scene: Scene, method: AnyMethod | str, n_steps: int) -> St
 
 
 def method_on(method: AnyMethod | str, n_steps: AnySteps) -> AnyMethod:
-    """A method, also by name; on a mesh the name of a Gauss method means the one without series."""
+    """A method, also by name; on a mesh the name of a Gauss method means ``start: none``."""
     chosen = _method(method)
     is_number = isinstance(n_steps, int | np.integer)
-    if isinstance(method, str) and isinstance(chosen, Method) and not is_number:
-        is_carried = chosen.is_runge_kutta and chosen.start == "series"
-        if is_carried and "series" not in method.lower():
-            return replace(chosen, start="none")
+    is_default = isinstance(method, str) and "graded" not in method.lower()
+    if is_default and isinstance(chosen, Method) and chosen.start == "graded" and not is_number:
+        return replace(chosen, start="none")
     return chosen
 
 

@@ -300,8 +300,6 @@ class _Search:
     def _spread(self, candidates: Sequence[Candidate], measured: Candidate) -> None:
         """Correct all guesses by what was measured of one."""
         n_steps, _ = self._latest[measured.method]
-        if measured.falls_back(self.scene, n_steps):
-            measured.fall_back()
         found = measured.correction(n_steps, self.scene.final_time)
         for candidate in candidates:
             candidate.correct(*found)

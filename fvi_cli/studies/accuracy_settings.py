@@ -17,7 +17,7 @@ def _usual(degree: int, start: Start) -> Method:
 
 
 USUAL_CANDIDATES: tuple[AnyMethod, ...] = tuple(
-    _usual(degree, start) for degree in (4, 3, 2) for start in ("series", "none")
+    _usual(degree, start) for degree in (4, 3, 2) for start in ("graded", "none")
 )
 """The methods of which one is chosen where a configuration names none."""
 

@@ -8,7 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fvi_cli.integrator.integrate import can_be_diagnosed, integrate
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.accuracy import likely_choices, reach_tolerance
@@ -117,7 +118,7 @@ def _diagnosed(run: Run, trajectory: Trajectory | None) -> Trajectory:
     """The run, once more where it is wanted with its bookkeeping; the same to round-off."""
     asked = run.experiment.diagnostics
     problem = run.problem
-    if trajectory is not None and (asked.is_empty or not can_be_diagnosed(run.method)):
+    if trajectory is not None and (asked.is_empty or not isinstance(run.method, Method)):
         return trajectory
     if not isinstance(problem, Problem):  # pragma: no cover - refused before
         raise ValueError("accuracy: nothing is integrated")

@@ -14,7 +14,6 @@ from typing import Final
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.known_part import plan_series
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.planning.expected_order import expected_order, smooth_order
 from fvi_cli.planning.resolution import Motion, Resolution, Singularity
@@ -26,11 +25,6 @@ more it is a quarter of that."""
 
 FAR_TOO_LOW: Final = 20.0
 """Measured over guessed: more than this is no matter of constants."""
-
-UNEXPECTED: Final = 3.0
-MUCH_FINER: Final = 64
-"""Measured over guessed from which on it is asked whether a series is used, and on how many times
-as many steps it still must not be."""
 
 LEAST_GROWTH: Final = 0.2
 LEAST_LEFT: Final = 1e-3
@@ -60,14 +54,12 @@ class Candidate:
         Order on a smooth solution, or the whole order where `limits` is not known apart.
     motions
         Time scales.
-    lowest_order, limits_on_grid
-        Order on the grid that is safe to expect for small steps, and without a series.
+    lowest_order
+        Order on the grid that is safe to expect for small steps.
     limits
         Order and size of the errors of a singular start about which the method does nothing.
     differences
         Norm of the difference between N and N/2 steps, by N.
-    without_series
-        The `limits` that apply once it turns out that there is no series to start with.
     norm
         In which errors are measured.
     quickening
@@ -80,10 +72,8 @@ class Candidate:
     order: float
     motions: tuple[Motion, ...]
     lowest_order: float
-    limits_on_grid: float = math.inf
     limits: tuple[tuple[float, float], ...] = ()
     differences: dict[int, float] = field(default_factory=dict)
-    without_series: tuple[tuple[float, float], ...] = ()
     norm: Norm = "max"
     quickening: float = 1.0
     enlargement: float = 1.0
@@ -116,22 +106,6 @@ class Candidate:
             return 1.0, ratio
         smooth, _ = replace(self, limits=()).guess(2.0 * final_time / n_steps, final_time)
         return (difference / smooth) ** (1.0 / self.order) if smooth > 0 else 1.0, 1.0
-
-    def falls_back(self, scene: Scene, n_steps: int) -> bool:
-        """Whether an unexpected error comes from a series that no finer grid has either."""
-        method = self.method
-        if not isinstance(method, Method) or not self.without_series or self.limits:
-            return False
-        difference = self.differences.get(n_steps, math.inf)
-        expected, _ = self.guess(2.0 * scene.final_time / n_steps, scene.final_time)
-        if not UNEXPECTED * expected < difference < math.inf:
-            return False
-        return plan_series(scene, method, MUCH_FINER * n_steps).fell_back
-
-    def fall_back(self) -> None:
-        """Expect what a method without series may expect."""
-        self.limits = self.without_series
-        self.lowest_order = min(self.lowest_order, self.limits_on_grid)
 
     def correct(self, quickening: float, enlargement: float) -> None:
         """Apply what was found out with one method to the guesses of this one."""
@@ -215,17 +189,14 @@ def usual_candidates(
             _limit(one, method, quickest if is_free else None) for one in resolution.singularities
         )
         on_grid = min([order, *(one.order for one in resolution.singularities)])
-        has_series = method.start == "series"
-        is_carried = has_series or method.start == "graded"
+        is_carried = method.start == "graded"
         found.append(
             Candidate(
                 method=method,
                 order=order,
                 motions=motions,
                 limits=() if is_carried else limits,
-                without_series=limits if has_series else (),
                 lowest_order=order if is_carried else on_grid,
-                limits_on_grid=on_grid,
                 norm=norm,
             )
         )

@@ -20,7 +20,7 @@ from fvi_cli.studies.members import members_at_a_time
 
 Array = NDArray[np.float64]
 
-REFERENCE_METHOD = Method(cq="gauss", degree=4, start="series")
+REFERENCE_METHOD = Method(cq="gauss", degree=4, start="graded")
 LEAST_STEPS = 256
 MOST_STEPS = 2**14
 SUFFICIENT = 2e-14
@@ -58,7 +58,7 @@ def find_reference(
 ) -> Reference:
     """The exact solution where it is known, otherwise a refined run.
 
-    The refined run is made by the Gauss method of degree 4 with a start series on a grid that
+    The refined run is made by the Gauss method of degree 4 with a graded start on a grid that
     contains all grids of the ladder; it is doubled until two runs agree to 2e-14 of the largest
     value, or further than that no more, or N reaches 16384. The difference of the last two is
     stated as its error, although the finer one, which is used, is usually much better. Where the

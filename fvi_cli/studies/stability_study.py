@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine import run as run_steps
-from fvi_cli.integrator.integrate import integrate, prepare
+from fvi_cli.integrator.equal_steps import prepare
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.linearisation import linearised_at_start
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.stability import (
@@ -270,14 +271,16 @@ def _sizes_from_random_data(scene: Scene, method: AnyMethod, n_steps: int) -> Ar
     random = np.random.default_rng(_SEED)
     position, velocity = random.standard_normal((2, scene.dimension))
     with np.errstate(all="ignore"):
+        plain = method
         if isinstance(method, Method):
             plain = replace(method, start="none", start_exponents=())
+        if isinstance(plain, Method) and not plain.is_runge_kutta:
             problem = prepare(scene, plain, n_steps).problem
             problem = replace(problem, position=position, momentum=scene.inertia.mass @ velocity)
             path = run_steps(problem, "auto").position
         else:
             moved = replace(scene, initial_position=position, initial_velocity=velocity)
-            trajectory = integrate(moved, method, n_steps)
+            trajectory = integrate(moved, plain, n_steps)
             if trajectory.status == "failed":
                 raise np.linalg.LinAlgError(trajectory.message)
             path = trajectory.position

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.integrate import can_be_diagnosed, integrate
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_observed
@@ -190,7 +190,7 @@ def _integrated(problem: Problem, run: Run, checkpoints: RunKeeper | None) -> Tr
     """The whole trajectory, or the points that are stored where the method needs no others."""
     every = kept_on_the_way(run)
     asked = run.experiment.diagnostics
-    if asked.is_empty or can_be_diagnosed(run.method):
+    if asked.is_empty or isinstance(run.method, Method):
         trajectory = integrate(
             problem.scene,
             run.method,

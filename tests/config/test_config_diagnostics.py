@@ -55,7 +55,7 @@ def test_diagnostics_come_back_as_they_were_computed(tmp_path):
 
 def test_other_readers_find_axes_and_names(tmp_path):
     kept(tmp_path, KEPLER)
-    group = "/planet/gauss-s2-series/n000064"
+    group = "/planet/gauss-s2-graded/n000064"
     for engine in ("h5netcdf", "netcdf4"):
         with xarray.open_dataset(tmp_path / "planet.h5", engine=engine, group=group) as data:
             assert data["momentum_map"].dims == ("time", "map")
@@ -147,14 +147,14 @@ def test_energy_that_the_damping_stores_is_kept(tmp_path):
     text = (
         "name: planet\nproblem: {kind: damped-oscillator, stiffness: 2, final_time: 8, "
         "damping: [{order: 0.5, coefficient: 0.7}], initial: {position: 1, velocity: 0.5}}\n"
-        "method: {rk: gauss, degree: 2, start: [graded, series]}\nladder: {steps: [64]}\n"
+        "method: [{rk: gauss, degree: 2}, {bdf: 2}]\nladder: {steps: [64]}\n"
         "store: {diagnostics: [energy-balance]}\n"
     )
     config = kept(tmp_path, text)
-    graded, series = config.experiments[0].runs()
+    graded, backward = config.experiments[0].runs()
     with read_results(tmp_path / "planet.h5") as results:
         trajectory = results.finished(graded).trajectory
-        assert results.finished(series).trajectory.diagnostics.stored_energy is None
+        assert results.finished(backward).trajectory.diagnostics.stored_energy is None
     stored = trajectory.diagnostics.stored_energy
     assert stored[0] == 0 < stored.max()
     # the energy of the scene alone rises now and then: the damper gives back

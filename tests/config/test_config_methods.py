@@ -36,7 +36,7 @@ DEFAULTS = [
                 sampling="points",
                 degree=s,
                 quadrature=gauss(s),
-                start="series",
+                start="none",
                 forcing_quadrature="exact",
                 history="auto",
             ),
@@ -56,13 +56,13 @@ DEFAULTS = [
         ),
     ),
     ("{bdf: 4, sampling: nodes, degree: 3}", Method(cq="bdf4", sampling="nodes", degree=3)),
-    ("{rk: gauss}", Method(cq="gauss", degree=3, start="series")),
-    ("{rk: gauss, stages: 4}", Method(cq="gauss", degree=4, start="series")),
-    ("{rk: radau-iia, stages: 2}", Method(cq="radau-iia", degree=2, start="series")),
-    ("{rk: lobatto-iiic, stages: 4}", Method(cq="lobatto-iiic", degree=3, start="series")),
-    ("{rk: lobatto-iiic}", Method(cq="lobatto-iiic", degree=3, start="series")),
+    ("{rk: gauss}", Method(cq="gauss", degree=3, start="graded")),
+    ("{rk: gauss, stages: 4}", Method(cq="gauss", degree=4, start="graded")),
+    ("{rk: radau-iia, stages: 2}", Method(cq="radau-iia", degree=2)),
+    ("{rk: lobatto-iiic, stages: 4}", Method(cq="lobatto-iiic", degree=3)),
+    ("{rk: lobatto-iiic}", Method(cq="lobatto-iiic", degree=3)),
     ("{degree: 2, start: none}", Method(cq="gauss", degree=2, start="none")),
-    ("{}", Method(cq="gauss", degree=3, start="series")),
+    ("{}", Method(cq="gauss", degree=3, start="graded")),
     ("{baseline: implicit-euler}", Baseline(name="implicit-euler")),
     (
         "{bdf: 2, quadrature: lobatto}",
@@ -70,7 +70,7 @@ DEFAULTS = [
             cq="bdf2",
             degree=1,
             quadrature=RuleSpecification(rule="lobatto", points=2),
-            start="series",
+            start="none",
             forcing_quadrature="exact",
         ),
     ),
@@ -93,7 +93,7 @@ def test_defaults_of_a_method_that_is_given_in_part(text, method):
 def test_without_methods_the_default_is_gauss_of_degree_3():
     text = FRAME.replace("method: {}\n", "").format()
     (experiment,) = parse_config(text, "example.yaml").experiments
-    assert experiment.methods == (Method(cq="gauss", degree=3, start="series"),)
+    assert experiment.methods == (Method(cq="gauss", degree=3, start="graded"),)
 
 
 def test_lists_are_combined_and_the_order_is_that_of_the_keys():
@@ -127,7 +127,7 @@ def test_every_default_is_filled_in():
                 "degree": 1,
                 "sampling": "points",
                 "quadrature": {"rule": "gauss", "points": 1},
-                "start": "series",
+                "start": "none",
                 "forcing_quadrature": "exact",
                 "history": "auto",
             }

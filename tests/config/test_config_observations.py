@@ -142,9 +142,9 @@ def test_mistakes_are_told_with_their_place(tmp_path: Path, text: str, complaint
 
 
 def test_methods_without_polynomials_and_kinds_without_motion_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(fvi.ConfigError, match="output: bdf2-points-s1-gauss1-series keeps no poly"):
+    with pytest.raises(fvi.ConfigError, match="output: bdf2-points-s1-gauss1-none keeps no poly"):
         _load(tmp_path, "output: {step: 1}\n", "method={bdf: 2}")
-    with pytest.raises(fvi.ConfigError, match="quantities: gauss-s4-series keeps no polynomials"):
-        _load(tmp_path, "quantities: {a: ax}\n", "method.start=series")
+    with pytest.raises(fvi.ConfigError, match="quantities: implicit-euler keeps no polynomials"):
+        _load(tmp_path, "quantities: {a: ax}\n", "method={baseline: implicit-euler}")
     with pytest.raises(fvi.ConfigError, match="in which nothing moves"):
         fvi.load("saturation", overrides=["experiments.0.output={step: 0.1}"])

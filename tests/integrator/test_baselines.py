@@ -26,7 +26,7 @@ from fvi_cli.scenes.named import linear_oscillator, pendulum
 
 GRUENWALD = Baseline(name="gruenwald-letnikov")
 PRODUCT = Baseline(name="product-integration")
-FINE = Method(cq="gauss", degree=4, start="series")
+FINE = Method(cq="gauss", degree=4, start="graded")
 COUNTS = (100, 200, 400, 800)
 
 

@@ -1,4 +1,4 @@
-"""The solution's expansion at the start, against its Laplace transform; how often it is made."""
+"""The solution's expansion at the start, against its Laplace transform."""
 
 from __future__ import annotations
 
@@ -12,10 +12,6 @@ from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.expansion import solution_expansion
-from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.known_part import plan_series
-from fvi_cli.integrator.method import Method
-from fvi_cli.planning.expected_order import expected_order
 
 STIFFNESS, DAMPING = 2.0, 0.7
 
@@ -57,15 +53,3 @@ def test_coefficients_are_those_of_the_laplace_transform(order: float) -> None:
     other = solution_expansion(oscillator(order, DAMPING * (1 + 1e-9)), 8.0).coefficients[:, 0]
     with pytest.raises(AssertionError):
         np.testing.assert_allclose(other, list(expected.values()), rtol=1e-11)
-
-
-def test_a_run_and_its_expected_order_share_one_plan() -> None:
-    scene, method = oscillator(0.5), Method(cq="gauss", degree=3, start="series")
-    plan_series.cache_clear()
-    integrate(scene, method, 64)
-    assert plan_series.cache_info().misses == 1
-    assert expected_order(scene, method, "max", 64) == 6.0
-    assert plan_series.cache_info().misses == 1
-    # control: another step size is another plan
-    expected_order(scene, method, "max", 128)
-    assert plan_series.cache_info().misses == 2

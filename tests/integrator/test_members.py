@@ -13,9 +13,7 @@ import pytest
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator import joined_start as joined_module
 from fvi_cli.integrator import members as members_module
-from fvi_cli.integrator import start as start_module
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
@@ -28,9 +26,9 @@ GAUSS2 = Method(cq="gauss", degree=2)
 BDF2 = Method(cq="bdf2", degree=1)
 METHODS = [
     GAUSS2,
-    Method(cq="gauss", degree=3, start="series"),
+    Method(cq="gauss", degree=3, start="graded"),
     Method(cq="bdf2", sampling="nodes", degree=1),
-    Method(cq="bdf4", degree=2, start="series", forcing_quadrature="exact"),
+    Method(cq="bdf4", degree=2, forcing_quadrature="exact"),
     Method(cq="radau-iia", degree=2),
 ]
 
@@ -193,7 +191,7 @@ def test_those_that_fit_together_are_one_batch() -> None:
 @pytest.mark.parametrize(
     "method",
     [
-        replace(GAUSS2, history="direct"),
+        replace(BDF2, history="direct"),
         replace(GAUSS2, history="exponentials"),
         Method(cq="bdf2", degree=1, start="weights"),
         Baseline(name="implicit-euler"),
@@ -273,71 +271,7 @@ def test_a_wrong_member_would_be_seen() -> None:
     assert difference(batch[1], alone) > 1e3 * TOLERANCE
 
 
-SERIES = Method(cq="gauss", degree=3, start="series")
-
-
-def in_many_ways() -> list[Scene]:
-    """Oscillators whose expansions differ in powers and in how far they are good."""
-    damping = [FractionalDamping(order=0.5, coefficient=0.3)]
-    changes: list[dict[str, object]] = [
-        {},
-        {"stiffness": 4.0, "initial_position": 0.0, "initial_velocity": 1.0},
-        {"stiffness": 0.7, "forcing": Forcing.from_text("sqrt(t)")},
-        # good for less than a few steps: without a series
-        {"stiffness": 1e7, "mass": 0.5},
-        # nothing moves it
-        {"initial_position": 0.0, "initial_velocity": 0.0},
-        {"forcing": Forcing.from_text("cos(3*t)"), "initial_position": 2.0},
-        {"damping": [FractionalDamping(order=0.5, coefficient=2.0)], "stiffness": 0.0},
-        # an expansion in powers of t is not known
-        {"forcing": Forcing.from_text("log(t + 1e-300)*t")},
-    ]
-    usual: dict[str, object] = {
-        "final_time": 5.0,
-        "stiffness": 1.0,
-        "damping": damping,
-        "initial_position": 1.0,
-        "initial_velocity": 0.5,
-    }
-    return [linear_oscillator(**{**usual, **change}) for change in changes]  # type: ignore[arg-type]
-
-
-def agree_in_size(scenes: Sequence[Scene], method: Method, n_steps: int) -> list[Trajectory]:
-    batch = integrate_members(scenes, method, n_steps)
-    for scene, one in zip(scenes, batch, strict=True):
-        alone = integrate(scene, method, n_steps)
-        assert one.remarks == alone.remarks
-        scale = max(1e-300, float(np.abs(alone.position).max()))
-        assert np.abs(one.position - alone.position).max() <= TOLERANCE * scale
-    return batch
-
-
-@pytest.mark.parametrize("n_chosen", [7, 8])
-def test_series_of_any_kind_together(n_chosen: int) -> None:
-    batch = agree_in_size(in_many_ways()[:n_chosen], SERIES, 400)
-    assert sum("start series below" in " ".join(one.remarks) for one in batch) >= 4
-    assert any("no start series" in " ".join(one.remarks) for one in batch)
-
-
-def test_series_of_several_components_and_of_riemann_liouville() -> None:
-    agree_in_size([coupled(kind, 5 + i) for i, kind in enumerate(["general"] * 3)], SERIES, 300)
-    scenes = [replace(scene, derivative="riemann-liouville") for scene in oscillators(4)]
-    agree_in_size(scenes, SERIES, 300)
-
-
-@pytest.mark.parametrize("members", [2, 40, 100])
-def test_one_expansion_serves_many_members(members: int) -> None:
-    together = patch.object(
-        joined_module, "solution_expansion", wraps=joined_module.solution_expansion
-    )
-    alone = patch.object(start_module, "solution_expansion", wraps=start_module.solution_expansion)
-    with together as joint, alone as single:
-        integrate_members(oscillators(members), SERIES, 64)
-    assert joint.call_count == -(-members // joined_module.MOST_COMPONENTS)
-    assert single.call_count == 0
-
-
-@pytest.mark.parametrize("history", ["auto", "fft", "direct", "exponentials"])
+@pytest.mark.parametrize("history", ["auto", "exponentials"])
 def test_steps_without_a_solution_fail_alone(history: str) -> None:
     """A midpoint step of length 2 / sqrt(-k) has a singular matrix."""
     method = Method(cq="gauss", degree=1, history=history)  # type: ignore[arg-type]

@@ -11,10 +11,10 @@ from fvi_cli.integrator.method import Baseline, Method, RuleSpecification, metho
     ("method", "case"),
     [
         (Method(cq="bdf2", degree=1, sampling="nodes"), "bdf2-nodes-s1-gauss1-none"),
-        (Method(cq="gauss", degree=3, start="series"), "gauss-s3-series"),
+        (Method(cq="gauss", degree=3, start="graded"), "gauss-s3-graded"),
         (
-            Method(cq="bdf4", degree=2, start="series", forcing_quadrature="exact"),
-            "bdf4-points-s2-gauss2-series",
+            Method(cq="bdf4", degree=2, forcing_quadrature="exact"),
+            "bdf4-points-s2-gauss2-none",
         ),
         (
             Method(cq="bdf3", degree=2, sampling="nodes", start="weights", start_exponents=(2.5,)),

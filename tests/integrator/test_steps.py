@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,21 +14,28 @@ from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import nearest_fitting, steps_at_break_points
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.moments import exact_moments, galerkin_moments, projected_moments
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.lagrange import lobatto_basis
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 
 
+def loads(text: str, method: Method, h: float, n_steps: int) -> np.ndarray:
+    """Load vectors of a force on equal steps from 0 on."""
+    scene = linear_oscillator(final_time=h * n_steps, forcing=Forcing.from_text(text))
+    found, _ = StepLoads(scene, method, step_tables(method)).of_run(h, (), n_steps)
+    assert found is not None
+    return found
+
+
 @pytest.mark.parametrize("power", [-0.9, -0.5, 0.5, 1.5, 3.0])
 def test_exact_moments_of_powers(power: float) -> None:
     """Against the integrals of t**(power + j), on the first, second and tenth step."""
-    method = Method(cq="bdf1", degree=2)
-    force = Forcing.from_text(f"t**({power})").on_steps
-    h = 0.3
-    moments = exact_moments(force, method, h, 12)[:, :, 0]
+    method = Method(cq="bdf1", degree=2, forcing_quadrature="exact")
+    force, h = f"t**({power})", 0.3
+    moments = loads(force, method, h, 12)[:, :, 0]
     basis = lobatto_basis(2)
     # coefficients of the basis in powers of tau
     vandermonde = np.vander(basis.control_points, increasing=True)
@@ -44,7 +52,7 @@ def test_exact_moments_of_powers(power: float) -> None:
         ]
         expected = h ** (power + 1) * coefficients @ np.array(shifted)
         assert moments[k] == pytest.approx(expected, rel=1e-12 if k < 2 else 1e-10, abs=1e-13)
-    plain = galerkin_moments(force, step_tables(method), h, 12)[:, :, 0]
+    plain = loads(force, replace(method, forcing_quadrature="galerkin"), h, 12)[:, :, 0]
     if power != 3.0:
         assert abs(plain[0] - moments[0]).max() > 1e-6
 
@@ -52,13 +60,14 @@ def test_exact_moments_of_powers(power: float) -> None:
 @pytest.mark.parametrize("stages", [1, 2, 3])
 def test_projected_moments_are_those_of_polynomials_on_the_points(stages: int) -> None:
     """For forces of degree below the number of points, projection changes nothing."""
-    method = Method(cq="gauss", degree=stages)
-    tables = step_tables(method)
-    force = Forcing.from_text(f"1 + t**{stages - 1}").on_steps
-    exact = exact_moments(force, method, 0.5, 4)
-    assert np.abs(projected_moments(exact, method, tables) - exact).max() < 1e-14
-    rough = exact_moments(Forcing.from_text("sqrt(t)").on_steps, method, 0.5, 4)
-    assert np.abs(projected_moments(rough, method, tables) - rough).max() > 1e-4
+    exact = Method(cq="gauss", degree=stages, forcing_quadrature="exact")
+    projected = replace(exact, forcing_quadrature="projected")
+
+    def difference(text: str) -> float:
+        return float(np.abs(loads(text, projected, 0.5, 4) - loads(text, exact, 0.5, 4)).max())
+
+    assert difference(f"1 + t**{stages - 1}") < 1e-14
+    assert difference("sqrt(t)") > 1e-4
 
 
 def piecewise(*ends: float, final_time: float = 3.0) -> Scene:
@@ -98,7 +107,7 @@ def test_euler_is_of_order_1(name: str, order: float) -> None:
         initial_position=1.0,
         initial_velocity=0.3,
     )
-    fine = integrate(scene, Method(cq="gauss", degree=3, start="series"), 128).position[-1, 0]
+    fine = integrate(scene, Method(cq="gauss", degree=3, start="graded"), 128).position[-1, 0]
     errors = [
         abs(integrate(scene, Baseline(name=name), n).position[-1, 0] - fine)
         for n in (400, 800, 1600)
@@ -131,7 +140,7 @@ def test_implicit_euler_on_the_pendulum() -> None:
         initial_position=1.0,
     )
     trajectory = integrate(scene, Baseline(name="implicit-euler"), 400)
-    fine = integrate(scene, Method(cq="gauss", degree=3, start="series"), 64)
+    fine = integrate(scene, Method(cq="gauss", degree=3, start="graded"), 64)
     assert trajectory.position[-1, 0] == pytest.approx(fine.position[-1, 0], abs=5e-3)
     assert trajectory.newton.iterations > 400
 
@@ -184,21 +193,3 @@ def test_final_time_is_reached_exactly() -> None:
     trajectory = integrate(scene, Method(cq="gauss", degree=2), 3)
     assert trajectory.time[-1] == pytest.approx(0.3, abs=1e-16)
     assert trajectory.time.size == 4
-
-
-@pytest.mark.parametrize("power", [-0.5, 0.5, 2.3])
-def test_few_points_are_enough_far_from_the_singular_steps(power: float) -> None:
-    def force(start: np.ndarray, h: float, offsets: np.ndarray) -> np.ndarray:
-        time = start[:, None] + h * offsets
-        late = np.maximum(time - 60 * h, 0.0) * (start[:, None] + 0.5 * h > 60 * h)
-        with np.errstate(divide="ignore"):
-            singular = np.where(late > 0, late**power, 0.0)
-        return (time**power * np.exp(-0.3 * time) + singular)[..., None]
-
-    method = Method(cq="gauss", degree=4)
-    exact = exact_moments(force, method, 0.25, 200, (0, 60))
-    found = exact_moments(force, method, 0.25, 200, (0, 60), far_points=8)
-    assert np.abs(found - exact).max() <= 1e-14 * np.abs(exact).max()
-    # close to a singular step they are not
-    rough = exact_moments(force, method, 0.25, 200, (0,), far_points=8)
-    assert np.abs(rough - exact).max() > 1e-12 * np.abs(exact).max()

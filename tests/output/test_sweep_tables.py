@@ -119,7 +119,7 @@ def test_tables_of_members_are_read_back_and_checked(two_keys, tmp_path):
     (line,) = compare(tmp_path, order_report("many", tables))
     n_steps = content["sheets"]["runs"]["rows"][3]["n_steps"]
     member = "problem.damping.0.order = 0.3: problem.stiffness = 0.5"
-    start = f"{path}: many: gauss-s1-series: n_steps = {n_steps}: {member}: error: "
+    start = f"{path}: many: gauss-s1-graded: n_steps = {n_steps}: {member}: error: "
     assert line.startswith(start)
 
 

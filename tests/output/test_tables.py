@@ -42,7 +42,7 @@ from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.order import OrderCase, OrderRow, OrderTable, order_table, with_orders
 
 BDF1, BDF2 = (Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in (1, 2))
-GAUSS3 = Method(cq="gauss", degree=3, start="series")
+GAUSS3 = Method(cq="gauss", degree=3, start="graded")
 STEPS = (2, 4, 8, 16)
 
 NAMES = tuple(column.name for column in COLUMNS)
@@ -444,14 +444,14 @@ def test_no_row_is_dropped_and_what_is_not_used_is_marked():
 def test_the_reader_is_told_equation_reference_norm_and_floor():
     def refined(run: Run) -> FinishedRun:
         floor = 1e-12 * run.n_steps
-        reference = "refined run (gauss-s4-series, N = 256, estimated error 1.0e-14)"
+        reference = "refined run (gauss-s4-graded, N = 256, estimated error 1.0e-14)"
         return finished(run, 0.1, floor=floor, reference=reference)
 
     described = dataclasses.replace(experiment(), norm="l2")
     text = rendered("made-up", [table_of(refined, described)])["md"]
     assert (
         "Equation: `x'' + x = t**2*sin(t)`; T = 1. Errors in the l2 norm over the grid, weighted "
-        "by h, against a refined run (gauss-s4-series, N = 256, estimated error 1.0e-14); floor "
+        "by h, against a refined run (gauss-s4-graded, N = 256, estimated error 1.0e-14); floor "
         "2e-12 to 2e-11."
     ) in text
 
@@ -515,7 +515,7 @@ def test_names_of_methods():
         "explicit Euler",
         "BDF2",
     ]
-    both = [BDF2, Method(cq="bdf4", degree=2, sampling="points", start="series")]
+    both = [BDF2, Method(cq="bdf4", degree=2, sampling="points")]
     assert [name.label for name in method_names(both).values()] == ["BDF2 nodes", "BDF4 points"]
 
 

@@ -20,7 +20,7 @@ from fvi_cli.scenes.chains import chain
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 
-GAUSS3 = Method(cq="gauss", degree=3, start="series")
+GAUSS3 = Method(cq="gauss", degree=3, start="graded")
 
 
 def single(lagrangian: str, **keywords: object) -> Scene:

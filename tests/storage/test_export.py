@@ -51,9 +51,9 @@ def read_csv(path: Path) -> tuple[dict[str, object], dict[str, list[str]]]:
 def test_csv_holds_every_number_to_the_last_digit(stored: Path, tmp_path: Path) -> None:
     written = export_file(stored, "csv", tmp_path)
     assert len(written) == 8
-    attributes, columns = read_csv(tmp_path / "two-masses-gauss-s2-series-n000008.csv")
+    attributes, columns = read_csv(tmp_path / "two-masses-gauss-s2-graded-n000008.csv")
     with h5py.File(stored) as file:
-        run = file["two-masses/gauss-s2-series/n000008"]
+        run = file["two-masses/gauss-s2-graded/n000008"]
         assert [float(word) for word in columns["time"]] == run["time"][()].tolist()
         for k in range(2):
             assert [float(w) for w in columns[f"x{k + 1}"]] == run["position"][:, k].tolist()
@@ -84,7 +84,7 @@ def test_npz_and_mat_hold_the_same_arrays(stored: Path, tmp_path: Path) -> None:
 def test_members_become_rows() -> None:
     batch = StoredArrays(
         experiment="sweep",
-        case="gauss-s3-series",
+        case="gauss-s3-graded",
         name="n000002",
         attributes={"n_steps": np.int64(2), "swept": '["stiffness"]'},
         arrays={
@@ -105,7 +105,7 @@ def test_members_become_rows() -> None:
         },
     )
     (name, content), _, (members_name, members) = FORMATS["csv"]("sweep", iter([batch]))
-    assert name == "sweep-gauss-s3-series-n000002.csv"
+    assert name == "sweep-gauss-s3-graded-n000002.csv"
     assert content.decode().splitlines() == [
         "member,time,stiffness,x1,x2",
         "0,0.0,1.5,0.0,1.0",
@@ -115,7 +115,7 @@ def test_members_become_rows() -> None:
         "1,0.5,2.5,8.0,9.0",
         "1,1.0,2.5,10.0,11.0",
     ]
-    assert members_name == "sweep-gauss-s3-series-n000002-members.csv"
+    assert members_name == "sweep-gauss-s3-graded-n000002-members.csv"
     assert members.decode().splitlines() == [
         "member,stiffness,status",
         "0,1.5,ok",
@@ -126,7 +126,7 @@ def test_members_become_rows() -> None:
 def one_run(problem: dict[str, object], time: np.ndarray, size: int = 2) -> StoredArrays:
     return StoredArrays(
         experiment="one",
-        case="gauss-s3-series",
+        case="gauss-s3-graded",
         name=f"n{time.size - 1:06}",
         attributes={"n_steps": time.size - 1, "specification": json.dumps({"problem": problem})},
         arrays={

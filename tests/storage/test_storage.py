@@ -53,7 +53,7 @@ SPECIFICATION: dict[str, Any] = {
 }
 BDF = Method(cq="bdf2", degree=1, sampling="nodes")
 WEIGHTS = Method(cq="bdf3", degree=2, start="weights", start_exponents=(2.5,))
-GAUSS = Method(cq="gauss", degree=3, start="series")
+GAUSS = Method(cq="gauss", degree=3, start="graded")
 EULER = Baseline(name="implicit-euler")
 TEXT = "# gamma = ½\nname: sample\n" + "# filling\n" * 10_000  # more than HDF5 keeps in a header
 CONFIGURATION = SimpleNamespace(
@@ -336,7 +336,7 @@ def test_every_axis_has_a_scale_and_every_attribute_a_type_of_netcdf(path: Path)
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
 def test_xarray_opens_every_group(path: Path, runs: list[FinishedRun], engine: Any) -> None:
-    group = "/sample/gauss-s3-series/n000008"
+    group = "/sample/gauss-s3-graded/n000008"
     with xr.open_dataset(path, group=group, engine=engine) as opened:
         found = opened.load()
     expected = next(f for f in runs if f.run.method == GAUSS and f.run.n_steps == 8)
@@ -347,7 +347,7 @@ def test_xarray_opens_every_group(path: Path, runs: list[FinishedRun], engine: A
     assert found["time"].values.tolist() == expected.trajectory.time.tolist()
     assert found.attrs["cq"] == "gauss"
     assert found.attrs["n_steps"] == 8
-    with xr.open_dataset(path, group="/sample/gauss-s3-series/convergence", engine=engine) as t:
+    with xr.open_dataset(path, group="/sample/gauss-s3-graded/convergence", engine=engine) as t:
         assert t["error"].sel(n_steps=8).item() == expected.error
         assert t["status"].values.tolist() == ["ok", "ok"]
     with xr.open_dataset(path, engine=engine) as root:
@@ -473,7 +473,7 @@ def test_runs_that_were_not_asked_for_again_are_kept(path: Path, runs: list[Fini
     with read_results(path) as results:
         assert_same(results.finished(runs[0].run), runs[0])
     with h5py.File(path) as file:
-        table = file["sample/gauss-s3-series/convergence"]
+        table = file["sample/gauss-s3-graded/convergence"]
         assert table["n_steps"][()].tolist() == [4, 8, 16]
     # what is computed afresh replaces what it was, and nothing else
     again = made_up(longer.runs()[0], error=0.5)

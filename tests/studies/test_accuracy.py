@@ -68,7 +68,7 @@ def test_every_norm_is_kept(norm: str) -> None:
 
 
 def test_only_the_methods_that_are_given_are_used() -> None:
-    methods = [Method(cq="bdf2", degree=1, start="series", forcing_quadrature="exact")]
+    methods = [Method(cq="bdf2", degree=1, forcing_quadrature="exact")]
     scene = oscillator(0.5)
     reached = reach_tolerance(scene, methods, 1e-4)
     assert (reached.verdict, reached.method) == ("ok", methods[0])
@@ -80,7 +80,7 @@ def test_only_the_methods_that_are_given_are_used() -> None:
 
 
 def test_the_cheaper_of_two_methods_is_taken() -> None:
-    midpoint, gauss = Method(cq="gauss", degree=1), Method(cq="gauss", degree=3, start="series")
+    midpoint, gauss = Method(cq="gauss", degree=1), Method(cq="gauss", degree=3, start="graded")
     for methods in ([midpoint, gauss], [gauss, midpoint]):
         assert reach_tolerance(oscillator(0.5), methods, 1e-10).method == gauss
 
@@ -171,7 +171,7 @@ def test_nonlinear_scenes_are_refined_by_what_runs_show() -> None:
         initial_position=np.array([1.0]),
     )
     reached = reach_tolerance(scene, USUAL_CANDIDATES, 1e-8)
-    fine = reach_tolerance(scene, [Method(cq="gauss", degree=4, start="series")], 1e-12)
+    fine = reach_tolerance(scene, [Method(cq="gauss", degree=4, start="graded")], 1e-12)
     assert reached.trajectory is not None
     assert fine.trajectory is not None
     every = max(reached.n_steps, fine.n_steps) // min(reached.n_steps, fine.n_steps)

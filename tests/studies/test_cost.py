@@ -54,7 +54,7 @@ def test_every_run_is_measured_and_counted():
     stored = []
     table = cost_table(one, list(measure_costs(one, stored.append)))
     assert [finished.run.n_steps for finished in stored] == [8, 16, 32, 8, 16, 32]
-    assert [case.method.case for case in table.cases] == ["gauss-s2-series", "gruenwald-letnikov"]
+    assert [case.method.case for case in table.cases] == ["gauss-s2-graded", "gruenwald-letnikov"]
     assert table.gamma == "1.5"
     for case in table.cases:
         for row in case.rows:

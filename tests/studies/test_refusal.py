@@ -6,8 +6,9 @@ import math
 import numpy as np
 import pytest
 
+from fvi_cli.integrator.equal_steps import prepare
 from fvi_cli.integrator.growth_bound import TOLERATED_FACTOR, cut_at_bound, growth_bound
-from fvi_cli.integrator.integrate import integrate, prepare
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability import predict_stability
 from fvi_cli.integrator.stepping import run_steps
@@ -54,7 +55,7 @@ def test_a_run_that_would_blow_up_is_refused_with_advice():
     assert predict_stability(scene, NODES, n_steps).verdict == "stable"
     assert predict_stability(scene, NODES, n_steps * 99 // 100).verdict == "unstable"
     # the method that is named runs
-    gauss = experiment(method=Method(cq="gauss", degree=1, start="series"), steps=(256,))
+    gauss = experiment(method=Method(cq="gauss", degree=1, start="graded"), steps=(256,))
     assert next(study(gauss)).status == "ok"
 
 

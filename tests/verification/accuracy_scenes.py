@@ -30,7 +30,7 @@ from fvi_cli.studies.cost import forget
 from fvi_cli.studies.experiment import Norm
 from fvi_cli.studies.norms import error_norm
 
-REFERENCE = Method(cq="gauss", degree=4, start="series")
+REFERENCE = Method(cq="gauss", degree=4, start="graded")
 FINEST = 2**15
 REPEATS = 5
 

@@ -217,7 +217,7 @@ def test_order_is_twice_the_stages_on_nonlinear_scenes(name: str, mu: float) -> 
     more = {DAMPERS[name]: [{"order": 0.5, "coefficient": mu}]} if mu else {}
     scene = scene_of(**MOVING[name], **more)
     finest = 1024
-    reference = integrate(scene, Method(cq="gauss", degree=4, start="series"), finest).position
+    reference = integrate(scene, Method(cq="gauss", degree=4, start="graded"), finest).position
 
     def slope(method: Method, steps: tuple[int, ...]) -> tuple[float, float]:
         errors = [
@@ -228,10 +228,10 @@ def test_order_is_twice_the_stages_on_nonlinear_scenes(name: str, mu: float) -> 
         line, residual, *_ = np.polyfit(-np.log(steps), np.log(errors), 1, full=True)
         return float(line[0]), float(np.sqrt(residual[0] / len(steps)))
 
-    order, residual = slope(Method(cq="gauss", degree=2, start="series"), (64, 128, 256, 512))
+    order, residual = slope(Method(cq="gauss", degree=2, start="graded"), (64, 128, 256, 512))
     assert abs(order - 4) < 0.1
     assert residual < 0.05
-    order, residual = slope(Method(cq="gauss", degree=3, start="series"), (64, 128, 256))
+    order, residual = slope(Method(cq="gauss", degree=3, start="graded"), (64, 128, 256))
     assert abs(order - 6) < 0.1
     assert residual < 0.05
     # the midpoint rule is told from both

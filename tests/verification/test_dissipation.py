@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from written_out import left_operator_rk
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.integrator.integrate import prepare
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.stepping import run_steps
-from fvi_cli.mathematics.lagrange import LagrangeBasis
 from fvi_cli.mathematics.runge_kutta import gauss_tableau
-from fvi_cli.mathematics.runge_kutta_weights import left_operator_rk
 from fvi_cli.scenes.named import linear_oscillator
 
 
@@ -26,18 +24,17 @@ def energy_and_work(
         initial_position=1.0,
         initial_velocity=v0,
     )
-    stepped = run_steps(prepare(scene, Method(cq="gauss", degree=stages), n_steps).problem)
-    h, tableau = 6.0 / n_steps, gauss_tableau(stages)
-    # velocities at the Gauss points, from the polynomial through the left end and those points
-    basis = LagrangeBasis(control_points=np.concatenate([[0.0], tableau.c]))
-    inner = stepped.samples - (stepped.position[:-1] - stepped.position[0])[:, None]
-    velocity = np.einsum("ni,knd->kid", basis.derivatives(tableau.c)[1:], inner) / h
+    method, tableau, h = Method(cq="gauss", degree=stages), gauss_tableau(stages), 6.0 / n_steps
+    found = integrate(scene, method, n_steps, with_steps=True)
+    assert found.steps is not None
+    assert found.momentum is not None
+    velocity = found.steps.velocity
     shifted = velocity - (v0 if order > 1 else 0.0)
     works = []
     for theta in (order - 1, order - 0.999):
         force = 0.4 * left_operator_rk(tableau, theta, h, shifted)
         works.append(h * float(np.einsum("i,kid,kid->", tableau.b, velocity, force)))
-    energy = scene.energy(stepped.position, stepped.momentum)
+    energy = scene.energy(found.position, found.momentum)
     return energy, works[0], works[1]
 
 

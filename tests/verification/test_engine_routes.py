@@ -11,7 +11,8 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine import run
-from fvi_cli.integrator.integrate import integrate, prepare
+from fvi_cli.integrator.equal_steps import prepare
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method, RuleSpecification
 from fvi_cli.integrator.stepping import StepProblem, run_steps
 from fvi_cli.scenes.named import linear_oscillator, pendulum
@@ -21,8 +22,6 @@ TOLERANCE = 1e-12
 LINEAR_METHODS = [
     *(Method(cq=f"bdf{p}", sampling="nodes", degree=1 + p % 2) for p in range(1, 7)),
     *(Method(cq=f"bdf{p}", degree=1 + p % 3) for p in range(1, 7)),
-    *(Method(cq="gauss", degree=m) for m in range(1, 5)),
-    *(Method(cq=name, degree=m) for name in ("radau-iia", "lobatto-iiic") for m in (1, 2, 3)),
     Method(cq="bdf3", degree=2, quadrature=RuleSpecification(rule="lobatto", points=4)),
 ]
 
@@ -55,23 +54,21 @@ def oscillator(orders: tuple[float, ...], derivative: str, coefficient: float) -
     )
 
 
-def small(method: Method) -> float:
-    """A coefficient with which the method is stable on these steps."""
-    return 0.5 if method.is_runge_kutta else 1e-3
+SMALL = 1e-3
+"""A coefficient with which all methods are stable on these steps."""
 
 
 @pytest.mark.parametrize("method", LINEAR_METHODS, ids=lambda method: method.case)
 @pytest.mark.parametrize("orders", [(0.3,), (1.0,), (1.5,), (0.5, 1.0), (0.3, 1.5)])
 def test_linear_blocks(method: Method, orders: tuple[float, ...]) -> None:
     for derivative, n_steps in (("caputo", 333), ("riemann-liouville", 64), ("caputo", 5)):
-        scene = oscillator(orders, derivative, small(method))
+        scene = oscillator(orders, derivative, SMALL)
         assert difference(prepare(scene, method, n_steps).problem) <= TOLERANCE
 
 
-@pytest.mark.parametrize("cq", ["gauss", "bdf3"])
-def test_many_groups_agree(cq: str) -> None:
-    method = Method(cq=cq, degree=2)
-    scene = oscillator((0.3, 1.5), "caputo", small(method))
+def test_many_groups_agree() -> None:
+    method = Method(cq="bdf3", degree=2)
+    scene = oscillator((0.3, 1.5), "caputo", SMALL)
     assert difference(prepare(scene, method, 2500).problem) <= TOLERANCE
 
 
@@ -85,7 +82,7 @@ def wrong_weight(problem: StepProblem, lag: int) -> StepProblem:
 
 @pytest.mark.parametrize("lag", [0, 1, 40, 300])
 def test_one_wrong_weight_is_seen(lag: int) -> None:
-    for method in (Method(cq="gauss", degree=2), Method(cq="bdf2", sampling="nodes", degree=1)):
+    for method in (Method(cq="bdf2", degree=2), Method(cq="bdf2", sampling="nodes", degree=1)):
         problem = prepare(oscillator((0.5,), "caputo", 0.5), method, 600).problem
         assert difference(problem) <= TOLERANCE
         assert difference(problem, wrong_weight(problem, lag)) > 100 * TOLERANCE
@@ -102,8 +99,6 @@ def positive(rng: np.random.Generator, d: int) -> np.ndarray:
     [
         Method(cq="bdf2", sampling="nodes", degree=1),
         Method(cq="bdf3", degree=2),
-        Method(cq="gauss", degree=2),
-        Method(cq="lobatto-iiic", degree=2),
     ],
     ids=lambda method: method.case,
 )
@@ -148,7 +143,7 @@ def test_a_chain_too_large_for_dense_blocks_takes_steps_with_the_fast_history() 
 
 @pytest.mark.parametrize("sampling", ["nodes", "points"])
 def test_added_force_and_known_parts(sampling: str) -> None:
-    """Starting weights, a start series, exact moments, and mixed orders with v0."""
+    """Starting weights, exact moments, and mixed orders with v0."""
     scene = oscillator((0.5, 1.5), "caputo", 1e-3)
     rng = np.random.default_rng(3)
     method = Method(cq="bdf2", degree=2, sampling=sampling, forcing_quadrature="exact")
@@ -157,10 +152,6 @@ def test_added_force_and_known_parts(sampling: str) -> None:
     added = replace(problem, extra_force=rng.normal(size=(201, samples, 1)))
     assert problem.memory.known_force is not None
     assert difference(added) <= TOLERANCE
-    shifted = replace(added, position_shift=rng.normal(size=(200, problem.tables.points.size, 1)))
-    assert difference(shifted) <= TOLERANCE
-    series = Method(cq="bdf2", degree=2, start="series")
-    assert difference(prepare(scene, series, 200).problem) <= TOLERANCE
     corrected = replace(method, start="weights", history="fft")
     both = [integrate(scene, replace(corrected, history=h), 200) for h in ("fft", "direct")]
     assert np.abs(both[0].position - both[1].position).max() <= TOLERANCE
@@ -168,11 +159,8 @@ def test_added_force_and_known_parts(sampling: str) -> None:
 
 
 NONLINEAR_METHODS = [
-    Method(cq="gauss", degree=2),
-    Method(cq="gauss", degree=3, start="series"),
     Method(cq="bdf3", degree=2),
     Method(cq="bdf2", sampling="nodes", degree=1),
-    Method(cq="lobatto-iiic", degree=2),
 ]
 
 
@@ -201,7 +189,7 @@ def test_newton_sees_one_wrong_weight() -> None:
         damping=[FractionalDamping(order=0.5, coefficient=0.5)],
         initial_position=1.0,
     )
-    problem = prepare(scene, Method(cq="gauss", degree=2), 300).problem
+    problem = prepare(scene, Method(cq="bdf2", degree=2), 300).problem
     assert difference(problem, wrong_weight(problem, 100)) > 100 * TOLERANCE
 
 
@@ -213,7 +201,7 @@ def test_steps_too_long_for_any_block_fall_back_to_single_steps() -> None:
         damping=[FractionalDamping(order=0.5, coefficient=0.3)],
         initial_position=2.0,
     )
-    problem = prepare(scene, Method(cq="gauss", degree=2), 64).problem
+    problem = prepare(scene, Method(cq="bdf2", degree=2), 64).problem
     assert difference(problem) <= 1e-9
 
 
@@ -236,9 +224,9 @@ def test_growth_beyond_the_range_of_numbers_stops_with_what_is_finished() -> Non
 
 def test_work_is_counted() -> None:
     scene = oscillator((0.5,), "caputo", 0.5)
-    method = Method(cq="gauss", degree=2)
+    method = Method(cq="bdf2", degree=2)
     fast = [run(prepare(scene, method, n).problem, "fft").operations for n in (2**12, 2**14)]
-    direct = 2**14 * (2**14 - 1) // 2 * 4
+    direct = 2**14 * (2**14 - 1) // 2 * 2
     assert fast[1] < direct / 8
     assert fast[1] < 6.5 * fast[0]
     finite = oscillator((1.0,), "caputo", 0.5)
@@ -247,13 +235,11 @@ def test_work_is_counted() -> None:
         for n in (2**12, 2**13)
     ]
     assert counts[1] < 2.1 * counts[0]
-    none = run(prepare(finite, method, 2**12).problem, "fft")
-    assert none.operations == 0
 
 
 def test_auto_takes_the_direct_sum_for_a_few_steps_only() -> None:
     scene = oscillator((0.5,), "caputo", 0.5)
-    method = Method(cq="gauss", degree=2)
+    method = Method(cq="bdf2", degree=2)
     for n_steps, same in ((8, "direct"), (100, "fft")):
         problem = prepare(scene, method, n_steps).problem
         chosen = run(problem, "auto")

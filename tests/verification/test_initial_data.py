@@ -16,10 +16,10 @@ from fvi_cli.scenes.named import linear_oscillator
 
 METHODS = [
     Method(cq="gauss", degree=3),
-    Method(cq="gauss", degree=3, start="series"),
+    Method(cq="gauss", degree=3, start="graded"),
     Method(cq="radau-iia", degree=3),
     Method(cq="lobatto-iiic", degree=3),
-    Method(cq="bdf4", degree=2, start="series", forcing_quadrature="exact"),
+    Method(cq="bdf4", degree=2, forcing_quadrature="exact"),
 ]
 
 
@@ -101,7 +101,7 @@ def test_riemann_liouville_above_1_with_a_position_at_0_is_refused() -> None:
     [
         # an initial position: the kick that the nodes leave out is infinite
         (0.3, Method(cq="bdf2", degree=1, sampling="nodes"), 0.7),
-        (0.5, Method(cq="bdf3", degree=2, sampling="nodes", start="series"), 0.5),
+        (0.5, Method(cq="bdf3", degree=2, sampling="nodes"), 0.5),
         # an initial velocity: a force like t^(1 - gamma)
         (1.5, Method(cq="bdf2", degree=1, sampling="nodes"), 1.5),
         (1.2, Method(cq="bdf2", degree=1), 1.8),
@@ -152,7 +152,7 @@ def test_no_order_is_stated_where_the_powers_are_not_known() -> None:
         FractionalDamping(order=order, coefficient=coefficient)
         for order, coefficient in ((0.3, 0.28), (1.95, 0.87), (0.5, 0.56))
     ]
-    method = Method(cq="gauss", degree=3, start="series")
+    method = Method(cq="gauss", degree=3, start="graded")
 
     def scene(**more: object) -> Scene:
         return linear_oscillator(final_time=1.0, damping=terms, initial_velocity=0.32, **more)
@@ -185,7 +185,7 @@ def test_orders_on_both_sides_of_1_together(method: Method) -> None:
         initial_position=1.0,
         initial_velocity=0.7,
     )
-    fine = integrate(scene, Method(cq="gauss", degree=4, start="series"), 256).position[-1, 0]
+    fine = integrate(scene, Method(cq="gauss", degree=4, start="graded"), 256).position[-1, 0]
     assert integrate(scene, method, 128).position[-1, 0] == pytest.approx(fine, abs=2e-4)
     from fvi_cli.scenes.linear_response import match_scene
 

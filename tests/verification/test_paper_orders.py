@@ -15,7 +15,8 @@ from paper_problems import (
     slope,
 )
 
-from fvi_cli.integrator.integrate import integrate, prepare
+from fvi_cli.integrator.equal_steps import prepare
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stepping import run_steps
 

@@ -70,7 +70,7 @@ def slope_and_errors(scene: Scene, method: Method, reference) -> tuple[float, li
 def refined(scene: Scene):
     """A run on a grid that contains every knot and every grid of the ladder."""
     finest = 3 * 2**11
-    method = Method(cq="gauss", degree=4, start="series")
+    method = Method(cq="gauss", degree=4, start="graded")
     path = integrate(scene, method, finest).position[:, 0]
     return lambda n_steps: path[:: finest // n_steps]
 
@@ -84,7 +84,7 @@ def test_knots_inside_of_steps_cost_the_order_of_the_interpolation(
     interpolation, degree, limit, order
 ):
     scene = shaken(interpolation, BETWEEN, order)
-    method = Method(cq="gauss", degree=degree, start="series")
+    method = Method(cq="gauss", degree=degree, start="graded")
     measured, errors = slope_and_errors(scene, method, refined(scene))
     stated = expected_order(scene, method, "max", STEPS[-1])
     assert stated == limit < method.classical_order
@@ -105,7 +105,7 @@ def test_knots_inside_of_steps_cost_the_order_of_the_interpolation(
 )
 def test_knots_on_the_grid_are_seen_by_the_memory_only(interpolation, degree, order, limit):
     scene = shaken(interpolation, ON_GRID, order)
-    method = Method(cq="gauss", degree=degree, start="series")
+    method = Method(cq="gauss", degree=degree, start="graded")
     measured, errors = slope_and_errors(scene, method, refined(scene))
     assert expected_order(scene, method, "max", STEPS[-1]) == limit
     assert measured == pytest.approx(limit, abs=0.1), errors

@@ -10,7 +10,6 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,22 +21,21 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import frozen_response, memory
-from fvi_cli.integrator import integrate as integrate_module
 from fvi_cli.integrator.block_history import GroupHistory
 from fvi_cli.integrator.convolution import damping as states
+from fvi_cli.integrator.equal_steps import prepare
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.method import Method, takes_any_mesh
+from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.steps import linear_blocks, newton_blocks
 from fvi_cli.integrator.steps.step import StepSolver
-from fvi_cli.mathematics.windowed_series import WindowedSeries
 from fvi_cli.planning.plan import plan_run
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.nonlinear import duffing
 
 NODES = Method(cq="bdf2", degree=1, sampling="nodes")
-POINTS = Method(cq="bdf4", degree=2, start="series", forcing_quadrature="exact")
-GAUSS = Method(cq="gauss", degree=2, start="series")
+POINTS = Method(cq="bdf4", degree=2, forcing_quadrature="exact")
+GAUSS = Method(cq="gauss", degree=2, start="graded")
 PLAIN = Method(cq="gauss", degree=2)
 METHODS = [NODES, POINTS, GAUSS, PLAIN]
 
@@ -83,12 +81,11 @@ def oscillator(
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.case)
 class TestWithoutDamping:
     @pytest.mark.parametrize("scene", [oscillator(), oscillator(0.5, coefficient=0.0)])
-    def test_no_weights_no_history_no_series(self, monkeypatch, method, scene):
+    def test_no_weights_and_no_history(self, monkeypatch, method, scene):
         forbid(monkeypatch, memory, "_weights")
         forbid(monkeypatch, states, "power_kernel")
         forbid(monkeypatch, linear_blocks, "BlockMemory")
         forbid(monkeypatch, GroupHistory, "_spread_long")
-        forbid(monkeypatch, WindowedSeries, "matching")
         trajectory = integrate(scene, method, 600)
         assert trajectory.status == "ok"
         assert trajectory.history_operations == 0
@@ -97,7 +94,7 @@ class TestWithoutDamping:
     def test_with_damping_there_are_weights_or_states(self, monkeypatch, method):
         # never both
         needed, other = (memory, "_weights"), (states, "power_kernel")
-        if takes_any_mesh(method):
+        if method.is_runge_kutta:
             needed, other = other, needed
         with monkeypatch.context() as context:
             forbid(context, *other)
@@ -119,7 +116,7 @@ class TestFirstOrder:
 
     def test_other_orders_take_more(self, monkeypatch, method):
         works = [integrate(oscillator(0.5), method, n).history_operations for n in (2048, 4096)]
-        if takes_any_mesh(method):
+        if method.is_runge_kutta:
             # not more for a step that has more before it
             assert works[0] < works[1] < 2.2 * works[0]
             forbid(monkeypatch, states, "power_kernel")
@@ -138,12 +135,12 @@ def test_the_stencil_of_first_order_is_as_long_as_the_formula():
         assert work == sum(min(k, order - 1) for k in range(1001))
 
 
-@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.case)
+@pytest.mark.parametrize("method", [NODES, POINTS, PLAIN], ids=lambda method: method.case)
 def test_scalar_terms_together_cost_as_much_as_one(method):
     one, two = oscillator(0.5), oscillator(0.5, 1.5)
     works = [integrate(scene, method, 1000).history_operations for scene in (one, two)]
     # states that serve both orders are a few more
-    assert works[0] <= works[1] <= works[0] * (1.1 if takes_any_mesh(method) else 1.0)
+    assert works[0] <= works[1] <= works[0] * (1.1 if method.is_runge_kutta else 1.0)
     assert plan_run(two, method, 1000).n_sequences == 1
     # the control: matrices of different directions have a sequence each
     apart = linear_oscillator(
@@ -224,12 +221,9 @@ class TestQuadraticPotential:
             integrate(scene, PLAIN, 1000)
 
 
-def test_without_forcing_no_zeros_are_integrated(monkeypatch):
-    for name in ("galerkin_moments", "exact_moments", "projected_moments"):
-        forbid(monkeypatch, integrate_module, name)
-    assert integrate(oscillator(0.5), NODES, 100).status == "ok"
-    with pytest.raises(CalledError):
-        integrate(oscillator(0.5, forcing="sin(t)"), NODES, 100)
+def test_without_forcing_no_zeros_are_integrated():
+    assert prepare(oscillator(0.5), NODES, 100).problem.moments is None
+    assert prepare(oscillator(0.5, forcing="sin(t)"), NODES, 100).problem.moments is not None
 
 
 @pytest.mark.parametrize("dimension", [1, 4])
@@ -250,17 +244,14 @@ def test_without_forcing_there_are_no_load_vectors(monkeypatch, dimension, n_ste
         seen.clear()
 
 
-@pytest.mark.parametrize("method", [POINTS, GAUSS], ids=lambda method: method.case)
-def test_a_smooth_start_has_no_series(monkeypatch, method):
-    forbid(monkeypatch, WindowedSeries, "matching")
+def test_a_smooth_start_is_not_graded():
     rest = linear_oscillator(
         final_time=6.0,
         damping=[FractionalDamping(order=1.0, coefficient=0.3)],
-        forcing=Forcing.from_text("t**8"),
+        initial_position=1.0,
     )
-    assert integrate(rest, GAUSS, 100).status == "ok"
-    with pytest.raises(CalledError):
-        integrate(oscillator(0.5), method, 1000)
+    assert "100 steps in all" in plan_run(rest, GAUSS, 100).start
+    assert "100 steps in all" not in plan_run(oscillator(0.5), GAUSS, 100).start
 
 
 def test_uncoupled_degrees_of_freedom_are_a_batch(monkeypatch):
@@ -272,8 +263,7 @@ def test_uncoupled_degrees_of_freedom_are_a_batch(monkeypatch):
     works = [integrate(scene, PLAIN, 1000).history_operations for scene in (one, four)]
     assert [systems.shape for systems, *_ in made] == [(1, 1), (4, 1)]
     assert works[1] <= 4 * works[0]
-    sums = replace(PLAIN, history="fft")
-    works = [integrate(scene, sums, 1000).history_operations for scene in (one, four)]
+    works = [integrate(scene, POINTS, 1000).history_operations for scene in (one, four)]
     assert works[1] == 4 * works[0]
 
 
@@ -285,7 +275,7 @@ class TestNewton:
             damping=[FractionalDamping(order=0.5, coefficient=0.3)],
             initial_position=2.0,
         )
-        direct = Method(cq="gauss", degree=2, history="direct")
+        direct = Method(cq="gauss", degree=2)
         residuals = integrate(scene, direct, 6).newton.worst_residuals
         large = [r for r in residuals if r > 1e-12]
         assert len(large) >= 3
@@ -294,7 +284,7 @@ class TestNewton:
 
     @pytest.mark.parametrize(
         ("method", "owner"),
-        [(PLAIN, newton_blocks), (replace(PLAIN, history="fft"), frozen_response)],
+        [(PLAIN, newton_blocks), (POINTS, frozen_response)],
         ids=["states", "fft"],
     )
     def test_matrices_are_made_a_few_times_and_not_for_every_step(self, monkeypatch, method, owner):
@@ -322,6 +312,7 @@ def note(name):
 seen = {}
 import numpy as np
 from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.integrator.equal_steps import prepare
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.named import linear_oscillator, pendulum
@@ -332,14 +323,14 @@ def oscillate(*orders, **options):
 
 nodes = Method(cq="bdf2", degree=1, sampling="nodes")
 gauss = Method(cq="gauss", degree=2)
-series = Method(cq="gauss", degree=2, start="series")
-integrate(oscillate(), series, 500); note("undamped")
-integrate(oscillate(1.0), series, 500); note("first order")
+graded = Method(cq="gauss", degree=2, start="graded")
+integrate(oscillate(), graded, 500); note("undamped")
+integrate(oscillate(1.0), graded, 500); note("first order")
 integrate(oscillate(0.5), nodes, 5000); note("nodes")
-integrate(oscillate(0.5), gauss, 5000); note("no series")
+integrate(oscillate(0.5), gauss, 5000); note("equal steps")
 swing = pendulum(final_time=6.0, damping=oscillate(0.5).damping, initial_position=1.0)
 integrate(swing, gauss, 500); note("pendulum")
-integrate(oscillate(0.5), series, 500); note("series")
+integrate(oscillate(0.5), graded, 500); note("graded")
 weights = Method(cq="bdf2", degree=1, start="weights")
 integrate(oscillate(0.5), weights, 50); note("starting weights")
 from fvi_cli.scenes.lagrangian import lagrangian_scene
@@ -381,11 +372,11 @@ def seen_by(code, **options):
 @pytest.mark.processes
 def test_modules_that_a_scene_does_not_call_for_are_not_imported():
     seen = seen_by(CHILD)
-    for kind in ("undamped", "first order", "nodes", "no series", "pendulum"):
+    for kind in ("undamped", "first order", "nodes", "equal steps", "pendulum"):
         assert seen[kind] == [], kind
     # the controls: what is called for is there
     assert seen["starting weights"] == ["scipy.special"]
-    assert not {"mpmath", "sympy"} & set(seen["series"])
+    assert not {"mpmath", "sympy"} & set(seen["graded"])
     assert {"sympy", "mpmath"} <= set(seen["lagrangian"])
     assert not {"h5py", "matplotlib"} & set(seen["lagrangian"])
 

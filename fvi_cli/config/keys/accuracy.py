@@ -19,7 +19,7 @@ EXAMPLE: Final = "accuracy: {tolerance: 1e-8}"
 USUAL: Final[Mapping[str, list[Any]]] = {
     "rk": ["gauss"],
     "degree": [4, 3, 2],
-    "start": ["series", "none"],
+    "start": ["graded", "none"],
 }
 """The methods of which one is chosen where none is given, on uniform meshes."""
 

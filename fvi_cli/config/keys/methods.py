@@ -105,11 +105,15 @@ _ENTRY: Final = Record(
         _several(
             "start",
             ByForm(
-                single=Choice(words=("none", "weights", "series", "graded")), mappings=(_WEIGHTS,)
+                single=Choice(
+                    words=("none", "weights", "graded"),
+                    gone={"series": "write graded with rk: gauss, none or weights with bdf"},
+                ),
+                mappings=(_WEIGHTS,),
             ),
             "What is done about a singular start; graded: steps behind it and behind break points "
-            "are halved again and again (rk: gauss only). Default: none for sampling: nodes and "
-            "with ladder.grading, graded with history: exponentials, else series.",
+            "are halved again and again (rk: gauss only). Default: graded for rk: gauss without "
+            "ladder.grading, else none.",
         ),
         _several(
             "forcing_quadrature",
@@ -141,7 +145,7 @@ class ListedMethod:
 
 
 def read_methods(
-    given: object, at: Cursor, usual: Mapping[str, list[Any]], *, start: Start = "series"
+    given: object, at: Cursor, usual: Mapping[str, list[Any]], *, start: Start = "graded"
 ) -> list[ListedMethod]:
     """Every combination under ``method``; what makes no method is noted and left out.
 
@@ -238,7 +242,7 @@ def _complain(message: str, chosen: Mapping[str, int], at: Cursor) -> None:
 
 
 def make_method(
-    values: Mapping[str, Any], *, usual_start: Start = "series"
+    values: Mapping[str, Any], *, usual_start: Start = "graded"
 ) -> tuple[AnyMethod, dict[str, Any]]:
     """The method with its defaults, and the keys that say it in full.
 
@@ -257,7 +261,7 @@ def make_method(
         sampling = values.get("sampling", "points")
         nodes = sampling == "nodes"
         degree = values.get("degree", 1 if nodes else math.ceil(order / 2))
-        start = values.get("start", "none" if nodes else "series")
+        start = values.get("start", "none")
         forcing_quadrature = values.get("forcing_quadrature", "galerkin" if nodes else "exact")
     else:
         cq = values.get("rk", "gauss")
@@ -266,15 +270,11 @@ def make_method(
         degree = values.get("degree", 3)
         if "stages" in values:
             degree = values["stages"] - (1 if cq == "lobatto-iiic" else 0)
-        if values.get("history") == "exponentials" and usual_start == "series":
-            usual_start = "graded" if cq == "gauss" else "none"
-        if usual_start == "graded" and cq != "gauss":
-            usual_start = "none"
-        start = values.get("start", usual_start)
+        start = values.get("start", usual_start if cq == "gauss" else "none")
         forcing_quadrature = values.get("forcing_quadrature", "galerkin")
     exponents: tuple[float, ...] = ()
     if start == "graded" and cq != "gauss":
-        raise ValueError("start: graded is for rk: gauss only; use series or none")
+        raise ValueError("start: graded is for rk: gauss only; use none")
     if isinstance(start, Mapping):
         exponents, start = tuple(start["weights"]), "weights"
         if len(set(exponents)) != len(exponents):
@@ -305,10 +305,6 @@ def objection_to_grading(method: AnyMethod) -> str:
         return f"{method.case} needs equal steps; leave grading out, or use rk: gauss"
     if method.start == "graded":
         return f"{method.case} has a mesh of its own; leave grading out, or give start: none"
-    if method.start != "none":
-        return f"{method.case} needs equal steps; leave grading out, or give start: none"
-    if method.history in ("direct", "fft"):
-        return f"{method.case} needs equal steps; leave grading out, or give history: auto"
     return ""
 
 

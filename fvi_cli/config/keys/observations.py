@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.config.keys.accuracy import USUAL
 from fvi_cli.config.keys.methods import ListedMethod
 from fvi_cli.integrator.observations.asked import (
     DIRECTIONS,
@@ -123,16 +122,6 @@ IMPACTS: Final = Key(
     "end the run, which says when. Stored like events. For Runge-Kutta methods and a ladder.",
     default=OPTIONAL,
 )
-
-
-def usual_methods(at: Cursor) -> Mapping[str, list[Any]]:
-    """The methods of which one is chosen for a tolerance where none is given."""
-    return {**USUAL, "start": ["graded"]} if is_observed(at) else USUAL
-
-
-def is_observed(at: Cursor) -> bool:
-    """Whether an experiment asks for anything beside positions on the mesh."""
-    return any(at.has(key) for key in KEYS)
 
 
 def read_observations(

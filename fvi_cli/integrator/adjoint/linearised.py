@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.memory import RunMemory, TermTables
 from fvi_cli.integrator.convolution.stages import StageOperator
-from fvi_cli.integrator.memory import runge_kutta_tableau
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.steps.dynamics import dynamics_of
+from fvi_cli.mathematics.runge_kutta import tableau
 
 Array = NDArray[np.float64]
 
@@ -151,7 +151,7 @@ class LinearisedRun:
         self.scene, self.steps = scene, steps
         self.dynamics = dynamics_of(scene)
         self.memory = RunMemory(
-            scene, StageOperator(tableau=runge_kutta_tableau(method)), steps.step_size
+            scene, StageOperator(tableau=tableau(method.cq, method.stages)), steps.step_size
         )
         self.step_solves = 0
         sizes, self.of_size = np.unique(steps.step_size, return_inverse=True)

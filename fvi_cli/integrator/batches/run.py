@@ -18,11 +18,11 @@ from fvi_cli.integrator.convolution.stages import StageOperator
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.growth_bound import TOLERATED_FACTOR
 from fvi_cli.integrator.loads.step_loads import StepLoads
-from fvi_cli.integrator.memory import runge_kutta_tableau
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.runge_kutta import integrate_runge_kutta, mesh_for
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.runge_kutta import tableau
 
 Array = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def _together(
     mesh, tables = mesh_for(scenes[0], method, n_steps), step_tables(method)
     damping = SideDamping(
         systems,
-        StageOperator(tableau=runge_kutta_tableau(method)),
+        StageOperator(tableau=tableau(method.cq, method.stages)),
         shortest_step=mesh.shortest_step,
         n_steps=mesh.equivalent_steps,
         final_time=scenes[0].final_time,

@@ -29,10 +29,10 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import Form, form, scaled, times
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.convolution.directions import same_direction, scale_and_direction
 from fvi_cli.integrator.convolution.kernel import Kernel, Term, power_kernel
 from fvi_cli.integrator.convolution.reach import Reach
 from fvi_cli.integrator.convolution.stages import StageOperator, StepKernel
-from fvi_cli.integrator.memory import same_direction, scale_and_direction
 
 Array = NDArray[np.float64]
 

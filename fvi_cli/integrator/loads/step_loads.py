@@ -2,6 +2,7 @@ r"""Load vectors :math:`g_\nu = h \int_0^1 l_\nu(\tau) f(t + \tau h) d\tau` of k
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -9,13 +10,15 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.loads.panels import fine_rule, graded_edges, graded_rule
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.moments import fine_rule, graded_edges, graded_rule
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
 
 Array = NDArray[np.float64]
 
+CHUNK = 4096
+"""Steps whose forces are looked at together."""
 PANEL_RATIO = 4.0
 """A step that ends later than at so many times its beginning is integrated in panels of this ratio,
 since forces may be powers of t."""
@@ -86,6 +89,28 @@ class StepLoads:
         mean = np.abs(forcing).sum(axis=1).max(initial=0.0) / step_size
         self.largest_force = max(self.largest_force, float(mean))
         return forcing if damping is None else forcing + damping
+
+    def of_run(
+        self, step_size: float, breaks: tuple[int, ...], n_steps: int
+    ) -> tuple[Array | None, Array | None]:
+        """Load vectors of a whole run on equal steps: of the forcing, and of the damping.
+
+        Parameters
+        ----------
+        step_size, n_steps
+            h and N.
+        breaks
+            Steps that begin at a break point.
+        """
+        forcing, damping = [], []
+        ends = [*breaks, n_steps]
+        for first, end in itertools.pairwise([0, *ends]):
+            for begin in range(first, end, CHUNK):
+                count, fresh = min(CHUNK, end - begin), begin == first
+                at = begin * step_size
+                forcing.append(self.of_forcing(at, step_size, count, is_fresh=fresh))
+                damping.append(self.of_damping(at, step_size, count, is_fresh=fresh))
+        return _joined(forcing), _joined(damping)
 
     def of_forcing(
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
@@ -161,6 +186,11 @@ class StepLoads:
             weighted = self._basis.values(points) * weights
             total[0] = step_size * weighted @ force(start[:1], step_size, points)[0]
         return np.asarray(total)
+
+
+def _joined(parts: list[Array | None]) -> Array | None:
+    found = [part for part in parts if part is not None]
+    return np.concatenate(found) if found else None
 
 
 def _panels(begin: float, step_size: float) -> Array | None:

@@ -17,8 +17,11 @@ from collections.abc import Callable
 
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, _parts
 
-WINDOW_SHARE = 8
+WINDOW_SHARE = 4
 """One of so many steps of a part between break points is in its window."""
+WINDOW_LEAST = 16
+"""Steps of a window at least, where the part and that share of the run have as many: steps behind a
+window of W of them meet a singular power with an error of (4 W)^(-2m)."""
 WINDOW_MOST = 512
 """Steps of a window at most: behind, equal steps lose less than round-off."""
 EXCESS = 0.5
@@ -58,7 +61,8 @@ def graded_start_mesh(
                 Stretch(begin=begin, end=end, n_steps=count, step_size=size, is_fresh=True)
             )
             continue
-        window = max(1, min(count // WINDOW_SHARE, WINDOW_MOST))
+        least = min(n_steps // WINDOW_SHARE, WINDOW_LEAST)
+        window = max(1, min(max(count // WINDOW_SHARE, least), count, WINDOW_MOST))
         inside = _window(begin, size, window, 2 * stages, power)
         stretches += inside
         if window < count:

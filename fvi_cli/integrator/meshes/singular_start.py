@@ -8,16 +8,25 @@ where the acceleration is like :math:`t^e`, the derivative of order gamma of the
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
+from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.method import ForcingQuadrature
+from fvi_cli.mathematics.power_series import SeriesError, expand
 
-FORCED_POWER = 2.5
-"""Power to take where a force may begin like the root of t."""
+UNKNOWN_FORCE = 0.5
+"""Power with which a force is taken to begin that has no expansion in powers of t."""
+LARGEST_POWER = 12.0
+"""Powers of a force that do not matter, whatever the method."""
 
 
-def start_power(scene: Scene, *, at_start: bool) -> float | None:
-    r"""Least fractional power of t in the position; None where the motion is smooth.
+def start_power(
+    scene: Scene, *, at_start: bool, forcing_quadrature: ForcingQuadrature = "galerkin"
+) -> float | None:
+    r"""Least fractional power of t in the position or its errors; None where all is smooth.
 
     Parameters
     ----------
@@ -26,26 +35,30 @@ def start_power(scene: Scene, *, at_start: bool) -> float | None:
     at_start
         At t = 0, or behind a break point of the force, where the acceleration jumps:
         :math:`4 - \gamma`.
+    forcing_quadrature
+        The rule of the action errs on a force :math:`t^e` like :math:`t^{e + 1}` in the momentum,
+        an exact one only through the motion, :math:`t^{e + 2}`.
 
     Notes
     -----
     At t = 0, Caputo: :math:`3 - \gamma` for :math:`\gamma < 1` and an initial velocity, otherwise
     :math:`4 - \gamma`. Riemann-Liouville: :math:`2 - \gamma` for an initial position,
-    :math:`3 - \gamma` for an initial velocity. A force may begin with a power of its own; then no
-    more than 2.5 is taken. A relaxation law whose kernel is like :math:`t^{-\gamma}`, or like a
-    constant and :math:`t^a` (then :math:`\gamma = -a`), begins as a derivative of order gamma.
+    :math:`3 - \gamma` for an initial velocity. A relaxation law whose kernel is like
+    :math:`t^{-\gamma}`, or like a constant and :math:`t^a` (then :math:`\gamma = -a`), begins as a
+    derivative of order gamma.
     """
     orders = [term.order for term in scene.active_damping if not term.is_integer_order]
     begins = [law.kernel.start_order for law in scene.active_laws]
     orders += [order for order in begins if order is not None]
-    forced = scene.forcing is not None
-    if not orders:
-        return FORCED_POWER if forced and at_start else None
     if not at_start:
-        return min(4.0 - order for order in orders)
+        return min((4.0 - order for order in orders), default=None)
+    powers = []
+    if scene.forcing is not None:
+        own = fractional_power(scene.forcing.pieces[0])
+        if own is not None:
+            powers.append(own + (1.0 if forcing_quadrature == "galerkin" else 2.0))
     moving = bool(np.any(scene.initial_velocity != 0))
     displaced = bool(np.any(scene.initial_position != 0))
-    powers = [FORCED_POWER] if forced else []
     for order in orders:
         if scene.derivative == "riemann-liouville" and displaced:
             powers.append(2.0 - order)
@@ -53,4 +66,20 @@ def start_power(scene: Scene, *, at_start: bool) -> float | None:
             powers.append(3.0 - order)
         else:
             powers.append(4.0 - order)
-    return min(powers)
+    return min(powers, default=None)
+
+
+@lru_cache(maxsize=64)
+def fractional_power(piece: ForcingPiece) -> float | None:
+    """Least fractional power of t with which a force begins; None where it begins smoothly."""
+    try:
+        series = [expand(component, LARGEST_POWER) for component in piece.components]
+    except SeriesError:
+        return UNKNOWN_FORCE
+    found = [
+        power
+        for one in series
+        for power in one.exponents[one.coefficients != 0].tolist()
+        if abs(power - round(power)) > 1e-9
+    ]
+    return min(found, default=None)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.method import AnyMethod, Method, takes_any_mesh
+from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observations.asked import Event, Observations
 from fvi_cli.integrator.observations.dense_motion import DenseMotion, dense_motion
 from fvi_cli.integrator.observations.impacts import integrate_with_impacts
@@ -107,10 +107,10 @@ def check_observable(method: AnyMethod) -> None:
     ValueError
         With what to take.
     """
-    if not isinstance(method, Method) or not takes_any_mesh(method):
+    if not isinstance(method, Method) or not method.is_runge_kutta:
         raise ValueError(
             f"{method.case} keeps no polynomials of its steps; output, quantities and events need "
-            "a Runge-Kutta method with start: graded or none, such as rk: gauss"
+            "a Runge-Kutta method, such as rk: gauss"
         )
 
 

@@ -89,6 +89,7 @@ class March:
         self._linear: dict[tuple[float, int], LinearBlocks] = {}
         self._groups: dict[float, StepGroup] = {}
         self._newton: dict[tuple[float, int], NewtonStretch] = {}
+        self._last_of_size = {one.step_size: k for k, one in enumerate(mesh.stretches)}
         damping = setup.damping
         self._per_step = 0 if damping is None else damping.operations_per_step
         self._systems: tuple[LinearSystems, Decoupling] | None = None
@@ -128,7 +129,15 @@ class March:
                     first += count
                 if self.failure:
                     break
+                self._forget(one.step_size, index)
         return None
+
+    def _forget(self, h: float, index: int) -> None:
+        """Let matrices go with the last stretch of their step size."""
+        if self._last_of_size[h] == index:
+            for made in (self._linear, self._newton):
+                for key in [key for key in made if key[0] == h]:
+                    del made[key]
 
     def plan(self) -> MarchPlan:
         """How :meth:`run` will do the steps; nothing is computed."""

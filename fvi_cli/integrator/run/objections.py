@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.method import AnyMethod, Baseline, takes_any_mesh
+from fvi_cli.integrator.method import AnyMethod, Baseline
 
 
 def law_objection(scene: Scene, method: AnyMethod) -> str:
     """Why the method has no steps for the relaxation laws of a scene; empty where it has."""
     if not scene.active_laws:
         return ""
-    if not isinstance(method, Baseline) and takes_any_mesh(method):
+    if not isinstance(method, Baseline) and method.is_runge_kutta:
         return ""
     return (
         f"{method.case} is not made for relaxation laws (zener, maxwell, prony, tempered); take "

@@ -56,7 +56,9 @@ def mesh_for(scene: Scene, method: Method, n_steps: int) -> Mesh:
             n_steps,
             scene.break_points,
             stages=method.degree,
-            exponent=lambda at_start: start_power(scene, at_start=at_start),
+            exponent=lambda at_start: start_power(
+                scene, at_start=at_start, forcing_quadrature=method.forcing_quadrature
+            ),
         )
     return uniform_mesh(scene.final_time, n_steps, scene.break_points)
 

@@ -11,18 +11,19 @@ from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.convolution.damping import Damping
+from fvi_cli.integrator.convolution.directions import terms_by_direction
 from fvi_cli.integrator.convolution.reach import Reach, find_reach
 from fvi_cli.integrator.convolution.stages import StageOperator
 from fvi_cli.integrator.decoupling import Decoupling, decouple_forms
 from fvi_cli.integrator.growth_bound import GrowthBound
 from fvi_cli.integrator.loads.step_loads import StepLoads
-from fvi_cli.integrator.memory import runge_kutta_tableau, terms_by_direction
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.loop import Marker, Stepper
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.steps.linear_blocks import LARGEST_DENSE, LEAST_BLOCK
 from fvi_cli.integrator.steps.step import StepSolver
+from fvi_cli.mathematics.runge_kutta import tableau
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,7 +74,7 @@ def prepare_run(
     damping = None
     decoupling = linear_decoupling(scene) if scene.is_linear else None
     if scene.active_forces:
-        operator = StageOperator(tableau=runge_kutta_tableau(method))
+        operator = StageOperator(tableau=tableau(method.cq, method.stages))
         damping = Damping(
             scene,
             operator,

@@ -11,9 +11,14 @@ from test_mesh import fresh, points
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
-from fvi_cli.integrator.meshes.graded_start import WINDOW_MOST, graded_start_mesh
+from fvi_cli.integrator.meshes.graded_start import (
+    WINDOW_MOST,
+    WINDOW_SHARE,
+    graded_start_mesh,
+)
 from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
+from fvi_cli.integrator.method import ForcingQuadrature
 from fvi_cli.scenes.named import linear_oscillator
 
 Array = np.ndarray
@@ -79,7 +84,7 @@ def test_steps_grow_like_those_of_a_graded_mesh(m: int, power: float) -> None:
     at, h = points(graded(n_steps, power, m)), 3.0 / n_steps
     r = (2 * m + 0.5) / power
     begin, sizes = at[:-1], np.diff(at)
-    window = n_steps // 8
+    window = n_steps // WINDOW_SHARE
     inside = (begin >= h) & (begin < window * h * (1 - 1e-9))
     law = h * (begin[inside] / (window * h)) ** (1 - 1 / r)
     assert (sizes[inside] <= 1.01 * law).all()
@@ -94,7 +99,7 @@ def test_steps_grow_like_those_of_a_graded_mesh(m: int, power: float) -> None:
 def test_the_steps_added_are_few(n_steps: int) -> None:
     for m, power in ((2, 3.5), (4, 2.1), (8, 1.1)):
         added = graded(n_steps, power, m).n_steps - n_steps
-        window = max(1, min(n_steps // 8, WINDOW_MOST))
+        window = max(1, min(n_steps // WINDOW_SHARE, WINDOW_MOST))
         grading = (2 * m + 0.5) / power
         # each level halves that share of the steps of the one above
         share = 2.0 ** (-1.0 / (grading - 1.0))
@@ -135,6 +140,24 @@ def test_the_power_with_which_a_motion_begins(
         assert start_power(scene, at_start=False) == pytest.approx(4.0 - order)
 
 
-def test_forces_may_begin_like_a_root() -> None:
-    scene = oscillator(0.5, position=0.0, velocity=0.0, forcing=Forcing.from_text("sqrt(t)"))
-    assert start_power(scene, at_start=True) == 2.5
+def test_forces_may_begin_like_a_power() -> None:
+    def power(force: str, quadrature: ForcingQuadrature = "galerkin") -> float | None:
+        scene = oscillator(1.0, position=0.0, velocity=0.0, forcing=Forcing.from_text(force))
+        return start_power(scene, at_start=True, forcing_quadrature=quadrature)
+
+    # the rule of the action errs on the force itself
+    assert power("sqrt(t)") == 1.5
+    assert power("sqrt(t)", "exact") == 2.5
+    assert power("sin(t) + t**2.25") == 3.25
+    assert power("sin(t)") is None
+    # a force that oscillates ever quicker has no powers: the lowest usual one is taken
+    assert power("sin(log(t))") == 1.5
+    scene = oscillator(1.9, position=1.0, velocity=0.0, forcing=Forcing.from_text("sqrt(t)"))
+    assert start_power(scene, at_start=True) == 1.5
+
+
+def test_few_steps_before_a_break_are_all_halved() -> None:
+    """Where a part of the run has a few steps of the grid, all of them are short against t."""
+    at = points(graded(200, 2.5, 3, (0.12,)))
+    first = at[at <= 0.12 * (1 + 1e-12)]
+    assert (np.diff(first)[1:] <= 0.5 * 0.015 * (1 + 1e-9)).all()

@@ -16,6 +16,7 @@ from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.run.parts import Part, integrate_part
@@ -232,8 +233,8 @@ def test_memory_does_not_grow_with_the_number_of_steps() -> None:
 
     peak(GAUSS2, 4096)
     assert peak(GAUSS2, 2**15) < 1.1 * peak(GAUSS2, 2**13)
-    # control: the other history keeps every sample
-    usual = replace(GAUSS2, history="fft")
+    # control: sums by FFT keep every sample
+    usual = Method(cq="bdf2", degree=2)
     assert peak(usual, 2**15) > 2.0 * peak(usual, 2**13)
 
 
@@ -267,11 +268,10 @@ def test_odd_stages_near_order_two(degree: int) -> None:
 
 
 def same_end(scene: Scene, method: Method, n_steps: int) -> tuple[Trajectory, Trajectory]:
-    """By the engine and by the sums written out."""
-    return (
-        integrate(scene, method, n_steps),
-        integrate(scene, replace(method, history="fft"), n_steps),
-    )
+    """By blocks of steps, and one after the other on a mesh of given points."""
+    times = scene.final_time / n_steps * np.arange(n_steps + 1)
+    times[-1] = scene.final_time
+    return integrate(scene, method, n_steps), integrate(scene, method, mesh_of(times))
 
 
 @pytest.mark.parametrize("n_steps", [300, 9000])
@@ -316,7 +316,8 @@ def test_nonlinear_blocks_take_few_iterations() -> None:
     """Counted: blocks of steps share their iterations."""
     scene = pendulum(final_time=20.0, damping=damping(0.5), initial_position=1.0)
     by_block = integrate(scene, GAUSS2, 2048).newton.iterations
-    one_by_one = integrate(scene, replace(GAUSS2, history="direct"), 2048).newton.iterations
+    times = 20.0 / 2048 * np.arange(2049)
+    one_by_one = integrate(scene, GAUSS2, mesh_of(times)).newton.iterations
     assert 10 * by_block < one_by_one
 
 

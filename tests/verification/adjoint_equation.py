@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.moments import galerkin_moments
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.bdf import convolution_weights
 
@@ -65,7 +64,8 @@ def integrate_advanced(
     ]
     moments = np.zeros((n_steps, s + 1, d))
     if scene.forcing is not None:
-        moments = galerkin_moments(scene.forcing.on_steps, tables, h, n_steps)
+        values = scene.forcing.on_steps(h * np.arange(n_steps), h, tables.points)
+        moments = h * np.einsum("ni,kid->knd", tables.test_weights, values)
     m = sample_basis.shape[1]
     samples = np.zeros((n_steps + 1, m, d))
     result = np.empty((n_steps + 1, d))

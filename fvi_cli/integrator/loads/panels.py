@@ -1,0 +1,36 @@
+"""Gauss rules on panels, for forces that are singular at the beginning of a step."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.mathematics.quadrature import gauss_rule
+
+Array = NDArray[np.float64]
+
+GRADING_RATIO = 0.15
+GRADING_LEVELS = 200
+FINE_POINTS = 24
+
+
+def graded_edges() -> Array:
+    """Edges of panels on [0, 1] that shrink geometrically towards 0.
+
+    The first ends where t**0.1 is below 1e-16: powers from t**-0.9 on are integrated to round-off.
+    """
+    return np.concatenate([[0.0], GRADING_RATIO ** np.arange(GRADING_LEVELS - 1, -1, -1.0)])
+
+
+def fine_rule() -> tuple[Array, Array]:
+    """Points and weights of the rule that takes smooth forces to round-off."""
+    rule = gauss_rule(FINE_POINTS)
+    return rule.nodes, rule.weights
+
+
+def graded_rule(edges: Array) -> tuple[Array, Array]:
+    """Points and weights of a Gauss rule on every panel, in the order of the panels."""
+    fine = gauss_rule(FINE_POINTS)
+    widths = np.diff(edges)
+    points = (edges[:-1, None] + widths[:, None] * fine.nodes).ravel()
+    return points, (widths[:, None] * fine.weights).ravel()
