@@ -60,7 +60,7 @@ def solver_of(parts: list[tuple[Array, Form]]) -> Solve:
     for small, large in parts:
         whole = whole + kron(cast("csr_array", large), small, format="csc")
     try:
-        factorised = splu(csc_array(whole))
+        factorised = splu(csc_array(whole), permc_spec="MMD_AT_PLUS_A")
     except RuntimeError as error:
         raise np.linalg.LinAlgError(str(error)) from error
     s = parts[0][0].shape[0]

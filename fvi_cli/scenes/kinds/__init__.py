@@ -18,7 +18,8 @@ from fvi_cli.scenes.kinds.lagrangian import LAGRANGIAN
 from fvi_cli.scenes.kinds.oscillators import BAGLEY_TORVIK, DAMPED_OSCILLATOR
 from fvi_cli.scenes.kinds.pendulum import PENDULUM
 from fvi_cli.scenes.kinds.string import STRING
-from fvi_cli.scenes.kinds.structure import STRUCTURE
+from fvi_cli.scenes.kinds.structures.matrices import STRUCTURE
+from fvi_cli.scenes.kinds.structures.sandwich_beam import SANDWICH_BEAM
 
 KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
     {
@@ -32,6 +33,7 @@ KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
             CHAIN,
             FRAME,
             STRUCTURE,
+            SANDWICH_BEAM,
             STRING,
             DOUBLE_PENDULUM,
             LAGRANGIAN,

@@ -8,13 +8,17 @@ beam with arbitrary boundary conditions*, J. Sound Vib. 10, 1969).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import cast
+from dataclasses import dataclass, replace
+from typing import Unpack, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import Form, SparseMatrix
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.scenes.data import SceneData, make_scene
 
 Array = NDArray[np.float64]
 
@@ -124,3 +128,14 @@ def _assembled(element: Array, elements: int) -> Form:
     total = PER_NODE * (elements + 1)
     whole = csr_array(coo_array((values, (rows, columns)), shape=(total, total)))
     return cast(SparseMatrix, csr_array(whole[PER_NODE:, PER_NODE:]))
+
+
+def beam_coordinates(elements: int) -> tuple[str, ...]:
+    """Names of the degrees of freedom: w1, r1, a1, b1, w2, ..."""
+    return tuple(f"{kind}{node}" for node in range(1, elements + 1) for kind in "wrab")
+
+
+def beam_scene(mass: Form, faces: Form, core: Law, **data: Unpack[SceneData]) -> Scene:
+    """Scene of a beam by its matrices and the law of its core."""
+    scene = make_scene(mass, QuadraticPotential(stiffness=faces), **data)
+    return replace(scene, laws=(*scene.laws, core))

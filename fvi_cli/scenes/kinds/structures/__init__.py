@@ -1,0 +1,1 @@
+"""Kinds of structures: by their matrices, and by finite elements."""

@@ -1,0 +1,88 @@
+"""The finite elements of a sandwich beam against closed forms, and the scene that they make."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import eigsh
+
+from fvi_cli.config import parse_config
+from fvi_cli.effects.matrices import as_csc, is_sparse
+from fvi_cli.errors import ConfigError
+from fvi_cli.integrator.diagnostics import Asked
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method
+from fvi_cli.scenes.registry import build_scene
+from fvi_cli.scenes.structures.sandwich_beam import SandwichBeam, beam_matrices
+
+BEAM = SandwichBeam(
+    length=0.2,
+    width=0.01,
+    face_thickness=1e-3,
+    core_thickness=1e-3,
+    face_modulus=7e10,
+    face_density=2700.0,
+    core_density=1000.0,
+)
+# of a clamped beam, the first zero of cos(x) cosh(x) + 1
+CLAMPED = 1.8751040687119611
+
+
+def first_frequency(core_modulus: float, elements: int) -> float:
+    mass, faces, core = (as_csc(form) for form in beam_matrices(BEAM, elements))
+    values = eigsh(faces + core_modulus * core, k=1, M=mass, sigma=0.0, return_eigenvectors=False)
+    return float(np.sqrt(values[0]))
+
+
+def euler_bernoulli(rigidity: float) -> float:
+    b, hf, hc = BEAM.width, BEAM.face_thickness, BEAM.core_thickness
+    line_mass = b * (2 * BEAM.face_density * hf + BEAM.core_density * hc)
+    return CLAMPED**2 / BEAM.length**2 * float(np.sqrt(rigidity / line_mass))
+
+
+def test_without_a_core_the_faces_bend_each_for_itself() -> None:
+    alone = 2 * BEAM.face_modulus * BEAM.width * BEAM.face_thickness**3 / 12
+    assert first_frequency(1e-3, 24) == pytest.approx(euler_bernoulli(alone), rel=1e-4)
+
+
+def test_with_a_stiff_core_they_bend_as_one() -> None:
+    b, hf, d = BEAM.width, BEAM.face_thickness, BEAM.face_thickness + BEAM.core_thickness
+    together = BEAM.face_modulus * b * (2 * hf**3 / 12 + hf * d**2 / 2)
+    found = first_frequency(1e11, 60)
+    assert found == pytest.approx(euler_bernoulli(together), rel=4e-3)
+
+
+def test_the_scene_is_sparse_and_loses_energy_in_every_step() -> None:
+    scene = build_scene(
+        {
+            "kind": "sandwich-beam",
+            "elements": 12,
+            "initial": {"position": 0.0, "velocity": {"at": {"w12": 1.0}}},
+            "final_time": 0.002,
+        }
+    )
+    assert scene.dimension == 48
+    assert is_sparse(scene.inertia.form)
+    method = Method(cq="gauss", degree=2, start="graded")
+    found = integrate(scene, method, 60, diagnostics=Asked(energy_balance=True))
+    assert found.diagnostics is not None
+    assert found.diagnostics.stored_energy is not None
+    total = found.energy + found.diagnostics.stored_energy
+    assert np.diff(total).max() < 1e-12 * total[0]
+    assert total[-1] < 0.9 * total[0]
+
+
+def test_a_law_that_would_create_energy_is_refused_at_its_key() -> None:
+    text = (
+        "name: beam\n"
+        "problem:\n"
+        "  kind: sandwich-beam\n"
+        "  elements: 3\n"
+        "  core: {order: 0.5, relaxed: 2.0, unrelaxed: 1.0}\n"
+        "  final_time: 1.0\n"
+        "ladder: {steps: [4]}\n"
+    )
+    with pytest.raises(ConfigError, match=r"beam:5:\d+: problem\.core\.unrelaxed: 1\.0 is not"):
+        parse_config(text, "beam")
+    with pytest.raises(ConfigError, match=r"order: 1\.5 is not allowed"):
+        parse_config(text.replace("order: 0.5", "order: 1.5"), "beam")
