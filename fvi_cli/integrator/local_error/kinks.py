@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 AT_END = 1e-13
 """Kinks as close to the end of a step as this, in steps, lie at its end."""
 MOST_ITERATIONS = 60
-ROUND_OFF = 1e-16
+ROUND_OFF = 4e-15
 BEYOND = np.array([1.02, 1.1, 1.3])
 """Where a step that was cut too short is continued to find its kink."""
 
@@ -58,13 +58,14 @@ def root_between(function: Callable[[float], float], low: float, high: float) ->
     """Root of a function that changes its sign between two places (the Illinois method)."""
     at_low, at_high = function(low), function(high)
     last, side = high, 0
+    least = ROUND_OFF * max(abs(at_low), abs(at_high))
     for _ in range(MOST_ITERATIONS):
         place = 0.5 * (low + high)
         if at_high != at_low:
             chord = (at_low * high - at_high * low) / (at_low - at_high)
             place = chord if low < chord < high else place
         value = function(place)
-        if value == 0.0 or abs(place - last) <= ROUND_OFF:
+        if abs(value) <= least or abs(place - last) <= ROUND_OFF:
             return place
         if value * at_high > 0:
             high, at_high = place, value

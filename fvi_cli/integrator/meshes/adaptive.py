@@ -18,6 +18,8 @@ GROWTH = 8.0
 SHRINKAGE = 0.3
 REJECTED_SHRINKAGE = 0.2
 SAFETY = 0.85
+AFTER_KINK = 0.1
+"""First step behind a kink of a formula, relative to the last one that was meant."""
 UNSOLVED = 0.25
 ROUND_OFF = 1e-14
 """Relative to the position; no step is rejected for less."""
@@ -190,6 +192,8 @@ class StepController:
                 self._size = max(self._size, self._intended)
             if self.is_fresh:
                 self._size = self._first
+                if ends_on_kink and not at_end:
+                    self._size = max(self._first, AFTER_KINK * self._intended)
             return True
         self.rejected += 1
         if size <= self.shortest_step:

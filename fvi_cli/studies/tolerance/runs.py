@@ -20,6 +20,8 @@ from fvi_cli.integrator.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 MOST_STEPS = 200_000
+MOST_KINKED_STEPS = 20_000
+"""With kinks every step is dear, and some motions have no end of them."""
 EQUAL = 1e-9
 """Samples whose distances differ by less, relative to them, lie on equal steps."""
 HALVINGS = 24
@@ -40,10 +42,11 @@ def adaptive_run(
     *,
     points: tuple[float, ...] = (),
     first_step: float | None = None,
+    most_steps: int = MOST_STEPS,
 ) -> Trajectory:
     """A run whose steps keep a local tolerance, a length, with its polynomials."""
     steps = AdaptiveSteps(
-        tolerance=local, first_step=first_step, most_steps=MOST_STEPS, points=points
+        tolerance=local, first_step=first_step, most_steps=most_steps, points=points
     )
     return integrate(scene, gauss(scene, degree), steps, with_steps=True)
 

@@ -8,6 +8,7 @@ mesh as well. Forces by samples have the samples as points of the mesh.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -26,6 +27,7 @@ from fvi_cli.studies.tolerance.differences import (
     on_same_mesh,
 )
 from fvi_cli.studies.tolerance.runs import (
+    MOST_KINKED_STEPS,
     MOST_STEPS,
     adaptive_run,
     knot_mesh,
@@ -212,14 +214,20 @@ class _Search:
         self, degree: int, local: float, forces: SceneForces, knots: tuple[float, ...]
     ) -> _Round:
         """Runs for one local tolerance."""
-        coarse = adaptive_run(self.scene, degree, local, points=knots, first_step=self.first_step)
+        most_steps = MOST_KINKED_STEPS if forces.has_kinks else MOST_STEPS
+        adaptive = functools.partial(
+            adaptive_run,
+            self.scene,
+            points=knots,
+            first_step=self.first_step,
+            most_steps=most_steps,
+        )
+        coarse = adaptive(degree, local)
         line = f"gauss{degree}, local tolerance {local:.2g}: {coarse.n_steps} steps"
         if coarse.status != "ok" or coarse.steps is None:
             return _failed(coarse, line)
         if forces.has_kinks:
-            fine = adaptive_run(
-                self.scene, degree + 2, UNRELATED * local, points=knots, first_step=self.first_step
-            )
+            fine = adaptive(degree + 2, UNRELATED * local)
             times, differences = on_other_mesh(coarse, fine)
             where = f"gauss{degree + 2} on {fine.n_steps} others"
         else:
@@ -234,13 +242,7 @@ class _Search:
         doubts = (*coarse.doubts, *fine.doubts)
         line += f"; {where} differs by {differences.max():.2g}, {between:.2g} between the points"
         if forces.is_steep and not forces.has_kinks:
-            other = adaptive_run(
-                self.scene,
-                degree + 1,
-                UNRELATED * local,
-                points=knots,
-                first_step=self.first_step,
-            )
+            other = adaptive(degree + 1, UNRELATED * local)
             at, beside = on_other_mesh(other, fine)
             doubts = (*doubts, *other.doubts)
             line += f"; gauss{degree + 1} on {other.n_steps} others by {beside.max():.2g}"
@@ -307,6 +309,12 @@ class _Search:
         if one.estimate <= target and run.doubts:
             time, why = run.doubts[0]
             return self._ended(one, "unreliable", f"{why} near t = {time:.6g}", time=time)
+        if one.estimate <= target:
+            reason = (
+                f"the estimate {one.estimate:.2g} does not fall with the steps: it is round-off, "
+                f"too near to {target:.2g}"
+            )
+            return self._ended(one, "refused", reason)
         growth = growth_of(run, one.times, one.differences, target)
         reached = f"the best error reached is {one.estimate:.2g}"
         if growth.factor > SENSITIVE and float(one.differences.max()) > target:
