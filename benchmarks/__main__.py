@@ -9,6 +9,7 @@ from pathlib import Path
 
 from benchmarks.accuracy import accuracy_table, run_accuracy
 from benchmarks.adaptive import adaptive_table, run_adaptive
+from benchmarks.fits import run_fits
 from benchmarks.many import many_table, run_many
 from benchmarks.memory import memory_table, run_memory
 from benchmarks.stepping import run_stepping, stepping_table
@@ -25,6 +26,7 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 
 
 PAGES: dict[str, tuple[str, Callable[[], str]]] = {
+    "fits": ("What fits are worth", run_fits),
     "tolerances": ("Whether tolerances are kept", lambda: tolerance_table(run_tolerances())),
 }
 """What has a page of its own, and is measured only when it is named."""

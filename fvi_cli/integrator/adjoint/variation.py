@@ -183,4 +183,8 @@ def _have_same_loads(one: Scene, other: Scene) -> bool:
         return False
     if one.forcing is None or other.forcing is None:
         return one.forcing is other.forcing
-    return one.forcing.pieces == other.forcing.pieces
+    pieces = [
+        [(piece.until, piece.components) for piece in forcing.pieces]
+        for forcing in (one.forcing, other.forcing)
+    ]
+    return pieces[0] == pieces[1]

@@ -25,7 +25,7 @@ REACH = 1.0
 MOST_ITERATIONS = 100
 PATIENCE = 20
 """Evaluations of a candidate on all data, before the best of them is looked at closely."""
-FIRST_ITERATIONS = 12
+FIRST_ITERATIONS = 7
 """Evaluations of a candidate on a part of the data."""
 SAME = 0.01
 """Candidates closer than this in every (inner) parameter are one."""
@@ -219,7 +219,7 @@ def _cost(model: MotionModel, point: Array) -> float:
 
 def _scan(free: Sequence[Free], bounds: tuple[Array, Array]) -> list[Array]:
     """Points spread evenly (Halton's sequence) over what is likely."""
-    count = 8 + 8 * len(free)
+    count = 8 + 4 * len(free)
     low, high = bounds
     points = []
     for number in range(1, count + 1):
