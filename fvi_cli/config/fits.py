@@ -169,9 +169,12 @@ def _changed(
 
 def _is_possible(specification: Mapping[str, Any], at: Cursor) -> bool:
     try:
-        build_scene(specification)
+        scene = build_scene(specification)
     except (ValueError, KeyError, TypeError) as error:
         at.refuse(f"there is no such problem: {error}")
+        return False
+    if scene.active_laws:
+        at.refuse("relaxation laws are not fitted; damping by order and coefficient is")
         return False
     return True
 

@@ -138,7 +138,8 @@ class LinearisedRun:
     Raises
     ------
     ValueError
-        For steps with too many unknowns, or whose linearised equations have no unique solution.
+        For relaxation laws, steps with too many unknowns, and linearised equations of a step
+        without a unique solution.
     """
 
     def __init__(self, scene: Scene, method: Method, steps: RunSteps) -> None:
@@ -147,6 +148,11 @@ class LinearisedRun:
             raise ValueError(
                 f"derivatives: {size} unknowns in a step; steps of at most {LARGEST_STEP} are "
                 "linearised"
+            )
+        if scene.active_laws:
+            raise ValueError(
+                "derivatives: runs with relaxation laws are not differentiated; springpots "
+                "(order and coefficient) are"
             )
         self.scene, self.steps = scene, steps
         self.dynamics = dynamics_of(scene)

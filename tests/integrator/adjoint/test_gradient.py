@@ -395,5 +395,15 @@ def test_what_has_no_derivatives() -> None:
         gradient_of(pendulum(PENDULUM), Method(cq="bdf2", degree=1), 8, position_at(1.0), [])
     with pytest.raises(ValueError, match="the run goes from 0 to 6"):
         gradient_of(pendulum(PENDULUM), GAUSS8, 8, position_at(7.0), [])
+    tempered = fvi.build_problem(
+        {
+            "kind": "damped-oscillator",
+            "damping": [{"law": "tempered", "order": 0.5, "rate": 0.3, "coefficient": 1.0}],
+            "initial": {"position": 1.0},
+            "final_time": 2.0,
+        }
+    ).scene
+    with pytest.raises(ValueError, match="relaxation laws are not differentiated"):
+        gradient_of(tempered, GAUSS8, 8, position_at(1.0), [])
     with pytest.raises(ValueError, match="times: finite numbers"):
         position_at(float("nan"))
