@@ -69,6 +69,9 @@ def _plain(value: object) -> object:
     """
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
+    if hasattr(value, "toarray"):
+        # a sparse matrix of SciPy
+        return np.asarray(value.toarray()).tolist()
     if isinstance(value, Path):
         return str(value)
     raise RequestError(

@@ -24,6 +24,7 @@ from fvi_cli.cli.list import list  # noqa: A004 - the command's name
 from fvi_cli.cli.modes import modes
 from fvi_cli.cli.new import new
 from fvi_cli.cli.plot import plot
+from fvi_cli.cli.quantities import quantities
 from fvi_cli.cli.response import response
 from fvi_cli.cli.run import run
 from fvi_cli.cli.schema import schema
@@ -34,6 +35,7 @@ COMMANDS = (
     run,
     convergence,
     plot,
+    quantities,
     cost,
     stability,
     fit,

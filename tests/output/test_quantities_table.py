@@ -1,0 +1,85 @@
+"""Tables of quantities and events: what the command writes, and that a check can fail."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+from scipy.sparse import csr_array
+from typer.testing import CliRunner
+
+import fvi_cli as fvi
+from fvi_cli.cli.app import app
+
+TEXT = """\
+name: asked
+problem:
+  kind: pendulum
+  damping: [{order: 0.5, coefficient: 0.3}]
+  initial: {position: 1.0}
+  final_time: 6.0
+  exact: none
+method: {rk: gauss, degree: [3, 4]}
+ladder: {steps: [40]}
+quantities: {torque: dx, a: ax}
+events: {bottom: {when: x, direction: falling}, end: {when: x + 0.4, stop: true}}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("asked")
+    (place / "asked.yaml").write_text(TEXT)
+    return place
+
+
+def _fvi(folder: Path, *options: str) -> tuple[int, str]:
+    arguments = ["quantities", str(folder / "asked.yaml"), "-q", "--output", str(folder), *options]
+    found = CliRunner().invoke(app, arguments)
+    return found.exit_code, found.output
+
+
+def test_tables_hold_what_was_observed(folder: Path) -> None:
+    code, text = _fvi(folder)
+    assert code == 0, text
+    with (folder / "tables/asked-quantities.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    (outcome,) = fvi.recall(folder / "asked.h5")
+    observed = outcome.finished[1].trajectory.observed
+    assert observed is not None
+    own = [row for row in rows if row["case"] == "gauss-s4-graded"]
+    assert [row["quantity"] for row in own] == ["torque", "a"]
+    assert float(own[0]["peak"]) == observed.extents["torque"].peak
+    assert float(own[0]["rms"]) == observed.extents["torque"].rms
+    with (folder / "tables/asked-quantities-events.csv").open() as file:
+        events = list(csv.DictReader(file))
+    assert [(row["event"], row["count"]) for row in events[:2]] == [("bottom", "1"), ("end", "1")]
+    assert float(events[1]["last"]) == outcome.finished[0].trajectory.time[-1]
+    assert "torque" in text
+    assert "\\begin{tabular}" in (folder / "tables/asked-quantities.tex").read_text()
+
+
+def test_a_check_holds_until_something_changes(folder: Path) -> None:
+    _fvi(folder)
+    assert _fvi(folder, "--check")[0] == 0
+    code, text = _fvi(folder, "--check", "--set", "problem.initial.position=1.1")
+    assert code == 3
+    assert "peak" in text
+
+
+def test_nothing_asked_for_is_told(folder: Path) -> None:
+    (folder / "bare.yaml").write_text(TEXT[: TEXT.index("quantities")].replace("asked", "bare"))
+    found = CliRunner().invoke(
+        app, ["quantities", str(folder / "bare.yaml"), "-q", "--output", str(folder)]
+    )
+    assert found.exit_code == 2
+    assert "no quantities, events or impacts are asked for" in found.output
+
+
+def test_sparse_matrices_stand_in_mappings() -> None:
+    matrix = csr_array([[2.0, -1.0], [-1.0, 2.0]])
+    problem = {"kind": "bagley-torvik", "mass": [[1, 0], [0, 1]], "stiffness": matrix}
+    problem |= {"initial": {"position": [1.0, 0.0]}, "final_time": 1.0, "exact": "none"}
+    config = fvi.load({"name": "sparse", "problem": problem, "ladder": {"steps": [4]}})
+    assert config.resolved["experiments"][0]["problem"]["stiffness"] == [[2.0, -1.0], [-1.0, 2.0]]
