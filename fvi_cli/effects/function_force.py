@@ -10,6 +10,7 @@ import numpy as np
 
 from fvi_cli.effects.matrices import Array
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, ExpressionError
+from fvi_cli.mathematics.taylor import SeriesError
 
 T = TypeVar("T")
 
@@ -63,13 +64,14 @@ class FunctionForce:
 
         Raises
         ------
+        SeriesError
+            On any other algebra than floating-point numbers.
         ExpressionError
-            On any other algebra than floating-point numbers, and where the function gives another
-            shape or numbers that are not real.
+            Where the function gives another shape, or no real numbers.
         """
         time = names["t"]
         if not isinstance(time, np.ndarray | float | int):
-            raise ExpressionError(f"{self.text}: a function is not a formula; take start: graded")
+            raise SeriesError(f"{self.text}: a function is not a formula")
         times = np.asarray(time, dtype=float)
         values = np.asarray(self.function(times))
         if values.shape not in (times.shape, ()) or values.dtype.kind not in "fiu":
