@@ -13,6 +13,7 @@ from benchmarks.fits import run_fits
 from benchmarks.many import many_table, run_many
 from benchmarks.memory import memory_table, run_memory
 from benchmarks.stepping import run_stepping, stepping_table
+from benchmarks.structures import run_structures, structures_table
 from benchmarks.tolerances import run_tolerances, tolerance_table
 from fvi_cli.storage.provenance import package_versions, platform_name
 
@@ -27,6 +28,7 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 
 PAGES: dict[str, tuple[str, Callable[[], str]]] = {
     "fits": ("What fits are worth", run_fits),
+    "structures": ("What large structures take", lambda: structures_table(run_structures())),
     "tolerances": ("Whether tolerances are kept", lambda: tolerance_table(run_tolerances())),
 }
 """What has a page of its own, and is measured only when it is named."""

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, Unpack
+from typing import Final, Literal, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
-from fvi_cli.effects.matrices import Array
+from fvi_cli.effects.matrices import Array, Form, SparseMatrix
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import Damper, SceneData, per_coordinate, with_dampers
 from fvi_cli.scenes.named import linear_oscillator
+
+LARGEST_DENSE: Final = 200
+"""Storeys up to which matrices are dense: structures that are taller have no modes to step in."""
 
 Ends = Literal["both", "left", "none"]
 
@@ -97,6 +100,18 @@ def shear_matrix(stiffness: ArrayLike) -> Array:
     return matrix
 
 
+def shear_form(stiffness: ArrayLike) -> Form:
+    """The same, sparse where there are many storeys."""
+    values = np.atleast_1d(np.asarray(stiffness, dtype=float))
+    if values.size <= LARGEST_DENSE:
+        return shear_matrix(values)
+    from scipy.sparse import diags_array
+
+    beside = -values[1:]
+    bands = [beside, values + np.append(values[1:], 0.0), beside]
+    return cast("SparseMatrix", diags_array(bands, offsets=[-1, 0, 1], format="csr"))
+
+
 def ground_force(acceleration: Forcing, masses: Array) -> Forcing:
     r"""The force :math:`-m_i a(t)` on every storey, in coordinates that move with the ground.
 
@@ -164,10 +179,16 @@ def frame(
     springs = _per_part(stiffness, storeys, "stiffness")
     if ground_acceleration is not None:
         data["forcing"] = ground_force(ground_acceleration, masses)
+    stiffness_form = shear_form(springs)
+    mass_form: Form = np.diag(masses)
+    if not isinstance(stiffness_form, np.ndarray):
+        from scipy.sparse import diags_array
+
+        mass_form = cast("SparseMatrix", diags_array(masses, format="csr"))
     return linear_oscillator(
-        mass=np.diag(masses),
-        stiffness=shear_matrix(springs),
-        **with_dampers(data, shear_matrix(np.ones(storeys)), dampers),
+        mass=mass_form,
+        stiffness=stiffness_form,
+        **with_dampers(data, shear_form(np.ones(storeys)), dampers),
     )
 
 

@@ -13,7 +13,7 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Array, SparseMatrix
+from fvi_cli.effects.matrices import Array, Form, SparseMatrix, scaled
 from fvi_cli.effects.potential import Potential
 from fvi_cli.effects.scene import Derivative, Scene
 
@@ -79,7 +79,7 @@ Damper = tuple[float, float]
 """Order and coefficient of a damper that stands beside every spring, or in every joint."""
 
 
-def with_dampers(data: SceneData, matrix: Array, dampers: Sequence[Damper]) -> SceneData:
+def with_dampers(data: SceneData, matrix: Form, dampers: Sequence[Damper]) -> SceneData:
     r"""The data with terms :math:`c A D^\gamma q` before the others, A the `matrix`."""
-    terms = [FractionalDamping(order=order, coefficient=c * matrix) for order, c in dampers]
+    terms = [FractionalDamping(order=order, coefficient=scaled(matrix, c)) for order, c in dampers]
     return {**data, "damping": (*terms, *data.get("damping", ()))}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import cast
 
 import numpy as np
@@ -30,6 +31,13 @@ class Reach:
     rows: Form
     components: NDArray[np.intp] | None
 
+    @cached_property
+    def _compact(self) -> tuple[NDArray[np.intp], Array]:
+        """Columns of B that hold anything, and B in these alone: few of thousands."""
+        sparse = as_csr(self.rows).tocsc()
+        columns = np.flatnonzero(np.diff(sparse.indptr))
+        return columns, np.asarray(sparse[:, columns].toarray())
+
     @property
     def count(self) -> int:
         """Number r of forms."""
@@ -39,8 +47,8 @@ class Reach:
         """Values ``(..., d)`` along the forms, ``(..., r)``."""
         if self.components is not None:
             return values[..., self.components]
-        flat = values.reshape(-1, values.shape[-1])
-        return np.asarray((self.rows @ flat.T).T.reshape(*values.shape[:-1], self.count))
+        columns, factors = self._compact
+        return np.asarray(values[..., columns] @ factors.T)
 
     def spread(self, forces: Array) -> Array:
         """Forces along the forms ``(..., r)`` on all components ``(..., d)``."""
@@ -48,9 +56,10 @@ class Reach:
             total = np.zeros((*forces.shape[:-1], self.rows.shape[1]))
             total[..., self.components] = forces
             return total
-        flat = forces.reshape(-1, self.count)
-        whole = np.asarray(as_csr(self.rows).T @ flat.T).T
-        return whole.reshape(*forces.shape[:-1], self.rows.shape[1])
+        columns, factors = self._compact
+        total = np.zeros((*forces.shape[:-1], self.rows.shape[1]))
+        total[..., columns] = forces @ factors
+        return total
 
     def inner(self, term: MatrixForce) -> Form:
         """The matrix C of a term, shape ``(r, r)``."""

@@ -10,7 +10,14 @@ from scipy.sparse import csr_array, diags_array
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.matrices import Factored, is_definite, is_semidefinite, symmetric_form
+from fvi_cli.effects.matrices import (
+    Factored,
+    as_csr,
+    is_definite,
+    is_semidefinite,
+    is_sparse,
+    symmetric_form,
+)
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.convolution.reach import find_reach
@@ -21,6 +28,8 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.setup import prepare_run
 from fvi_cli.integrator.stability import predict_stability
+from fvi_cli.scenes.chains import shear_form, shear_matrix
+from fvi_cli.scenes.registry import build_scene
 
 GAUSS = Method(cq="gauss", degree=2, start="graded")
 
@@ -152,3 +161,22 @@ def test_memory_by_groups_of_steps_is_that_of_single_steps(n_steps: int) -> None
     plain = integrate(row_of_masses(48, sparse=False), method, n_steps)
     assert np.abs(grouped.position - plain.position).max() < 1e-12
     assert np.abs(grouped.momentum - plain.momentum).max() < 1e-11
+
+
+def test_a_tall_frame_is_sparse_and_the_same() -> None:
+    storeys = 250
+    stiffness = np.linspace(2.0, 1.0, storeys)
+    form = shear_form(stiffness)
+    assert is_sparse(form)
+    assert np.array_equal(as_csr(form).toarray(), shear_matrix(stiffness))
+    scene = build_scene(
+        {
+            "kind": "frame",
+            "storeys": storeys,
+            "damping": [{"order": 0.5, "coefficient": 1.0, "acts_on": ["x1", "x40 - x39"]}],
+            "dampers": [{"order": 1.0, "coefficient": 0.1}],
+            "final_time": 1.0,
+        }
+    )
+    assert scene.is_sparse
+    assert all(is_sparse(term.form) for term in scene.damping)

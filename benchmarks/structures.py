@@ -1,0 +1,121 @@
+"""What large structures take: few dampers, modes, many steps."""
+
+from __future__ import annotations
+
+import resource
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method
+from fvi_cli.scenes.registry import build_scene
+from fvi_cli.studies.vibration.modes import find_modes
+
+STOREYS = 1000
+STEPS = 400
+REPEATS = 5
+LARGEST_RATIO = 1.3
+ELEMENTS = 850
+BEAM_STEPS = 10_000
+MODES = 10
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One measurement: what, how much, and the figure to meet."""
+
+    what: str
+    measured: str
+    goal: str
+
+
+def frame(*, damped: bool) -> Scene:
+    """A building of a thousand storeys, with dampers in three of them or without."""
+    specification: dict[str, Any] = {
+        "kind": "frame",
+        "storeys": STOREYS,
+        "stiffness": 1e4,
+        "ground_acceleration": "sin(3*t)",
+        "final_time": 4.0,
+    }
+    if damped:
+        places = ["x1", "x400 - x399", "x800 - x799"]
+        specification["damping"] = [{"order": 0.5, "coefficient": 50.0, "acts_on": places}]
+    return build_scene(specification)
+
+
+def beam(steps: int) -> Scene:
+    """The sandwich beam, struck at its tip, for so many of the same steps."""
+    return build_scene(
+        {
+            "kind": "sandwich-beam",
+            "elements": ELEMENTS,
+            "initial": {"position": 0.0, "velocity": {"at": {f"w{ELEMENTS}": 1.0}}},
+            "final_time": 1e-5 * steps,
+        }
+    )
+
+
+def ratio_of_dampers() -> float:
+    """Processor time of stepping a frame with three dampers over that without."""
+    method = Method(cq="gauss", degree=2, start="none")
+    scenes = [frame(damped=False), frame(damped=True)]
+    best = [float("inf"), float("inf")]
+    for _ in range(REPEATS):
+        for index, scene in enumerate(scenes):
+            best[index] = min(best[index], _stepping(scene, method))
+    return best[1] / best[0]
+
+
+def _stepping(scene: Scene, method: Method) -> float:
+    """Processor seconds of a run without its set-up, which a run of few steps takes as well."""
+    times = []
+    for steps in (20, STEPS):
+        began = time.process_time()
+        integrate(scene, method, steps)
+        times.append(time.process_time() - began)
+    return times[1] - times[0]
+
+
+def run_structures() -> list[Row]:
+    """Measure everything."""
+    rows = [
+        Row(
+            what=f"three dampers in {STOREYS} storeys, over none: processor time of {STEPS} steps",
+            measured=f"{ratio_of_dampers():.2f}",
+            goal=f"at most {LARGEST_RATIO}",
+        )
+    ]
+    began = time.process_time()
+    table = find_modes(beam(16), MODES)
+    rows.append(
+        Row(
+            what=f"{MODES} modes of a sandwich beam, {4 * ELEMENTS} degrees of freedom, "
+            f"{table.counted} counted: processor time",
+            measured=f"{time.process_time() - began:.1f} s",
+            goal="at most 20 s",
+        )
+    )
+    began = time.process_time()
+    integrate(beam(BEAM_STEPS), Method(cq="gauss", degree=2, start="none"), BEAM_STEPS, every=10)
+    rows.append(
+        Row(
+            what=f"{BEAM_STEPS:,} steps of it: processor time",
+            measured=f"{time.process_time() - began:.0f} s",
+            goal="at most 60 s",
+        )
+    )
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    rows.append(
+        Row(what="largest memory of all this", measured=f"{peak:.0f} MB", goal="at most 2 GB")
+    )
+    return rows
+
+
+def structures_table(rows: list[Row]) -> str:
+    """The rows as Markdown."""
+    lines = ["| what | measured | figure to meet |", "|---|---|---|"]
+    lines += [f"| {row.what} | {row.measured} | {row.goal} |" for row in rows]
+    return "\n".join(lines) + "\n"
