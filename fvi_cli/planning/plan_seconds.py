@@ -77,7 +77,7 @@ def predicted_seconds(sizes: Sizes, operations: int | None) -> float:
             own = per_call * (8 * steps + 300 * min(steps, 60))
         return 10_000 * per_call * 0.1 + 0.3 * work + own + per_operation * 40 * steps * (d * m)
     if sizes.route == "side by side":
-        steps = sizes.n_mesh_steps * (25 if sizes.scene.is_linear else 120)
+        steps = sizes.n_mesh_steps * (4 if sizes.scene.is_linear else 120)
         own = each * per_call * steps * -(-shape.batch // MOST_TOGETHER)
         own += per_operation * 60 * sizes.n_mesh_steps * (d * m) ** 2
         return 10_000 * per_call * (0.1 * each + 0.02) + 0.3 * work + own

@@ -13,6 +13,7 @@ import pytest
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.batches import march as march_module
 from fvi_cli.integrator.batches import memory as memory_module
 from fvi_cli.integrator.batches import run as run_module
 from fvi_cli.integrator.batches import steps as steps_module
@@ -151,6 +152,24 @@ def test_each_is_what_it_is_alone(kind: str, method: Method) -> None:
         assert difference(one, integrate(scene, method, 60)) <= TOLERANCE
 
 
+LINEAR = ["springs", "undamped", "several terms", "forced", "coupled", "modes"]
+
+
+@pytest.mark.parametrize("kind", LINEAR)
+def test_whole_blocks_of_linear_members(kind: str) -> None:
+    scenes = KINDS[kind]()
+    blocks = patch.object(march_module, "SideBlocks", wraps=march_module.SideBlocks)
+    with blocks as made:
+        runs = integrate_members(scenes, GAUSS2, 330)
+    # one size of steps on either side of the break point
+    assert made.call_count == (2 if kind == "forced" else 1)
+    for scene, one in zip(scenes, runs, strict=True):
+        assert difference(one, integrate(scene, GAUSS2, 330)) <= TOLERANCE
+    packed = integrate_side_by_side([scenes[3], scenes[1]], GAUSS2, 330)
+    for one, other in zip(packed, (runs[3], runs[1]), strict=True):
+        assert np.array_equal(one.position, other.position)
+
+
 @pytest.mark.parametrize("method", METHODS[2:], ids=lambda method: method.case)
 def test_other_methods(method: Method) -> None:
     for scenes in (springs(4, 0.5, 1.5, forcing=FORCE), swings(16, 0.6)):
@@ -282,8 +301,8 @@ def test_who_goes_together() -> None:
     assert companions(few, GAUSS2, 40) == [1] * 18
     many = [*springs(4, 0.5), *swings(16, 0.5), springs(1, 0.5, forcing=FORCE)[0]]
     assert companions(many, GAUSS2, 40) == [4] * 4 + [16] * 16 + [1]
-    # on many steps it takes more of them
-    assert companions(many, GAUSS2, 4096) == [1] * 21
+    # on many steps it takes more nonlinear ones
+    assert companions(many, GAUSS2, 4096) == [4] * 4 + [1] * 17
     # a break point on the grid or not: the mesh is the same for all that have it
     forced = springs(4, 0.5, forcing=FORCE)
     assert companions(forced, GAUSS2, 41) == [4] * 4

@@ -15,11 +15,11 @@ from fvi_cli.integrator.run.setup import linear_decoupling
 
 LARGEST_STEP = 24
 """Unknowns of a step of a system, at most: beyond, matrix products are quicker one by one."""
-FEWEST_LINEAR, FEWEST_NONLINEAR = (4, 32), (16, 64)
-"""Systems that make it worth while, on few steps and on many: in a long run alone a block of steps
-is one matrix product."""
-STEPS_FOR_ONE_MORE = {True: 128, False: 64}
-"""With so many steps of linear scenes, and of others, one more is needed."""
+FEWEST_LINEAR = 4
+"""Linear scenes that make it worth while."""
+FEWEST_NONLINEAR, STEPS_FOR_ONE_MORE = (16, 64), 64
+"""The same for nonlinear ones, on few steps and on many, which are quick alone in blocks; and with
+how many steps one more is needed."""
 
 
 def side_by_side(scene: Scene, method: Method) -> Hashable | None:
@@ -71,5 +71,7 @@ def kinds_of(scenes: Sequence[Scene], method: Method, n_steps: int) -> list[list
 
 def fewest(scene: Scene, n_steps: int) -> int:
     """So many scenes of one kind are quicker side by side."""
-    least, most = FEWEST_LINEAR if scene.is_linear else FEWEST_NONLINEAR
-    return max(least, min(most, n_steps // STEPS_FOR_ONE_MORE[scene.is_linear]))
+    if scene.is_linear:
+        return FEWEST_LINEAR
+    least, most = FEWEST_NONLINEAR
+    return max(least, min(most, n_steps // STEPS_FOR_ONE_MORE))

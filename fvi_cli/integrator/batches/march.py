@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.advance import advanced
+from fvi_cli.integrator.batches.blocks import SideBlocks
 from fvi_cli.integrator.batches.memory import SideDamping
 from fvi_cli.integrator.batches.newton import Notes
+from fvi_cli.integrator.batches.plan import in_blocks
 from fvi_cli.integrator.batches.steps import SideStep, on_first_axis
 from fvi_cli.integrator.batches.systems import Systems
+from fvi_cli.integrator.convolution.stages import BlockKernel
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.lagrange import lobatto_basis
@@ -64,6 +67,7 @@ class SideMarch:
         self._unknowns: tuple[Array, float] | None = None
         self._going_on = ((0.0, 0.0), np.zeros((0, 0)))
         self._at: SideStep | None = None
+        self._blocks: tuple[SideStep, SideBlocks] | None = None
         self.notes = Notes(self._q)
         self.failed = np.zeros(self._q, dtype=bool)
         self.largest = np.abs(systems.position)
@@ -105,7 +109,11 @@ class SideMarch:
         while done < count:
             steps = min(self._damping.block, count - done)
             own = None if loads is None else loads[done : done + steps]
-            positions, momenta = self._block(at, steps, own)
+            whole = self._whole(at, one, steps)
+            if whole is None:
+                positions, momenta = self._block(at, steps, own)
+            else:
+                positions, momenta = self._whole_block(at, whole, own)
             self._keep(one, first + done, positions, momenta)
             done += steps
 
@@ -121,6 +129,52 @@ class SideMarch:
             )
             self._give_up(self._at.singular)
         return self._at
+
+    def _whole(self, at: SideStep, one: Stretch, count: int) -> SideBlocks | None:
+        """Matrices of whole blocks; None where steps are done one after the other."""
+        linear = self._systems.potential is None
+        if not linear or not in_blocks(one.n_steps, self._r * self._e):
+            return None
+        if count < self._damping.block:
+            return None
+        if self._blocks is None or self._blocks[0] is not at:
+            self._blocks = (at, SideBlocks(at, self._damping, self._tables))
+        return self._blocks[1]
+
+    def _whole_block(
+        self, at: SideStep, blocks: SideBlocks, loads: Array | None
+    ) -> tuple[Array, Array]:
+        """The same as :meth:`_block` by one matrix for every system."""
+        count = self._damping.block
+        block, past = self._past(at, count)
+        velocities, ways, gains = blocks.advance(past, self.position, self.momentum, loads)
+        positions, momenta = self.position + ways, self.momentum + gains
+        self.position = self._add(0, self.position, ways[-1])
+        self.momentum = self._add(1, self.momentum, gains[-1])
+        self.done += count
+        self._end(block, velocities, positions, momenta)
+        return positions, momenta
+
+    def _past(self, at: SideStep, count: int) -> tuple[BlockKernel | None, Array | None]:
+        """Tables of a block, and the force of the past at the stages of its steps."""
+        damping = self._damping
+        if at.damping.step is None:
+            return None, None
+        block = damping.block_kernel(at.step_size, at.damping.step, count)
+        past = damping.past(block, self._states, self._carried)
+        if at.damping.constant is not None:
+            past += at.damping.constant
+        return block, past
+
+    def _end(
+        self, block: BlockKernel | None, velocities: Array, positions: Array, momenta: Array
+    ) -> None:
+        """What is left of a block for those that follow."""
+        if block is not None:
+            self._states = self._damping.pushed(block, self._states, velocities)
+            self._carried = self._carried * block.decay
+        np.maximum(self.largest, np.abs(positions).max(axis=0), out=self.largest)
+        self._give_up(~np.isfinite(positions[-1] + momenta[-1]).all(axis=0))
 
     def _solve(self, at: SideStep, force: Array, load: Array | None) -> Array:
         """U and the change of the momentum of a step, ``((s + 1) e, q)``."""
@@ -140,12 +194,7 @@ class SideMarch:
         damping = self._damping
         velocities = np.zeros((count * r, e, q))
         positions, momenta = np.empty((2, count, e, q))
-        block, past = None, None
-        if at.damping.step is not None:
-            block = damping.block_kernel(at.step_size, at.damping.step, count)
-            past = damping.past(block, self._states, self._carried)
-            if at.damping.constant is not None:
-                past += at.damping.constant
+        block, past = self._past(at, count)
         for index in range(count):
             force = np.zeros((r, e, q)) if past is None else past[index]
             if index and past is not None:
@@ -159,11 +208,7 @@ class SideMarch:
             self._unknowns = (unknowns, at.step_size)
             positions[index], momenta[index] = self.position, self.momentum
             self.done += 1
-        if block is not None:
-            self._states = damping.pushed(block, self._states, velocities)
-            self._carried = self._carried * block.decay
-        np.maximum(self.largest, np.abs(positions).max(axis=0), out=self.largest)
-        self._give_up(~np.isfinite(positions[-1] + momenta[-1]).all(axis=0))
+        self._end(block, velocities, positions, momenta)
         return positions, momenta
 
     def _add(self, which: int, value: Array, change: Array) -> Array:

@@ -206,17 +206,19 @@ class SideDamping:
         tables
             Of the step size.
         velocities
-            At the stages of the block's steps, shape ``(B m, e, q)``.
+            At the stages of the block's steps, shape ``(B m, e, q)``, or with more axes between
+            the last two.
         """
         m, total = self._m, None
         before = velocities[: done * m]
+        between = (1,) * (before.ndim - 2)
         for slot, lags in zip(self._slots, tables.lags, strict=True):
             recent = lags[:, lags.shape[1] - done * m :]
-            own = (recent[:, :, None] * before).sum(axis=1)
+            own = (recent.reshape(m, done * m, *between, -1) * before).sum(axis=1)
             if slot.direction is not None:
                 own = _along(own, slot.direction)
             total = own if total is None else total + own
-        return np.zeros((m, self._e, self._q)) if total is None else total
+        return np.zeros((m, *before.shape[1:])) if total is None else total
 
     def pushed(self, block: BlockKernel, states: Array, velocities: Array) -> Array:
         """The states behind a block with these velocities at its stages."""
@@ -228,8 +230,10 @@ class SideDamping:
 
 
 def _along(values: Array, directions: Array) -> Array:
-    """Rows of values ``(n, e, q)`` times a matrix ``(e, e, q)`` for every system."""
-    return np.asarray((values[:, :, None] * directions).sum(axis=1))
+    """Rows of values ``(n, e, ..., q)`` times a matrix ``(e, e, q)`` for every system."""
+    e, q = directions.shape[0], directions.shape[2]
+    matrices = directions.reshape(e, e, *(1,) * (values.ndim - 3), q)
+    return np.asarray((values[:, :, None] * matrices).sum(axis=1))
 
 
 __all__ = ["SideDamping", "SideTables", "rates_and_weights"]

@@ -15,6 +15,11 @@ from fvi_cli.integrator.run.runge_kutta import mesh_for
 BLOCK = 16
 """Steps of a block: the fewer, the more often all states are pushed, the more, the more lags."""
 
+LEAST_BLOCKS = 8
+"""Blocks in a stretch that pay for the matrices of whole blocks of linear systems."""
+LARGEST_BLOCK = 100
+"""Steps of a block times stages times components, at most, for these matrices."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SidePlan:
@@ -64,6 +69,7 @@ def plan_side_by_side(scene: Scene, method: Method, n_steps: int) -> SidePlan:
         n_states=n_states,
         coupled=coupled,
         slots=1 if coupled == 1 else len(directions),
+        is_linear=scene.is_linear,
     )
     return SidePlan(
         n_steps=mesh.n_steps,
@@ -75,7 +81,20 @@ def plan_side_by_side(scene: Scene, method: Method, n_steps: int) -> SidePlan:
     )
 
 
-def memory_operations(mesh: Mesh, *, stages: int, n_states: int, coupled: int, slots: int) -> int:
+def in_blocks(n_steps: int, step_numbers: int) -> bool:
+    """Whether so many equal steps of linear systems are done in whole blocks.
+
+    Parameters
+    ----------
+    n_steps, step_numbers
+        Number of steps, and stages times components of each.
+    """
+    return n_steps >= LEAST_BLOCKS * BLOCK and step_numbers * BLOCK <= LARGEST_BLOCK
+
+
+def memory_operations(
+    mesh: Mesh, *, stages: int, n_states: int, coupled: int, slots: int, is_linear: bool
+) -> int:
     """Multiply-adds of the memory of one system on a mesh.
 
     Parameters
@@ -86,12 +105,16 @@ def memory_operations(mesh: Mesh, *, stages: int, n_states: int, coupled: int, s
         Of the method, and states of the damping.
     coupled, slots
         Components of the system, and directions of its damping.
+    is_linear
+        Whether it is: matrices of whole blocks hold the lags.
     """
     if n_states == 0:
         return 0
     total = 0
     for one in mesh.stretches:
         whole, rest = divmod(one.n_steps, BLOCK)
+        if is_linear and in_blocks(one.n_steps, stages * coupled):
+            whole = 0
         pairs = whole * (BLOCK * (BLOCK - 1) // 2) + rest * (rest - 1) // 2
         total += 2 * one.n_steps * stages * n_states + slots * stages**2 * pairs
     return coupled * total

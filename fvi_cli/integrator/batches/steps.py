@@ -33,6 +33,9 @@ class SideStep:
     ----------
     singular
         Systems whose steps have no unique solution, shape ``(q,)``.
+    matrix, loads
+        Matrices of a step, those of :class:`StepResponse`; for linear systems with the position
+        at the beginning as a last column of the first.
     """
 
     def __init__(
@@ -56,16 +59,16 @@ class SideStep:
             here[:, :, :, ~np.isfinite(here).all(axis=(0, 1, 2))] = 0.0
             self._curvature = np.repeat(0.5 * (here + here.transpose(0, 2, 1, 3)), r, axis=0)
         response = self._response(np.arange(q))
-        self._matrix, self._loads = response.forces, response.loads
+        self.matrix, self.loads = response.forces, response.loads
         # another linear scene may well have a unique solution
         self.singular = response.singular if systems.potential is None else np.zeros(q, dtype=bool)
         if systems.potential is None:
             # the pull of the position is a force at every stage
-            stages = self._matrix[:, : r * e].reshape(-1, r, e, q).sum(axis=1)
+            stages = self.matrix[:, : r * e].reshape(-1, r, e, q).sum(axis=1)
             pulls = (stages[:, :, None] * systems.stiffness).sum(axis=1)
-            self._matrix = np.concatenate([self._matrix, pulls], axis=1)
+            self.matrix = np.concatenate([self.matrix, pulls], axis=1)
         else:
-            self._by_pull = self._ways(self._matrix)
+            self._by_pull = self._ways(self.matrix)
 
     def linear(self, force: Array, position: Array, momentum: Array, load: Array | None) -> Array:
         """U and the change of the momentum of linear systems, shape ``((s + 1) e, q)``.
@@ -80,9 +83,9 @@ class SideStep:
             Load vectors of known forces, shape ``(s + 1, e, q)``.
         """
         flat = force.reshape(-1, force.shape[-1])
-        moved = _times(self._matrix, np.concatenate([flat, momentum, position]))
+        moved = _times(self.matrix, np.concatenate([flat, momentum, position]))
         if load is not None:
-            moved += _times(self._loads, load.reshape(-1, load.shape[-1]))
+            moved += _times(self.loads, load.reshape(-1, load.shape[-1]))
         return moved
 
     def iterated(
@@ -126,12 +129,12 @@ class SideStep:
                 begun = self._way_of(fixed)
                 iteration.renewed(places)
         iteration.give_up()
-        moved = fixed + _times(self._matrix[:, : r * e], iteration.pull.reshape(r * e, q))
+        moved = fixed + _times(self.matrix[:, : r * e], iteration.pull.reshape(r * e, q))
         return moved, iteration
 
     def _fixed(self, inputs: Array, known: Array | None, places: Places | None = None) -> Array:
         """What is moved by what is known beforehand."""
-        matrix, loads = self._matrix, self._loads
+        matrix, loads = self.matrix, self.loads
         if places is not None:
             matrix, loads, inputs = matrix[..., places], loads[..., places], inputs[:, places]
         moved = _times(matrix, inputs)
@@ -148,7 +151,7 @@ class SideStep:
         found[..., ~np.isfinite(found).all(axis=(0, 1, 2))] = 0.0
         self._curvature[..., places] = 0.5 * (found + found.transpose(0, 2, 1, 3))
         response = self._response(places)
-        self._matrix[..., places], self._loads[..., places] = response.forces, response.loads
+        self.matrix[..., places], self.loads[..., places] = response.forces, response.loads
         self._by_pull[..., places] = self._ways(response.forces)
 
     def _response(self, places: Places) -> StepResponse:
