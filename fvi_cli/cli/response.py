@@ -50,7 +50,7 @@ def response(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:
-    """Compute magnitude and phase of steady responses, peaks and half-power loss factors."""
+    """Compute steady responses: magnitude, phase, peaks, half-power loss factors."""
     from fvi_cli.render.vibration import compare_tables, show_tables, write_tables
     from fvi_cli.runner.request import gather
     from fvi_cli.runner.vibration.response import frequencies, request_responses

@@ -44,7 +44,7 @@ def integrate_equal_steps(scene: Scene, method: Method, n_steps: int, asked: Ask
     try:
         return _integrate(scene, method, n_steps, asked)
     except np.linalg.LinAlgError:
-        return _without_steps(scene, n_steps)
+        return unsolved(scene, n_steps)
 
 
 def _integrate(scene: Scene, method: Method, n_steps: int, asked: Asked) -> Trajectory:
@@ -189,7 +189,7 @@ def finished_trajectory(
     )
 
 
-def _without_steps(scene: Scene, n_steps: int) -> Trajectory:
+def unsolved(scene: Scene, n_steps: int) -> Trajectory:
     """The start of a motion whose steps have singular equations, as with negative stiffness."""
     h = scene.final_time / n_steps
     position, momentum, energy = scene.initial_position[None], None, None

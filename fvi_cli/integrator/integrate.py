@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
 from fvi_cli.integrator.counts import check_counts
 from fvi_cli.integrator.diagnostics import NOTHING, Asked
-from fvi_cli.integrator.equal_steps import integrate_equal_steps
+from fvi_cli.integrator.equal_steps import integrate_equal_steps, unsolved
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline
@@ -85,5 +87,8 @@ def integrate(
             raise ValueError(f"diagnostics: {method.case} keeps no increments of its steps")
         if scene.lagrangian is not None:
             raise ValueError(f"baseline: {method.name} is not made for a general Lagrangian")
-        return thinned(integrate_baseline(scene, method, steps), every)
+        try:
+            return thinned(integrate_baseline(scene, method, steps), every)
+        except np.linalg.LinAlgError:
+            return unsolved(scene, steps)
     return thinned(integrate_equal_steps(scene, method, steps, diagnostics), every)

@@ -24,12 +24,6 @@ def decaying(n: int, shape: tuple[int, ...]) -> np.ndarray:
     return size.reshape(-1, *[1] * len(shape)) * RNG.normal(size=(n, *shape))
 
 
-def parity(n: int, m: int) -> np.ndarray:
-    weights = decaying(n, (m, m))
-    signs = (-1.0) ** np.add.outer(np.arange(m), np.arange(m))
-    return 0.5 * (weights + signs * weights.transpose(0, 2, 1))
-
-
 def literal_force(channels: list[Channel], samples: np.ndarray) -> np.ndarray:
     """Force of all older samples on every step, shape as the samples ``(n, m, d)``."""
     force = np.zeros_like(samples)
@@ -38,21 +32,17 @@ def literal_force(channels: list[Channel], samples: np.ndarray) -> np.ndarray:
             for lag in range(1, min(k + 1, channel.memory)):
                 w = channel.weights[lag]
                 past = samples[k - lag]
-                force[k] += (w * past if channel.is_scalar else w @ past) @ channel.direction
+                force[k] += w * past @ channel.direction
     return force
 
 
-def random_channels(kind: str, n: int, m: int, d: int) -> list[Channel]:
+def random_channels(kind: str, n: int, d: int) -> list[Channel]:
     def direction() -> np.ndarray:
         matrix = RNG.normal(size=(d, d))
         return matrix + matrix.T
 
     if kind == "scalar":
         return [Channel(direction=direction(), weights=decaying(n, ()))]
-    if kind == "matrix":
-        return [Channel(direction=direction(), weights=decaying(n, (m, m)))]
-    if kind == "parity":
-        return [Channel(direction=direction(), weights=parity(n, m), has_parity=True)]
     if kind == "finite":
         return [Channel(direction=direction(), weights=decaying(5, ()))]
     return [
@@ -62,7 +52,7 @@ def random_channels(kind: str, n: int, m: int, d: int) -> list[Channel]:
     ]
 
 
-KINDS = ("scalar", "matrix", "parity", "finite", "several")
+KINDS = ("scalar", "finite", "several")
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -70,7 +60,7 @@ KINDS = ("scalar", "matrix", "parity", "finite", "several")
 @pytest.mark.parametrize("d", [1, 3])
 def test_steps_one_at_a_time(kind: str, n: int, group: int, d: int) -> None:
     m = 2
-    channels = random_channels(kind, n + 1, m, d)
+    channels = random_channels(kind, n + 1, d)
     samples = RNG.normal(size=(n + 1, m, d))
     memory = Memory(
         channels=tuple(channels),
@@ -94,7 +84,7 @@ def test_steps_one_at_a_time(kind: str, n: int, group: int, d: int) -> None:
 def test_one_wrong_weight_is_seen(kind: str) -> None:
     """The control: the last weight that matters, changed by a tenth of a percent."""
     n, group, m = 64, 8, 2
-    channels = random_channels(kind, n, m, 1)
+    channels = random_channels(kind, n, 1)
     samples = RNG.normal(size=(1, n, m, 1))
     expected = literal_force(channels, samples[0])
 
@@ -117,9 +107,7 @@ def test_one_wrong_weight_is_seen(kind: str) -> None:
     assert np.abs(by_groups(channels) - expected).max() <= 1e-13 * scale
     weights = channels[0].weights.copy()
     weights[min(40, channels[0].memory - 1)] *= 1.001
-    wrong = Channel(
-        direction=channels[0].direction, weights=weights, has_parity=channels[0].has_parity
-    )
+    wrong = Channel(direction=channels[0].direction, weights=weights)
     assert np.abs(by_groups([wrong, *channels[1:]]) - expected).max() > 1e-9 * scale
 
 

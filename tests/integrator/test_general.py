@@ -282,4 +282,4 @@ def test_a_jump_of_the_force_keeps_the_run_going() -> None:
     (piece,) = pieces.pieces
     stopped = Forcing(pieces=(replace(piece, until=1.0), Forcing.from_text("0", "0").pieces[0]))
     method = Method(cq="gauss", degree=3, start="graded")
-    assert orders(replace(forced, forcing=stopped), method, (64, 128), 512)[0] > 5.8
+    assert orders(replace(forced, forcing=stopped), method, (128, 256), 512)[0] > 5.8

@@ -173,7 +173,7 @@ def test_large_scenes_without_modes_are_decided_where_that_is_proved():
         assert "do not fall apart into modes" in unknown.reason
     (term,) = scene.damping
     fed = dataclasses.replace(
-        scene, damping=(dataclasses.replace(term, coefficient=-term.coefficient),)
+        scene, damping=(FractionalDamping(order=term.order, coefficient=-term.coefficient),)
     )
     assert predict_stability(fed, GAUSS, 100).verdict == "unknown"
 

@@ -350,7 +350,7 @@ def test_methods_are_told_apart_in_colour_and_in_grey() -> None:
         *(Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in range(1, 7)),
         Method(cq="bdf2", degree=2, sampling="nodes"),
         Method(cq="bdf2", degree=2),
-        Method(cq="bdf2", degree=2),
+        Method(cq="bdf2", degree=2, start="weights"),
         Method(cq="gauss", degree=2),
         Method(cq="gauss", degree=3, start="graded"),
         Baseline(name="explicit-euler"),

@@ -15,6 +15,7 @@ import numpy as np
 from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import ForcingQuadrature
+from fvi_cli.mathematics.expressions import ExpressionError
 from fvi_cli.mathematics.power_series import SeriesError, expand
 
 UNKNOWN_FORCE = 0.5
@@ -74,7 +75,7 @@ def fractional_power(piece: ForcingPiece) -> float | None:
     """Least fractional power of t with which a force begins; None where it begins smoothly."""
     try:
         series = [expand(component, LARGEST_POWER) for component in piece.components]
-    except SeriesError:
+    except (SeriesError, ExpressionError):
         return UNKNOWN_FORCE
     found = [
         power
