@@ -98,7 +98,7 @@ def covered(numbers: Iterable[int]) -> list[tuple[bool, ...]]:
     for number in numbers:
         noise = NOISE * np.random.default_rng([1, number]).standard_normal(times.size)
         fitted = fit_model(_settings(times, exact + noise), _model(oscillator(ORDER), truth))
-        held = [e.low <= t <= e.high for e, t in zip(fitted.estimates, truth, strict=True)]
+        held = [bool(e.low <= t <= e.high) for e, t in zip(fitted.estimates, truth, strict=True)]
         found.append(tuple(held))
     return found
 
@@ -117,7 +117,7 @@ def failed_starts(numbers: Iterable[int]) -> list[bool]:
             abs(e.value - t) > 6 * e.standard_error
             for e, t in zip(fitted.estimates, truth, strict=True)
         ]
-        found.append(not fitted.is_converged or any(far))
+        found.append(bool(not fitted.is_converged or any(far)))
     return found
 
 

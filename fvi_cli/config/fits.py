@@ -17,6 +17,7 @@ from fvi_cli.studies.members import value_at, with_values
 
 LEAST_ORDER: Final = 1e-3
 LARGEST_ORDER: Final = 1.999
+LARGEST_LAW_ORDER: Final = 0.999
 """Bounds of an order that has none of its own."""
 
 
@@ -169,12 +170,9 @@ def _changed(
 
 def _is_possible(specification: Mapping[str, Any], at: Cursor) -> bool:
     try:
-        scene = build_scene(specification)
+        build_scene(specification)
     except (ValueError, KeyError, TypeError) as error:
         at.refuse(f"there is no such problem: {error}")
-        return False
-    if scene.active_laws:
-        at.refuse("relaxation laws are not fitted; damping by order and coefficient is")
         return False
     return True
 
@@ -221,6 +219,12 @@ def _without(parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[
     return {key: value for key, value in left.items() if value.get("tied") not in gone}
 
 
+def _is_of_law(described: Mapping[str, Any], key: str) -> bool:
+    """Whether a number belongs to a relaxation law."""
+    owner = value_at(described, key.rpartition(".")[0])
+    return isinstance(owner, Mapping) and "law" in owner
+
+
 def _parameters(
     given: Mapping[str, Any], described: Mapping[str, Any], at: Cursor
 ) -> tuple[FitParameter, ...]:
@@ -239,7 +243,8 @@ def _parameters(
             continue
         is_order = key.endswith(".order")
         low = value.get("from", LEAST_ORDER if is_order else -math.inf)
-        high = value.get("to", LARGEST_ORDER if is_order else math.inf)
+        largest = LARGEST_LAW_ORDER if _is_of_law(described, key) else LARGEST_ORDER
+        high = value.get("to", largest if is_order else math.inf)
         start = value.get("start", float(number))
         if not low < high:
             under.refuse(f"from = {low:g} is not below to = {high:g}")

@@ -16,7 +16,7 @@ Belgacem, Jimenez, Ober-Bloebaum, arXiv 2403.18362), on the same mesh.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,8 +138,7 @@ class LinearisedRun:
     Raises
     ------
     ValueError
-        For relaxation laws, steps with too many unknowns, and linearised equations of a step
-        without a unique solution.
+        For steps with too many unknowns, or whose linearised equations have no unique solution.
     """
 
     def __init__(self, scene: Scene, method: Method, steps: RunSteps) -> None:
@@ -149,16 +148,10 @@ class LinearisedRun:
                 f"derivatives: {size} unknowns in a step; steps of at most {LARGEST_STEP} are "
                 "linearised"
             )
-        if scene.active_laws:
-            raise ValueError(
-                "derivatives: runs with relaxation laws are not differentiated; springpots "
-                "(order and coefficient) are"
-            )
         self.scene, self.steps = scene, steps
         self.dynamics = dynamics_of(scene)
-        self.memory = RunMemory(
-            scene, StageOperator(tableau=tableau(method.cq, method.stages)), steps.step_size
-        )
+        self._operator = StageOperator(tableau=tableau(method.cq, method.stages))
+        self.memory = RunMemory(scene, self._operator, steps.step_size)
         self.step_solves = 0
         sizes, self.of_size = np.unique(steps.step_size, return_inverse=True)
         self.terms: list[TermTables] = [self.memory.tables(float(h)) for h in sizes]
@@ -316,25 +309,15 @@ class LinearisedRun:
         )
 
     def damping_forces(self) -> tuple[Array, Array]:
-        """Forces of all terms without their matrices, and their derivatives by the orders.
-
-        Each of shape ``(K, n, m, d)``.
-        """
-        steps, memory = self.steps, self.memory
-        k, n, d = memory.n_terms, steps.n_steps, self.scene.dimension
-        plain = np.empty((k, n, steps.velocity.shape[1], d))
-        slopes = np.empty_like(plain)
+        """As :meth:`RunMemory.forces` of the scene that was run."""
         start = self.scene.initial_velocity
-        states = memory.first_states(start)
-        relative = memory.is_relative[:, None, None]
-        for index in range(n):
-            terms, velocity = self.terms[self.of_size[index]], steps.velocity[index]
-            for local, response, found in (
-                (terms.local, terms.response, plain),
-                (terms.local_slopes, terms.response_slopes, slopes),
-            ):
-                left = local.sum(axis=2) + response.sum(axis=2)
-                force = local @ velocity + response @ states
-                found[:, index] = force - np.where(relative, left[:, :, None] * start, 0.0)
-            states = terms.decay[:, None] * states + terms.intake @ velocity
-        return plain, -slopes
+        return self.memory.forces(self.terms, self.of_size.tolist(), self.velocity, start)
+
+    def law_forces(self, scene: Scene) -> Array:
+        """Forces of the relaxation laws of another scene on the motion of this run."""
+        memory = RunMemory(replace(scene, damping=()), self._operator, self.steps.step_size)
+        sizes = np.unique(self.steps.step_size)
+        tables = [memory.tables(float(h)) for h in sizes]
+        start = scene.initial_velocity
+        plain, _ = memory.forces(tables, self.of_size.tolist(), self.velocity, start)
+        return np.asarray(np.einsum("knia,kab->nib", plain, memory.matrices))

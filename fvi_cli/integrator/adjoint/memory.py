@@ -10,15 +10,17 @@ power of the mesh's own integration matrix. Its derivative by the order is exact
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.convolution.damping import LARGEST_EXPONENT
-from fvi_cli.integrator.convolution.kernel import Kernel, power_kernel_slopes
+from fvi_cli.integrator.convolution.kernel import Kernel, power_kernel, power_kernel_slopes
 from fvi_cli.integrator.convolution.stages import StageOperator
 from fvi_cli.mathematics.runge_kutta import tableau
 
@@ -48,26 +50,23 @@ class TermTables:
 
 
 class RunMemory:
-    """All damping terms of a scene, those with a coefficient of zero as well, on one mesh.
+    """All damping terms of a scene, those with a coefficient of zero as well, then its laws.
 
     Parameters
     ----------
     scene
-        Its damping.
+        Its damping and relaxation laws.
     operator
         The Runge-Kutta method.
     step_sizes
         Of the whole mesh, shape ``(n,)``.
 
-    Raises
-    ------
-    ValueError
-        For a scene with relaxation laws.
-
     Attributes
     ----------
+    n_damping
+        Number of damping terms, which come first.
     matrices
-        Coefficients of the terms, shape ``(K, d, d)``.
+        Coefficients of all terms, those of laws times their size, shape ``(K, d, d)``.
     is_relative
         Whether the start velocity is subtracted, shape ``(K,)``: Caputo orders above 1.
     n_rates
@@ -75,25 +74,33 @@ class RunMemory:
     """
 
     def __init__(self, scene: Scene, operator: StageOperator, step_sizes: Array) -> None:
-        if scene.active_laws:
-            raise ValueError("derivatives: runs with relaxation laws are not differentiated")
         self._operator = operator
         d = scene.dimension
         self._exponents = [min(1.0 - term.order, LARGEST_EXPONENT) for term in scene.damping]
-        self.matrices = np.array([term.coefficient for term in scene.damping]).reshape(-1, d, d)
+        self._laws = [law.kernel for law in scene.laws]
+        self.n_damping = len(self._exponents)
+        coefficients = [term.coefficient for term in scene.damping]
+        coefficients += [law.size * law.coefficient for law in scene.laws]
+        self.matrices = np.array(coefficients).reshape(-1, d, d)
         above = [scene.derivative == "caputo" and term.order > 1 for term in scene.damping]
-        self.is_relative = np.array(above, dtype=bool)
-        self._rates, self._weights, self._slopes = np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0))
-        if self._exponents:
-            shortest = float(step_sizes.min())
-            self._rates, self._weights, self._slopes = power_kernel_slopes(
-                self._exponents,
-                shortest_step=shortest,
-                final_time=scene.final_time,
-                stages=operator.n_stages,
-                steps=float((shortest / step_sizes).sum()),
-            )
-        self.n_rates = int(self._rates.size)
+        self.is_relative = np.array(above + [False for _ in scene.laws], dtype=bool)
+        shortest = float(step_sizes.min())
+        mesh = _MeshNumbers(
+            shortest_step=shortest,
+            final_time=scene.final_time,
+            stages=operator.n_stages,
+            steps=float((shortest / step_sizes).sum()),
+        )
+        parts = [] if not self._exponents else [power_kernel_slopes(self._exponents, **mesh)]
+        if self._laws:
+            distinct = list(dict.fromkeys(self._laws))
+            kernel = power_kernel(distinct, accuracy=1e-14, **mesh)
+            weights = kernel.weights[[distinct.index(one) for one in self._laws]]
+            parts.append((kernel.rates, weights, np.zeros_like(weights)))
+        self._rates = [rates for rates, _, _ in parts]
+        self._weights = _apart([weights for _, weights, _ in parts])
+        self._slopes = _apart([slopes for _, _, slopes in parts])
+        self.n_rates = sum(rates.size for rates in self._rates)
         logarithm = _logarithm(operator)
         self._blocks = [operator.local_block(theta) for theta in self._exponents]
         self._log_blocks = [block @ logarithm for block in self._blocks]
@@ -101,15 +108,17 @@ class RunMemory:
     @property
     def n_terms(self) -> int:
         """Number K of terms."""
-        return len(self._exponents)
+        return len(self._exponents) + len(self._laws)
 
     def tables(self, h: float) -> TermTables:
         """Numbers of a step of length `h`."""
         k, m = self.n_terms, self._operator.n_stages
-        local, slopes = np.empty((k, m, m)), np.empty((k, m, m))
+        local, slopes = np.empty((k, m, m)), np.zeros((k, m, m))
         for index, theta in enumerate(self._exponents):
             local[index] = h**theta * self._blocks[index]
             slopes[index] = h**theta * self._log_blocks[index] + math.log(h) * local[index]
+        for index, law in enumerate(self._laws, start=self.n_damping):
+            local[index] = self._operator.law_block(law, h)
         if not k:
             empty = np.zeros((0, m, 0))
             return TermTables(
@@ -120,15 +129,20 @@ class RunMemory:
                 decay=np.zeros(0),
                 intake=np.zeros((0, m)),
             )
-        plain = Kernel(terms=(0.5,), rates=self._rates, weights=np.ones((1, self.n_rates)))
-        step = self._operator.step_tables(plain, h)
+        tables = [
+            self._operator.step_tables(
+                Kernel(terms=(0.5,), rates=rates, weights=np.ones((1, rates.size))), h
+            )
+            for rates in self._rates
+        ]
+        response = np.concatenate([one.response for one in tables], axis=2)
         return TermTables(
             local=local,
             local_slopes=slopes,
-            response=step.response * self._weights[:, None, :],
-            response_slopes=step.response * self._slopes[:, None, :],
-            decay=step.decay,
-            intake=step.intake,
+            response=response * self._weights[:, None, :],
+            response_slopes=response * self._slopes[:, None, :],
+            decay=np.concatenate([one.decay for one in tables]),
+            intake=np.concatenate([one.intake for one in tables]),
         )
 
     def first_states(self, start_velocity: Array) -> Array:
@@ -136,6 +150,58 @@ class RunMemory:
         shape = (self.n_terms, self.n_rates, *start_velocity.shape)
         relative = self.is_relative.reshape(-1, *(1 for _ in shape[1:]))
         return np.where(relative, np.broadcast_to(start_velocity, shape), 0.0)
+
+    def forces(
+        self, tables: Sequence[TermTables], of_step: Sequence[int], velocity: Array, start: Array
+    ) -> tuple[Array, Array]:
+        """Forces of all terms without their matrices, and their derivatives by the orders.
+
+        Parameters
+        ----------
+        tables, of_step
+            Numbers of every step size, and which of them are a step's.
+        velocity, start
+            At the stages of every step, ``(n, m, d)``, and at t = 0, ``(d,)``.
+
+        Returns
+        -------
+        tuple of Array
+            Each of shape ``(K, n, m, d)``; laws have no derivatives here.
+        """
+        plain = np.empty((self.n_terms, *velocity.shape))
+        slopes = np.empty_like(plain)
+        states = self.first_states(start)
+        relative = self.is_relative[:, None, None]
+        for index, own in enumerate(velocity):
+            terms = tables[of_step[index]]
+            for local, response, found in (
+                (terms.local, terms.response, plain),
+                (terms.local_slopes, terms.response_slopes, slopes),
+            ):
+                left = local.sum(axis=2) + response.sum(axis=2)
+                force = local @ own + response @ states
+                found[:, index] = force - np.where(relative, left[:, :, None] * start, 0.0)
+            states = terms.decay[:, None] * states + terms.intake @ own
+        return plain, -slopes
+
+
+class _MeshNumbers(TypedDict):
+    """What a sum of exponentials must know of a mesh."""
+
+    shortest_step: float
+    final_time: float
+    stages: int
+    steps: float
+
+
+def _apart(parts: list[Array]) -> Array:
+    """Matrices along the diagonal of one."""
+    shape = (sum(one.shape[0] for one in parts), sum(one.shape[1] for one in parts))
+    whole, row, column = np.zeros(shape), 0, 0
+    for one in parts:
+        whole[row : row + one.shape[0], column : column + one.shape[1]] = one
+        row, column = row + one.shape[0], column + one.shape[1]
+    return whole
 
 
 def _logarithm(operator: StageOperator) -> Array:

@@ -76,10 +76,11 @@ def disturbance(run: LinearisedRun, method: Method, variations: Sequence[Variati
         if np.any(total.orders) or np.any(total.coefficients):
             if forces is None:
                 forces = run.damping_forces()
-            plain, slopes = forces
+            k = run.memory.n_damping
+            plain, slopes = forces[0][:k], forces[1][:k]
             force[..., column] -= np.einsum("knia,kab->nib", plain, total.coefficients)
             force[..., column] -= np.einsum(
-                "k,knia,kab->nib", total.orders, slopes, run.memory.matrices
+                "k,knia,kab->nib", total.orders, slopes, run.memory.matrices[:k]
             )
     return Disturbance(
         momentum=momentum,
@@ -116,6 +117,8 @@ def _is_affine(low: Scene, middle: Scene, high: Scene) -> bool:
     """Whether three scenes are linear, and their numbers lie on straight lines."""
     if not middle.is_linear or not _have_same_loads(low, high):
         return False
+    if not _have_same_laws(low, high):
+        return False
     every = [_numbers(scene) for scene in (low, middle, high)]
     if len({one.size for one in every}) != 1:
         return False
@@ -145,8 +148,8 @@ class _Rates:
         self.momentum, self.force = np.zeros((n, r, d)), np.zeros((n, r, d))
         self.loads = np.zeros((n, steps.tables.degree + 1, d))
         self.starts = np.zeros((3, d))
-        self.orders = np.zeros(run.memory.n_terms)
-        self.coefficients = np.zeros((run.memory.n_terms, d, d))
+        self.orders = np.zeros(run.memory.n_damping)
+        self.coefficients = np.zeros((run.memory.n_damping, d, d))
 
     def add(self, scene: Scene, factor: float) -> None:
         """Add what a scene has at the stages, times a factor."""
@@ -162,6 +165,8 @@ class _Rates:
         for index, term in enumerate(scene.damping):
             self.orders[index] += factor * term.order
             self.coefficients[index] += factor * term.coefficient
+        if not _have_same_laws(scene, self._run.scene):
+            self.force -= factor * self._run.law_forces(scene)
         if not _have_same_loads(scene, self._run.scene):
             self.loads += factor * self._of(scene)
 
@@ -175,6 +180,14 @@ class _Rates:
             own = loads.of_steps(time, h, 1, is_fresh=time in fresh)
             every.append(own[0] if own is not None else 0.0)
         return np.asarray(every)
+
+
+def _have_same_laws(one: Scene, other: Scene) -> bool:
+    """Whether relaxation laws of two scenes remember the same."""
+    return len(one.laws) == len(other.laws) and all(
+        a.kernel == b.kernel and a.size == b.size and np.array_equal(a.coefficient, b.coefficient)
+        for a, b in zip(one.laws, other.laws, strict=True)
+    )
 
 
 def _have_same_loads(one: Scene, other: Scene) -> bool:
