@@ -46,7 +46,7 @@ def plans_as_text(plans: Sequence[PlannedRun], *, in_full: bool = False) -> str:
                 "-" if plan.finds_steps else f"{run.step_size:.6g}",
                 plan.action if run.member is None else f"{plan.action} {len(alike)} members",
                 plan.predicted,
-                ", ".join(effects_of(run.problem)),
+                ", ".join([*effects_of(run.problem), *asked_of(run)]),
                 *_costs(own),
                 plan.reason,
             )
@@ -125,6 +125,18 @@ def _costs(plan: EnginePlan | None) -> tuple[str, str, str]:
         f"{plan.memory_bytes / 1e6:.3g} MB",
         f"about {plan.seconds:.1g} s" if plan.seconds < 10 else f"about {plan.seconds:.0f} s",
     )
+
+
+def asked_of(run: Run) -> list[str]:
+    """What is asked of a motion beside its positions, in words."""
+    asked = run.experiment.observations
+    times = [] if asked.times is None else [f"output at {asked.times.size} times"]
+    several = {
+        "impacts on": asked.impacts,
+        "quantities": asked.quantities,
+        "events": asked.events,
+    }
+    return times + [f"{what} {' and '.join(found)}" for what, found in several.items() if found]
 
 
 def effects_of(problem: AnyProblem) -> list[str]:

@@ -100,3 +100,29 @@ def test_listing_and_export(stored: tuple[Path, fvi.Trajectory], tmp_path: Path)
     assert list(turns[0]) == ["time", "x", "vx"]
     for form in ("npz", "mat"):
         assert fvi.export(stored[0], form, tmp_path)
+
+
+def test_members_of_a_sweep_keep_their_quantities(tmp_path: Path) -> None:
+    swept = {key: value for key, value in CONFIG.items() if key != "events"}
+    config = {**swept, "sweep": {"problem.damping.0.order": [0.2, 0.5, 0.8]}}
+    (first,) = fvi.run(config, output=tmp_path)
+    (again,) = fvi.recall(tmp_path / "seen.h5")
+    for one, other in zip(first.finished, again.finished, strict=True):
+        kept, read = one.trajectory.observed, other.trajectory.observed
+        assert kept is not None
+        assert read is not None
+        assert np.array_equal(kept.quantities["torque"], read.quantities["torque"])
+        assert kept.extents == read.extents
+    observed = [one.trajectory.observed for one in again.finished]
+    assert len({one.extents["torque"].peak for one in observed if one is not None}) == 3
+    names = {path.name for path in fvi.export(tmp_path / "seen.h5", "csv", tmp_path)}
+    assert "seen-gauss-s4-graded-n000032.csv" in names
+
+
+@pytest.mark.parametrize("name", ["frame-forces", "ball-on-a-table"])
+def test_what_is_shipped_runs(name: str) -> None:
+    for outcome in fvi.run(name):
+        for one in outcome.finished:
+            assert one.status == "ok"
+            assert one.trajectory.observed is not None
+            assert one.trajectory.observed.extents

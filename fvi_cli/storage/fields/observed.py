@@ -18,9 +18,11 @@ from fvi_cli.storage.files import printable
 QUANTITIES: Final = "quantities"
 EVENTS: Final = "events"
 STOPPED_BY: Final = "stopped_by"
+EXTENTS, COUNTS = "quantity_extents", "event_counts"
+"""Attributes, as JSON by name."""
 MESH: Final = "mesh"
 ROOMS: Final = (QUANTITIES, EVENTS)
-"""Groups inside of the group of a run; the first two are attributes as well, as JSON."""
+"""Groups inside of the group of a run."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,14 +95,14 @@ def observed_attributes(observed: Observed | None, asked: Observations) -> dict[
             }
             for name in observed.quantities
         }
-        found[QUANTITIES] = json.dumps(told, ensure_ascii=False)
+        found[EXTENTS] = json.dumps(told, ensure_ascii=False)
     if observed.events:
         sources: dict[str, Event | Impact] = {**(asked.events or {}), **(asked.impacts or {})}
         counts = {
             name: {"when": sources[name].when.text, "count": int(one.time.size)}
             for name, one in observed.events.items()
         }
-        found[EVENTS] = json.dumps(counts, ensure_ascii=False)
+        found[COUNTS] = json.dumps(counts, ensure_ascii=False)
     return found
 
 
@@ -148,7 +150,7 @@ def observed_summary(attributes: Mapping[str, Any]) -> ObservedSummary:
     KeyError, TypeError, ValueError
         If they are not as they were written.
     """
-    told = json.loads(attributes.get(QUANTITIES) or "{}")
+    told = json.loads(attributes.get(EXTENTS) or "{}")
     names = [field.name for field in fields(Extent)]
     return ObservedSummary(
         extents={
@@ -157,7 +159,7 @@ def observed_summary(attributes: Mapping[str, Any]) -> ObservedSummary:
         },
         counts={
             printable(name): int(one["count"])
-            for name, one in json.loads(attributes.get(EVENTS) or "{}").items()
+            for name, one in json.loads(attributes.get(COUNTS) or "{}").items()
         },
         stopped_by=printable(str(attributes.get(STOPPED_BY, ""))),
     )
