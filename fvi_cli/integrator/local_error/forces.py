@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.forcing import ForcingPiece
+from fvi_cli.effects.function_force import FunctionForce
 from fvi_cli.effects.matrices import diagonal
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
@@ -215,6 +216,9 @@ def _character(scene: Scene) -> tuple[set[str], bool]:
     for piece in () if scene.forcing is None else scene.forcing.pieces:
         for component in piece.components:
             formula = component if isinstance(component, Expression) else component.formula
+            if isinstance(component, FunctionForce):
+                # nobody knows what a program does
+                called = called | STEEP_FUNCTIONS
             if formula is not None:
                 names, may = _of_expression(formula)
                 called, hides = called | names, hides or may

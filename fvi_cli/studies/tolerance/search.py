@@ -244,6 +244,8 @@ class _Search:
         if forces.is_steep and not forces.has_kinks:
             other = adaptive(degree + 1, UNRELATED * local)
             at, beside = on_other_mesh(other, fine)
+            # neither is known to be the better one
+            beside = 2.0 * beside
             doubts = (*doubts, *other.doubts)
             line += f"; gauss{degree + 1} on {other.n_steps} others by {beside.max():.2g}"
             if beside.max() > differences.max():

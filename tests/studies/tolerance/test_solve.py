@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import fvi_cli as fvi
+from fvi_cli.effects.function_force import FunctionForce
 from fvi_cli.mathematics.talbot import talbot_inverse
 from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.nonlinear import kepler
@@ -250,3 +251,20 @@ def test_a_record_on_a_frame_takes_no_more_than_its_samples() -> None:
     assert len(run.assessment.attempts) == 1
     by_hand = fvi.integrate(scene, "gauss4-graded", 798)
     assert np.abs(run(by_hand.time) - by_hand.position).max() <= run.assessment.tolerance
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-7])
+def test_kinks_that_no_formula_tells_of(tolerance: float) -> None:
+    """A force that a program computes is run on an unrelated mesh as well."""
+    force = FunctionForce(function=lambda t: np.abs(np.sin(t)))
+    data = {"damping": damping(0.5, 0.3), "final_time": 10.0}
+    scene = fvi.linear_oscillator(
+        forcing=fvi.Forcing(pieces=(fvi.ForcingPiece(components=(force,)),)), **data
+    )
+    run, told = (
+        fvi.solve(scene, tolerance=tolerance),
+        fvi.solve(forced("abs(sin(t))", **data), tolerance=1e-10),
+    )
+    assert told.outcome == "met"
+    if run.outcome == "met":
+        check(run, told, tolerance)
