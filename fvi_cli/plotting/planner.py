@@ -26,6 +26,7 @@ from fvi_cli.plotting.observed.section import has_events, section_figure
 from fvi_cli.plotting.saturation import saturation_figure
 from fvi_cli.plotting.sweeps import sweep_convergence_figure, sweep_trajectory_figure
 from fvi_cli.plotting.time_series import energy_figure, error_figure, trajectory_figure
+from fvi_cli.plotting.vibration.response_spectrum import response_spectrum_figure
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
@@ -41,6 +42,7 @@ FIGURE_KINDS = (
     "waterfall",
     "quantities",
     "section",
+    "spectrum",
 )
 """What ``Experiment.figures`` may name."""
 
@@ -59,6 +61,7 @@ _OVER_TIME: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
 _OF_MEMBERS: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
     "convergence": sweep_convergence_figure,
     "trajectory": sweep_trajectory_figure,
+    "spectrum": response_spectrum_figure,
 }
 _LEAST_LADDER = 3
 
@@ -69,9 +72,8 @@ def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[st
     An experiment that names its figures gets these. Otherwise a ladder of three or more step
     counts gets ``convergence``, a shorter one ``trajectory``, ``energy``, ``error`` and
     ``quantities``, as far as there are an energy, something to measure errors against, and
-    quantities. Of a sweep there are
-    ``convergence`` and ``trajectory`` only, in a figure of their own. Experiments of kind
-    ``fractional-derivative`` share one saturation figure.
+    quantities. Of a sweep there are ``convergence``, ``trajectory`` and ``spectrum`` only, in a
+    figure of their own. Experiments of kind ``fractional-derivative`` share one saturation figure.
 
     Parameters
     ----------
@@ -163,6 +165,10 @@ def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[
     if experiment.members:
         reason = f"of a sweep there are {' and '.join(_OF_MEMBERS)}"
         obstacles = {kind: reason for kind in FIGURE_KINDS if kind not in _OF_MEMBERS}
+        if experiment.members[0].dimension != 1:
+            obstacles["spectrum"] = "it is for oscillators of one degree of freedom"
+    else:
+        obstacles["spectrum"] = "it is drawn of a sweep over stiffness or mass"
     compared = any(np.isfinite(item.error) for item in finished)
     if not compared and all(item.status == "ok" for item in finished):
         obstacles["convergence"] = f"there is no error: the reference is {finished[0].reference}"

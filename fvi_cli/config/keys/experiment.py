@@ -49,6 +49,7 @@ FIGURES: Final = (
     "waterfall",
     "quantities",
     "section",
+    "spectrum",
 )
 _CASES: Final = "methods, such as bdf5,"
 
@@ -94,7 +95,8 @@ _KEYS: Final = (
         ListOf(shape=Choice(words=FIGURES), least=0, example="[convergence]"),
         "Figures to draw. Default: convergence for a ladder of three or more numbers of steps, "
         "otherwise trajectory, energy, error and, where there are any, quantities; section draws "
-        "velocity against position at events.",
+        "velocity against position at events, and spectrum, of a sweep over stiffness or mass, the "
+        "largest displacement over the period.",
         default=[],
     ),
     Key("allow_unstable", Flag(), "Compute runs that are predicted to blow up.", default=False),

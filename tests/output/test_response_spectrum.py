@@ -1,0 +1,61 @@
+"""The figure of response spectra: what it draws, and when it is not drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import fvi_cli as fvi
+from fvi_cli.plotting import left_out
+
+SWEEP = {
+    "name": "spectra",
+    "problem": {
+        "kind": "structure",
+        "mass": 2.0,
+        "stiffness": 8.0,
+        "damping": [{"order": 0.5, "coefficient": 0.1}],
+        "ground_acceleration": "sin(t)",
+        "final_time": 12.0,
+        "exact": "none",
+    },
+    "sweep": {
+        "problem.stiffness": [2.0, 8.0, 20000.0],
+        "problem.damping.0.coefficient": [0.1, 0.4],
+    },
+    "method": {"rk": "gauss", "degree": 2, "start": "graded"},
+    "ladder": {"steps": [600]},
+    "figures": ["spectrum"],
+}
+
+
+def test_it_draws_largest_displacements_over_periods() -> None:
+    outcomes = fvi.run(fvi.load(SWEEP))
+    figures = fvi.figures(outcomes)
+    assert set(figures) == {"spectra-spectrum"}
+    upper, lower = figures["spectra-spectrum"].axes
+    assert [line.get_label() for line in upper.lines] == [
+        "damping.0.coefficient = 0.1",
+        "damping.0.coefficient = 0.4",
+    ]
+    (outcome,) = outcomes
+    for line, other in zip(upper.lines, lower.lines, strict=True):
+        period, largest = np.array(line.get_xdata()), np.array(line.get_ydata())
+        assert period == pytest.approx(2 * np.pi * np.sqrt(2.0 / np.array([20000.0, 8.0, 2.0])))
+        # a stiff oscillator goes with the ground
+        assert np.array(other.get_ydata())[0] == pytest.approx(1.0, rel=2e-2)
+        assert other.get_ydata() == pytest.approx((2 * np.pi / period) ** 2 * largest)
+    softest = {"problem.stiffness": 2.0, "problem.damping.0.coefficient": 0.1}
+    soft = [
+        one
+        for one in outcome.finished
+        if one.run.member is not None and one.run.member.values == softest
+    ]
+    assert upper.lines[0].get_ydata()[-1] == np.abs(soft[0].trajectory.position).max()
+
+
+def test_of_one_oscillator_or_of_many_coordinates_there_is_none() -> None:
+    alone = {key: value for key, value in SWEEP.items() if key != "sweep"}
+    (outcome,) = fvi.run(fvi.load(alone))
+    (line,) = left_out([(outcome.experiment, outcome.finished)])
+    assert "it is drawn of a sweep over stiffness or mass" in line
