@@ -124,12 +124,14 @@ def _by_variant(title: str, study: Study, styles: dict[str, SeriesStyle]) -> lis
 
 
 def panel_titles(experiments: Sequence[Experiment]) -> list[str]:
-    """Kind and damping orders of every experiment; its name where that does not tell them apart."""
+    """Kind and damping orders of every experiment; its name where they do not tell it apart."""
     titles = []
     for experiment in experiments:
         problem = experiment.problem
         title = kind_title(problem.kind)
-        if isinstance(problem, Problem) and problem.scene.damping:
+        if isinstance(problem, Problem) and problem.scene.laws:
+            title = experiment.name
+        elif isinstance(problem, Problem) and problem.scene.damping:
             listed = ", ".join(fraction(term.order) for term in problem.scene.damping)
             title += rf", $\gamma = {listed}$"
         titles.append(title)

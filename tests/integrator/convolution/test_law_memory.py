@@ -14,7 +14,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.diagnostics_request import Asked
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_zener
-from fvi_cli.effects.laws.law import RelaxationKernel
+from fvi_cli.effects.laws.law import Law, RelaxationKernel
 from fvi_cli.effects.laws.prony import Exponentials, prony
 from fvi_cli.effects.laws.tempered import TemperedPower, tempered
 from fvi_cli.effects.scene import Scene
@@ -24,7 +24,10 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.parts import integrate_part
+from fvi_cli.integrator.stability import predict_stability
 from fvi_cli.mathematics.talbot import talbot_inverse
+from fvi_cli.planning.expected_order import expected_order
+from fvi_cli.planning.plan import plan_run
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 
@@ -161,6 +164,12 @@ SCENES = {
 }
 
 
+def fractional_zener_along(coefficient: float) -> Law:
+    return fractional_zener(
+        order=0.5, time=0.2, relaxed=1.0, unrelaxed=3.0, coefficient=coefficient
+    )
+
+
 @pytest.mark.parametrize("name", SCENES)
 def test_laws_have_full_order_in_every_kind_of_scene(name):
     scene, errors = SCENES[name], []
@@ -178,6 +187,49 @@ def test_a_run_with_laws_goes_on_from_a_checkpoint_bit_for_bit():
     assert first.checkpoint is not None
     rest = integrate_part(SCENE, method, 9000, checkpoint=first.checkpoint)
     np.testing.assert_array_equal(rest.trajectory.position[-1], whole.position[-1])
+
+
+def test_springpots_and_laws_share_their_rates_and_point_masses_are_their_own():
+    def states(*terms: float | RelaxationKernel) -> int:
+        return power_kernel(terms, shortest_step=1e-3, final_time=10.0, stages=3).n_states
+
+    cole = ColeCole(order=0.4, time=0.3)
+    alone = states(0.5)
+    assert states(0.5, cole) <= 1.15 * alone
+    masses = Exponentials(masses=((10.0, 1.0), (1.0, 0.5)))
+    assert states(masses) == 2
+    assert states(0.5, masses) == alone + 2
+    # narrow peaks take a few more rates, and not a finer rule
+    assert states(ColeCole(order=0.99, time=0.3)) <= 2 * alone
+
+
+def test_the_plan_counts_what_a_run_with_laws_does():
+    method = Method(cq="gauss", degree=3, start="graded")
+    assert plan_run(SCENE, method, 300).history_operations == (
+        integrate(SCENE, method, 300).history_operations
+    )
+    assert plan_run(SCENE, method, 300).effects[-1] == "relaxation of order 0.675 in 0.3"
+
+
+@pytest.mark.parametrize(
+    ("laws", "verdict"), [(LAWS, "stable"), ((fractional_zener_along(-1.0),), "unknown")]
+)
+def test_passive_laws_are_stable_and_others_are_not_known(laws, verdict):
+    scene = linear_oscillator(stiffness=9.0, initial_position=1.0, final_time=4.0, laws=laws)
+    prediction = predict_stability(scene, Method(cq="gauss", degree=3, start="graded"), 8)
+    assert prediction.verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("method", "order"),
+    [
+        (Method(cq="gauss", degree=3, start="graded"), 6.0),
+        (Method(cq="gauss", degree=3, start="none"), 3.675),
+        (Method(cq="gauss", degree=1, start="none"), 2.0),
+    ],
+)
+def test_the_expected_order_knows_the_start_of_a_law(method, order):
+    assert expected_order(SCENE, method, "max", 32) == pytest.approx(order)
 
 
 def test_equal_steps_have_the_order_of_the_singular_start():
