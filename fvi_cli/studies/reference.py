@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -192,7 +192,7 @@ def _on_common_grid(scene: Scene, refined: _Refined, common: int) -> Reference:
     return Reference(
         values=lambda times: _picked(scene, times, values),
         error=refined.error,
-        source=f"refined run ({_method(scene).case}, {_in_words(refined)})",
+        source=f"refined run ({REFERENCE_METHOD.case}, {_in_words(refined)})",
     )
 
 
@@ -217,7 +217,7 @@ def _on_own_grids(scene: Scene, refined: _Refined, steps: tuple[int, ...]) -> Re
     return Reference(
         values=at,
         error=refined.error,
-        source=f"refined runs ({_method(scene).case}, on every grid of its own, "
+        source=f"refined runs ({REFERENCE_METHOD.case}, on every grid of its own, "
         f"{_in_words(refined)})",
     )
 
@@ -258,11 +258,6 @@ def _doubled(scenes: Sequence[Scene], base: int) -> list[_Refined | _ReferenceFa
     return results
 
 
-def _method(scene: Scene) -> Method:
-    """The method of refined runs; there is no start series for relaxation laws."""
-    return replace(REFERENCE_METHOD, start="graded") if scene.active_laws else REFERENCE_METHOD
-
-
 def _picked(scene: Scene, times: Array, values: Array) -> Array:
     """The values of a fine grid at the times of a coarse one."""
     index = np.rint(times / scene.final_time * (values.shape[0] - 1)).astype(int)
@@ -275,7 +270,7 @@ def _runs(scenes: Sequence[Scene], n_steps: int) -> list[Array | _ReferenceFaile
     size = members_at_a_time(n_steps, max((s.dimension for s in scenes), default=1))
     for start in range(0, len(scenes), size):
         together = scenes[start : start + size]
-        for trajectory in integrate_members(together, _method(together[0]), n_steps):
+        for trajectory in integrate_members(together, REFERENCE_METHOD, n_steps):
             told = f"the refined run {trajectory.status}: {trajectory.message}"
             is_whole = trajectory.status == "ok"
             positions.append(trajectory.position if is_whole else _ReferenceFailedError(told))

@@ -14,7 +14,7 @@ def law_objection(scene: Scene, method: AnyMethod) -> str:
         return ""
     return (
         f"{method.case} is not made for relaxation laws (zener, maxwell, prony, tempered); take "
-        "rk: gauss with start: graded or none"
+        "rk: gauss"
     )
 
 
