@@ -121,9 +121,13 @@ def law_response(
         if index == 0:
             powers = plus(powers, memory, position)
         changed.append((start, {power: c for power, c in powers.items() if c}))
+    zeros = characteristic_zeros(characteristic)
+    if decay and any(zero.multiplicity > 1 for zero in zeros):
+        # seen from -l zeros beside the axis are close together, and their residues cancel
+        raise ValueError(f"laws: forgetting at {decay:g} is too far from the zeros")
     return LawResponse(
         characteristic=characteristic,
         inputs=tuple(changed),
-        zeros=characteristic_zeros(characteristic),
+        zeros=zeros,
         decay=decay,
     )

@@ -10,6 +10,7 @@ from typing import Literal
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.integrator.stability import StabilityPrediction, Verdict, predict_stability
 from fvi_cli.integrator.trajectory import Status, Trajectory
 
@@ -201,12 +202,13 @@ class Bench:
 
 
 def examine(cases: Sequence[HardCase], methods: Sequence[NamedMethod]) -> Iterator[Finding]:
-    """Every claim of every case with every method, case by case."""
+    """Every claim of every case with every method that is made for it, case by case."""
     for case in cases:
         for named in methods:
             bench = Bench(method=named.method)
             for claim in case.claims:
-                yield examine_claim(case, claim, named.name, bench)
+                if not any(law_objection(one.scene, named.method) for one in claim.settings):
+                    yield examine_claim(case, claim, named.name, bench)
 
 
 def examine_claim(case: HardCase, claim: Claim, name: str, bench: Bench) -> Finding:

@@ -11,6 +11,7 @@ from fvi_cli.studies.hard_cases.forced_cases import (
     every_singular_power,
     jumps_at_every_period,
 )
+from fvi_cli.studies.hard_cases.law_cases import relaxation_laws
 from fvi_cli.studies.hard_cases.linear_cases import (
     extreme_orders,
     huge_damping,
@@ -41,6 +42,7 @@ MAKERS: tuple[Callable[[], HardCase], ...] = (
     tiny_and_huge_scales,
     jumps_at_every_period,
     every_singular_power,
+    relaxation_laws,
     chaotic_double_pendulum,
 )
 
