@@ -125,6 +125,7 @@ def _kind(scene: Scene) -> tuple[object, ...]:
 def _batch_or_none(
     scenes: Sequence[Scene], method: Method, n_steps: int, every: int
 ) -> list[Trajectory] | None:
+    """A batch by a method with sequences of weights; None where its blocks do not fit."""
     # where the steps of a member have singular equations, each member for itself tells
     with contextlib.suppress(np.linalg.LinAlgError):
         batch = _integrate_batch(scenes, method, n_steps)
