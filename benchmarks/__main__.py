@@ -26,10 +26,15 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 }
 
 
-PAGES: dict[str, tuple[str, Callable[[], str]]] = {
-    "fits": ("What fits are worth", run_fits),
-    "structures": ("What large structures take", lambda: structures_table(run_structures())),
-    "tolerances": ("Whether tolerances are kept", lambda: tolerance_table(run_tolerances())),
+PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
+    "fits": ("What fits are worth", lambda asked: run_fits()),
+    "structures": ("What large structures take", lambda asked: structures_table(run_structures())),
+    "tolerances": (
+        "Whether tolerances are kept",
+        lambda asked: tolerance_table(
+            run_tolerances(asked.per_kind, by_hand_every=asked.by_hand_every)
+        ),
+    ),
 }
 """What has a page of its own, and is measured only when it is named."""
 
@@ -48,6 +53,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
         metavar="E",
         help="linear scenes take 2^E steps (default 20); fewer than 2^20 are a trial",
     )
+    parser.add_argument(
+        "--per-kind", type=int, default=40, metavar="N", help="tolerances: scenes of every kind"
+    )
+    parser.add_argument(
+        "--by-hand-every",
+        type=int,
+        default=8,
+        metavar="N",
+        help="tolerances: every N-th scene is solved by hand as well, 0: none",
+    )
     parser.add_argument("--output", type=Path, default=Path("results"), help="folder of the page")
     asked = parser.parse_args(arguments)
     unknown = set(asked.sections) - {*SECTIONS, *PAGES}
@@ -55,7 +70,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         known = ", ".join([*SECTIONS, *PAGES])
         parser.error(f"no such section: {', '.join(sorted(unknown))} ({known})")
     for name in set(asked.sections) & set(PAGES):
-        _write_page(asked.output / f"{name}.md", *PAGES[name])
+        title, measure = PAGES[name]
+        command = name
+        if name == "tolerances":
+            command += f" --per-kind {asked.per_kind} --by-hand-every {asked.by_hand_every}"
+        _write_page(asked.output / f"{name}.md", title, command, measure(asked))
     sections = [name for name in asked.sections or SECTIONS if name in SECTIONS]
     if not sections:
         return
@@ -77,10 +96,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(text, path, sep="\n")
 
 
-def _write_page(path: Path, title: str, measure: Callable[[], str]) -> None:
-    text = "\n".join(
-        [f"# {title}", "", f"Made by `python -m benchmarks {path.stem}`.", "", measure()]
-    )
+def _write_page(path: Path, title: str, command: str, measured: str) -> None:
+    """A page of its own, with the command that makes it."""
+    head = f"Made by `python -m benchmarks {command}`."
+    text = "\n".join([f"# {title}", "", head, "", measured])
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
     print(text, path, sep="\n")

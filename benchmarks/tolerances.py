@@ -33,7 +33,7 @@ REMARK = (
     "well as at them; where the reference errs by more than 0.3 of the tolerance nothing is "
     "judged. Estimate over error is given where the error is 10 times that of the reference. By "
     "hand: the quickest of 48 single adaptive runs, 4 degrees and 12 local tolerances, that keeps "
-    "the tolerance when the truth is known (every eighth scene; processor time)."
+    "the tolerance when the truth is known (processor time, where it was measured)."
 )
 
 
