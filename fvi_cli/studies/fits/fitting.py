@@ -23,6 +23,8 @@ FIRST_TOLERANCE, LAST_TOLERANCE = 1e-5, 1e-12
 """Of a step, relative to the size of the motion."""
 DISCRETISATION = 0.01
 """Error of the runs that is allowed, relative to what is left of the data."""
+LOOSE = 1e-4
+"""Tolerance of a step while the minimum is looked for, relative to the size of the motion."""
 MOST_REWEIGHTINGS = 6
 APART = 10.0
 """Standard deviations by which the misfit of another minimum should be larger."""
@@ -59,8 +61,15 @@ def fit(name: str, settings: FitSettings, *, tell: Tell = lambda words: None) ->
     return FitResult(name=name, settings=settings, models=tuple(models))
 
 
-def fit_model(settings: FitSettings, described: FitModel) -> ModelFit:
+def fit_model(settings: FitSettings, described: FitModel, *, with_scan: bool = True) -> ModelFit:
     """Fit one model.
+
+    Parameters
+    ----------
+    settings, described
+        The data, and what is fitted to them.
+    with_scan
+        Look around the start; otherwise it is taken for good.
 
     Raises
     ------
@@ -75,7 +84,11 @@ def fit_model(settings: FitSettings, described: FitModel) -> ModelFit:
     _check_influence(model, scale)
     found: list[Found] = []
     for bounds in _regions(model):
-        found += search(model, bounds, scale)
+        if with_scan:
+            found += search(model, bounds, scale)
+        elif _holds(bounds, model.start):
+            model.loosen(LOOSE * scale)
+            found += distinct([least_squares_from(model, model.start, bounds, tolerance=1e-3)])
     found = distinct(found)
     if not found:
         return _failed(model, deviations, "no run comes to its end near the start")
