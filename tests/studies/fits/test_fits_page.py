@@ -1,0 +1,30 @@
+"""The page of fits says what was measured; its data come from elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.fits import ORDER, TimedFit, fits_page, motion, oscillator
+from fvi_cli.integrator.adjoint.gradient import run_steps
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.scenes.registry import build_scene
+from fvi_cli.studies.fits.model import METHOD
+
+
+def test_the_data_are_those_of_the_problem() -> None:
+    times = np.array([0.3, 4.0, 9.7])
+    for order, velocity in ((ORDER, 0.0), (1.7, 0.5)):
+        scene = build_scene(oscillator(order, velocity))
+        done = run_steps(scene, METHOD, AdaptiveSteps(tolerance=1e-9))
+        np.testing.assert_allclose(done(times)[:, 0], motion(order, times, velocity), atol=1e-11)
+
+
+def test_shares_and_failures_are_counted() -> None:
+    held = [(True, True, False), (True, False, False), (True, True, True), (True, True, True)]
+    timed = TimedFit(name="three", seconds=1.25, runs=20, worst=1.5)
+    page = fits_page({"order 1": 3e-12}, held, [False, True, False], [timed])
+    assert "100.0 % (stiffness), 75.0 % (coefficient) and 50.0 % (order)" in page
+    assert "From 3 random starts" in page
+    assert "1 fits failed" in page
+    assert "| three | 1.2 | 20 | 1.5 |" in page
+    assert "| order 1 | 3e-12 |" in page
