@@ -155,6 +155,7 @@ def _two_panels(
         figure = new_figure(3.7)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         time = best.trajectory.time
+        others = [*LINE_STYLES[:3], *LINE_STYLES[4:]]
         for index, (label, values) in enumerate(curves):
             last = index == len(curves) - 1 and len(curves) > 1
             above.plot(
@@ -162,7 +163,9 @@ def _two_panels(
                 values,
                 label=label,
                 color=INK if last else COLOURS[index % len(COLOURS)],
-                linestyle=LINE_STYLES[3] if last else LINE_STYLES[index % 3],
+                linestyle=LINE_STYLES[3]
+                if last
+                else LINE_STYLES[index if index < 3 else index + 1],
                 linewidth=1.6 if last else 1.1,
                 # a sum that may be zero throughout has no digits of its own
                 gid=f"floor {_PANEL_DIGITS * scale:.1e}",

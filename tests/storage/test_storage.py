@@ -91,6 +91,7 @@ def made_up(run: Run, *, dimension: int = 2, **keywords: Any) -> FinishedRun:
         setup_seconds=0.25,
         stepping_seconds=0.125,
         remarks=("the start fell back: ½ a step", "another"),
+        coordinates=run.problem.coordinates,
     )
     values: dict[str, Any] = {
         "run": run,
@@ -189,6 +190,7 @@ def test_runs_that_came_to_nothing_come_back_as_they_are(
         step_size=0.25,
         status="diverged",
         message="|x| > 1e8 at t = 0.5\nand on",
+        coordinates=run.problem.coordinates,
     )
     finished = made_up(
         run, trajectory=trajectory, error=np.nan, status="diverged", expected_order=np.nan
