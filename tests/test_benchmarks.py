@@ -37,7 +37,9 @@ class TestStepping:
             assert measured.stepping_seconds > 0 < measured.yardstick_seconds
             assert math.isnan(measured.error) if case.scene == "pendulum" else measured.error < 1e-3
             assert (measured.history_operations > 0) or case.order == 1
-            assert measured.doubles_per_step > 0 < measured.speed_up
+            assert measured.doubles_per_step > 0
+            # nobody writes out the sums of Runge-Kutta methods
+            assert math.isnan(measured.speed_up) == case.method.is_runge_kutta
         assert columns(stepping_table(rows))["N"] == ["2^6"] * len(rows)
 
     def test_a_figure_that_is_missed_is_said(self):

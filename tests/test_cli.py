@@ -162,7 +162,7 @@ def test_a_mistake_of_the_program_costs_the_run_that_it_happens_in(folder, monke
             raise ZeroDivisionError("made up")
         return integrate(scene, *arguments, **options)
 
-    for module in ("study", "accuracy"):
+    for module in ("study", "accuracy", "tolerance.runs"):
         monkeypatch.setattr(f"fvi_cli.studies.{module}.integrate", mistaken)
     (folder / "mistaken.yaml").write_text(MISTAKEN.replace("ladder: {steps: [4, 8]}", key, 1))
     result = fvi("run", "mistaken.yaml")

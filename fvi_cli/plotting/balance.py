@@ -163,9 +163,7 @@ def _two_panels(
                 values,
                 label=label,
                 color=INK if last else COLOURS[index % len(COLOURS)],
-                linestyle=LINE_STYLES[3]
-                if last
-                else LINE_STYLES[index if index < 3 else index + 1],
+                linestyle=LINE_STYLES[3] if last else others[index],
                 linewidth=1.6 if last else 1.1,
                 # a sum that may be zero throughout has no digits of its own
                 gid=f"floor {_PANEL_DIGITS * scale:.1e}",

@@ -119,7 +119,7 @@ def test_true_growth_is_not_stopped(n_steps):
     assert (finished.predicted, finished.status) == ("stable", "ok")
     assert np.abs(finished.trajectory.position).max() > 1e24
     # control: without that growth in the bound the run would have ended
-    problem = prepare(negative.problem.scene, negative.methods[0], n_steps).problem
+    problem = prepare(negative.problem.scene, Method(cq="bdf2", degree=1), n_steps).problem
     bound = dataclasses.replace(growth_bound(problem), rate=0.0)
     assert cut_at_bound(problem, run_steps(problem), bound).failure
 
