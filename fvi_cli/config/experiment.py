@@ -275,7 +275,7 @@ def _objection(problem: AnyProblem, found: ListedMethod) -> str:
         return said
     if isinstance(method, Baseline):
         # most experiments have none, and they take long to import
-        from fvi_cli.integrator.baselines import baseline_objection
+        from fvi_cli.integrator.baselines.run import baseline_objection
 
         return baseline_objection(problem.scene, method)
     if problem.scene.lagrangian is not None and method.start == "weights":

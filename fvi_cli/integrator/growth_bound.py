@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.matrices import is_sparse
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.stability import RESOLVED, exact_growth
-from fvi_cli.integrator.stability_determinant import independent_systems, is_dissipative
-from fvi_cli.integrator.stepping import Stepped, StepProblem
+from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem
+from fvi_cli.integrator.stability.determinant import independent_systems, is_dissipative
+from fvi_cli.integrator.stability.prediction import RESOLVED, exact_growth
 
 Array = NDArray[np.float64]
 

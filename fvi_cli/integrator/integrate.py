@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.baselines import integrate_baseline
+from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
+from fvi_cli.integrator.baselines.run import integrate_baseline
 from fvi_cli.integrator.counts import check_counts
-from fvi_cli.integrator.diagnostics import NOTHING, Asked
-from fvi_cli.integrator.equal_steps import integrate_equal_steps, unsolved
+from fvi_cli.integrator.equal_steps.run import integrate_equal_steps, unsolved
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline

@@ -14,22 +14,22 @@ from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.kinds import kinds_of, side_by_side
 from fvi_cli.integrator.batches.run import integrate_side_by_side
-from fvi_cli.integrator.block_batch import BatchProblem, BatchStepped, run_batch
-from fvi_cli.integrator.block_history import BatchedChannel
-from fvi_cli.integrator.block_linear import (
+from fvi_cli.integrator.blocks.batch import BatchProblem, BatchStepped, run_batch
+from fvi_cli.integrator.blocks.history import BatchedChannel
+from fvi_cli.integrator.blocks.linear import (
     has_moments,
     known_moments,
     linear_system,
     stepped_scene,
 )
-from fvi_cli.integrator.block_response import LinearSystem
+from fvi_cli.integrator.blocks.response import LinearSystem
 from fvi_cli.integrator.counts import check_counts
 from fvi_cli.integrator.decoupling import Decoupling, decouple_forms
-from fvi_cli.integrator.engine import LEAST_BLOCK_STEPS
-from fvi_cli.integrator.equal_steps import Prepared, bounded, finished_trajectory, prepare
+from fvi_cli.integrator.equal_steps.routes import LEAST_BLOCK_STEPS
+from fvi_cli.integrator.equal_steps.run import Prepared, bounded, finished_trajectory, prepare
+from fvi_cli.integrator.equal_steps.weights import shared_channels
 from fvi_cli.integrator.growth_bound import GrowthBound, cut_at_bound
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.memory import shared_channels
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 

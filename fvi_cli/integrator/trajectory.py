@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from fvi_cli.integrator.run.showing import dataframe_of, dataset_of, html_of, line_of
 
 if TYPE_CHECKING:
-    from fvi_cli.integrator.diagnostics import Diagnostics
+    from fvi_cli.integrator.balances.diagnostics import Diagnostics
     from fvi_cli.integrator.observations.observe import Observed
     from fvi_cli.integrator.run.steps_of_run import RunSteps
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.plan import plan_side_by_side
-from fvi_cli.integrator.block_sizes import batch_sizes
+from fvi_cli.integrator.blocks.sizes import batch_sizes
 from fvi_cli.integrator.convolution.directions import terms_by_direction
 from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.engine import Route, scene_decoupling
+from fvi_cli.integrator.equal_steps.routes import Route, scene_decoupling
 from fvi_cli.integrator.method import Method
 from fvi_cli.planning.history_work import Shape, block_operations
 from fvi_cli.planning.plan_words import history_in_words, systems_in_words

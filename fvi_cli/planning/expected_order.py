@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.expansion import Expansion, forcing_powers, solution_expansion
-from fvi_cli.integrator.interpolation_limit import interpolation_limit
+from fvi_cli.integrator.expansions.expansion import solution_expansion
+from fvi_cli.integrator.expansions.interpolation_limit import interpolation_limit
+from fvi_cli.integrator.expansions.separable import forcing_powers
+from fvi_cli.integrator.expansions.values import Expansion
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.mathematics.power_series import SeriesError

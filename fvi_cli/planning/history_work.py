@@ -10,13 +10,13 @@ import math
 from dataclasses import dataclass
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.integrator.block_history import LARGEST_NEAR, even_fast_length
-from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP
-from fvi_cli.integrator.block_sizes import BlockSizes
+from fvi_cli.integrator.blocks.history import LARGEST_NEAR, even_fast_length
+from fvi_cli.integrator.blocks.newton import BLOCKS_PER_GROUP
+from fvi_cli.integrator.blocks.sizes import BlockSizes
+from fvi_cli.integrator.blocks.stepped_history import STEPPED_GROUP
 from fvi_cli.integrator.convolution.directions import terms_by_direction
-from fvi_cli.integrator.memory import memory_length
+from fvi_cli.integrator.equal_steps.weights import memory_length
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.stepped_history import STEPPED_GROUP
 
 
 @dataclass(frozen=True, kw_only=True)

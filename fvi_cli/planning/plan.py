@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.kinds import fewest
-from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP, newton_block
-from fvi_cli.integrator.engine import choose_route, sums_directly
-from fvi_cli.integrator.interpolation_limit import interpolation_remarks
+from fvi_cli.integrator.blocks.newton import BLOCKS_PER_GROUP, newton_block
+from fvi_cli.integrator.blocks.stepped_history import STEPPED_GROUP
+from fvi_cli.integrator.equal_steps.routes import choose_route, sums_directly
+from fvi_cli.integrator.expansions.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.members import goes_together
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.run.runge_kutta import plan_runge_kutta
-from fvi_cli.integrator.stepped_history import STEPPED_GROUP
 from fvi_cli.planning.batches import (
     Machinery,
     linear_blocks,

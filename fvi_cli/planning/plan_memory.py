@@ -13,9 +13,9 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.march import CHUNK as CHUNK_TOGETHER
 from fvi_cli.integrator.batches.plan import BLOCK
 from fvi_cli.integrator.batches.run import MOST_TOGETHER
-from fvi_cli.integrator.block_history import LARGEST_NEAR
-from fvi_cli.integrator.block_newton import BLOCKS_PER_GROUP, newton_block
-from fvi_cli.integrator.block_sizes import BlockSizes, batch_sizes
+from fvi_cli.integrator.blocks.history import LARGEST_NEAR
+from fvi_cli.integrator.blocks.newton import BLOCKS_PER_GROUP, newton_block
+from fvi_cli.integrator.blocks.sizes import BlockSizes, batch_sizes
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.march import CHUNK
 from fvi_cli.integrator.steps.linear_blocks import is_recurrence

@@ -12,7 +12,7 @@ import time
 import numpy as np
 
 from fvi_cli.integrator.batches.run import MOST_TOGETHER
-from fvi_cli.integrator.block_sizes import batch_sizes
+from fvi_cli.integrator.blocks.sizes import batch_sizes
 from fvi_cli.planning.history_work import direct_operations
 from fvi_cli.planning.plan_memory import Sizes
 

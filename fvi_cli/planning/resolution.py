@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.linearisation import linearised_at_start
+from fvi_cli.integrator.stability.linearisation import linearised_at_start
 
 Array = NDArray[np.float64]
 

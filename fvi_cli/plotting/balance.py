@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.diagnostics import Diagnostics
+from fvi_cli.integrator.balances.diagnostics import Diagnostics
 from fvi_cli.plotting.methods import series_styles
 from fvi_cli.plotting.style import (
     COLOURS,

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.stability_map import GROWTH_LEVELS, StabilityMap
+from fvi_cli.integrator.stability.region import GROWTH_LEVELS, StabilityMap
 from fvi_cli.plotting.methods import method_labels
 from fvi_cli.plotting.style import (
     COLUMN_WIDTH,

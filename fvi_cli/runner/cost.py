@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fvi_cli.errors import RequestError
-from fvi_cli.integrator.baselines import baseline_objection
+from fvi_cli.integrator.baselines.peers import PEER_LIMITS, peers_objection
+from fvi_cli.integrator.baselines.run import baseline_objection
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
-from fvi_cli.integrator.peers import PEER_LIMITS, peers_objection
 from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.runner.executors.executor import crash
 from fvi_cli.runner.progress import progress_bar

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from fvi_cli.config import method_named
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import integrate as engine
-from fvi_cli.integrator import members, stability
-from fvi_cli.integrator.diagnostics import NOTHING, Asked
+from fvi_cli.integrator import members
+from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observations.asked import Event, coordinate_names, observations
 from fvi_cli.integrator.observations.observe import integrate_observed
@@ -20,7 +20,8 @@ from fvi_cli.integrator.run import parts
 from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.run.parts import Part
 from fvi_cli.integrator.run.runge_kutta import AnySteps
-from fvi_cli.integrator.stability import StabilityPrediction
+from fvi_cli.integrator.stability import prediction as stability
+from fvi_cli.integrator.stability.prediction import StabilityPrediction
 from fvi_cli.integrator.trajectory import Trajectory
 
 

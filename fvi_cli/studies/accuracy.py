@@ -16,7 +16,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import nearest_fitting
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod
-from fvi_cli.integrator.stability import predict_stability
+from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.planning.plan import planned_bytes, planned_seconds
 from fvi_cli.planning.resolution import Resolution, find_resolution

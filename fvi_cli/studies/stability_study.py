@@ -16,21 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine import run as run_steps
-from fvi_cli.integrator.equal_steps import prepare
+from fvi_cli.integrator.equal_steps.routes import run as run_steps
+from fvi_cli.integrator.equal_steps.run import prepare
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.linearisation import linearised_at_start
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.stability import (
+from fvi_cli.integrator.stability.limits import largest_stable_step
+from fvi_cli.integrator.stability.linearisation import linearised_at_start
+from fvi_cli.integrator.stability.patterns import has_patterns
+from fvi_cli.integrator.stability.prediction import (
     RESOLVED,
     TOLERATED_GROWTH,
     StabilityPrediction,
     Verdict,
     predict_stability,
 )
-from fvi_cli.integrator.stability_limits import largest_stable_step
-from fvi_cli.integrator.stability_map import StabilityMap, stability_map
-from fvi_cli.integrator.step_patterns import has_patterns
+from fvi_cli.integrator.stability.region import StabilityMap, stability_map
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, Run
 

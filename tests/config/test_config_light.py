@@ -40,13 +40,13 @@ def test_checking_a_nonlinear_scene_loads_numpy_yaml_and_no_engine(tmp_path: Pat
     loaded = loaded_by_check(config)
     assert {"numpy", "yaml", "fvi_cli.config.load"} <= loaded
     assert not [name for name in loaded if name.startswith(HEAVY)]
-    engine = {"fvi_cli.integrator.integrate", "fvi_cli.integrator.baselines"}
+    engine = {"fvi_cli.integrator.integrate", "fvi_cli.integrator.baselines.run"}
     assert not engine & loaded
 
 
 def test_what_few_configurations_call_for_is_loaded_with_them():
     # control: what is not loaded above can be seen
-    assert "fvi_cli.integrator.baselines" in loaded_by_check(
+    assert "fvi_cli.integrator.baselines.run" in loaded_by_check(
         find_config("damped-oscillator-comparison")
     )
 

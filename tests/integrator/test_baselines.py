@@ -15,11 +15,11 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import RequestError
-from fvi_cli.integrator import peers, product_integration
+from fvi_cli.integrator.baselines import peers, product_integration
+from fvi_cli.integrator.baselines.product_integration import trapezoidal_weights
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import PEER_NAMES, Baseline, Method
-from fvi_cli.integrator.product_integration import trapezoidal_weights
-from fvi_cli.integrator.stability import predict_stability
+from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.named import linear_oscillator, pendulum

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fvi_cli.integrator.block_history import (
+from fvi_cli.integrator.blocks.history import (
     BatchedChannel,
     GroupHistory,
     lag_kernel,
     reversed_strip,
 )
-from fvi_cli.integrator.direct_history import DirectHistory
-from fvi_cli.integrator.memory import Channel, Memory
-from fvi_cli.integrator.stepped_history import SteppedHistory
+from fvi_cli.integrator.blocks.stepped_history import SteppedHistory
+from fvi_cli.integrator.equal_steps.direct_history import DirectHistory
+from fvi_cli.integrator.equal_steps.weights import Channel, Memory
 
 RNG = np.random.default_rng(20240318)
 

@@ -10,9 +10,9 @@ import pytest
 from written_out import integrate_written_out, left_operator_rk
 
 from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
-from fvi_cli.integrator import equal_steps as integrating
-from fvi_cli.integrator import step_increments as increments_module
-from fvi_cli.integrator.diagnostics import NOTHING, Asked
+from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
+from fvi_cli.integrator.equal_steps import increments as increments_module
+from fvi_cli.integrator.equal_steps import run as integrating
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.run import runge_kutta as on_mesh

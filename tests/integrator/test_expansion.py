@@ -11,7 +11,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.expansion import solution_expansion
+from fvi_cli.integrator.expansions.expansion import solution_expansion
 
 STIFFNESS, DAMPING = 2.0, 0.7
 

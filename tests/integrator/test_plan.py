@@ -12,7 +12,7 @@ import scipy.sparse.linalg
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.diagnostics import Asked
+from fvi_cli.integrator.balances.diagnostics import Asked
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import companions, integrate_members
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method

@@ -11,15 +11,15 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.linearisation import linearised_at_start
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.stability import exact_growth, predict_stability
-from fvi_cli.integrator.stability_determinant import (
+from fvi_cli.integrator.stability.determinant import (
     linear_system,
     number_of_unknowns,
     step_determinant,
 )
-from fvi_cli.integrator.stability_limits import largest_stable_step, stable_method
+from fvi_cli.integrator.stability.limits import largest_stable_step, stable_method
+from fvi_cli.integrator.stability.linearisation import linearised_at_start
+from fvi_cli.integrator.stability.prediction import exact_growth, predict_stability
 from fvi_cli.mathematics.characteristic import CharacteristicFunction, characteristic_zeros
 from fvi_cli.mathematics.disc_zeros import (
     ZeroCountError,

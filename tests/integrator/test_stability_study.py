@@ -10,15 +10,15 @@ import pytest
 from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.linearisation import linearised_along
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.stability import predict_stability, stability_along
-from fvi_cli.integrator.stability_determinant import (
+from fvi_cli.integrator.stability.determinant import (
     LinearSystem,
     number_of_unknowns,
     step_determinant,
 )
-from fvi_cli.integrator.stability_map import GROWTH_LEVELS, stability_map
+from fvi_cli.integrator.stability.linearisation import linearised_along
+from fvi_cli.integrator.stability.prediction import predict_stability, stability_along
+from fvi_cli.integrator.stability.region import GROWTH_LEVELS, stability_map
 from fvi_cli.mathematics.disc_zeros import count_zeros
 from fvi_cli.mathematics.many_discs import UNDECIDED, count_zeros_of_many
 from fvi_cli.reports import rendered

@@ -7,9 +7,9 @@ import pytest
 from scipy.special import gamma as gamma_function
 
 from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.integrator.equal_steps.starting_weights import starting_weights
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.starting_weights import starting_weights
 from fvi_cli.mathematics.bdf import convolution_weights
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.linear_response import match_scene

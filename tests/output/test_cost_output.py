@@ -14,7 +14,7 @@ from matplotlib.colors import to_hex
 from typer.testing import CliRunner
 
 from fvi_cli.cli.app import app
-from fvi_cli.integrator import peers
+from fvi_cli.integrator.baselines import peers
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.plotting.cost import cost_figure, cost_figures
 from fvi_cli.plotting.methods import BASELINE_COLOURS

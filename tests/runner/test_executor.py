@@ -16,7 +16,7 @@ import pytest
 import fvi_cli
 from fvi_cli.errors import ExecutorError
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.stability import predict_stability
+from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.runner.executors import executor as executor_module
 from fvi_cli.runner.executors.batches import execute_batch
 from fvi_cli.runner.executors.executor import InProcess, compute_batches

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import eigsh
 from fvi_cli.config import parse_config
 from fvi_cli.effects.matrices import as_csc, is_sparse
 from fvi_cli.errors import ConfigError
-from fvi_cli.integrator.diagnostics import Asked
+from fvi_cli.integrator.balances.diagnostics import Asked
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.registry import build_scene

@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from fvi_cli.integrator.equal_steps import prepare
+from fvi_cli.integrator.equal_steps.run import prepare
+from fvi_cli.integrator.equal_steps.stepping import run_steps
 from fvi_cli.integrator.growth_bound import TOLERATED_FACTOR, cut_at_bound, growth_bound
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.stability import predict_stability
-from fvi_cli.integrator.stepping import run_steps
+from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.experiment import Experiment
 from fvi_cli.studies.order import order_table

@@ -10,11 +10,12 @@ import pytest
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine import run
-from fvi_cli.integrator.equal_steps import prepare
+from fvi_cli.integrator.equal_steps.problem import StepProblem
+from fvi_cli.integrator.equal_steps.routes import run
+from fvi_cli.integrator.equal_steps.run import prepare
+from fvi_cli.integrator.equal_steps.stepping import run_steps
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method, RuleSpecification
-from fvi_cli.integrator.stepping import StepProblem, run_steps
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 
 TOLERANCE = 1e-12

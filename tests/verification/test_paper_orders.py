@@ -15,10 +15,10 @@ from paper_problems import (
     slope,
 )
 
-from fvi_cli.integrator.equal_steps import prepare
+from fvi_cli.integrator.equal_steps.run import prepare
+from fvi_cli.integrator.equal_steps.stepping import run_steps
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.stepping import run_steps
 
 PROBLEMS = {
     "damped oscillator": (damped_oscillator, LADDER_OSCILLATOR),

@@ -15,8 +15,11 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import Interpolation, SampledForce
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.expansions.interpolation_limit import (
+    interpolation_limit,
+    interpolation_remarks,
+)
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.interpolation_limit import interpolation_limit, interpolation_remarks
 from fvi_cli.integrator.method import Method
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.named import linear_oscillator

@@ -11,11 +11,11 @@ import pytest
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine import run
-from fvi_cli.integrator.equal_steps import prepare
+from fvi_cli.integrator.equal_steps.routes import run
+from fvi_cli.integrator.equal_steps.run import prepare
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.stability import predict_stability
-from fvi_cli.integrator.stability_determinant import independent_systems
+from fvi_cli.integrator.stability.determinant import independent_systems
+from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.scenes.named import linear_oscillator
 
 FEWEST_STEPS = 2000

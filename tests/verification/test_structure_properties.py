@@ -22,7 +22,7 @@ from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.stability import predict_stability
+from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.mathematics.operators import left_operator, right_operator
 from fvi_cli.mathematics.runge_kutta import gauss_tableau
 from fvi_cli.scenes.named import pendulum

@@ -20,10 +20,11 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator import frozen_response, memory
-from fvi_cli.integrator.block_history import GroupHistory
+from fvi_cli.integrator.blocks import frozen_response
+from fvi_cli.integrator.blocks.history import GroupHistory
 from fvi_cli.integrator.convolution import damping as states
-from fvi_cli.integrator.equal_steps import prepare
+from fvi_cli.integrator.equal_steps import weights as memory
+from fvi_cli.integrator.equal_steps.run import prepare
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.steps import linear_blocks, newton_blocks
@@ -312,7 +313,7 @@ def note(name):
 seen = {}
 import numpy as np
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.integrator.equal_steps import prepare
+from fvi_cli.integrator.equal_steps.run import prepare
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.named import linear_oscillator, pendulum

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.symmetry import Symmetry
+from fvi_cli.integrator.balances.diagnostics import Asked, Diagnostics
 from fvi_cli.integrator.convolution.damping import Damping
-from fvi_cli.integrator.diagnostics import Asked, Diagnostics
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.steps.dynamics import General, Separable

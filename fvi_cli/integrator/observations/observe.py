@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.diagnostics import NOTHING, Asked
+from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observations.asked import Event, Observations

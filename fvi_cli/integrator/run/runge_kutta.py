@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.balances.mesh_balance import diagnose_run
-from fvi_cli.integrator.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.growth_bound import GrowthBound, scene_bound
 from fvi_cli.integrator.local_error.examine import Examiner
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
+from fvi_cli.integrator.baselines.peers import PEER_LIMITS
 from fvi_cli.integrator.method import PEER_NAMES, AnyMethod, Baseline
-from fvi_cli.integrator.peers import PEER_LIMITS
 from fvi_cli.reports.document import Block, Bullets, Equation, Grid, Heading, Paragraph
 from fvi_cli.reports.naming import MethodName, method_names, number
 from fvi_cli.reports.table import Column, Report, Sheet, Value

@@ -11,7 +11,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.objections import law_objection
-from fvi_cli.integrator.stability import StabilityPrediction, Verdict, predict_stability
+from fvi_cli.integrator.stability.prediction import StabilityPrediction, Verdict, predict_stability
 from fvi_cli.integrator.trajectory import Status, Trajectory
 
 Sense = Literal["at most", "at least"]

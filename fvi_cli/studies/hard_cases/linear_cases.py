@@ -8,7 +8,7 @@ import numpy as np
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.stability import StabilityPrediction
+from fvi_cli.integrator.stability.prediction import StabilityPrediction
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.linear_response import linear_response
 from fvi_cli.scenes.named import linear_oscillator

@@ -20,14 +20,14 @@ from fvi_cli.effects.matrices import (
 )
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.balances.diagnostics import Asked
 from fvi_cli.integrator.convolution.reach import find_reach
-from fvi_cli.integrator.diagnostics import Asked
 from fvi_cli.integrator.growth_bound import GrowthBound
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.setup import prepare_run
-from fvi_cli.integrator.stability import predict_stability
+from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.scenes.chains import shear_form, shear_matrix
 from fvi_cli.scenes.registry import build_scene
 

@@ -1,0 +1,1 @@
+"""Methods that users would write otherwise, for comparison."""

@@ -1,0 +1,75 @@
+"""What all baselines give."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
+
+Array = NDArray[np.float64]
+
+
+def forces_on_grid(scene: Scene, n_steps: int) -> Array:
+    """The forcing at t_0 .. t_N, shape ``(N + 1, d)``; zeros where there is none."""
+    if scene.forcing is None:
+        return np.zeros((n_steps + 1, scene.dimension))
+    # as products: quotients of sums would put break points beside the grid
+    return scene.forcing(scene.final_time / n_steps * np.arange(n_steps + 1, dtype=float))
+
+
+def baseline_trajectory(
+    scene: Scene,
+    position: Array,
+    velocity: Array | None,
+    n_steps: int,
+    *,
+    failure: str,
+    operations: int,
+    iterations: int,
+    began: float,
+    ready: float,
+    remarks: tuple[str, ...] = (),
+) -> Trajectory:
+    """What a baseline gives back.
+
+    Parameters
+    ----------
+    scene, n_steps
+        What was integrated, and on how many steps.
+    position, velocity
+        The finished points, shape ``(n, d)``; no velocity for methods that have none.
+    failure
+        Why it stopped early, or empty.
+    operations, iterations
+        Multiply-adds spent on the memory, and Newton iterations.
+    began, ready
+        When set-up and stepping began, by ``time.perf_counter``.
+    remarks
+        What the reader of a table should know.
+    """
+    finished = time.perf_counter()
+    h = scene.final_time / n_steps
+    momentum = energy = None
+    if velocity is not None:
+        with np.errstate(over="ignore", invalid="ignore"):
+            momentum = velocity @ scene.inertia.mass
+            energy = scene.energy(position, momentum)
+    return Trajectory(
+        time=h * np.arange(position.shape[0], dtype=float),
+        position=position,
+        momentum=momentum,
+        energy=energy,
+        n_steps=n_steps,
+        step_size=h,
+        status="diverged" if failure else "ok",
+        message=failure,
+        history_operations=operations,
+        newton=NewtonRecord(iterations=iterations),
+        setup_seconds=ready - began,
+        stepping_seconds=finished - ready,
+        remarks=remarks,
+    )

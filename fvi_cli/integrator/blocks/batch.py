@@ -1,0 +1,365 @@
+"""Blocks of steps of a batch of linear systems: no loop over steps, and none over systems."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.advance import advanced
+from fvi_cli.integrator.blocks.history import (
+    BatchedChannel,
+    GroupHistory,
+    SharedStrip,
+    shared_strip,
+)
+from fvi_cli.integrator.blocks.response import LinearSystem, block_response
+from fvi_cli.integrator.blocks.sizes import BlockSizes, batch_sizes
+
+Array = NDArray[np.float64]
+
+CHUNK_BLOCKS = 64
+"""Blocks whose outputs are made by one matrix product."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BatchProblem:
+    """What the steps of a batch of systems need.
+
+    Parameters
+    ----------
+    system
+        The q systems of e components each.
+    n_steps
+        N.
+    position, momentum
+        Start values, shape ``(q, e)``.
+    first_offset
+        Offset of the first samples, ``(q, m, e)``.
+    moments
+        Moments of what is known in advance, for some systems and a range of steps, shape
+        ``(.., n, s + 1, e)``; None where nothing is.
+    with_force, with_end
+        Whether the damping force of every step is wanted, and that at the end of the last, which
+        samples on the nodes have.
+    limit
+        Positions beyond which a system needs no more steps, shape ``(q,)``.
+    stop_together
+        Whether no system needs more steps once one is beyond its limit.
+    """
+
+    system: LinearSystem
+    n_steps: int
+    position: Array
+    momentum: Array
+    first_offset: Array
+    moments: Callable[[slice, int, int], Array] | None
+    with_force: bool
+    with_end: bool
+    limit: Array
+    stop_together: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BatchStepped:
+    """What the steps gave; of meaning are the finished ones.
+
+    Parameters
+    ----------
+    position, momentum
+        Shape ``(q, N + 1, e)``.
+    force
+        Damping force of every step and at the end, ``(q, N + 1, m, e)``, where it was wanted.
+    done
+        Number of finished steps of each system, shape ``(q,)``.
+    operations
+        Multiply-adds that each system has spent on its memory, shape ``(q,)``.
+    """
+
+    position: Array
+    momentum: Array
+    force: Array | None
+    done: NDArray[np.int64]
+    operations: NDArray[np.int64]
+
+
+def run_batch(problem: BatchProblem) -> BatchStepped | None:
+    """All steps of all systems, as many at a time as stay in the cache.
+
+    Returns
+    -------
+    BatchStepped
+        None where the blocks would be too large.
+    """
+    system, n_steps = problem.system, problem.n_steps
+    q, e, m = system.batch, system.coupled, system.samples
+    chosen = batch_sizes(m, e, q, n_steps)
+    if chosen is None:
+        return None
+    width, sizes = chosen
+    position, momentum = np.empty((q, n_steps + 1, e)), np.empty((q, n_steps + 1, e))
+    force = np.zeros((q, n_steps + 1, m, e)) if problem.with_force else None
+    done, operations = np.zeros(q, dtype=np.int64), np.zeros(q, dtype=np.int64)
+    for first in range(0, q, width):
+        part = slice(first, min(first + width, q))
+        blocks = _Blocks(
+            _sliced(problem, part),
+            sizes,
+            position[part],
+            momentum[part],
+            None if force is None else force[part],
+        )
+        done[part] = blocks.run()
+        # all systems of a slice do the same
+        operations[part] = blocks.operations // (part.stop - part.start)
+    return BatchStepped(
+        position=position, momentum=momentum, force=force, done=done, operations=operations
+    )
+
+
+def _sliced(problem: BatchProblem, part: slice) -> BatchProblem:
+    """Some of the systems."""
+    if part.start == 0 and part.stop == problem.system.batch:
+        return problem
+    system = problem.system
+    moments = problem.moments
+    return replace(
+        problem,
+        system=replace(
+            system,
+            mass=system.mass[part],
+            stiffness=None if system.stiffness is None else system.stiffness[part],
+            channels=tuple(
+                BatchedChannel(channel=c.channel, directions=c.directions[part])
+                for c in system.channels
+            ),
+            offset=system.offset[part],
+        ),
+        position=problem.position[part],
+        momentum=problem.momentum[part],
+        first_offset=problem.first_offset[part],
+        moments=None if moments is None else lambda _, first, last: moments(part, first, last),
+        limit=problem.limit[part],
+    )
+
+
+class _Blocks:
+    """State and matrices of the systems of one slice; writes into the arrays that it is given."""
+
+    def __init__(
+        self,
+        problem: BatchProblem,
+        sizes: BlockSizes,
+        position: Array,
+        momentum: Array,
+        force: Array | None,
+    ) -> None:
+        self._problem, self._system = problem, problem.system
+        self._block, self._blocks = sizes.block, sizes.blocks
+        self._position, self._momentum, self._force = position, momentum, force
+        system = problem.system
+        response = block_response(system, sizes.block)
+        q, e, m = system.batch, system.coupled, system.samples
+        self._width = system.sample_size
+        # a finite memory reaches from the last steps of a block to the first of the next
+        self._far = min(sizes.block, max(system.memory - 1, 0))
+        self._n_history = self._far * self._width
+        self._n_state = system.state_size
+        self._n_first = self._n_history + self._n_state
+        whole = sizes.block * self._width
+        columns = np.r_[: self._n_history, whole : response.state.shape[2]]
+        inside = np.concatenate(
+            [response.samples[:, whole - self._n_history :], response.state], axis=1
+        )[:, :, columns]
+        self._sequential = np.ascontiguousarray(inside[:, :, : self._n_first])
+        self._driven = np.ascontiguousarray(inside[:, :, self._n_first :].transpose(0, 2, 1))
+        outputs = [response.position, response.momentum]
+        if force is not None:
+            outputs.append(response.force)
+        joined = np.concatenate(outputs, axis=1)[:, :, columns]
+        self._outputs = np.ascontiguousarray(joined.transpose(0, 2, 1))
+        self._reach = 0
+        self._strips: tuple[SharedStrip, ...] = ()
+        if system.memory > 1 and sizes.blocks > 1:
+            self._reach = min(sizes.block * (sizes.blocks - 1), system.memory - 1)
+            self._strips = tuple(
+                shared_strip(c, self._far, self._reach, m) for c in system.channels
+            )
+        # one component: one product without the overhead of a batch
+        self._single: Array | None = None
+        if q == e == len(self._strips) == 1:
+            self._single = self._strips[0].matrix * self._strips[0].batched.directions[0, 0, 0]
+        self._per_reach = sum(strip.operations(1) for strip in self._strips)
+        self._history = GroupHistory(
+            system.channels if system.memory > 1 else (), m, sizes.group, problem.n_steps
+        )
+        state = np.zeros((q, self._n_state))
+        state[:, :e], state[:, e : 2 * e] = problem.position, problem.momentum
+        state[:, 2 * e : -1] = problem.first_offset.reshape(q, -1)
+        state[:, -1] = 1.0
+        self._state = state
+        self._lost = np.zeros((q, 2 * e))
+        self._direct = 0
+
+    @property
+    def operations(self) -> int:
+        """Multiply-adds, weight times sample, done so far."""
+        return self._direct + self._history.operations
+
+    def run(self) -> int:
+        """Advance until the end, or until no more steps are needed; the number of steps done."""
+        problem, e = self._problem, self._system.coupled
+        n_steps, block, q = problem.n_steps, self._block, self._system.batch
+        total = -(-n_steps // block)
+        group = block * self._blocks
+        if problem.with_end and n_steps % block == 0 and n_steps % group != 0:
+            # one block more gives the force at the end
+            total += 1
+        self._position[:, 0], self._momentum[:, 0] = self._state[:, :e], self._state[:, e : 2 * e]
+        per_chunk = max(CHUNK_BLOCKS - CHUNK_BLOCKS % self._blocks, self._blocks)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for first in range(0, total, per_chunk):
+                count = min(per_chunk, total - first)
+                inputs = self._advance_chunk(first, count)
+                output = np.matmul(inputs, self._outputs)
+                begin, end = first * block, min((first + count) * block, n_steps)
+                self._write(output, inputs, begin, end)
+                if self._force is not None:
+                    force = output[:, :, 2 * block * e :].reshape(q, count * block, -1, e)
+                    wanted = min(count * block, n_steps + problem.with_end - begin)
+                    self._force[:, begin : begin + wanted] = force[:, :wanted]
+                if end < n_steps and self._is_over(end):
+                    return end
+            if self._force is not None and problem.with_end and n_steps % group == 0:
+                self._force[:, n_steps] = self._force_after_groups()
+        return n_steps
+
+    def _is_over(self, end: int) -> bool:
+        """Whether the systems need no steps beyond this one."""
+        farthest = np.abs(self._position[:, end]).max(axis=1)
+        inside = (farthest <= self._problem.limit) & np.isfinite(self._momentum[:, end]).all(axis=1)
+        return not (inside.all() if self._problem.stop_together else inside.any())
+
+    def _force_after_groups(self) -> Array:
+        """Force on the first sample after the last group, on the nodes, ``(q, 1, e)``."""
+        q, e, n_steps = self._system.batch, self._system.coupled, self._problem.n_steps
+        total = np.zeros((q, 1, e))
+        carry = self._state[:, 2 * e : -1]
+        for batched in self._system.channels:
+            weights = batched.channel.weights[: n_steps + 1]
+            reach = weights.size - 1
+            past = self._history.samples[:, 0, :, n_steps - reach : n_steps] @ weights[:0:-1]
+            total[:, 0] += np.einsum("qa,qab->qb", past + weights[0] * carry, batched.directions)
+            self._direct += q * e * reach
+        return total
+
+    def _write(self, output: Array, inputs: Array, begin: int, end: int) -> None:
+        """Running sums inside every block, from the state at its start."""
+        q, e = self._system.batch, self._system.coupled
+        count, size = output.shape[1], self._block * e
+        at = self._n_history
+        for place, target in enumerate((self._position, self._momentum)):
+            change = output[:, :, place * size : (place + 1) * size]
+            path = np.cumsum(change.reshape(q, count, self._block, e), axis=2)
+            path += inputs[:, :, None, at + place * e : at + (place + 1) * e]
+            target[:, begin + 1 : end + 1] = path.reshape(q, -1, e)[:, : end - begin]
+
+    def _advance_chunk(self, first: int, count: int) -> Array:
+        """Blocks `first` .. in sequence; returns all that went into them, ``(q, count, ...)``."""
+        q, block, blocks = self._system.batch, self._block, self._blocks
+        width, e, m = self._width, self._system.coupled, self._system.samples
+        inputs = np.zeros((q, count, self._outputs.shape[1]))
+        driven: Array | None = None
+        if self._problem.moments is not None:
+            moments = self._moments(first * block, count * block)
+            inputs[:, :, self._n_first :] = moments.reshape(q, count, -1)
+            driven = np.matmul(inputs[:, :, self._n_first :], self._driven)
+        samples = np.zeros((q, e, blocks * block * m))
+        whole, begin = block * m, self._far * m
+        damped = self._system.memory > 1
+        force: Array | None = None
+        for index in range(count):
+            place = (first + index) % blocks
+            if place == 0:
+                advanced((first + index) * block, self._problem.n_steps)
+            group = (first + index) // blocks
+            row = inputs[:, index]
+            if damped:
+                if place == 0 or force is None:
+                    force = self._history.force_on(group).reshape(q, blocks, block * width)
+                known = force[:, place, : self._n_history]
+                if place and self._strips:
+                    reach = min(self._reach, place * block)
+                    past = samples[:, :, place * whole - reach * m : place * whole]
+                    if self._single is not None:
+                        known = known + past[0, 0] @ self._single[-reach * m :]
+                    else:
+                        known = known + self._from_group(past)
+                    self._direct += self._per_reach * reach
+                row[:, : self._n_history] = known
+            row[:, self._n_history : self._n_first] = self._state
+            result = _apply(self._sequential, row[:, : self._n_first])
+            if driven is not None:
+                result = result + driven[:, index]
+            self._move(result[:, self._n_history :], e)
+            if damped:
+                end = (place + 1) * whole
+                found = result[:, : self._n_history]
+                if e == 1:
+                    samples[:, 0, end - begin : end] = found
+                else:
+                    samples[:, :, end - begin : end] = found.reshape(q, begin, e).transpose(0, 2, 1)
+                if place == blocks - 1:
+                    finished = samples.transpose(0, 2, 1).reshape(q, blocks * block, m, e)
+                    self._history.finish(group, finished)
+        if damped:
+            # what a block sums over its own steps stands in its matrix
+            self._direct += q * e * count * own_operations(self._system, block)
+        return inputs
+
+    def _from_group(self, past: Array) -> Array:
+        """Force of earlier blocks of the group, ``(q, far m e)``."""
+        q, e, _ = past.shape
+        total = self._strips[0].force(past)
+        for strip in self._strips[1:]:
+            total += strip.force(past)
+        if e == 1:
+            return total[:, 0]
+        return total.reshape(q, e, -1).transpose(0, 2, 1).reshape(q, -1)
+
+    def _move(self, change: Array, e: int) -> None:
+        """Compensated sums of position and momentum; the carry is new."""
+        value = self._state[:, : 2 * e]
+        corrected = change[:, : 2 * e] - self._lost
+        total = value + corrected
+        self._lost = (total - value) - corrected
+        self._state[:, : 2 * e] = total
+        self._state[:, 2 * e : -1] = change[:, 2 * e :]
+
+    def _moments(self, first: int, count: int) -> Array:
+        """All that is known in advance as moments, ``(q, count, s + 1, e)``, 0 after the end."""
+        if self._problem.moments is None:  # pragma: no cover - checked by the caller
+            raise ValueError("no moments")
+        last = min(first + count, self._problem.n_steps)
+        moments = self._problem.moments(slice(0, self._system.batch), first, last)
+        if last - first < count:
+            padded = np.zeros((moments.shape[0], count, *moments.shape[2:]))
+            padded[:, : last - first] = moments
+            moments = padded
+        return np.ascontiguousarray(moments)
+
+
+def own_operations(system: LinearSystem, block: int) -> int:
+    """Multiply-adds, weight times sample, of a component over the steps of its own block."""
+    pairs = (min(index + 1, c.channel.memory) for c in system.channels for index in range(block))
+    return system.samples**2 * sum(pairs)
+
+
+def _apply(matrix: Array, vector: Array) -> Array:
+    """Matrix times vector for every system of the batch."""
+    if matrix.shape[0] == 1:
+        # one product without the overhead of a batch
+        return np.asarray(matrix[0] @ vector[0])[None]
+    return np.asarray(np.matmul(matrix, vector[..., None])[..., 0])

@@ -1,0 +1,342 @@
+"""Nonlinear scenes, block by block: Newton's iteration with a frozen linear response.
+
+A block whose fixed point (:mod:`fvi_cli.integrator.blocks.frozen_response`) does not contract is
+halved, down to single steps with their own Jacobians.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.potential import Potential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.advance import advanced
+from fvi_cli.integrator.blocks.frozen_response import BlockInputs, FrozenResponse, frozen_stiffness
+from fvi_cli.integrator.blocks.history import (
+    BatchedChannel,
+    GroupHistory,
+    lag_kernel,
+    reversed_strip,
+)
+from fvi_cli.integrator.blocks.linear import known_moments
+from fvi_cli.integrator.equal_steps.problem import StepFailedError, Stepped, StepProblem, noted
+from fvi_cli.integrator.equal_steps.stepping import step_solver
+from fvi_cli.integrator.trajectory import NewtonRecord
+
+Array = NDArray[np.float64]
+
+LARGEST_BLOCK = 64
+LEAST_BLOCK = 4
+LARGEST_DENSE = 512
+"""Block times samples times components, at most."""
+LEAST_BLOCKS = 16
+"""Largest blocks in a run, at least."""
+BLOCKS_PER_GROUP = 8
+GROWING_ITERATIONS = 12
+"""After a block with at most as many the next one is twice as long."""
+PATIENCE = 16
+"""Blocks before a size that has failed is tried again."""
+REFRESH_AFTER = 150
+"""Iterations beyond four per block that pay for a new linear response."""
+
+
+def group_operations(place: int, count: int, memory: int) -> int:
+    """Pairs of a step and an earlier one, or itself, that `memory` weights connect in a group.
+
+    Parameters
+    ----------
+    place, count
+        The steps: `count` of them from the one at `place` on.
+    memory
+        Number M of weights.
+    """
+    # steps that all earlier ones of the group reach, then steps that `memory` of them do
+    growing = max(0, min(count, memory - place))
+    return growing * place + growing * (growing + 1) // 2 + (count - growing) * memory
+
+
+def newton_block(scene: Scene, samples: int, n_steps: int) -> int | None:
+    """Steps of the largest block; None where even the smallest would be too large.
+
+    Parameters
+    ----------
+    scene, n_steps
+        What is integrated, and N.
+    samples
+        Number m of samples of a step.
+    """
+    size, least = samples * scene.dimension, LEAST_BLOCKS
+    if scene.lagrangian is not None or LEAST_BLOCK * size > LARGEST_DENSE:
+        return None
+    largest = LARGEST_BLOCK
+    while largest > LEAST_BLOCK and (largest * size > LARGEST_DENSE or least * largest > n_steps):
+        largest //= 2
+    return largest
+
+
+def run_newton_blocks(problem: StepProblem) -> Stepped | None:
+    """All steps of a nonlinear scene; None where its blocks would be too large.
+
+    Returns
+    -------
+    Stepped
+        As `run_steps` gives it, without the samples; with the damping force only where it is
+        kept, or where the samples lie on the nodes.
+    """
+    samples = problem.tables.sample_points.size
+    largest = newton_block(problem.scene, samples, problem.n_steps)
+    potential = problem.scene.potential
+    if problem.scene.is_linear or potential is None or largest is None:
+        return None
+    return _NewtonBlocks(problem, potential, largest).run()
+
+
+class _NewtonBlocks:
+    """State and matrices of one run."""
+
+    def __init__(self, problem: StepProblem, potential: Potential, largest: int) -> None:
+        self._problem, self._potential = problem, potential
+        memory, d = problem.memory, problem.scene.dimension
+        self._largest, self._group = largest, largest * BLOCKS_PER_GROUP
+        self._d, self._m = d, problem.tables.sample_points.size
+        self._size = self._m * d
+        self._channels = tuple(
+            BatchedChannel(channel=c, directions=c.direction[None]) for c in memory.channels
+        )
+        self._reaches = max((c.memory for c in memory.channels), default=0)
+        self._damped = self._reaches > 1
+        self._on_nodes = problem.skip_first_kick and bool(memory.channels)
+        self._with_force = self._on_nodes or (problem.keep_force and bool(memory.channels))
+        steps = problem.n_steps + 1 if self._on_nodes else problem.n_steps
+        self._history = GroupHistory(
+            self._channels if self._damped else (), self._m, self._group, steps
+        )
+        self._strip: Array | None = None
+        if self._damped:
+            kernel = lag_kernel(self._channels, 0, largest + self._group, self._m)
+            self._strip = reversed_strip(kernel, largest, self._group)[0]
+        self._stepper = step_solver(problem)
+        self._state = np.concatenate(
+            [problem.position, problem.momentum, memory.first_offset.ravel(), [1.0]]
+        )
+        self._lost = np.zeros(2 * d)
+        self._count = self._ceiling = largest
+        self._waiting, self._quiet, self._patience = 0, 0, LEAST_BLOCK
+        self._newton = NewtonRecord()
+        self._remainder = np.zeros((1, d))
+        self.operations = 0
+        self._samples = np.zeros((self._group, self._size))
+        self._group_force = np.zeros((self._group, self._size))
+        self._group_moments = np.zeros(0)
+        self._freeze()
+
+    def run(self) -> Stepped:
+        problem, d = self._problem, self._d
+        n_steps = problem.n_steps
+        positions, momenta = np.empty((n_steps + 1, d)), np.empty((n_steps + 1, d))
+        forces = np.zeros((n_steps + 1, self._m, d)) if self._with_force else None
+        positions[0], momenta[0] = problem.position, problem.momentum
+        done, failure = 0, ""
+        with np.errstate(all="ignore"):
+            while done < n_steps and not failure:
+                advanced(done, n_steps)
+                if done % self._group == 0:
+                    self._begin_group(done)
+                count = self._next_size(done)
+                if count and self._block(done, count, positions, momenta, forces):
+                    done += count
+                elif not count:
+                    failure = self._step(done, positions, momenta, forces)
+                    done += 0 if failure.startswith("step") else 1
+                else:
+                    continue
+                if np.abs(positions[done]).max() > problem.stop_beyond:
+                    break
+                if done % self._group == 0 and self._damped and not failure:
+                    shape = (1, self._group, self._m, d)
+                    self._history.finish(done // self._group - 1, self._samples.reshape(shape))
+        if forces is not None and self._on_nodes and done == n_steps and not failure:
+            if done % self._group == 0:
+                self._begin_group(done)
+            forces[done] = self._newest_force(self._known(done, 1))
+            if self._damped and done % self._group:
+                place = done % self._group
+                self.operations += min(place, self._reaches - 1) * self._size**2
+        return self._stepped(positions, momenta, forces, done, failure)
+
+    def _next_size(self, done: int) -> int:
+        """Steps in the next block: as many as contract and fit; 0: a single step."""
+        if self._waiting:
+            self._waiting -= 1
+            return 0
+        count = min(self._count, self._group - done % self._group)
+        left = self._problem.n_steps - done
+        while count > left:
+            count //= 2
+        return count if count >= LEAST_BLOCK else 0
+
+    def _judge(self, count: int, iterations: int) -> None:
+        """Choose the size of later blocks from how one of `count` steps went (0: it did not)."""
+        if iterations == 0:
+            self._count, self._ceiling, self._quiet = count // 2, count // 2, PATIENCE
+            if self._count < LEAST_BLOCK:
+                # single steps for a while, longer after every vain attempt
+                self._count = self._ceiling = LEAST_BLOCK
+                self._waiting = self._patience
+                self._patience = min(2 * self._patience, self._group)
+            return
+        self._patience = LEAST_BLOCK
+        self._quiet = max(0, self._quiet - 1)
+        if self._quiet == 0:
+            self._ceiling = self._largest
+        if iterations <= GROWING_ITERATIONS and count == self._count:
+            self._count = min(2 * count, self._ceiling)
+
+    def _begin_group(self, done: int) -> None:
+        problem = self._problem
+        if self._damped:
+            force = self._history.force_on(done // self._group)
+            self._group_force = force.reshape(self._group, self._size)
+        last = min(done + self._group, problem.n_steps)
+        if last > done:
+            self._group_moments = known_moments(problem, done, last)
+
+    def _known(self, done: int, count: int) -> Array:
+        """Force of all finished samples on the next `count` steps, ``(count, m d)``."""
+        place = done % self._group
+        known = self._group_force[place : place + count]
+        if place and self._strip is not None:
+            reach = min(place, self._reaches - 1) * self._size
+            past = self._samples[:place].reshape(-1)[place * self._size - reach :]
+            strip = self._strip[: count * self._size, self._strip.shape[1] - reach :]
+            known = known + (strip @ past).reshape(count, self._size)
+        return np.asarray(known)
+
+    def _count_operations(self, place: int, count: int) -> None:
+        """Note the memory's work inside of the group: once for each step that is done.
+
+        So it does not depend on how the steps were cut into blocks; attempts that failed are work
+        of Newton's iteration.
+        """
+        if self._damped:
+            self.operations += group_operations(place, count, self._reaches) * self._size**2
+
+    def _freeze(self) -> None:
+        """Linear response with the second derivatives at the state that is reached."""
+        self._frozen = FrozenResponse(
+            self._problem,
+            self._potential,
+            frozen_stiffness(self._potential, self._state[: self._d]),
+            self._channels,
+            self._largest,
+            with_force=self._with_force,
+        )
+        self._excess = 0
+
+    def _block(
+        self, done: int, count: int, positions: Array, momenta: Array, forces: Array | None
+    ) -> bool:
+        """Attempt `count` steps; whether they are done."""
+        d, place = self._d, done % self._group
+        found = self._frozen.attempt(
+            BlockInputs(
+                known=self._known(done, count),
+                state=self._state,
+                moments=self._group_moments[place : place + count],
+                remainder=self._remainder,
+            )
+        )
+        if found is None:
+            self._judge(count, 0)
+            return False
+        positions[done + 1 : done + count + 1] = self._state[:d] + found.path
+        momenta[done + 1 : done + count + 1] = self._state[d : 2 * d] + found.momentum_path
+        if forces is not None and found.force is not None:
+            forces[done : done + count] = found.force
+        self._samples[place : place + count] = found.samples
+        self._move(np.concatenate([found.path[-1], found.momentum_path[-1]]))
+        self._state[2 * d : -1] = found.carry
+        self._remainder = found.remainder
+        self._newton = noted(self._newton, done, found.changes)
+        self._count_operations(place, count)
+        self._judge(count, len(found.changes))
+        self._excess += len(found.changes) - 4
+        if self._excess > REFRESH_AFTER:
+            self._freeze()
+        return True
+
+    def _move(self, change: Array) -> None:
+        value = self._state[: 2 * self._d]
+        corrected = change - self._lost
+        total = value + corrected
+        self._lost = (total - value) - corrected
+        self._state[: 2 * self._d] = total
+
+    def _newest_force(self, known: Array) -> Array:
+        """Force at the start of the next step, samples on the nodes, ``(m, d)``."""
+        total = known.reshape(self._m, self._d)
+        carry = self._state[2 * self._d : -1].reshape(self._m, self._d)
+        for channel in self._problem.memory.channels:
+            total = total + channel.newest(carry) @ channel.direction
+        return np.asarray(total)
+
+    def _step(self, done: int, positions: Array, momenta: Array, forces: Array | None) -> str:
+        """One step with its own Jacobian; in words what went wrong, if anything."""
+        problem, d, memory = self._problem, self._d, self._problem.memory
+        shape = (self._m, d)
+        position, momentum = self._state[:d].copy(), self._state[d : 2 * d].copy()
+        offset = self._state[2 * d : -1].reshape(shape).copy()
+        finished = known = self._known(done, 1).reshape(shape)
+        for part in (memory.known_force, problem.extra_force):
+            if part is not None:
+                known = known + part[done]
+        guess = self._stepper.free_motion(done, position, momentum)
+        acting, newest = known, offset
+        if problem.skip_first_kick and done == 0:
+            acting = newest = np.zeros(shape)
+        try:
+            found = self._stepper.advance(done, position, momentum, acting, newest, guess)
+        except StepFailedError as error:
+            self._newton = noted(self._newton, done, error.residuals)
+            return f"step {done}, t = {done * problem.step_size:.6g}: {error}"
+        increments, force, change, residuals = found
+        self._newton = noted(self._newton, done, residuals)
+        if self._damped:
+            sample = memory.sample_matrix.T @ increments + offset
+            self._samples[done % self._group] = sample.ravel()
+        self._count_operations(done % self._group, 1)
+        if forces is not None:
+            # what is known in advance is added at the end
+            forces[done] = force - (known - finished)
+        self._move(np.concatenate([increments[-1], change]))
+        carry = memory.carry_matrix.T @ increments + memory.offset
+        self._state[2 * d : -1] = carry.ravel()
+        positions[done + 1], momenta[done + 1] = self._state[:d], self._state[d : 2 * d]
+        if not np.isfinite(self._state[: 2 * d]).all():
+            return f"not finite after step {done}, t = {(done + 1) * problem.step_size:.6g}"
+        return ""
+
+    def _stepped(
+        self, positions: Array, momenta: Array, forces: Array | None, done: int, failure: str
+    ) -> Stepped:
+        problem = self._problem
+        end_force = np.zeros((0, self._m, self._d))
+        if forces is not None:
+            end_force = forces[: done + 1]
+            for known in (problem.memory.known_force, problem.extra_force):
+                if known is not None:
+                    end_force = end_force + known[: done + 1]
+            if problem.skip_first_kick:
+                end_force[0] = 0.0
+            if done < problem.n_steps or failure:
+                end_force[done] = 0.0
+        return Stepped(
+            position=positions[: done + 1],
+            momentum=momenta[: done + 1],
+            samples=np.zeros((0, self._m, self._d)),
+            end_force=end_force,
+            operations=self.operations + self._history.operations,
+            newton=self._newton,
+            failure=failure,
+        )

@@ -1,0 +1,1 @@
+"""Methods that take equal steps: backward differences, one step after the other."""

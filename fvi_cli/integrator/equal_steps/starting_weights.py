@@ -1,0 +1,184 @@
+r"""Starting weights: convolution quadrature made exact on given powers (Lubich 1986).
+
+For each sampling point :math:`\chi` the quadrature of :math:`D^\gamma f` at
+:math:`t_k + \chi h` gains the terms :math:`h^{-\gamma} \sum_j w_{kj} f_j` over the first few
+samples, with the w that make it exact for :math:`f = t^\sigma`, :math:`\sigma` in a given set.
+This is the "correction term" of the paper (section "Numerical examples"). It gives up the
+convolution structure, and with it semigroup and integration by parts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gamma as gamma_function
+from scipy.special import rgamma
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.equal_steps.problem import StepProblem
+from fvi_cli.integrator.equal_steps.stepping import run_steps
+from fvi_cli.integrator.expansions.expansion import solution_series
+from fvi_cli.integrator.method import Method
+from fvi_cli.mathematics.bdf import convolution_weights
+
+if TYPE_CHECKING:
+    from mpmath import mpf
+
+Array = NDArray[np.float64]
+
+CONDITION_WARNING = 1e8
+
+
+def starting_weights(
+    bdf_order: int,
+    order: float,
+    exponents: tuple[float, ...],
+    n_times: int,
+    *,
+    offset: float = 0.0,
+) -> tuple[Array, float]:
+    r"""Weights on the first samples that make the quadrature exact on powers.
+
+    Parameters
+    ----------
+    bdf_order, order
+        p and :math:`\gamma`.
+    exponents
+        The powers :math:`\sigma > 0`; as many samples are used.
+    n_times
+        Number of times k = 0..n_times - 1.
+    offset
+        The samples lie at :math:`(k + \chi) h`; with :math:`\chi = 0` the sample at 0, where
+        every power vanishes, is left out.
+
+    Returns
+    -------
+    tuple
+        Weights :math:`w_{kj}` for h = 1, shape ``(n_times, len(exponents))``, and the condition
+        number of the generalised Vandermonde matrix.
+    """
+    first = 1 if offset == 0 else 0
+    nodes = first + offset + np.arange(len(exponents), dtype=float)
+    times = offset + np.arange(n_times, dtype=np.longdouble)
+    weights = convolution_weights(bdf_order, order, n_times)
+    defects = np.zeros((len(exponents), n_times), dtype=np.longdouble)
+    later = times > 0
+    for row, exponent in enumerate(exponents):
+        factor = gamma_function(exponent + 1) * rgamma(exponent + 1 - order)
+        defects[row, later] = factor * times[later] ** (exponent - order)
+        # summed directly: the error of an FFT is that of the largest power, lost on the first steps
+        defects[row] -= np.convolve(weights, times**exponent)[:n_times]
+    inverse, condition = _inverse_vandermonde(nodes, exponents)
+    return np.asarray((inverse @ defects).T, dtype=float), condition
+
+
+def _inverse_vandermonde(
+    nodes: Array, exponents: tuple[float, ...]
+) -> tuple[NDArray[np.longdouble], float]:
+    """Inverse of the matrix node_j**sigma_i from 60-digit arithmetic, and its condition number."""
+    from mpmath import mp, mpf
+
+    with mp.workdps(60):
+        matrix = mp.matrix([[mpf(float(x)) ** mpf(float(e)) for x in nodes] for e in exponents])
+        inverse = mp.inverse(matrix)
+        condition = float(mp.norm(matrix, 1) * mp.norm(inverse, 1))
+        entries = [
+            [_long(inverse[i, j]) for j in range(len(exponents))] for i in range(len(exponents))
+        ]
+    return np.array(entries, dtype=np.longdouble), condition
+
+
+def _long(value: mpf) -> np.longdouble:
+    """A 60-digit number as the sum of its double and the double of the rest."""
+    head = float(value)
+    return np.longdouble(head) + np.longdouble(float(value - head))
+
+
+def own_exponents(scene: Scene, method: Method) -> tuple[float, ...]:
+    r"""Powers of the solution's expansion at 0 that cost order p when left uncorrected.
+
+    The quadrature of :math:`t^\sigma` errs by :math:`h^{\sigma - \gamma}` on the first steps, which
+    the momentum sums up to :math:`h^{\sigma - \gamma + 1}`: the powers with
+    :math:`\sigma < p + \gamma - 1`, without those that the Caputo derivative subtracts.
+    """
+    order = max(term.order for term in scene.active_damping)
+    cutoff = method.bdf_order + order - 1
+    found: set[float] = set()
+    for series in solution_series(scene, max(cutoff, 4.0)):
+        found.update(series.exponents[series.coefficients != 0].tolist())
+    least = 1.0 if all(term.order > 1 for term in scene.active_damping) else 0.0
+    return tuple(sorted(e for e in found if least < e < cutoff))
+
+
+def correct_start(
+    problem: StepProblem, method: Method, scene: Scene
+) -> tuple[StepProblem, tuple[str, ...]]:
+    """Add the force of the starting weights, solving for the first samples together.
+
+    The first n samples determine the added force, and the force determines the samples: a small
+    system, affine for linear scenes, solved by Newton's iteration with a Jacobian from runs over
+    the first steps alone.
+    """
+    exponents = method.start_exponents or own_exponents(scene, method)
+    count = len(exponents)
+    if count == 0:
+        return problem, ("starting weights left out: the start has no power to correct",)
+    tables, d = problem.tables, scene.dimension
+    m = tables.sample_points.size
+    first = 1 if method.sampling == "nodes" else 0
+    n_first = count + first
+    if problem.n_steps < n_first:
+        return problem, (f"starting weights left out: {problem.n_steps} steps are too few",)
+    h = problem.step_size
+    times = h * (np.arange(first, n_first)[:, None] + tables.sample_points)
+    maps, worst = [], 1.0
+    for term in scene.active_damping:
+        per_sample = []
+        for chi in tables.sample_points:
+            weights, condition = starting_weights(
+                method.bdf_order, term.order, exponents, problem.n_steps + 1, offset=float(chi)
+            )
+            worst = max(worst, condition)
+            per_sample.append(h ** (-term.order) * weights)
+        # what Caputo subtracts above order 1, besides the position
+        subtracted = np.zeros((count, m, d))
+        if scene.derivative == "caputo" and term.order > 1:
+            subtracted = times[:, :, None] * scene.initial_velocity
+        maps.append((np.stack(per_sample, axis=1), subtracted, term.coefficient))
+
+    def force_of(samples: Array) -> Array:
+        """Added force, shape ``(N + 1, m, d)``, of samples with shape ``(count, m, d)``."""
+        return sum(
+            (
+                np.einsum("kij,jid->kid", weights, samples - away) @ matrix
+                for weights, away, matrix in maps
+            ),
+            start=np.zeros((problem.n_steps + 1, m, d)),
+        )
+
+    def samples_of(unknown: Array, steps: int) -> Array:
+        corrected = replace(problem, extra_force=force_of(unknown.reshape(count, m, d)))
+        return run_steps(replace(corrected, n_steps=steps)).samples[first:n_first].ravel()
+
+    unknown = np.zeros(count * m * d)
+    for _ in range(2 if scene.is_linear else 20):
+        value = samples_of(unknown, n_first)
+        size = max(1e-3 * h, float(np.abs(value).max()))
+        jacobian = np.empty((unknown.size, unknown.size))
+        for column in range(unknown.size):
+            moved = unknown.copy()
+            moved[column] += size
+            jacobian[:, column] = (samples_of(moved, n_first) - value) / size
+        update = np.linalg.solve(np.eye(unknown.size) - jacobian, value - unknown)
+        unknown = unknown + update
+        if float(np.abs(update).max()) <= 1e-14 * float(np.abs(unknown).max()):
+            break
+    remark = (
+        f"starting weights on {', '.join(f't^{e:g}' for e in exponents)}: condition {worst:.2g}"
+    )
+    if worst > CONDITION_WARNING:
+        remark += " (ill conditioned: expect to lose that many digits)"
+    return replace(problem, extra_force=force_of(unknown.reshape(count, m, d))), (remark,)

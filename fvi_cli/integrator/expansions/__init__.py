@@ -1,0 +1,1 @@
+"""Powers of time with which a motion begins, and what they cost."""

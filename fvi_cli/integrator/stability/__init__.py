@@ -1,0 +1,1 @@
+"""Which steps of a method are stable, known before the run."""

@@ -1,0 +1,239 @@
+r"""The equations of one step as numbers that do not depend on the scene.
+
+With :math:`x_k, p_k, \delta_k \sim z^{-k}` the step equations in momentum form become a linear
+system for position, momentum and increments,
+
+.. math::
+   (1 - z) x - z \delta^s &= 0 \\
+   (1 - z) p + z h \Big[ K \Big(x + \sum_{i,\nu} b_i l_\nu(c_i) \delta^\nu\Big)
+     + \sum_i \beta_i F_i \Big] &= 0 \\
+   \frac1h \sum_{i,\mu} b_i l_\nu' l_\mu' M \delta^\mu - h \sum_i b_i l_\nu K X_i
+     - h \sum_i \beta_i l_\nu F_i + p\, \delta_{\nu 0} &= 0,
+
+where :math:`F = \sum_j h^{-\gamma_j} \gamma_p(z)^{\gamma_j} / (1 - z) \, U \mu_j` for backward
+differences, and likewise with :math:`\Delta(z)^{\gamma_j - 1}` for Runge-Kutta methods. Its
+determinant is analytic in :math:`|z| < 1`, and a zero z there is a mode that grows by
+:math:`1 / |z|` in a step.
+
+The system is
+
+.. math:: A_0 \otimes 1 + A_1 \otimes M + A_2 \otimes h^2 K
+          + \sum_j A_{2+j} \otimes h^{2 - \gamma_j} \mu_j
+
+with small matrices :math:`A_i(z)`, the patterns, in which momenta are counted in units of mass / h.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.equal_steps.weights import build_memory
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.stability.stage_basis import StageBasis, legendre_stages
+from fvi_cli.integrator.step_tables import StepTables, step_tables
+from fvi_cli.mathematics.bdf import symbol_at
+from fvi_cli.mathematics.disc_zeros import ComplexArray
+from fvi_cli.mathematics.runge_kutta_symbol import symbol_power
+
+Array = NDArray[np.float64]
+Patterns = Callable[[ComplexArray], ComplexArray]
+
+IDENTITY, MASS, STIFFNESS, DAMPING = 0, 1, 2, 3
+"""Places of the patterns; those of the damping orders begin at the last one."""
+
+LARGEST_CONDITION = 1e6
+"""Eigenvectors worse conditioned than this belong to eigenvalues that meet."""
+
+
+_BASELINE_SIZES = {"explicit-euler": 2, "implicit-euler": 2, "gruenwald-letnikov": 1}
+"""Unknowns of a step of those baselines whose step equations are known here."""
+
+
+def has_patterns(method: AnyMethod) -> bool:
+    """Whether the step equations of `method` are known here; those of some baselines are not."""
+    return not isinstance(method, Baseline) or method.name in _BASELINE_SIZES
+
+
+def pattern_size(method: AnyMethod) -> int:
+    """Rows of a pattern: position, momentum and the increments of a step."""
+    return _BASELINE_SIZES[method.name] if isinstance(method, Baseline) else method.degree + 2
+
+
+@functools.lru_cache(maxsize=64)
+def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
+    """The patterns of `method` for these orders of damping.
+
+    Raises
+    ------
+    ValueError
+        For a method without :func:`has_patterns`.
+
+    Returns
+    -------
+    Patterns
+        Takes points z, shape ``(k,)``, to matrices of shape ``(k, 3 + len(orders), n, n)``.
+    """
+    if not has_patterns(method):
+        raise ValueError(f"method: the step equations of {method.case} are not known here")
+    if isinstance(method, Baseline):
+        if method.name == "gruenwald-letnikov":
+            return _central_patterns(orders)
+        return _euler_patterns(method, orders)
+    tables = step_tables(method)
+    forms = _forms(method, tables)
+    s = tables.degree
+    n = s + 2
+    constant = np.zeros((DAMPING, n, n))
+    linear = np.zeros((DAMPING, n, n))
+    x, p, u = 0, 1, slice(2, n)
+    constant[IDENTITY, x, x], linear[IDENTITY, x, x] = 1.0, -1.0
+    linear[IDENTITY, x, n - 1] = -1.0
+    constant[IDENTITY, p, p], linear[IDENTITY, p, p] = 1.0, -1.0
+    constant[IDENTITY, 2, p] = 1.0
+    constant[MASS, u, u] = tables.mass_matrix
+    linear[STIFFNESS, p, x] = 1.0
+    linear[STIFFNESS, p, u] = tables.weights @ tables.basis[1:].T
+    constant[STIFFNESS, u, x] = -tables.test_weights[:-1].sum(axis=1)
+    constant[STIFFNESS, u, u] = -np.einsum("ni,mi->nm", tables.test_weights[:-1], tables.basis[1:])
+    momentum_weights = forms.force_weights.sum(axis=0)
+
+    def patterns(z: ComplexArray) -> ComplexArray:
+        at = z[:, None, None]
+        result = np.zeros((z.size, DAMPING + len(orders), n, n), dtype=np.complex128)
+        result[:, :DAMPING] = constant + at[..., None] * linear
+        for index, force in enumerate(forms.forces(z, orders, forms.samples(z))):
+            result[:, DAMPING + index, u, u] = -(forms.force_weights[:-1] @ force)
+            result[:, DAMPING + index, p, u] = z[:, None] * (momentum_weights @ force)
+        return result
+
+    return patterns
+
+
+def _central_patterns(orders: tuple[float, ...]) -> Patterns:
+    """Central differences of the positions, with the backward differences of fractional order."""
+
+    def patterns(z: ComplexArray) -> ComplexArray:
+        result = np.zeros((z.size, DAMPING + len(orders), 1, 1), dtype=np.complex128)
+        result[:, MASS, 0, 0] = (1.0 - z) ** 2
+        result[:, STIFFNESS, 0, 0] = z
+        for index, order in enumerate(orders):
+            result[:, DAMPING + index, 0, 0] = z * (1.0 - z) ** order
+        return result
+
+    return patterns
+
+
+def _euler_patterns(method: Baseline, orders: tuple[float, ...]) -> Patterns:
+    late = method.name == "explicit-euler"
+
+    def patterns(z: ComplexArray) -> ComplexArray:
+        shift = z if late else np.ones_like(z)
+        result = np.zeros((z.size, DAMPING + len(orders), 2, 2), dtype=np.complex128)
+        result[:, IDENTITY, 0, 0] = 1.0 - z
+        result[:, IDENTITY, 0, 1] = -shift
+        result[:, MASS, 1, 1] = 1.0 - z
+        result[:, STIFFNESS, 1, 0] = shift
+        for index, order in enumerate(orders):
+            result[:, DAMPING + index, 1, 1] = shift * (1.0 - z) ** (order - 1.0)
+        return result
+
+    return patterns
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Forms:
+    """Dimensionless sample and force matrices of a method (step size 1)."""
+
+    method: Method
+    sample_matrix: Array
+    carry_matrix: Array
+    force_weights: Array
+    basis: StageBasis | None
+
+    def samples(self, z: ComplexArray) -> ComplexArray:
+        """Samples from increments at each z, shape ``(n, m, s)``."""
+        return np.asarray(self.sample_matrix.T + z[:, None, None] * self.carry_matrix.T)
+
+    def forces(
+        self, z: ComplexArray, orders: tuple[float, ...], samples: ComplexArray
+    ) -> list[ComplexArray]:
+        """Force of the samples for each order, shape ``(n, m, s)``."""
+        if self.basis is None:
+            # A(alpha) stability: the symbol keeps away from the cut along the negative axis
+            symbol = symbol_at(self.method.bdf_order, z)
+            factors = [symbol**order / (1.0 - z) for order in orders]
+            return [np.asarray(factor[:, None, None] * samples) for factor in factors]
+        if all(order == 1.0 for order in orders):
+            return [samples for _ in orders]
+        powers = self._symbol_powers(z, self.basis, tuple(order - 1.0 for order in orders))
+        return [np.asarray(power @ samples) for power in powers]
+
+    def _symbol_powers(
+        self, z: ComplexArray, basis: StageBasis, exponents: tuple[float, ...]
+    ) -> list[ComplexArray]:
+        r"""Powers of the symbol between Legendre coefficients, each of shape ``(n, m, m)``.
+
+        There :math:`\Delta(z)^{-1} = T A T^{-1} + z / (1 - z) e_1 e_1^T`: near z = 1 one large
+        entry beside a matrix of moderate ones, whose small eigenvalues are not drowned in it.
+        """
+        from fvi_cli.mathematics.runge_kutta import tableau as named_tableau
+
+        tableau = named_tableau(self.method.cq, self.method.stages)
+        inverse = basis.to_coefficients @ tableau.A @ basis.to_values
+        matrices = np.tile(inverse.astype(np.complex128), (z.size, 1, 1))
+        matrices[:, 0, 0] += z / (1.0 - z)
+        if matrices.shape[1] == 1:
+            return [matrices**-exponent for exponent in exponents]
+        values, vectors = np.linalg.eig(matrices)
+        try:
+            inverses = np.linalg.inv(vectors)
+        except np.linalg.LinAlgError:
+            inverses = np.full_like(vectors, np.inf)
+        # Frobenius norms: the product bounds the condition from above
+        with np.errstate(over="ignore", invalid="ignore"):
+            sizes = [(np.abs(one) ** 2).sum(axis=(1, 2)) for one in (vectors, inverses)]
+            poor = ~(sizes[0] * sizes[1] < LARGEST_CONDITION**2)
+        if poor.any():
+            inverses[poor] = 0.0
+        result: list[ComplexArray] = []
+        for exponent in exponents:
+            power = (vectors * values[:, None, :] ** -exponent) @ inverses
+            if poor.any():
+                # eigenvalues that meet
+                rest = symbol_power(tableau, exponent, z[poor])
+                power[poor] = basis.to_coefficients @ rest @ basis.to_values
+            result.append(np.asarray(power))
+        return result
+
+
+def _forms(method: Method, tables: StepTables) -> _Forms:
+    rest = Scene(
+        inertia=Inertia(mass=np.eye(1)),
+        initial_position=np.zeros(1),
+        initial_velocity=np.zeros(1),
+        final_time=1.0,
+    )
+    if method.is_runge_kutta:
+        basis = legendre_stages(tables.sample_points)
+        return _Forms(
+            method=method,
+            sample_matrix=tables.slopes[1:] @ basis.to_coefficients.T,
+            carry_matrix=np.zeros((tables.degree, tables.sample_points.size)),
+            force_weights=tables.sample_test_weights @ basis.to_values,
+            basis=basis,
+        )
+    memory = build_memory(rest, method, tables, 1, ())
+    return _Forms(
+        method=method,
+        sample_matrix=memory.sample_matrix,
+        carry_matrix=memory.carry_matrix,
+        force_weights=memory.force_weights,
+        basis=None,
+    )

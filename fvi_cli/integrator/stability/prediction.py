@@ -1,0 +1,304 @@
+r"""Linear stability, known before the run.
+
+A mode of the step equations that grows by :math:`1/|z|` in a step makes a run **unstable** when
+its growth over all the steps exceeds that of the exact scene a thousandfold,
+
+.. math:: N \log\frac{1}{|z|} > T \max \mathrm{Re}\, s + \log 10^3,
+
+where s runs over the zeros of :math:`\det(s^2 M + \sum_j s^{\gamma_j} D_j + K)` with Re s > 0 and
+:math:`|\mathrm{Im}\, s| h < \pi`, unless it is itself an approximation of such an s: with
+:math:`\tilde s = -\log(z) / h`
+
+.. math::
+   |\tilde s - s| \le \tfrac14 |s|, \qquad \mathrm{Re}\, \tilde s \le \tfrac54 \mathrm{Re}\, s .
+
+So a scene of negative damping, whose growth is the truth, is not called unstable, not even where
+the growth is so long, or so poorly resolved, that a small error of its rate makes a large factor.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.integrator.stability.determinant import (
+    LinearSystem,
+    half_plane,
+    independent_systems,
+    is_dissipative,
+    number_of_unknowns,
+    step_determinant,
+)
+from fvi_cli.integrator.stability.growing_modes import growing_modes
+from fvi_cli.integrator.stability.linearisation import linearised_along, linearised_at_start
+from fvi_cli.integrator.stability.patterns import has_patterns
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.disc_zeros import (
+    ComplexArray,
+    ZeroCountError,
+    find_zeros,
+    zeros_in_disc,
+)
+
+Verdict = Literal["stable", "unstable", "unknown"]
+
+TOLERATED_GROWTH = 1e3
+"""Factor by which a run may exceed the growth of the exact scene."""
+
+RESOLVED = 0.25
+"""Relative error up to which a mode that grows passes for one of the exact scene."""
+
+LARGEST_DIMENSION = 24
+"""Coupled components of one system that are looked at."""
+
+LARGEST_NUMBER_OF_SYSTEMS = 20_000
+"""Independent systems of one scene that are looked at."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StabilityPrediction:
+    r"""What the modes of the step equations say about a run.
+
+    Parameters
+    ----------
+    verdict
+        ``stable``, ``unstable``, or ``unknown`` where nothing is proved.
+    growth_per_step
+        :math:`\log(1/|z|)` of the worst mode; 0 where none grows.
+    exact_growth
+        :math:`h \max \mathrm{Re}\, s` of the exact scene, per step; 0 where nothing grows.
+    growing_modes
+        Number of modes, with their multiplicity, that grow by a tenth or more over the run.
+    reason
+        In words.
+    linearised_verdict
+        Of a nonlinear scene, that of the scene linearised at the start.
+    """
+
+    verdict: Verdict
+    growth_per_step: float = 0.0
+    exact_growth: float = 0.0
+    growing_modes: int = 0
+    reason: str = ""
+    linearised_verdict: Verdict = "unknown"
+
+
+NO_GAIN = StabilityPrediction(
+    verdict="stable", reason="nothing feeds the scene, and no step of the method gains energy"
+)
+
+
+def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> StabilityPrediction:
+    """Tell whether a run of `scene` by `method` in `n_steps` steps would blow up.
+
+    Parameters
+    ----------
+    scene, method
+        What is integrated and how.
+    n_steps
+        Number N of steps.
+
+    Returns
+    -------
+    StabilityPrediction
+        Of a nonlinear scene, the numbers of the scene linearised at its start, and no verdict.
+
+    Raises
+    ------
+    ValueError
+        If N is not positive.
+    """
+    if n_steps < 1:
+        raise ValueError(f"n_steps: {n_steps!r} is not allowed; it must be an integer >= 1")
+    if not has_patterns(method):
+        return StabilityPrediction(
+            verdict="unknown", reason=f"nothing is predicted of {method.case}"
+        )
+    if not scene.is_linear:
+        try:
+            linear = linearised_at_start(scene)
+        except ValueError as error:
+            reason = f"nonlinear; it cannot be linearised at the start: {error}"
+            return StabilityPrediction(verdict="unknown", reason=reason)
+        linearised = predict_stability(linear, method, n_steps)
+        return replace(
+            linearised,
+            verdict="unknown",
+            linearised_verdict=linearised.verdict,
+            reason=f"nonlinear; linearised at the start: {linearised.reason}",
+        )
+    if scene.is_sparse or scene.active_laws:
+        return _by_energy(scene, method)
+    systems = independent_systems(scene)
+    h = scene.final_time / n_steps
+    reason = _too_large(systems, method)
+    if reason and all(system.is_dissipative for system in systems) and gains_no_energy(method):
+        return NO_GAIN
+    if reason:
+        return StabilityPrediction(verdict="unknown", reason=reason)
+    exact = h * max(exact_growth(system, scene.final_time, h) for system in systems)
+    try:
+        modes = growing_modes(systems, method, h, n_steps)
+        limit = exact + math.log(TOLERATED_GROWTH) / n_steps
+        is_spurious = modes.growth > limit and (
+            exact == 0.0
+            or any(_has_spurious_mode(part, method, h, scene.final_time, limit) for part in systems)
+        )
+    except ZeroCountError as error:
+        return StabilityPrediction(verdict="unknown", exact_growth=exact, reason=str(error))
+    growths = (
+        f"a mode grows by a factor {_factor(modes.growth)} per step, the exact scene by "
+        f"{_factor(exact)}"
+    )
+    if is_spurious:
+        reason = growths
+    elif modes.growth > limit:
+        reason = f"{growths}: the same mode, not resolved well"
+    else:
+        reason = "no mode grows" if not modes.count else "no mode outgrows the exact scene"
+    return StabilityPrediction(
+        verdict="unstable" if is_spurious else "stable",
+        growth_per_step=modes.growth,
+        exact_growth=exact,
+        growing_modes=modes.count,
+        reason=reason,
+    )
+
+
+def _too_large(systems: tuple[LinearSystem, ...], method: AnyMethod) -> str:
+    """Why the determinants of these systems are not looked at; nothing if they are."""
+    size = max(system.mass.shape[0] for system in systems)
+    if size > LARGEST_DIMENSION:
+        return (
+            f"{size} components that do not fall apart into modes are too many to be looked at; "
+            f"at most {LARGEST_DIMENSION}"
+        )
+    if len(systems) > LARGEST_NUMBER_OF_SYSTEMS:
+        return (
+            f"{len(systems)} independent systems are too many to be looked at; at most "
+            f"{LARGEST_NUMBER_OF_SYSTEMS}"
+        )
+    return ""
+
+
+def gains_no_energy(method: AnyMethod) -> bool:
+    r"""Whether no run of a dissipative scene can grow by this method, whatever its matrices.
+
+    Gauss: the damping force does negative work over every run, and the rest keeps the energy, for
+    the symbol is a matrix of positive real part. One point and BDF1 or BDF2: divided by
+    :math:`((1 + z) / 2)^2` the equations are
+    :math:`\sigma(z)^2 M + K + \sum_j (\gamma_p(z) / h)^{\gamma_j} D_j` with the
+    trapezoidal rule's :math:`\sigma`; all terms have negative imaginary parts where Im z > 0.
+    """
+    if isinstance(method, Baseline):
+        return False
+    if method.is_runge_kutta:
+        return method.cq == "gauss"
+    rule = method.rule
+    is_midpoint = method.degree == 1 and (rule.rule, rule.points) == ("gauss", 1)
+    return is_midpoint and method.sampling == "points" and method.bdf_order <= 2
+
+
+def stability_along(
+    scene: Scene, method: AnyMethod, n_steps: int, trajectory: Trajectory
+) -> tuple[float, StabilityPrediction] | None:
+    """Time and prediction of the worst of some linearisations along a finished run.
+
+    None for a linear scene, and where nothing could be linearised. The verdict is that of the
+    scene linearised there: a warning, for a mode needs time to grow, and the path moves on.
+    """
+    found = [
+        (time, predict_stability(near, method, n_steps))
+        for time, near in linearised_along(scene, trajectory)
+    ]
+    return max(
+        found,
+        key=lambda one: (one[1].verdict == "unstable", one[1].growth_per_step),
+        default=None,
+    )
+
+
+def _factor(growth: float) -> str:
+    return f"{math.exp(min(growth, 700.0)):.4g}"
+
+
+def _has_spurious_mode(
+    system: LinearSystem, method: AnyMethod, step_size: float, final_time: float, limit: float
+) -> bool:
+    """Whether a mode that grows faster than `limit` per step is none of the exact scene."""
+    log_determinant = step_determinant(system, method, step_size)
+    found = zeros_in_disc(log_determinant, math.exp(-limit), number_of_unknowns(system, method))
+    if not found.count:
+        return False
+    exact = growing_frequencies(system, final_time, step_size)
+    if found.zeros is None or exact is None or not exact.size:
+        return True
+    with np.errstate(divide="ignore"):
+        modes = -np.log(found.zeros)[:, None] / step_size
+    # the logarithm is ambiguous where the mode alternates, and zeros come in conjugate pairs
+    exact = np.concatenate([exact, exact.conj()])[None, :]
+    is_near = np.abs(modes - exact) <= RESOLVED * np.abs(exact)
+    is_no_faster = modes.real <= (1.0 + RESOLVED) * exact.real
+    return not bool((is_near & is_no_faster).any(axis=1).all())
+
+
+def _by_energy(scene: Scene, method: AnyMethod) -> StabilityPrediction:
+    """Of a scene whose modes are not looked at: with sparse matrices, or relaxation laws."""
+    if gains_no_energy(method) and is_dissipative(scene):
+        return NO_GAIN
+    reason = f"the modes of {scene.dimension} coupled components are not looked at"
+    if scene.active_laws:
+        reason = "the modes of scenes with relaxation laws are not looked at"
+    return StabilityPrediction(verdict="unknown", reason=reason)
+
+
+def exact_growth(system: LinearSystem, final_time: float, step_size: float) -> float:
+    r"""Largest Re s of the exact scene that a step of this size can follow; 0 where none grows.
+
+    Parameters
+    ----------
+    system
+        The scene's matrices.
+    final_time, step_size
+        T and h: growth by less than a tenth over T is none, and zeros with
+        :math:`|\mathrm{Im}\, s| h \ge \pi` are left out.
+    """
+    found = growing_frequencies(system, final_time, step_size)
+    if found is None:
+        # what cannot be told apart is not held against the method
+        return half_plane(system, step_size).scale
+    return max(0.0, float(found.real.max(initial=0.0)))
+
+
+def growing_frequencies(
+    system: LinearSystem, final_time: float, step_size: float
+) -> ComplexArray | None:
+    r"""Zeros s of the exact scene with Re s > 0 that a step of this size can follow.
+
+    None where they cannot be told apart; `final_time` and `step_size` as in
+    :func:`exact_growth`.
+    """
+    none = np.empty(0, dtype=np.complex128)
+    if system.is_dissipative:
+        return none
+    plane = half_plane(system, step_size)
+    least = 0.05 / final_time
+    if least >= plane.scale:
+        return none
+    for nudge in (1.0, 1.1, 0.9):
+        radius = plane.radius(least * nudge)
+        try:
+            zeros = find_zeros(plane.log_determinant, radius, 4 * system.mass.shape[0])
+        except ZeroCountError:
+            continue
+        if zeros is None:
+            continue
+        s = plane.frequency(zeros)
+        seen = s[np.abs(s.imag) * step_size < math.pi]
+        return np.asarray(seen)
+    return None
