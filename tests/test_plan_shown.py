@@ -57,7 +57,7 @@ def test_machinery_is_printed_when_more_is_asked_for(folder):
     brief = fvi("run", "planned.yaml", "--dry-run").stdout
     full = fvi("run", "planned.yaml", "--dry-run", "-v").stdout
     assert len(full.splitlines()) > len(brief.splitlines()) + 20
-    for head in ("steps: blocks of", "history: one sequence of weights", "start: ", "forcing: "):
+    for head in ("steps: blocks of", "exponentials in place of the past", "start: ", "forcing: "):
         assert head in full
         assert head not in brief
     fvi("run", "planned.yaml", "-q")
@@ -67,14 +67,14 @@ def test_machinery_is_printed_when_more_is_asked_for(folder):
 
 
 def test_a_run_for_which_there_is_no_memory_is_refused_with_the_number(folder, monkeypatch):
-    """The dense matrices of Gauss3 take 3 MB more than those of Gauss2; the limit lies between."""
+    """The dense matrices of Gauss3 take 1 MB more than those of Gauss2; the limit lies between."""
     (folder / "planned.yaml").write_text(SCENE.replace("[64, 128]", "[4096]"))
     module = "fvi_cli.config.experiment.machine_bytes"
-    monkeypatch.setattr(module, lambda: 4_500_000)
+    monkeypatch.setattr(module, lambda: 3_300_000)
     result = fvi("run", "planned.yaml")
     assert result.exit_code == 2
-    assert "planned.yaml:8:18: ladder.steps.0: 4096 steps need about 0.005" in result.stderr
-    assert "this machine has 0.0045 GB" in result.stderr
+    assert "planned.yaml:8:18: ladder.steps.0: 4096 steps need about 0.004" in result.stderr
+    assert "this machine has 0.0033 GB" in result.stderr
     assert not (folder / "results").exists()
     assert fvi("check", "planned.yaml", "--set", "method.degree=2").exit_code == 0
 

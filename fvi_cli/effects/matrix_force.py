@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from numpy.typing import ArrayLike
 
@@ -39,8 +39,8 @@ class MatrixForce:
         If the matrix is not symmetric and finite.
     """
 
-    form: Form
-    factored: Factored | None = None
+    form: Form = field(init=False)
+    factored: Factored | None = field(init=False, default=None)
 
     def __init__(self, *, coefficient: ArrayLike | SparseMatrix | Factored) -> None:
         factored = coefficient if isinstance(coefficient, Factored) else None

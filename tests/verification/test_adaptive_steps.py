@@ -309,7 +309,6 @@ def test_the_most_steps() -> None:
             "mesh: adaptive steps are for Gauss methods of degree 2 and more",
         ),
         (Method(cq="bdf2", degree=2), "takes equal steps only; give a number"),
-        (gauss(3, start="graded"), "XX"),
     ],
     ids=lambda value: value.case if isinstance(value, Method) else "",
 )

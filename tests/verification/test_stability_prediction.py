@@ -13,6 +13,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.equal_steps.routes import run
 from fvi_cli.integrator.equal_steps.run import prepare
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.determinant import independent_systems
 from fvi_cli.integrator.stability.prediction import predict_stability
@@ -59,13 +60,16 @@ def observed_growth(
     scene: Scene, method: Method, n_steps: int, random: np.random.Generator
 ) -> float:
     """Largest position in the last over that in the first quarter, from random data."""
-    problem = replace(
-        prepare(scene, method, n_steps).problem,
-        position=random.standard_normal(scene.dimension),
-        momentum=random.standard_normal(scene.dimension),
-    )
+    position, momentum = random.standard_normal((2, scene.dimension))
     with np.errstate(all="ignore"):
-        position = np.abs(run(problem, "auto").position)
+        if method.is_runge_kutta:
+            # the mass is one
+            moved = replace(scene, initial_position=position, initial_velocity=momentum)
+            position = np.abs(integrate(moved, method, n_steps).position)
+        else:
+            problem = prepare(scene, method, n_steps).problem
+            problem = replace(problem, position=position, momentum=momentum)
+            position = np.abs(run(problem, "auto").position)
     if position.shape[0] <= n_steps or not np.isfinite(position).all():
         return float("inf")
     quarter = n_steps // 4
