@@ -73,7 +73,7 @@ def test_a_run_for_which_there_is_no_memory_is_refused_with_the_number(folder, m
     monkeypatch.setattr(module, lambda: 3_300_000)
     result = fvi("run", "planned.yaml")
     assert result.exit_code == 2
-    assert "planned.yaml:8:18: ladder.steps.0: 4096 steps need about 0.004" in result.stderr
+    assert "planned.yaml:8:18: ladder.steps.0: 4096 steps need about 0.00395" in result.stderr
     assert "this machine has 0.0033 GB" in result.stderr
     assert not (folder / "results").exists()
     assert fvi("check", "planned.yaml", "--set", "method.degree=2").exit_code == 0
