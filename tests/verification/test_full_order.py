@@ -210,7 +210,7 @@ def step_forced() -> Scene:
     [
         (2, (4e-4, 2.5e-5, 1.6e-6, 1e-7)),
         (3, (9e-7, 1.4e-8, 2.2e-10, 4e-12)),
-        (4, (6.2e-10, 5e-12)),
+        (4, (6.2e-10, 1.5e-11)),
     ],
 )
 def test_step_forcing(degree: int, limits: tuple[float, ...]) -> None:
