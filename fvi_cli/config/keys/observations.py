@@ -16,10 +16,10 @@ from fvi_cli.integrator.observations.asked import (
     Event,
     Impact,
     Observations,
+    check_observable,
     known_names,
     surface_objection,
 )
-from fvi_cli.integrator.observations.observe import check_observable
 from fvi_cli.keys.containers import ListOf, Named
 from fvi_cli.keys.cursor import OPTIONAL, Cursor, is_complete
 from fvi_cli.keys.records import Key, Record

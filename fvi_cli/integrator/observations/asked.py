@@ -9,6 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
 
 Array = NDArray[np.float64]
@@ -256,3 +257,18 @@ def observations(
         events=found,
         parameters=dict(parameters or {}),
     )
+
+
+def check_observable(method: AnyMethod) -> None:
+    """Refuse methods whose steps are no polynomials.
+
+    Raises
+    ------
+    ValueError
+        With what to take.
+    """
+    if not isinstance(method, Method) or not method.is_runge_kutta:
+        raise ValueError(
+            f"{method.case} keeps no polynomials of its steps; output, quantities and events need "
+            "a Runge-Kutta method, such as rk: gauss"
+        )

@@ -13,7 +13,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.observations.asked import Event, Observations
+from fvi_cli.integrator.observations.asked import Event, Observations, check_observable
 from fvi_cli.integrator.observations.dense_motion import DenseMotion, dense_motion
 from fvi_cli.integrator.observations.impacts import integrate_with_impacts
 from fvi_cli.integrator.observations.pieces import (
@@ -97,21 +97,6 @@ class Observed:
         """Names, with the number of occurrences of every event."""
         events = ", ".join(f"{name} ({one.time.size})" for name, one in self.events.items())
         return f"<Observed: quantities {', '.join(self.quantities) or '-'}; events {events or '-'}>"
-
-
-def check_observable(method: AnyMethod) -> None:
-    """Refuse methods whose steps are no polynomials.
-
-    Raises
-    ------
-    ValueError
-        With what to take.
-    """
-    if not isinstance(method, Method) or not method.is_runge_kutta:
-        raise ValueError(
-            f"{method.case} keeps no polynomials of its steps; output, quantities and events need "
-            "a Runge-Kutta method, such as rk: gauss"
-        )
 
 
 def integrate_observed(
