@@ -22,11 +22,11 @@ from fvi_cli.config.keys.observations import read_observations
 from fvi_cli.config.keys.stability import stability_settings
 from fvi_cli.config.keys.store import read_diagnostics
 from fvi_cli.config.keys.sweep import SWEEP
+from fvi_cli.config.machine import machine_bytes
 from fvi_cli.config.members import ReadMembers, check_total_memory, make_members
 from fvi_cli.config.memory import (
     bytes_at_most,
     in_gigabytes,
-    machine_bytes,
     predicted_bytes,
     run_bytes,
 )

@@ -1,10 +1,7 @@
-"""How much memory there is, and how much a run is going to take."""
+"""How much memory a run is going to take."""
 
 from __future__ import annotations
 
-import contextlib
-import os
-from pathlib import Path
 from typing import Final
 
 from fvi_cli.effects.scene import Scene
@@ -16,7 +13,6 @@ GENEROUS_DOUBLES: Final = 200
 """More than any method keeps for a step, a degree and a coordinate."""
 GENEROUS_BYTES: Final = 2**28
 """More than the tables of any method take, whatever the number of steps."""
-_CONTAINER_LIMIT: Final = Path("/sys/fs/cgroup/memory.max")
 
 
 def predicted_bytes(n_steps: int, dimension: int, *, every: int | None = None) -> int:
@@ -66,17 +62,6 @@ def run_bytes(
     from fvi_cli.planning.plan import planned_bytes
 
     return planned_bytes(scene, method, n_steps, every=every, members=members, diagnosed=diagnosed)
-
-
-def machine_bytes() -> int | None:
-    """Memory of this machine, or of the container, in bytes; None when it does not tell."""
-    limits = []
-    with contextlib.suppress(AttributeError, OSError, ValueError):
-        limits.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-    with contextlib.suppress(OSError, ValueError):
-        # the file says "max" where there is no limit
-        limits.append(int(_CONTAINER_LIMIT.read_text()))
-    return min(limits, default=None)
 
 
 def in_gigabytes(size: int) -> str:

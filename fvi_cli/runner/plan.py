@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from fvi_cli.config.memory import in_gigabytes, machine_bytes, predicted_bytes, run_bytes
+from fvi_cli.config.machine import machine_bytes
+from fvi_cli.config.memory import in_gigabytes, predicted_bytes, run_bytes
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.executors.batches import pack_size
 from fvi_cli.runner.executors.executor import crash

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
-from fvi_cli.config.memory import machine_bytes
+from fvi_cli.config.machine import machine_bytes
 from fvi_cli.runner.compute import Keep
 from fvi_cli.runner.executors.executor import crash, lost_run, no_memory
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
