@@ -1,11 +1,13 @@
 """Batches on a real Dask cluster are the same batches; workers that die do no harm."""
 
+import dataclasses
 import functools
 import os
 import re
 import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import cloudpickle
@@ -19,8 +21,10 @@ from typer.testing import CliRunner
 import fvi_cli
 from fvi_cli.cli.app import app
 from fvi_cli.errors import ExecutorError
+from fvi_cli.runner.executors import executor as executor_module
 from fvi_cli.runner.executors.batches import execute_batch
 from fvi_cli.runner.executors.cluster import DaskCluster
+from fvi_cli.runner.executors.code import own_code
 from fvi_cli.runner.executors.executor import InProcess, compute_batches
 
 # the workers have the package, but not the tests
@@ -132,6 +136,36 @@ def test_a_scheduler_that_is_not_there_is_told(monkeypatch):
     for address in (unused_address(), "nonsense://1", "tcp://256.0.0.1:1"):
         with pytest.raises(ExecutorError, match=re.escape(address) + ": no Dask scheduler"):
             list(compute_batches(batches, execute_batch, executor=DaskCluster(address=address)))
+
+
+def test_a_port_that_stays_silent_is_told(monkeypatch):
+    monkeypatch.setattr("fvi_cli.runner.executors.cluster.CONNECTION_SECONDS", 0.5)
+    batches = local.singles(local.experiment().runs())
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        began = time.monotonic()
+        with pytest.raises(ExecutorError, match=re.escape(address) + ": no Dask scheduler"):
+            list(compute_batches(batches, execute_batch, executor=DaskCluster(address=address)))
+        assert time.monotonic() - began < 10
+
+
+def test_a_worker_with_other_code_is_refused_by_name(cluster, monkeypatch):
+    executor = DaskCluster(address=cluster.scheduler_address)
+    batches = local.singles(local.experiment().runs()[:2])
+    for change, said in (
+        ({"sources": "0" * 64}, "other source files"),
+        ({"numpy": "0.1"}, "in place of 0.1"),
+    ):
+        # what this process says of itself; the workers look at their own
+        code = dataclasses.replace(own_code(), **change)
+        monkeypatch.setattr(executor_module, "own_code", lambda code=code: code)
+        with pytest.raises(ExecutorError, match=rf"worker .* at tcp://.*{said}.*install the same"):
+            list(compute_batches(batches, execute_batch, executor=executor))
+        monkeypatch.undo()
+    # control: the same code is believed
+    assert len(list(compute_batches(batches, execute_batch, executor=executor))) == 2
 
 
 SCHEDULER = """

@@ -1,5 +1,6 @@
 """Batches computed here and in other processes are the same batches; who dies is replaced."""
 
+import dataclasses
 import functools
 import multiprocessing
 import os
@@ -19,6 +20,7 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.runner.executors import executor as executor_module
 from fvi_cli.runner.executors.batches import execute_batch
+from fvi_cli.runner.executors.code import own_code
 from fvi_cli.runner.executors.executor import InProcess, compute_batches
 from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.scenes.registry import build_problem
@@ -148,7 +150,7 @@ def test_the_place_of_a_mistake_is_told_without_the_folder_of_the_installation(c
     with caplog.at_level("DEBUG", logger="fvi_cli"):
         (batch,) = compute_batches(batches, mistaken, executor=InProcess())
     (finished,) = batch.finished
-    assert re.search(r"in fvi_cli/\w+/\w+\.py:\d+: ", finished.trajectory.message)
+    assert re.search(r"in fvi_cli(/\w+)+\.py:\d+: ", finished.trajectory.message)
     assert "Traceback" in caplog.text
 
 
@@ -261,6 +263,13 @@ def test_processes_end_with_a_parent_that_was_killed(tmp_path):
 def test_workers_of_another_version_are_refused(monkeypatch):
     (portable,) = map(executor_module.portable_batch, singles(experiment().runs()[:1]))
     assert len(executor_module.compute_portable(execute_batch, portable)) == 1
-    monkeypatch.setattr(fvi_cli, "__version__", "0.0.1")
-    with pytest.raises(ExecutorError, match=r"workers run fvi 0\.0\.1"):
-        executor_module.compute_portable(execute_batch, portable)
+    for change, said in (
+        ({"fvi": "0.0.1"}, r"it has fvi 0\.0\.1 in place of"),
+        ({"scipy": "9.9"}, r"it has scipy 9\.9 in place of"),
+        ({"sources": ""}, "it has other source files"),
+    ):
+        other = dataclasses.replace(own_code(), **change)
+        monkeypatch.setattr(executor_module, "own_code", lambda other=other: other)
+        with pytest.raises(ExecutorError, match=said):
+            executor_module.compute_portable(execute_batch, portable)
+        monkeypatch.undo()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import logging
 import queue
 import threading
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 _logger = logging.getLogger(__name__)
 
-CONNECTION_SECONDS = 10.0
+CONNECTION_SECONDS = 6.0
 _SECONDS_BETWEEN_LOOKS = 5.0
 _BATCHES_AHEAD = 2
 _LEAST_AHEAD = 8
@@ -177,31 +178,68 @@ class _Jobs:
 
 
 def compute_alone(compute: ComputeBatch, portable: PortableBatch) -> PortableResults:
-    """Compute a batch on a worker, one at a time in each process."""
+    """Compute a batch on a worker, one at a time in each process.
+
+    Raises
+    ------
+    ExecutorError
+        If the worker has other code than who sent the batch; says which worker.
+    """
+    from distributed import get_worker
+
     with _ALONE:
-        return compute_portable(compute, portable)
+        try:
+            return compute_portable(compute, portable)
+        except ExecutorError as error:
+            worker = get_worker()
+            raise ExecutorError(f"worker {worker.name} at {worker.address}: {error}") from None
 
 
 @contextlib.contextmanager
 def _connected(address: str) -> Iterator[Client]:
     """A connection to the scheduler."""
     try:
-        from distributed import Client
+        importlib.import_module("distributed")
     except ModuleNotFoundError as error:
         raise ExecutorError(
             f"--dask needs the package {error.name}: install fvi-cli[dask]"
         ) from None
     # it prints tracebacks of connections that break; what matters of that is told from here
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    try:
-        client = Client(address, timeout=CONNECTION_SECONDS, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        raise ExecutorError(f"{address}: no Dask scheduler answers there: {error}") from None
+    client = _client(address)
     try:
         with client:
             yield client
     finally:
         client.close(timeout=CONNECTION_SECONDS)
+
+
+def _client(address: str) -> Client:
+    """The connection, or the reason why there is none, after a few seconds at the latest.
+
+    A port that accepts connections and stays silent keeps the constructor waiting for ever, so
+    another thread waits for it.
+    """
+    from distributed import Client
+
+    answers: queue.SimpleQueue[Client | Exception] = queue.SimpleQueue()
+
+    def connect() -> None:
+        try:
+            answers.put(Client(address, timeout=CONNECTION_SECONDS, set_as_default=False))
+        except Exception as error:
+            answers.put(error)
+
+    threading.Thread(target=connect, daemon=True).start()
+    try:
+        answer = answers.get(timeout=1.5 * CONNECTION_SECONDS)
+    except queue.Empty:
+        answer = TimeoutError(f"silent for {1.5 * CONNECTION_SECONDS:g} s")
+    if isinstance(answer, Exception):
+        if not isinstance(answer, OSError | ValueError | TypeError):
+            raise answer
+        raise ExecutorError(f"{address}: no Dask scheduler answers there: {answer}") from None
+    return answer
 
 
 def _lost_scheduler(address: str) -> str:

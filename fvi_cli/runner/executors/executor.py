@@ -18,6 +18,7 @@ import fvi_cli
 from fvi_cli.errors import ExecutorError
 from fvi_cli.integrator.advance import Watcher, watched
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.runner.executors.code import Code, own_code
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
@@ -196,13 +197,13 @@ class PortableBatch:
         The experiment without its problem, pickled; the same text for all of its batches.
     runs
         The fields of every run, without the experiment.
-    version
+    code
         Of the program that sends it.
     """
 
     experiment: bytes
     runs: tuple[Mapping[str, Any], ...]
-    version: str = fvi_cli.__version__
+    code: Code
 
 
 PortableResults = list[dict[str, Any] | Crash]
@@ -219,6 +220,7 @@ def portable_batch(batch: Batch) -> PortableBatch:
     return PortableBatch(
         experiment=_portable_experiment(batch[0].experiment),
         runs=tuple(_fields_of(run, "experiment") for run in batch),
+        code=own_code(),
     )
 
 
@@ -252,13 +254,11 @@ def compute_portable(compute: ComputeBatch, portable: PortableBatch) -> Portable
     Raises
     ------
     ExecutorError
-        If it was sent by another version of the program, whose numbers may be others.
+        If it was sent by other code, whose numbers may be others.
     """
-    if portable.version != fvi_cli.__version__:
-        raise ExecutorError(
-            f"workers run fvi {fvi_cli.__version__}, this is fvi {portable.version}; "
-            "the same version must be installed on both sides"
-        )
+    differences = portable.code.differences(own_code())
+    if differences:
+        raise ExecutorError(f"it has {differences}; install the same on both sides")
     experiment = _revived(portable.experiment)
     batch = tuple(Run(experiment=experiment, **run) for run in portable.runs)
     return [
