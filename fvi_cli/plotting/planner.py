@@ -163,7 +163,8 @@ def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[
         return dict.fromkeys(FIGURE_KINDS, "no run was finished")
     obstacles: dict[str, str] = {}
     if experiment.members:
-        reason = f"of a sweep there are {' and '.join(_OF_MEMBERS)}"
+        *others, last = _OF_MEMBERS
+        reason = f"of a sweep there are {', '.join(others)} and {last}"
         obstacles = {kind: reason for kind in FIGURE_KINDS if kind not in _OF_MEMBERS}
         if experiment.members[0].dimension != 1:
             obstacles["spectrum"] = "it is for oscillators of one degree of freedom"

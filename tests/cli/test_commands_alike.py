@@ -44,4 +44,4 @@ def test_runs_are_called_stored_only_where_they_are(options, is_kept, capsys):
 
 def test_the_commands_that_can_ignore_stored_runs_are_those_that_store_them():
     with_fresh = {c.__name__ for c in COMMANDS if "fresh" in inspect.signature(c).parameters}
-    assert with_fresh == {"run", "convergence", "plot"}
+    assert with_fresh == {"run", "convergence", "plot", "quantities"}
