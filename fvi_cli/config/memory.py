@@ -52,7 +52,7 @@ def run_bytes(
     scene, method, n_steps
         The run.
     every
-        Only every n-th point is kept, which is of use with ``history: exponentials``.
+        Only every n-th point is kept, which is of use with Runge-Kutta methods.
     members
         How many scenes of this kind are integrated together.
     diagnosed

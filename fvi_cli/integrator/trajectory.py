@@ -204,8 +204,8 @@ class Trajectory:
     def _kept_steps(self) -> RunSteps:
         if self.steps is None:
             raise ValueError(
-                "trajectory: its steps were not kept; integrate with_steps=True by a Gauss method "
-                'without a series, such as integrate(scene, "gauss3-graded", 100, with_steps=True)'
+                "trajectory: its steps were not kept; integrate with_steps=True by a Gauss method, "
+                'such as integrate(scene, "gauss3", 100, with_steps=True)'
             )
         return self.steps
 

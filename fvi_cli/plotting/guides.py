@@ -41,8 +41,8 @@ class Curve:
         Below this errors say nothing about the order.
     expected_orders
         What theory says of the slope at every point, shape ``(n,)``; nan where it says nothing,
-        None where it never does. It changes along a curve whose start series falls back at
-        large steps.
+        None where it never does. It changes along a curve where samples of a force lie
+        off some of its grids.
     is_broken
         Whether runs without an error lie between the three smallest steps that have one.
     stated_order

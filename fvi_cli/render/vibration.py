@@ -12,7 +12,6 @@ from fvi_cli.render.figures import compare_figures, write_figures
 from fvi_cli.reports import Report
 from fvi_cli.reports.kinds.vibration import mode_report, response_report
 from fvi_cli.reports.writers.text import show as show_blocks
-from fvi_cli.reports.writers.text import to_text
 from fvi_cli.studies.vibration.modes import ModeTable
 from fvi_cli.studies.vibration.response import ResponseTable
 
@@ -51,11 +50,6 @@ def figures_of(name: str, tables: Tables) -> dict[str, Figure]:
 def show_tables(name: str, tables: Tables) -> None:
     """Print them, on a terminal within its width."""
     show_blocks(report_of(name, tables).summary)
-
-
-def tables_as_text(name: str, tables: Tables) -> str:
-    """What :func:`show_tables` prints."""
-    return to_text(report_of(name, tables).summary)
 
 
 def write_tables(name: str, tables: Tables, output: Path) -> list[Path]:

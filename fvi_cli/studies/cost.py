@@ -45,7 +45,7 @@ class CostRow:
     error, floor
         In the experiment's norm; errors below the floor are round-off or the reference's own.
     setup_seconds
-        Everything of a run but its steps (weights, start series, matrices): least of the repeats.
+        Everything of a run but its steps (weights, rates, matrices): least of the repeats.
     stepping_seconds_min, stepping_seconds_median
         The steps.
     storage_seconds

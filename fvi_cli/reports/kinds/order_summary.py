@@ -305,7 +305,7 @@ def _not_asymptotic(case: OrderCase) -> str:
 
 
 def expected_orders(case: OrderCase) -> list[str]:
-    """Where the expected order depends on the step size: without start series, or off samples."""
+    """Where the expected order depends on the step size: off samples of a force."""
     by_order: dict[str, list[int]] = {}
     for row in case.rows:
         by_order.setdefault(number(row.expected_order, ".3g", "not stated"), []).append(row.n_steps)

@@ -140,6 +140,7 @@ def _mat(content: bytes, name: str, variable: str | None) -> Any:
             spmatrix=False,
         )
     except NotImplementedError:
+        # what SciPy says of files that are HDF5
         raise MatrixFileError(
             f"{name}: of MATLAB's version 7.3; save it with -v7, or as Matrix Market"
         ) from None
