@@ -7,6 +7,8 @@ import os
 import random
 import re
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -19,6 +21,7 @@ from commands import (
     children,
     complete_runs,
     confined,
+    environment,
     first_finished,
     fvi,
     started,
@@ -379,13 +382,27 @@ def test_runs_for_which_there_is_no_memory_are_refused_before_anything_is_comput
 
 
 def test_an_allocation_that_fails_is_told_and_what_is_finished_is_stored(folder):
-    """An address space in which the long run finds no room, whatever was predicted."""
+    """An address space in which the long run finds no room, on a machine that does not tell."""
 
     def starve():
         resource.setrlimit(resource.RLIMIT_AS, (900_000_000, 900_000_000))
 
     arguments = ("run", "quick.yaml", "--set", "method.bdf=1", "--set")
-    done = fvi(folder, *arguments, "ladder.steps=[4, 8, 100000000]", preexec_fn=starve)
+    script = (
+        "import sys; from fvi_cli.config import machine; "
+        # what nobody tells cannot be planned for
+        "machine._of_machine = machine._of_groups = machine._of_address_space = lambda root: (); "
+        "from fvi_cli.__main__ import main; sys.exit(main())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, *arguments, "ladder.steps=[4, 8, 100000000]"],
+        cwd=folder,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=starve,
+    )
     assert done.returncode == 1, done.stderr
     assert "Traceback" not in done.stderr
     assert "N=100000000: failed, error nan (not enough memory" in done.stderr
