@@ -41,8 +41,7 @@ def plans_as_text(plans: Sequence[PlannedRun], *, in_full: bool = False) -> str:
         rows.append(
             (
                 run.experiment.name,
-                "gauss" if plan.finds_steps else run.method.case,
-                "adaptive" if plan.finds_steps else str(run.n_steps),
+                *_method_and_steps(plan),
                 "-" if plan.finds_steps else f"{run.step_size:.6g}",
                 plan.action if run.member is None else f"{plan.action} {len(alike)} members",
                 plan.predicted,
@@ -57,6 +56,16 @@ def plans_as_text(plans: Sequence[PlannedRun], *, in_full: bool = False) -> str:
         if in_full
         else text
     )
+
+
+def _method_and_steps(plan: PlannedRun) -> tuple[str, str]:
+    accuracy = plan.run.experiment.accuracy
+    if accuracy is None or not plan.finds_steps:
+        return plan.run.method.case, str(plan.run.n_steps)
+    if accuracy.mesh == "adaptive":
+        return "gauss", "adaptive"
+    count = len(accuracy.candidates)
+    return (plan.run.method.case if count == 1 else f"one of {count}"), "equal"
 
 
 def _alike(plans: Sequence[PlannedRun]) -> list[list[PlannedRun]]:

@@ -14,7 +14,6 @@ from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import Chosen, Known, Why, resumed_at, reusable, stored_runs
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.studies.accurate_run import choices_for
 from fvi_cli.studies.experiment import Experiment, Predicted, Run
 from fvi_cli.studies.study import prediction_of
 
@@ -29,8 +28,7 @@ class PlannedRun:
         The run.
     action
         ``reuse`` a stored result, ``compute``, ``refuse``, or ``leave out``: a result file was
-        named, from which nothing is computed. For a tolerance: ``try first`` for the method that
-        would be begun with, ``candidate`` for the others.
+        named, from which nothing is computed.
     reason
         Why: ``stored``; ``new``, ``incomplete``, ``older solver``, ``changed: problem.stiffness``
         (see :class:`fvi_cli.storage.Reasons`) or ``--fresh``; ``resume at step 4096 of 65536`` from
@@ -47,7 +45,7 @@ class PlannedRun:
     @property
     def finds_steps(self) -> bool:
         """Whether method and number of steps are found on the way, and not known now."""
-        return self.run.experiment.finds_steps and self.action != "reuse"
+        return self.run.experiment.accuracy is not None and self.action != "reuse"
 
 
 def plan_runs(requests: Sequence[Request], settings: Settings) -> list[PlannedRun]:
@@ -61,48 +59,23 @@ def plan_runs(requests: Sequence[Request], settings: Settings) -> list[PlannedRu
                 runs = experiment.runs()
                 begun = {} if checkpoints is None else checkpoints.unfinished(runs)
                 plans += [_planned(run, store.finished, why, request, begun) for run in runs]
-                plans += _choices_for_tolerance(experiment, request, store.chosen)
+                plans += _search_of(experiment, request, store.chosen)
     return plans
 
 
-def _choices_for_tolerance(
-    experiment: Experiment, request: Request, chosen: Chosen
-) -> list[PlannedRun]:
-    """What would be tried for a tolerance: every method with the steps it is thought to take."""
+def _search_of(experiment: Experiment, request: Request, chosen: Chosen) -> list[PlannedRun]:
+    """The run that would be found for a tolerance, or the one that was."""
     accuracy = experiment.accuracy
     if accuracy is None or not experiment.needs_search:
         return []
     earlier = reusable(chosen(experiment))
     if earlier is not None:
-        return [
-            PlannedRun(
-                run=earlier.run, action="reuse", reason="stored", predicted=earlier.predicted
-            )
-        ]
-    if experiment.finds_steps:
-        (run,) = experiment.with_choice(accuracy.candidates[0], 1).runs()
-        action = "compute" if request.stored is None else "leave out"
-        reason = f"steps are found on the way, for {accuracy.words}; a second run tells the error"
-        return [PlannedRun(run=run, action=action, reason=reason, predicted="unknown")]
-    plans: list[PlannedRun] = []
-    for choice in choices_for(experiment, available_bytes=machine_bytes()):
-        (run,) = experiment.with_choice(choice.method, choice.n_steps).runs()
-        action = "candidate" if plans else "try first"
-        if request.stored is not None:
-            action = "leave out"
-        plans.append(
-            PlannedRun(
-                run=run,
-                action=action,
-                reason=f"thought to reach {accuracy.words}; N/2 is run as well",
-                predicted=prediction_of(run).verdict,
-            )
-        )
-    if not plans:
-        (run,) = experiment.with_choice(accuracy.candidates[0], 1).runs()
-        reason = f"no method is thought to reach {accuracy.words}"
-        plans.append(PlannedRun(run=run, action="refuse", reason=reason, predicted="unknown"))
-    return plans
+        run, predicted = earlier.run, earlier.predicted
+        return [PlannedRun(run=run, action="reuse", reason="stored", predicted=predicted)]
+    (run,) = experiment.with_choice(accuracy.candidates[0], 1).runs()
+    action = "compute" if request.stored is None else "leave out"
+    reason = f"steps are found on the way, for {accuracy.words}; a second run tells the error"
+    return [PlannedRun(run=run, action=action, reason=reason, predicted="unknown")]
 
 
 def _planned(

@@ -11,8 +11,8 @@ from fvi_cli.runner.executors.executor import crash, lost_run, no_memory
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import Chosen, no_choice, reusable
-from fvi_cli.studies.accurate_run import run_for_tolerance
 from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
 _logger = logging.getLogger(__name__)
 

@@ -6,18 +6,14 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from fvi_cli.integrator.method import AnyMethod, ForcingQuadrature, Method, Start
+from fvi_cli.integrator.method import AnyMethod, ForcingQuadrature, Method
 from fvi_cli.integrator.trajectory import Outcome
 
 MeshChoice = Literal["adaptive", "uniform"]
 
 
-def _usual(degree: int, start: Start) -> Method:
-    return Method(cq="gauss", degree=degree, start=start)
-
-
 USUAL_CANDIDATES: tuple[AnyMethod, ...] = tuple(
-    _usual(degree, start) for degree in (4, 3, 2) for start in ("graded", "none")
+    Method(cq="gauss", degree=degree, start="graded") for degree in (4, 3, 2)
 )
 """The methods of which one is chosen where a configuration names none."""
 
@@ -42,7 +38,7 @@ class Accuracy:
     tolerance
         Largest error of the position, absolute, in the norm of the experiment.
     relative
-        The same as a share of the largest position of the run; on adaptive meshes, one of the two.
+        The same as a share of the largest position of the run; one of the two.
     mesh
         ``adaptive``: steps are found on the way; ``uniform``: N equal steps are chosen.
     candidates
@@ -68,21 +64,6 @@ class Accuracy:
                 raise ValueError(f"{name}: {value!r} is not allowed; it must be positive")
         if not self.candidates:
             raise ValueError("candidates: at least one method is needed")
-        if self.mesh == "uniform" and self.tolerance is None:
-            raise ValueError("relative: it is for adaptive meshes")
-
-    @property
-    def absolute(self) -> float:
-        """The tolerance on a uniform mesh.
-
-        Raises
-        ------
-        ValueError
-            If it is relative.
-        """
-        if self.tolerance is None:
-            raise ValueError("tolerance: it is relative")
-        return self.tolerance
 
     @property
     def words(self) -> str:
@@ -93,14 +74,11 @@ class Accuracy:
 
     def specification(self) -> dict[str, object]:
         """What determines the choice, as JSON values."""
+        given = {"tolerance": self.tolerance, "relative": self.relative}
+        asked = {name: value for name, value in given.items() if value is not None}
         if self.mesh == "adaptive":
-            given = {"tolerance": self.tolerance, "relative": self.relative}
-            asked = {name: value for name, value in given.items() if value is not None}
             return {**asked, "mesh": "adaptive"}
-        return {
-            "tolerance": self.tolerance,
-            "candidates": [method.case for method in self.candidates],
-        }
+        return {**asked, "candidates": [method.case for method in self.candidates]}
 
 
 @dataclass(frozen=True, kw_only=True)

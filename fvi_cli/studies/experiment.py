@@ -108,11 +108,6 @@ class Experiment:
         """Whether method and number of steps are still to be chosen for a tolerance."""
         return self.accuracy is not None and not self.steps
 
-    @property
-    def finds_steps(self) -> bool:
-        """Whether steps are found on the way, for a tolerance."""
-        return self.accuracy is not None and self.accuracy.mesh == "adaptive"
-
     def with_choice(self, method: AnyMethod, n_steps: int) -> Experiment:
         """The experiment with what was chosen for its tolerance."""
         return replace(self, methods=(method,), steps=(n_steps,))

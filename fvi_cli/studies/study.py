@@ -61,7 +61,7 @@ def study(
     ------
     ValueError
         If the experiment asks for a tolerance
-        (:func:`fvi_cli.studies.accurate_run.run_for_tolerance` is for these).
+        (:func:`fvi_cli.studies.tolerance.experiment_run.run_for_tolerance` is for these).
     """
     if experiment.needs_search:
         raise ValueError(f"{experiment.name}: {NEEDS_LADDER}")

@@ -19,7 +19,7 @@ EXAMPLE: Final = "accuracy: {tolerance: 1e-8}"
 USUAL: Final[Mapping[str, list[Any]]] = {
     "rk": ["gauss"],
     "degree": [4, 3, 2],
-    "start": ["graded", "none"],
+    "start": ["graded"],
 }
 """The methods of which one is chosen where none is given, on uniform meshes."""
 
@@ -90,8 +90,6 @@ def _check_keys(at: Cursor, *, has_method: bool) -> None:
     if mesh == "adaptive" and has_method:
         message = "adaptive: method and degree follow from the tolerance; leave method out"
         at.refuse_key("mesh", message)
-    if at.has("relative") and (mesh == "uniform" or (mesh is None and has_method)):
-        at.refuse_key("relative", "it is for adaptive meshes; give tolerance, or leave method out")
 
 
 def accuracy_of(
@@ -110,8 +108,6 @@ def accuracy_of(
     candidates = tuple(listed.method for listed in methods)
     if is_adaptive:
         candidates = ADAPTIVE_CANDIDATES
-    elif not isinstance(tolerance, float):
-        return None
     if not candidates:
         return None
     return Accuracy(

@@ -1,4 +1,4 @@
-"""The run of an experiment on the mesh that its tolerance takes."""
+"""The run of an experiment that asks for a tolerance in place of numbers of steps."""
 
 from __future__ import annotations
 
@@ -9,36 +9,70 @@ from dataclasses import replace
 import numpy as np
 
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.observations.observe import observe
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.observe import integrate_observed, observe
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run
 from fvi_cli.studies.norms import error_norm
+from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
 from fvi_cli.studies.tolerance.runs import gauss, mesh_of_run
 from fvi_cli.studies.tolerance.search import solve
 
 EPSILON = float(np.finfo(float).eps)
 
 
-def solve_experiment(
+def run_for_tolerance(
     experiment: Experiment,
-    problem: Problem,
-    accuracy: Accuracy,
-    tell: Callable[[str], object],
+    *,
+    available_bytes: int | None = None,
+    tell: Callable[[str], object] = lambda line: None,
 ) -> FinishedRun:
-    """Solve the scene of an experiment to its tolerance.
+    """Find the steps that the experiment's tolerance takes, and finish that run.
 
-    The tolerance holds at any time, so that it holds in every norm; in l2 it is that of a length
-    times the root of T.
+    The tolerance holds at any time on adaptive meshes, so that it holds in every norm; in l2 it is
+    that of a length times the root of T. Its error is the true one where the exact solution is
+    known, otherwise the estimate.
+
+    Parameters
+    ----------
+    experiment
+        An experiment with a tolerance and one scene.
+    available_bytes
+        Memory that a run on equal steps may take.
+    tell
+        Is told of every run in a line.
+
+    Returns
+    -------
+    FinishedRun
+        Of the experiment with what was chosen, with an assurance. Status ``refused`` where the
+        tolerance is not kept.
     """
+    accuracy, problem = _wanted(experiment)
     unit = math.sqrt(problem.final_time) if experiment.norm == "l2" else 1.0
-    absolute = None if accuracy.tolerance is None else accuracy.tolerance / unit
-    found = solve(problem.scene, tolerance=absolute, relative=accuracy.relative, tell=tell)
+    absolute = accuracy.tolerance
+    if accuracy.mesh == "uniform":
+        method, found = solve_on_equal_steps(
+            problem.scene,
+            accuracy.candidates,
+            tolerance=absolute,
+            relative=accuracy.relative,
+            norm=experiment.norm,
+            available_bytes=available_bytes,
+            tell=tell,
+        )
+        unit = 1.0
+    else:
+        absolute = None if absolute is None else absolute / unit
+        found = solve(problem.scene, tolerance=absolute, relative=accuracy.relative, tell=tell)
+        if found.steps is None:
+            raise ValueError(f"{experiment.name}: nothing was run")
+        method = gauss(problem.scene, found.steps.tables.degree)
     assessment = found.assessment
-    if assessment is None or found.steps is None:
+    if assessment is None:
         raise ValueError(f"{experiment.name}: nothing was run")
-    method = gauss(problem.scene, found.steps.tables.degree)
     (run,) = experiment.with_choice(method, max(found.n_steps, 1)).runs()
     message = _message(run, assessment)
     assurance = Assurance(
@@ -67,8 +101,7 @@ def solve_experiment(
         trajectory = replace(trajectory, status="refused", message=reason)
         status = "refused"
     if not run.observations.is_empty and found.status == "ok":
-        _, reported = observe(problem.scene, method, trajectory, run.observations)
-        trajectory = replace(reported, remarks=remarks)
+        trajectory = replace(_observed(run, problem, trajectory), remarks=remarks)
     trajectory = replace(trajectory, steps=None)
     return FinishedRun(
         run=run,
@@ -82,20 +115,45 @@ def solve_experiment(
     )
 
 
+def _wanted(experiment: Experiment) -> tuple[Accuracy, Problem]:
+    if experiment.accuracy is None or experiment.members:
+        raise ValueError(f"{experiment.name}: a tolerance is for one scene without a ladder")
+    if not isinstance(experiment.problem, Problem):
+        raise ValueError(f"{experiment.name}: a derivative has no steps to be chosen")
+    return experiment.accuracy, experiment.problem
+
+
 def _message(run: Run, assessment: Assessment) -> str:
     rounds = len(assessment.attempts)
+    adaptive = run.experiment.accuracy is not None and run.experiment.accuracy.mesh == "adaptive"
+    steps = f"{run.n_steps} adaptive steps" if adaptive else f"N = {run.n_steps}"
     return (
-        f"{run.method.case} on {run.n_steps} adaptive steps: estimated error "
-        f"{assessment.estimate:.2g} at any time for a tolerance of {assessment.tolerance:.3g}, "
-        f"{assessment.outcome} after {rounds} round{'' if rounds == 1 else 's'}"
+        f"{run.method.case} on {steps}: estimated error {assessment.estimate:.2g} for a tolerance "
+        f"of {assessment.tolerance:.3g}, {assessment.outcome} after {rounds} "
+        f"round{'' if rounds == 1 else 's'}"
     )
 
 
 def _diagnosed(run: Run, problem: Problem, found: Trajectory) -> Trajectory:
     """The run, once more on its own mesh where it is wanted with its bookkeeping."""
     asked = run.experiment.diagnostics
-    if asked.is_empty or found.steps is None or found.status != "ok":
+    if asked.is_empty or found.status != "ok" or not isinstance(run.method, Method):
         return found
-    mesh = mesh_of_run(found.steps, problem.scene.break_points)
-    again = integrate(problem.scene, run.method, mesh, diagnostics=asked, with_steps=True)
+    steps = found.n_steps
+    mesh = steps if found.steps is None else mesh_of_run(found.steps, problem.scene.break_points)
+    again = integrate(
+        problem.scene, run.method, mesh, diagnostics=asked, with_steps=found.steps is not None
+    )
     return replace(again, assessment=found.assessment, doubts=found.doubts)
+
+
+def _observed(run: Run, problem: Problem, found: Trajectory) -> Trajectory:
+    """The run at the times that are asked for, with what is asked of it."""
+    asked, method = run.observations, run.method
+    if found.steps is not None and isinstance(method, Method):
+        return observe(problem.scene, method, found, asked)[1]
+    diagnostics = run.experiment.diagnostics
+    reported = integrate_observed(
+        problem.scene, method, run.n_steps, asked, diagnostics=diagnostics
+    )[1]
+    return replace(reported, assessment=found.assessment)

@@ -1,0 +1,216 @@
+"""A method and a number of equal steps for a tolerance, held against an adaptive run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.break_points import nearest_fitting
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
+from fvi_cli.planning.expected_order import expected_order
+from fvi_cli.planning.plan import planned_bytes, planned_seconds
+from fvi_cli.studies.norms import Norm, error_norm
+from fvi_cli.studies.tolerance.search import solve
+
+FIRST_STEPS: Final = 16
+MOST_STEPS: Final = 2**22
+WITNESS: Final = 0.1
+"""Tolerance of the adaptive run, as a share of the one that is asked for."""
+ENOUGH: Final = 0.5
+"""An adaptive run that stops at round-off will do below this share of the tolerance."""
+AIMED_AT: Final = 0.5
+"""Share of the tolerance at which a number of steps aims."""
+RESOLVED: Final = 0.1
+"""Errors below this share of the motion are thought to fall by the order of the method."""
+FARTHEST: Final = 64
+"""No number of steps is more than so many times the one before."""
+STILL: Final = 0.7
+"""An error of more than this share of the one before has not fallen."""
+
+
+@dataclass(kw_only=True, eq=False)
+class _Candidate:
+    """A method with its finest run and where to go next; no step number: it is out."""
+
+    method: AnyMethod
+    next_steps: int
+    error: float = math.inf
+    run: Trajectory | None = None
+    stalled: int = 0
+
+
+def solve_on_equal_steps(
+    scene: Scene,
+    methods: Sequence[AnyMethod],
+    *,
+    tolerance: float | None = None,
+    relative: float | None = None,
+    norm: Norm = "max",
+    available_bytes: int | None = None,
+    tell: Callable[[str], object] = lambda line: None,
+) -> tuple[AnyMethod, Trajectory]:
+    """Find a method and a number of equal steps whose error is below a tolerance.
+
+    An adaptive run to a tenth of the tolerance (:func:`fvi_cli.studies.tolerance.search.solve`)
+    stands for the truth: what it sees cannot be missed by the equal steps. Every method is tried on
+    few steps; then the one that is thought to take the least time goes on, to the number of steps
+    that its error and its order ask for. N is a power of two times the least number of steps on
+    whose grid all break points of the forcing lie.
+
+    Parameters
+    ----------
+    scene
+        What is integrated.
+    methods
+        The candidates; the first of equals is preferred.
+    tolerance
+        Largest error of the position in `norm`.
+    relative
+        The same as a share of the largest position of the run; one of the two.
+    norm
+        ``max``, ``final`` or ``l2``.
+    available_bytes
+        Memory that a run may take; None: as much as it likes.
+    tell
+        Is told of every run in a line.
+
+    Returns
+    -------
+    method, trajectory
+        What was chosen, with an assessment; where the tolerance is out of reach the best run.
+    """
+    unit = math.sqrt(scene.final_time) if norm == "l2" else 1.0
+    witness = solve(
+        scene,
+        tolerance=None if tolerance is None else WITNESS * tolerance / unit,
+        relative=None if relative is None else WITNESS * relative,
+        tell=tell,
+    )
+    search = _Search(
+        scene=scene,
+        witness=witness,
+        norm=norm,
+        unit=unit,
+        target=_target(witness, tolerance, relative, unit),
+        available_bytes=available_bytes,
+        tell=tell,
+    )
+    return search.result(methods)
+
+
+def _target(
+    witness: Trajectory, tolerance: float | None, relative: float | None, unit: float
+) -> float:
+    """The tolerance in the norm."""
+    if tolerance is not None:
+        return tolerance
+    return unit * (relative or 0.0) * float(np.abs(witness.position).max())
+
+
+@dataclass(kw_only=True, eq=False)
+class _Search:
+    """The runs so far; only the finest of every method is kept."""
+
+    scene: Scene
+    witness: Trajectory
+    norm: Norm
+    unit: float
+    target: float
+    available_bytes: int | None
+    tell: Callable[[str], object]
+    lines: list[str] = field(default_factory=list)
+
+    def result(self, methods: Sequence[AnyMethod]) -> tuple[AnyMethod, Trajectory]:
+        known = self.witness.assessment
+        if known is None:  # pragma: no cover - a solved run has one
+            raise ValueError("tolerance: nothing was run")
+        self.lines += known.attempts
+        own = self.unit * known.estimate
+        if known.outcome == "unreliable" or not own <= ENOUGH * self.target:
+            outcome: Outcome = "unreliable" if known.outcome == "unreliable" else "refused"
+            run = integrate(self.scene, methods[0], max(self._first_steps(methods[0]), 1))
+            return methods[0], self._ended(run, outcome, self.unit * known.estimate, known.reason)
+        candidates = [
+            _Candidate(method=method, next_steps=self._first_steps(method)) for method in methods
+        ]
+        while True:
+            options = [one for one in candidates if 0 < one.next_steps <= MOST_STEPS]
+            options = [one for one in options if self._has_room(one)]
+            if not options:
+                break
+            chosen = min(options, key=self._seconds)
+            self._advance(chosen)
+            if chosen.run is not None and chosen.error + own <= self.target:
+                return chosen.method, self._ended(chosen.run, "met", chosen.error + own, "")
+        best = min(candidates, key=lambda one: one.error)
+        if best.run is None:
+            raise ValueError("no number of equal steps puts every break point on the grid")
+        reason = f"{self.target:.2g} is out of reach of these methods on equal steps, with "
+        reason += f"{MOST_STEPS} steps at most and the memory there is"
+        if math.isfinite(best.error):
+            reason += f": the best error reached is {best.error:.2g}"
+        return best.method, self._ended(best.run, "refused", best.error + own, reason)
+
+    def _first_steps(self, method: AnyMethod) -> int:
+        base = nearest_fitting(self.scene, 1)[1]
+        if not base:
+            if not (isinstance(method, Method) and method.cq == "gauss"):
+                return 0
+            # Gauss methods take break points between the points of the grid
+            base = 1
+        return base << max(0, math.ceil(math.log2(FIRST_STEPS / base)))
+
+    def _seconds(self, one: _Candidate) -> float:
+        """What the next run is thought to take; every method is tried once before."""
+        if one.run is None:
+            return -1.0
+        return planned_seconds(self.scene, one.method, one.next_steps)
+
+    def _has_room(self, one: _Candidate) -> bool:
+        if self.available_bytes is None:
+            return True
+        return planned_bytes(self.scene, one.method, one.next_steps) <= self.available_bytes
+
+    def _advance(self, one: _Candidate) -> None:
+        """Run it, hold it against the witness, and say where it goes next."""
+        n_steps = one.next_steps
+        run = integrate(self.scene, one.method, n_steps)
+        before, error = one.error, math.inf
+        if run.status == "ok":
+            error = error_norm(run.position, self.witness(run.time), run.step_size, self.norm)
+        line = f"{one.method.case} N = {n_steps}: "
+        line += f"error {error:.2g}" if run.status == "ok" else run.status
+        self.lines.append(line)
+        self.tell(line)
+        one.run, one.error = run, error if math.isfinite(error) else math.inf
+        amplitude = self.unit * float(np.abs(self.witness.position).max())
+        factor = 2
+        if one.error < RESOLVED * amplitude:
+            # what falls no more below this is round-off
+            one.stalled += one.error > STILL * before
+            order = expected_order(self.scene, one.method, self.norm, n_steps)
+            if not order > 0:
+                order = 1.0
+            wanted = (one.error / (AIMED_AT * self.target)) ** (1 / order)
+            factor = 1 << max(1, min(math.ceil(math.log2(wanted)), int(math.log2(FARTHEST))))
+        one.next_steps = 0 if one.stalled > 1 else factor * n_steps
+
+    def _ended(self, run: Trajectory, outcome: Outcome, estimate: float, reason: str) -> Trajectory:
+        found = self.witness.assessment
+        assessment = Assessment(
+            outcome=outcome,
+            tolerance=self.target,
+            estimate=estimate,
+            reason=reason,
+            time=None if found is None or outcome != "unreliable" else found.time,
+            place=None if found is None or outcome != "unreliable" else found.place,
+            attempts=tuple(self.lines),
+        )
+        return replace(run, assessment=assessment)
