@@ -62,9 +62,8 @@ def growth_bound(problem: StepProblem) -> GrowthBound:
     force = 0.0
     if problem.moments is not None:
         force += float(np.abs(problem.moments.sum(axis=1)).max()) / h
-    for known in (problem.memory.known_force, problem.extra_force):
-        if known is not None:
-            force += float(np.abs(known).max())
+    if problem.memory.known_force is not None:
+        force += float(np.abs(problem.memory.known_force).max())
     velocity = np.asarray(np.linalg.solve(scene.inertia.mass, problem.momentum), dtype=float)
     return _bound(scene, h, problem.position, velocity, force)
 

@@ -150,8 +150,8 @@ def test_added_force_and_known_parts(sampling: str) -> None:
     method = Method(cq="bdf2", degree=2, sampling=sampling, forcing_quadrature="exact")
     problem = prepare(scene, method, 200).problem
     samples = problem.tables.sample_points.size
-    added = replace(problem, extra_force=rng.normal(size=(201, samples, 1)))
     assert problem.memory.known_force is not None
+    added = problem.with_force(rng.normal(size=(201, samples, 1)))
     assert difference(added) <= TOLERANCE
     corrected = replace(method, start="weights", history="fft")
     both = [integrate(scene, replace(corrected, history=h), 200) for h in ("fft", "direct")]

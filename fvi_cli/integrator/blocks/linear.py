@@ -79,7 +79,6 @@ def has_moments(problem: StepProblem) -> bool:
     """Whether anything is known in advance that drives the steps."""
     return not (
         problem.moments is None
-        and problem.extra_force is None
         and problem.memory.known_force is None
         and not (problem.skip_first_kick and np.any(problem.memory.first_offset != 0))
     )
@@ -104,9 +103,8 @@ def stepped_scene(problem: StepProblem, decoupling: Decoupling, finished: BatchS
     end_force = np.zeros((0, problem.tables.sample_points.size, problem.scene.dimension))
     if finished.force is not None:
         end_force = decoupling.scene_forces(finished.force[:, : done + 1])
-        for known in (memory.known_force, problem.extra_force):
-            if known is not None:
-                end_force = end_force + known[: done + 1]
+        if memory.known_force is not None:
+            end_force = end_force + memory.known_force[: done + 1]
         # the first kick is left out; after a failure there is none at the end
         if problem.skip_first_kick:
             end_force[0] = 0.0
@@ -131,9 +129,9 @@ def known_moments(problem: StepProblem, first: int, last: int) -> Array:
         moments += problem.moments[first:last]
     to_moments = h * memory.force_weights
     start = 1 if first == 0 and problem.skip_first_kick else 0
-    for force in (memory.known_force, problem.extra_force):
-        if force is not None:
-            moments[start:] -= np.einsum("ni,kid->knd", to_moments, force[first + start : last])
+    if memory.known_force is not None:
+        force = memory.known_force[first + start : last]
+        moments[start:] -= np.einsum("ni,kid->knd", to_moments, force)
     if start:
         # the block counts the force of the first sample; it is taken away again
         for channel in memory.channels:

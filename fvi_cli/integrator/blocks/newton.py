@@ -20,8 +20,9 @@ from fvi_cli.integrator.blocks.history import (
     reversed_strip,
 )
 from fvi_cli.integrator.blocks.linear import known_moments
-from fvi_cli.integrator.equal_steps.problem import StepFailedError, Stepped, StepProblem, noted
-from fvi_cli.integrator.equal_steps.stepping import step_solver
+from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem, noted
+from fvi_cli.integrator.equal_steps.stepping import Stepper
+from fvi_cli.integrator.steps.step import StepFailedError
 from fvi_cli.integrator.trajectory import NewtonRecord
 
 Array = NDArray[np.float64]
@@ -116,7 +117,7 @@ class _NewtonBlocks:
         if self._damped:
             kernel = lag_kernel(self._channels, 0, largest + self._group, self._m)
             self._strip = reversed_strip(kernel, largest, self._group)[0]
-        self._stepper = step_solver(problem)
+        self._stepper = Stepper(problem)
         self._state = np.concatenate(
             [problem.position, problem.momentum, memory.first_offset.ravel(), [1.0]]
         )
@@ -159,7 +160,9 @@ class _NewtonBlocks:
         if forces is not None and self._on_nodes and done == n_steps and not failure:
             if done % self._group == 0:
                 self._begin_group(done)
-            forces[done] = self._newest_force(self._known(done, 1))
+            carry = self._state[2 * d : -1].reshape(self._m, d)
+            known = self._known(done, 1).reshape(self._m, d)
+            forces[done] = self._stepper.newest_force(known, carry)
             if self._damped and done % self._group:
                 place = done % self._group
                 self.operations += min(place, self._reaches - 1) * self._size**2
@@ -273,14 +276,6 @@ class _NewtonBlocks:
         self._lost = (total - value) - corrected
         self._state[: 2 * self._d] = total
 
-    def _newest_force(self, known: Array) -> Array:
-        """Force at the start of the next step, samples on the nodes, ``(m, d)``."""
-        total = known.reshape(self._m, self._d)
-        carry = self._state[2 * self._d : -1].reshape(self._m, self._d)
-        for channel in self._problem.memory.channels:
-            total = total + channel.newest(carry) @ channel.direction
-        return np.asarray(total)
-
     def _step(self, done: int, positions: Array, momenta: Array, forces: Array | None) -> str:
         """One step with its own Jacobian; in words what went wrong, if anything."""
         problem, d, memory = self._problem, self._d, self._problem.memory
@@ -288,9 +283,8 @@ class _NewtonBlocks:
         position, momentum = self._state[:d].copy(), self._state[d : 2 * d].copy()
         offset = self._state[2 * d : -1].reshape(shape).copy()
         finished = known = self._known(done, 1).reshape(shape)
-        for part in (memory.known_force, problem.extra_force):
-            if part is not None:
-                known = known + part[done]
+        if memory.known_force is not None:
+            known = known + memory.known_force[done]
         guess = self._stepper.free_motion(done, position, momentum)
         acting, newest = known, offset
         if problem.skip_first_kick and done == 0:
@@ -324,9 +318,8 @@ class _NewtonBlocks:
         end_force = np.zeros((0, self._m, self._d))
         if forces is not None:
             end_force = forces[: done + 1]
-            for known in (problem.memory.known_force, problem.extra_force):
-                if known is not None:
-                    end_force = end_force + known[: done + 1]
+            if problem.memory.known_force is not None:
+                end_force = end_force + problem.memory.known_force[: done + 1]
             if problem.skip_first_kick:
                 end_force[0] = 0.0
             if done < problem.n_steps or failure:

@@ -22,10 +22,13 @@ from fvi_cli.integrator.blocks.stepped_history import SteppedHistory
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem
 from fvi_cli.integrator.equal_steps.routes import choose_route, scene_decoupling, sums_directly
-from fvi_cli.integrator.equal_steps.stepping import NEWTON_LIMIT, NEWTON_TOLERANCE, run_steps
+from fvi_cli.integrator.equal_steps.stepping import run_steps
 from fvi_cli.integrator.method import Method
 
 Array = NDArray[np.float64]
+
+NEWTON_TOLERANCE = 1e-15
+NEWTON_LIMIT = 50
 
 CHUNK = 2048
 """Steps whose equations are solved at a time."""
@@ -167,7 +170,7 @@ def _newton(
             return None
         # steps of any length are converged when all that remains is round-off of the longest
         stalled = size >= 0.5 * previous and size <= 1e-9 * scale
-        if size <= 1e-3 * NEWTON_TOLERANCE * scale or stalled or size == 0:
+        if size <= NEWTON_TOLERANCE * scale or stalled or size == 0:
             return increments
         previous = size
     return None

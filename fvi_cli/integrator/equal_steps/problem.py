@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -15,14 +15,6 @@ from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.trajectory import NewtonRecord
 
 Array = NDArray[np.float64]
-
-
-class StepFailedError(Exception):
-    """A step whose equations could not be solved, with the record of the attempt."""
-
-    def __init__(self, message: str, residuals: tuple[float, ...]) -> None:
-        self.residuals = residuals
-        super().__init__(message)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,8 +29,6 @@ class StepProblem:
         h and N.
     moments
         Moments of the known force, shape ``(N, s + 1, d)``; None when there is none.
-    extra_force
-        Known addition to the damping force, shape ``(N + 1, m, d)``; None: zero.
     position, momentum
         Start values of the unknown, shape ``(d,)``.
     skip_first_kick
@@ -57,10 +47,15 @@ class StepProblem:
     position: Array
     momentum: Array
     moments: Array | None = None
-    extra_force: Array | None = None
     skip_first_kick: bool = False
     stop_beyond: float = math.inf
     keep_force: bool = False
+
+    def with_force(self, force: Array) -> StepProblem:
+        """The same with a known addition to the damping force, shape ``(N + 1, m, d)``."""
+        known = self.memory.known_force
+        total = force if known is None else known + force
+        return replace(self, memory=replace(self.memory, known_force=total))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -160,7 +160,7 @@ def correct_start(
         )
 
     def samples_of(unknown: Array, steps: int) -> Array:
-        corrected = replace(problem, extra_force=force_of(unknown.reshape(count, m, d)))
+        corrected = problem.with_force(force_of(unknown.reshape(count, m, d)))
         return run_steps(replace(corrected, n_steps=steps)).samples[first:n_first].ravel()
 
     unknown = np.zeros(count * m * d)
@@ -181,4 +181,4 @@ def correct_start(
     )
     if worst > CONDITION_WARNING:
         remark += " (ill conditioned: expect to lose that many digits)"
-    return replace(problem, extra_force=force_of(unknown.reshape(count, m, d))), (remark,)
+    return problem.with_force(force_of(unknown.reshape(count, m, d))), (remark,)

@@ -1,92 +1,88 @@
-r"""One step after the other: the discrete Euler-Lagrange equations in momentum form.
+r"""One step after the other by backward differences.
 
-For the increments :math:`\delta^1..\delta^s` of step k (Hariz Belgacem, Jimenez, Ober-Bloebaum,
-arXiv 2403.18362, section "Higher order approximations of the action", with the fractional action
-sampled at :math:`\chi_i` with weights :math:`\beta_i`), rows :math:`\nu = 0..s-1`:
-
-.. math:: \frac1h \sum_{i,\mu} b_i l_\nu' l_\mu' M \delta^\mu - h \sum_i b_i l_\nu \nabla V(X_i)
-          + g_{k\nu} - h \sum_i \beta_i l_\nu(\chi_i) F_{i,k} + p_k \delta_{\nu 0} = 0
-
-and, because the basis sums to one, the momentum follows without cancellation:
-
-.. math:: p_{k+1} = p_k - h \sum_i b_i \nabla V(X_i) + \sum_\nu g_{k\nu} - h \sum_i \beta_i F_{i,k}.
+The equations of a step are those of :mod:`fvi_cli.integrator.steps.step`, in which the damping
+force acts where its samples are: with increments :math:`\delta = h U` and the samples
+:math:`E^T \delta + \text{offset}` (Hariz Belgacem, Jimenez, Ober-Bloebaum, arXiv 2403.18362,
+section "Higher order approximations of the action").
 """
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.potential import Potential, QuadraticPotential
 from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.compensated import CompensatedSum
+from fvi_cli.integrator.convolution.damping import Damping, DampingTables, Direction, no_damping
 from fvi_cli.integrator.equal_steps.direct_history import DirectHistory
-from fvi_cli.integrator.equal_steps.general_stepping import GeneralStepper
-from fvi_cli.integrator.equal_steps.problem import (
-    History,
-    StepFailedError,
-    Stepped,
-    StepProblem,
-    noted,
-)
-from fvi_cli.integrator.equal_steps.step_solver import StepSolver
+from fvi_cli.integrator.equal_steps.problem import History, Stepped, StepProblem, noted
+from fvi_cli.integrator.steps.dynamics import dynamics_of
+from fvi_cli.integrator.steps.step import ForceSampling, StepFailedError, StepSolver
 from fvi_cli.integrator.trajectory import NewtonRecord
 
 Array = NDArray[np.float64]
 
-NEWTON_TOLERANCE = 1e-12
-NEWTON_LIMIT = 50
+NO_STATES: Array = np.zeros((0, 0))
 
 
-def step_solver(problem: StepProblem) -> StepSolver:
-    """What solves the steps of `problem`."""
-    if problem.scene.lagrangian is not None:
-        return GeneralStepper(problem, problem.scene.lagrangian)
-    return Stepper(problem)
+class NewestWeights(Damping):
+    """The newest weights as the local blocks of a step; what is finished comes from outside."""
+
+    def __init__(self, problem: StepProblem) -> None:
+        channels, d = problem.memory.channels, problem.scene.dimension
+        self.directions = tuple(
+            Direction(matrix=one.direction, inner=one.direction, terms=(), factors=(), rate=0.0)
+            for one in channels
+        )
+        self.reach, self.n_remembered = None, d
+        self._stages = problem.tables.sample_points.size
+        self._local = tuple(one.weights[0] * np.eye(self._stages) for one in channels)
+
+    def tables(self, step_size: float) -> DampingTables:
+        """Local blocks on velocities; no states."""
+        local = tuple(step_size * one for one in self._local)
+        return replace(no_damping(self._stages, self.n_remembered), local=local)
 
 
 class Stepper:
-    """Matrices of one step of a scene with a constant mass matrix."""
+    """Solves the steps of a problem one by one.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the equations of a linear step have no unique solution.
+    """
 
     def __init__(self, problem: StepProblem) -> None:
-        self._problem = problem
-        tables, memory, h = problem.tables, problem.memory, problem.step_size
-        d = problem.scene.dimension
-        s = tables.degree
-        self._shape = (s, d)
-        # unknowns ordered (nu, component)
-        linear = np.kron(tables.mass_matrix / h, problem.scene.inertia.mass)
-        for channel in memory.channels:
-            response = channel.newest(memory.sample_matrix.T)
-            linear -= h * np.kron(memory.force_weights[:-1] @ response, channel.direction.T)
-        self._linear = linear
-        self._stiffness: Array | None = None
-        self._potential: Potential | None = problem.scene.potential
-        self._weighted_basis = np.einsum("ni,mi->inm", tables.test_weights[:-1], tables.basis[1:])
-        if isinstance(self._potential, QuadraticPotential):
-            self._stiffness = self._potential.stiffness
-            linear = linear - h * np.kron(self._weighted_basis.sum(axis=0), self._stiffness)
-        self._inverse = np.linalg.inv(linear) if problem.scene.is_linear else None
-
-    @property
-    def first_guess(self) -> Array:
-        """Increments of free motion from the start values, shape ``(s, d)``."""
-        return self.free_motion(0, self._problem.position, self._problem.momentum)
+        self._problem, memory = problem, problem.memory
+        self._dynamics = dynamics_of(problem.scene)
+        self._solver = StepSolver(
+            self._dynamics,
+            NewestWeights(problem),
+            problem.tables,
+            ForceSampling(
+                test=memory.force_weights[:-1],
+                weights=memory.momentum_weights,
+                driving=memory.sample_matrix.T,
+            ),
+        )
+        self._at = self._solver.matrices(problem.step_size)
 
     def free_motion(self, index: int, position: Array, momentum: Array) -> Array:
-        """Increments with the velocity that belongs to `momentum`, shape ``(s, d)``."""
-        velocity = np.linalg.solve(self._problem.scene.inertia.mass, momentum)
-        return self._problem.step_size * np.outer(self._problem.tables.control_points[1:], velocity)
+        """Increments of step `index` if nothing acted on it, shape ``(s, d)``."""
+        h = self._problem.step_size
+        with np.errstate(all="ignore"):
+            velocity = self._dynamics.velocity(position, momentum, index * h)
+        velocity = np.where(np.isfinite(velocity), velocity, 0.0)
+        return np.outer(h * self._problem.tables.control_points[1:], velocity)
 
-    def damping_force(self, known: Array, offset: Array, increments: Array) -> Array:
-        """As :class:`~fvi_cli.integrator.equal_steps.step_solver.StepSolver` has it."""
-        force = known
-        sample = self._problem.memory.sample_matrix.T @ increments + offset
+    def newest_force(self, known: Array, samples: Array) -> Array:
+        """Known force, plus the newest weights times the newest samples, ``(m, d)``."""
         for channel in self._problem.memory.channels:
-            force = force + channel.newest(sample) @ channel.direction
-        return force
+            known = known + channel.newest(samples) @ channel.direction
+        return known
 
     def advance(
         self,
@@ -97,75 +93,26 @@ class Stepper:
         offset: Array,
         guess: Array,
     ) -> tuple[Array, Array, Array, tuple[float, ...]]:
-        """Solve step `index`, as a `StepSolver` does."""
-        problem = self._problem
-        tables, h = problem.tables, problem.step_size
-        moments = None if problem.moments is None else problem.moments[index]
-        force = self.damping_force(known, offset, np.zeros(self._shape))
-        right = h * problem.memory.force_weights[:-1] @ force
-        right[0] -= momentum
-        if moments is not None:
-            right -= moments[:-1]
-        residuals: tuple[float, ...] = ()
-        if self._inverse is not None:
-            if self._stiffness is not None:
-                pull = np.broadcast_to(
-                    position @ self._stiffness, (tables.points.size, self._shape[1])
-                )
-                right += h * tables.test_weights[:-1] @ pull
-            increments = (self._inverse @ right.ravel()).reshape(self._shape)
-        else:
-            increments, residuals = self._newton(position, right, guess)
-        force = self.damping_force(known, offset, increments)
-        change = -h * problem.memory.momentum_weights @ force
-        if self._potential is not None:
-            points = position + tables.basis[1:].T @ increments
-            change = change - h * tables.weights @ self._potential.gradient(points)
-        if moments is not None:
-            change = change + moments.sum(axis=0)
-        return increments, force, change, residuals
+        """Solve step `index`: increments, damping force, momentum increment, residuals.
 
-    def _newton(self, base: Array, right: Array, guess: Array) -> tuple[Array, tuple[float, ...]]:
-        """Solve linear(delta) - h sum b l grad V(X) = right with the exact Jacobian."""
-        potential, tables, h = self._potential, self._problem.tables, self._problem.step_size
-        if potential is None:  # pragma: no cover - linear scenes never come here
-            raise ValueError("Newton's iteration needs a potential")
-        s, d = self._shape
-        increments = guess.copy()
-        residuals: list[float] = []
-        previous = math.inf
-        for _ in range(NEWTON_LIMIT):
-            points = base + tables.basis[1:].T @ increments
-            gradient = potential.gradient(points)
-            residual = (self._linear @ increments.ravel()).reshape(s, d) - right
-            residual -= h * tables.test_weights[:-1] @ gradient
-            curvature = np.einsum("inm,iab->namb", self._weighted_basis, potential.hessian(points))
-            jacobian = self._linear - h * curvature.reshape(s * d, s * d)
-            residuals.append(float(np.abs(residual).max()))
-            if not math.isfinite(residuals[-1]):
-                place = ", ".join(f"{value:.4g}" for value in base)
-                raise StepFailedError(
-                    "the force of the potential is not finite (no real number, or a division by "
-                    f"zero) near q = [{place}]; take a smaller step if the motion itself stays "
-                    "away from there",
-                    tuple(residuals),
-                )
-            try:
-                update = np.linalg.solve(jacobian, residual.ravel()).reshape(s, d)
-            except np.linalg.LinAlgError:
-                break
-            increments -= update
-            size = float(np.abs(update).max())
-            scale = float(np.abs(increments).max()) + 1e-300
-            stalled = size >= 0.5 * previous and size <= 1e-9 * scale
-            if size <= NEWTON_TOLERANCE * scale or stalled or size == 0:
-                return increments, tuple(residuals)
-            previous = size
-        raise StepFailedError(
-            f"Newton's iteration did not converge in {len(residuals)} iterations "
-            f"(residuals {residuals[0]:.1e} .. {residuals[-1]:.1e}); take a smaller step",
-            tuple(residuals),
+        Raises
+        ------
+        StepFailedError
+            If Newton's iteration does not converge.
+        """
+        problem, h = self._problem, self._problem.step_size
+        found = self._solver.solve(
+            self._at,
+            index * h,
+            position,
+            momentum,
+            NO_STATES,
+            None if problem.moments is None else problem.moments[index],
+            guess / h,
+            past=self.newest_force(known, offset),
         )
+        increments = h * found.unknowns
+        return increments, found.damping_force, found.momentum_change, found.residuals
 
 
 def run_steps(
@@ -184,7 +131,7 @@ def run_steps(
     """
     tables, memory, n_steps = problem.tables, problem.memory, problem.n_steps
     d, m = problem.scene.dimension, tables.sample_points.size
-    stepper = step_solver(problem)
+    stepper = Stepper(problem)
     if history is None:
         history = DirectHistory(memory, n_steps, d)
     positions = np.empty((n_steps + 1, d))
@@ -195,12 +142,12 @@ def run_steps(
     position = CompensatedSum(problem.position)
     momentum = CompensatedSum(problem.momentum)
     positions[0], momenta[0] = position.value, momentum.value
-    guess = stepper.first_guess
+    guess = stepper.free_motion(0, problem.position, problem.momentum)
     offset = memory.first_offset
     newton = NewtonRecord()
     failure = ""
     done = 0
-    damped = bool(memory.channels) or problem.extra_force is not None
+    damped = bool(memory.channels) or memory.known_force is not None
     inner = tables.sample_basis[1:].T
     with np.errstate(over="ignore", invalid="ignore"):
         for index in range(n_steps):
@@ -240,8 +187,7 @@ def run_steps(
             if np.abs(position.value).max() > problem.stop_beyond:
                 break
         if damped and done == n_steps:
-            forces[done] = _known(problem, history, done)
-            forces[done] = stepper.damping_force(forces[done], offset, np.zeros((tables.degree, d)))
+            forces[done] = stepper.newest_force(_known(problem, history, done), offset)
     return Stepped(
         position=positions[: done + 1],
         momentum=momenta[: done + 1],
@@ -258,6 +204,4 @@ def _known(problem: StepProblem, history: History, index: int) -> Array:
     known = history.known()
     if problem.memory.known_force is not None:
         known = known + problem.memory.known_force[index]
-    if problem.extra_force is not None:
-        known = known + problem.extra_force[index]
     return known

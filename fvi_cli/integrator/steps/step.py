@@ -56,7 +56,7 @@ class StepResult:
     velocity
         At the quadrature points, shape ``(r, d)``.
     damping_force
-        F at the quadrature points, shape ``(r, d)``.
+        F where it is sampled, shape ``(m, d)``.
     momentum_change
         p_{n+1} - p_n, shape ``(d,)``.
     residuals
@@ -68,6 +68,25 @@ class StepResult:
     damping_force: Array
     momentum_change: Array
     residuals: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ForceSampling:
+    """Where the damping force of a step acts, and what drives it.
+
+    Parameters
+    ----------
+    test
+        Weights of the force in the equations, shape ``(s, m)``.
+    weights
+        The same in the change of the momentum, shape ``(m,)``.
+    driving
+        From U to what drives the force, shape ``(m, s)``.
+    """
+
+    test: Array
+    weights: Array
+    driving: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,10 +123,16 @@ class StepSolver:
         Fractional damping; None: there is none.
     tables
         Numbers of the method.
+    sampling
+        Where the damping force acts; None: at the quadrature points, driven by the velocities.
     """
 
     def __init__(
-        self, dynamics: Separable | General, damping: Damping | None, tables: StepTables
+        self,
+        dynamics: Separable | General,
+        damping: Damping | None,
+        tables: StepTables,
+        sampling: ForceSampling | None = None,
     ) -> None:
         self.dynamics, self.damping, self.tables = dynamics, damping, tables
         self._shape = (tables.degree, dynamics.dimension)
@@ -116,6 +141,9 @@ class StepSolver:
         self._to_position = np.ascontiguousarray(tables.basis[1:].T)
         self._rate_test = tables.weights * tables.slopes[:-1]
         self._test = np.ascontiguousarray(tables.test_weights[:-1])
+        self._sampling = sampling or ForceSampling(
+            test=self._test, weights=tables.weights, driving=self._to_velocity
+        )
         self._test_sum = self._test.sum(axis=1)[:, None]
         self._separable = dynamics if isinstance(dynamics, Separable) else None
         self._mass: Form = np.zeros((0, 0))
@@ -153,7 +181,8 @@ class StepSolver:
         if self._stiffness is not None:
             parts.append((-(h**2) * (self._test @ self._to_position), self._stiffness))
         for local, direction in zip(damping.local, directions, strict=True):
-            parts.append((-h * (self._test @ local @ self._to_velocity), direction))
+            acting = self._sampling.test @ local @ self._sampling.driving
+            parts.append((-h * acting, direction))
         if self.dynamics.is_linear:
             return StepMatrices(step_size=h, damping=damping, constant=None, solve=solver_of(parts))
         constant = np.zeros((self._size, self._size))
@@ -199,7 +228,7 @@ class StepSolver:
         if damping is not None:
             history = damping.history_force(at.damping, states) if past is None else past
             history = history + at.damping.constant_force
-            right += h * self._test @ history
+            right += h * self._sampling.test @ history
         right[0] -= momentum
         if loads is not None:
             right -= loads[:-1]
@@ -215,8 +244,9 @@ class StepSolver:
         change = np.zeros(self._shape[1])
         force = np.zeros_like(velocity)
         if damping is not None and history is not None:
-            force = history + damping.local_force(at.damping, velocity)
-            change -= h * self.tables.weights @ force
+            driving = self._sampling.driving @ unknowns
+            force = history + damping.local_force(at.damping, driving)
+            change -= h * self._sampling.weights @ force
         if self._stiffness is not None or self.dynamics.is_linear is False:
             points = position + h * (self._to_position @ unknowns)
             pulls = self._pull(points, velocity, time + h * self.tables.points)
