@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import roots_jacobi
 from typer.testing import CliRunner
 
 import fvi_cli as fvi
 from fvi_cli.cli.app import app
+from fvi_cli.scenes import exact_check
 from fvi_cli.scenes.exact_check import objection
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
@@ -112,3 +114,12 @@ def test_a_changed_problem_with_the_old_solution_is_refused_at_its_line(
 def test_shipped_solutions_are_right() -> None:
     # loading checks those that are given
     assert all(fvi.load(name).experiments for name in fvi.shipped_configurations())
+
+
+@pytest.mark.parametrize("power", [-0.99, -0.5, 0.0, 0.3, 1.0])
+@pytest.mark.parametrize("points", [1, 2, 24])
+def test_the_rule_for_singular_weights_is_that_of_scipy(points, power):
+    nodes, weights = exact_check._jacobi(points, power)
+    known_nodes, known_weights = roots_jacobi(points, power, 0.0)
+    assert nodes == pytest.approx(known_nodes, abs=1e-14)
+    assert weights == pytest.approx(known_weights, rel=3e-11)
