@@ -126,21 +126,23 @@ def test_files_are_not_long():
     assert_only_known(counted, MOST_LINES, LONG)
 
 
-def test_the_wheel_holds_every_package_and_the_configurations(monkeypatch):
+def test_the_wheel_holds_every_package_the_configurations_and_the_pages(monkeypatch):
     setuptools = pytest.importorskip("setuptools")
     built: dict[str, object] = {}
     monkeypatch.setattr(setuptools, "setup", built.update)
     monkeypatch.chdir(PROJECT)
     runpy.run_path("setup.py")
     packages = {name.removesuffix(".__init__") for name in FILES if name.endswith(".__init__")}
-    assert set(built["packages"]) == packages | {"fvi_cli.shipped_configs"}
-    assert built["package_dir"] == {"fvi_cli.shipped_configs": "configs"}
+    beside = {"fvi_cli.shipped_configs": "configs", "fvi_cli.guide": "docs"}
+    assert set(built["packages"]) == packages | set(beside)
+    assert built["package_dir"] == beside
     # a folder without __init__.py would be left out
     assert {f".{path.parent.relative_to(PROJECT)}" for path in FILES.values()} == {
         f".{name.replace('.', '/')}" for name in packages
     }
-    endings = SETTINGS["tool"]["setuptools"]["package-data"]["fvi_cli.shipped_configs"]
-    assert {f"*{path.suffix}" for path in (PROJECT / "configs").iterdir()} == set(endings)
+    for name, folder in beside.items():
+        endings = SETTINGS["tool"]["setuptools"]["package-data"][name]
+        assert {f"*{path.suffix}" for path in (PROJECT / folder).iterdir()} <= set(endings)
 
 
 def test_versions_agree():

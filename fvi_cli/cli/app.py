@@ -19,6 +19,7 @@ from fvi_cli.cli.exits import DONE
 from fvi_cli.cli.export import export
 from fvi_cli.cli.fit import fit
 from fvi_cli.cli.forget import forget
+from fvi_cli.cli.guide import guide
 from fvi_cli.cli.hard_cases import hard_cases
 from fvi_cli.cli.list import list  # noqa: A004 - the command's name
 from fvi_cli.cli.modes import modes
@@ -49,6 +50,7 @@ COMMANDS = (
     hard_cases,
     schema,
     new,
+    guide,
 )
 
 app = typer.Typer(

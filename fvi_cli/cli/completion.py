@@ -10,6 +10,13 @@ def shipped_names(incomplete: str) -> list[str]:
     return [name for name in shipped_configs() if name.startswith(incomplete)]
 
 
+def names_of_pages(incomplete: str) -> list[str]:
+    """Names of the pages of the guide."""
+    from fvi_cli.config import guide_pages
+
+    return [name for name in guide_pages() if name.startswith(incomplete)]
+
+
 def kinds_of_problems(incomplete: str) -> list[str]:
     """Kinds of problems."""
     from fvi_cli.scenes.kinds import KINDS

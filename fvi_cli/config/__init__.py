@@ -5,7 +5,13 @@ from fvi_cli.config.method_names import method_named
 from fvi_cli.config.reference.page import configuration_reference
 from fvi_cli.config.reference.schema import SCHEMA_FILE, SCHEMA_TITLE, json_schema, schema_text
 from fvi_cli.config.reference.starter import starter_config
-from fvi_cli.config.shipped import find_config, shipped_configs, shipped_titles
+from fvi_cli.config.shipped import (
+    find_config,
+    guide_page,
+    guide_pages,
+    shipped_configs,
+    shipped_titles,
+)
 
 __all__ = [
     "SCHEMA_FILE",
@@ -13,6 +19,8 @@ __all__ = [
     "LoadedConfig",
     "configuration_reference",
     "find_config",
+    "guide_page",
+    "guide_pages",
     "json_schema",
     "load_config",
     "method_named",

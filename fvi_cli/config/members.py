@@ -101,7 +101,11 @@ def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> 
     shape = next(one.shape for one in kind.record.keys if one.name == outermost)
     shared = with_values({outermost: template[outermost]}, {key: None})
     for value in sweep.values[key]:
-        tree = replace(at, node=with_node(at.node, tuple(key.split(".")), value, place))
+        tree = replace(
+            at,
+            node=with_node(at.node, tuple(key.split(".")), value, place),
+            names=tuple(template.get("parameters", ())),
+        )
         read = {outermost: shape.read(tree.under(PROBLEM, outermost))}
         if not is_complete(read) or not _is_there(read, key):
             continue

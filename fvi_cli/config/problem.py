@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.cursor import INVALID, Cursor, is_complete
 from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, ExpressionError
+from fvi_cli.scenes.forces import with_parameters
 from fvi_cli.scenes.kinds import KINDS
 from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.scenes.registry import build_problem
@@ -94,7 +95,7 @@ def make_problem(
     before = len(at.complaints)
     _check_sizes(problem, at)
     _check_pieces(problem, at)
-    _check_values(problem, at)
+    _check_values(with_parameters(problem), at)
     if not is_complete(problem) or len(at.complaints) > before:
         return None
     try:

@@ -1,4 +1,4 @@
-"""Configurations that come with the program."""
+"""Configurations and pages that come with the program."""
 
 from __future__ import annotations
 
@@ -63,8 +63,44 @@ def find_config(name: str) -> Path:
     )
 
 
+def guide_pages() -> dict[str, str]:
+    """Names of the pages of the guide with their titles."""
+    texts = {one.stem: one.read_text(encoding="utf-8") for one in sorted(_pages().glob("*.md"))}
+    return {
+        name: text.partition("\n")[0].removeprefix("# ")
+        for name, text in texts.items()
+        if name != "index"
+    }
+
+
+def guide_page(name: str) -> str:
+    """The text of a page of the guide; of one with a notebook, where that lies.
+
+    Raises
+    ------
+    RequestError
+        If there is none of that name; the message names the nearest.
+    """
+    plain, known = name.removesuffix(".md"), tuple(guide_pages())
+    if plain not in known:
+        raise RequestError(
+            f"{excerpt(name, 200)}: no such page{suggestion(plain, known)} (pages: {listed(known)})"
+        )
+    text = (_pages() / f"{plain}.md").read_text(encoding="utf-8").rstrip()
+    notebook = _pages() / f"{plain}.ipynb"
+    return f"{text}\n\nThe notebook: {notebook}" if notebook.is_file() else text
+
+
 def _folder() -> Path:
-    """Beside the package in a checkout, inside of it when installed."""
+    return _shipped("shipped_configs", "configs")
+
+
+def _pages() -> Path:
+    return _shipped("guide", "docs")
+
+
+def _shipped(inside: str, beside: str) -> Path:
+    """A folder inside of the package when that is installed, beside it in a checkout."""
     package = Path(__file__).resolve().parents[1]
-    inside = package / "shipped_configs"
-    return inside if inside.is_dir() else package.parent / "configs"
+    folder = package / inside
+    return folder if folder.is_dir() else package.parent / beside

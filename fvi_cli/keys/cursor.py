@@ -53,11 +53,14 @@ class Cursor:
         Keys and indices that lead there.
     complaints
         Receives what is wrong.
+    names
+        Names that expressions may hold beside their own variables.
     """
 
     node: Node
     complaints: Complaints
     path: KeyPath = ()
+    names: tuple[str, ...] = ()
 
     def refuse(self, message: str, *path: str | int) -> Missing:
         """Complain of what stands here, or at the end of a path below as far as it exists."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any
 
 from fvi_cli.keys.complaints import listed, suggestion
@@ -60,11 +60,14 @@ class Record:
         Keys that deserve a reason, with it, or a function of what stands under the key.
     alternatives
         Keys of which one must be given and no other; the schema says so, who reads checks it.
+    declares
+        Key whose names the expressions under all keys may hold; empty: there is none.
     """
 
     keys: tuple[Key, ...]
     refused: Mapping[str, Refusal] = field(default_factory=dict, hash=False)
     alternatives: tuple[str, ...] = ()
+    declares: str = ""
 
     @property
     def expected(self) -> str:
@@ -88,6 +91,8 @@ class Record:
             if name not in self.names:
                 at.refuse_key(name, self._unknown(name, under, at.node))
         values: dict[str, Any] = {}
+        if self.declares:
+            at = replace(at, names=tuple(name for name, _ in at.under(self.declares).entries()))
         for key in self.keys:
             if at.has(key.name):
                 values[key.name] = key.shape.read(at.under(key.name))

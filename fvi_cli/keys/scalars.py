@@ -188,7 +188,7 @@ class Formula:
         if node.text in self.words:
             return node.text
         try:
-            return Expression.parse(value, variables=self.variables).text
+            return Expression.parse(value, variables=(*self.variables, *at.names)).text
         except ExpressionError as error:
             exact = node.text_place if node.text == value else None
             if error.column is None or exact is None or not exact.line:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -117,6 +118,36 @@ SAMPLES: Final = Checked(
     words="samples such as {file: quake.csv, column: a, time: t, interpolation: linear}",
 )
 """Samples from a CSV file, read together with the configuration."""
+
+PARAMETERS_EXAMPLE: Final = "{amplitude: 0.3, omega: 1.2}"
+PARAMETERS: Final = Key(
+    "parameters",
+    Named(shape=Number(), example=PARAMETERS_EXAMPLE),
+    "Values of names that the expressions of the problem may hold, and those of quantities, events "
+    "and impacts; problem.parameters.<name> can be swept.",
+    default=OPTIONAL,
+)
+_EXPRESSIONS: Final = ("forcing", "ground_acceleration", "exact", "function")
+_NAME: Final = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
+
+
+def with_parameters(values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The values of a problem with numbers in the place of its parameters, in expressions of t."""
+    numbers = values.get(PARAMETERS.name)
+    if not isinstance(numbers, Mapping) or not numbers:
+        return values
+
+    def bound(value: Any) -> Any:
+        if isinstance(value, str):
+            return _NAME.sub(
+                lambda name: f"({numbers[name[0]]!r})" if name[0] in numbers else name[0], value
+            )
+        if isinstance(value, Mapping):
+            return value if "file" in value else {key: bound(one) for key, one in value.items()}
+        return [bound(one) for one in value] if isinstance(value, list | tuple) else value
+
+    return {key: bound(one) if key in _EXPRESSIONS else one for key, one in values.items()}
+
 
 PIECES_EXAMPLE: Final = "{pieces: [{until: 1.0, value: 8}, {value: 0}]}"
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 
 Array = NDArray[np.float64]
@@ -31,6 +32,8 @@ class Problem:
         The equation of motion in plain text.
     coordinates
         Names of the d coordinates; empty: they have none.
+    inputs
+        What drives it by the name that expressions know it by, with one component; None: nothing.
     """
 
     kind: str
@@ -39,6 +42,7 @@ class Problem:
     exact_source: str = "unknown"
     equation: str = ""
     coordinates: tuple[str, ...] = ()
+    inputs: Mapping[str, Forcing | None] = field(default_factory=dict)
 
     @property
     def final_time(self) -> float:

@@ -186,10 +186,11 @@ class Run:
     @property
     def observations(self) -> Observations:
         """What is asked of the motion, with the parameters of this run."""
-        asked = self.experiment.observations
-        if asked.is_empty or self.member is None:
+        asked, problem = self.experiment.observations, self.problem
+        if asked.is_empty or self.member is None or not isinstance(problem, Problem):
             return asked
-        return replace(asked, parameters=self.member.specification.get("parameters", {}))
+        parameters = self.member.specification.get("parameters", {})
+        return replace(asked, parameters=parameters, inputs=problem.inputs)
 
     @property
     def title(self) -> str:

@@ -148,3 +148,69 @@ def test_methods_without_polynomials_and_kinds_without_motion_are_refused(tmp_pa
         _load(tmp_path, "quantities: {a: ax}\n", "method={baseline: implicit-euler}")
     with pytest.raises(fvi.ConfigError, match="in which nothing moves"):
         fvi.load("saturation", overrides=["experiments.0.output={step: 0.1}"])
+
+
+FRAME = """\
+name: shaken
+problem:
+  kind: frame
+  storeys: 2
+  dampers: [{order: 0.5, coefficient: 0.3}]
+  parameters: {strength: 0.5, omega: 1.5}
+  ground_acceleration: strength*sin(omega*t)
+  final_time: 3.0
+  exact: none
+ladder: {steps: [30]}
+quantities:
+  roof: ax2 + ground_acceleration
+  drive: ground_acceleration - strength*sin(omega*t)
+sweep: {problem.parameters.strength: [0.5, 1.0]}
+"""
+
+
+def test_parameters_of_a_force_are_known_everywhere_and_swept(tmp_path: Path) -> None:
+    path = tmp_path / "shaken.yaml"
+    path.write_text(FRAME, encoding="utf-8")
+    (outcome,) = fvi.run(path)
+    weak, strong = (one.trajectory for one in outcome.finished)
+    # a linear scene: twice the strength, twice the motion
+    assert np.abs(strong.position - 2.0 * weak.position).max() < 1e-13
+    for one in (weak, strong):
+        seen = one.observed.quantities
+        assert np.abs(seen["drive"]).max() < 1e-15
+        assert np.abs(seen["roof"]).max() > 0.1
+    numbers = FRAME.replace("strength*sin(omega*t)\n  final", "0.5*sin(1.5*t)\n  final")
+    path.write_text(numbers.partition("sweep")[0], encoding="utf-8")
+    (plain,) = fvi.run(path)
+    assert np.array_equal(plain.finished[0].trajectory.position, weak.position)
+
+
+@pytest.mark.parametrize(
+    ("given", "complaint"),
+    [
+        ("forcing: a*sin(w*t)", ":5:18: problem.forcing: unknown name 'w' (known: a, e, pi, t)"),
+        ("forcing: sin(t)\n  exact: [b]", "problem.exact.0: unknown name 'b'"),
+        ("parameters: {x: 1}", "problem.parameters: given twice"),
+    ],
+)
+def test_names_that_are_no_parameters(tmp_path: Path, given: str, complaint: str) -> None:
+    path = tmp_path / "one.yaml"
+    path.write_text(
+        "name: one\nproblem:\n  kind: pendulum\n  parameters: {a: 1}\n"
+        f"  {given}\n  final_time: 1\nladder: {{steps: [4]}}\n",
+        encoding="utf-8",
+    )
+    with pytest.raises(fvi.RequestError) as raised:
+        fvi.load(path)
+    assert complaint in str(raised.value)
+
+
+def test_a_parameter_must_have_a_name_of_its_own(tmp_path: Path) -> None:
+    with pytest.raises(fvi.RequestError, match=r"parameters\.x: the name is a coordinate"):
+        fvi.load(
+            {
+                "name": "one",
+                "problem": {"kind": "pendulum", "parameters": {"x": 1.0}, "final_time": 1.0},
+                "ladder": {"steps": [4]},
+            }
+        )

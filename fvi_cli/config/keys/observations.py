@@ -69,8 +69,9 @@ QUANTITIES: Final = Key(
     "quantities",
     Named(shape=_TEXT, example="{drift: x2 - x1, force: -dx1, top: ax2}"),
     "Expressions in coordinates (x), their velocities (vx), accelerations (ax, from the equation "
-    "of motion) and the damping force on them (dx, minus the sum of mu D^gamma x), t and "
-    "parameters; stored beside the position, with peak and RMS. For Runge-Kutta methods.",
+    "of motion) and the damping force on them (dx, minus the sum of mu D^gamma x), t, parameters "
+    "and, where the ground moves, ground_acceleration; stored beside the position, with peak and "
+    "RMS. For Runge-Kutta methods.",
     default=OPTIONAL,
 )
 EVENTS: Final = Key(
@@ -152,7 +153,7 @@ def read_observations(
         return Observations()
     _check_neighbours(values, methods, given[0], at)
     parameters = described.get("parameters", {})
-    names = known_names(problem.coordinates, tuple(parameters))
+    names = known_names(problem.coordinates, (*parameters, *problem.inputs))
     quantities: dict[str, Expression] = {}
     events: dict[str, Event] = {}
     impacts: dict[str, Impact] = {}
@@ -188,6 +189,7 @@ def read_observations(
         events=events,
         impacts=impacts,
         parameters=parameters,
+        inputs=problem.inputs,
         output=values.get("output"),
     )
 

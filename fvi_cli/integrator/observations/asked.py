@@ -9,6 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
 
@@ -109,6 +110,8 @@ class Observations:
         Surfaces by name, which change the motion itself.
     parameters
         Values of further names in their expressions.
+    inputs
+        Functions of the time by their names in expressions; None: zero.
     output
         The times in short, as a configuration gives them; None: as they are.
 
@@ -124,6 +127,7 @@ class Observations:
     events: Mapping[str, Event] | None = None
     impacts: Mapping[str, Impact] | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
+    inputs: Mapping[str, Forcing | None] = field(default_factory=dict)
     output: Mapping[str, object] | None = None
 
     def __post_init__(self) -> None:

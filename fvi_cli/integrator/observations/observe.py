@@ -248,6 +248,9 @@ def along_motion(motion: DenseMotion, asked: Observations, expression: Expressio
                 for index, name in enumerate(coordinates):
                     values[prefix + name] = columns[:, index]
         values |= asked.parameters
+        for name, given in asked.inputs.items():
+            if name in names:
+                values[name] = 0.0 if given is None else given(motion.time(steps, tau))[:, 0]
         found = expression.evaluate(values, NUMPY_FUNCTIONS)
         return np.broadcast_to(np.asarray(found, dtype=float), steps.shape)
 

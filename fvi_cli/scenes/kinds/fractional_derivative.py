@@ -13,7 +13,7 @@ from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Formula, Number
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.power_series import SeriesError, expand
-from fvi_cli.scenes.forces import expressions
+from fvi_cli.scenes.forces import PARAMETERS, expressions, with_parameters
 from fvi_cli.scenes.kinds.kind import Kind, Values
 from fvi_cli.scenes.kinds.shared_keys import FINAL_TIME
 from fvi_cli.scenes.problem import DerivativeProblem
@@ -28,6 +28,7 @@ class DerivativeKind(Kind):
     def build(self, values: Values, *, search: bool = True) -> DerivativeProblem:
         """The derivative with its exact values."""
         order, final_time = float(values["order"]), float(values["final_time"])
+        values = with_parameters(values)
         (function,) = expressions(values["function"], 1, "function")
         if not 0 < order < 2:
             raise ValueError(f"order: {order!r} is not allowed; it must lie in (0, 2)")
@@ -94,7 +95,9 @@ FRACTIONAL_DERIVATIVE: Final = DerivativeKind(
                 "Its derivative: expression in t, or auto where one is known.",
                 default="auto",
             ),
+            PARAMETERS,
         ),
+        declares=PARAMETERS.name,
         refused={"alpha": "not a key: write order", "gamma": "not a key: write order"},
     ),
     example={"order": "0.5", "function": "t**2*sin(t)", "final_time": "1.0"},

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from fvi_cli.effects.forcing import ForcingPiece
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.matrices import is_sparse
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.keys.complaints import KeyPath
@@ -18,11 +18,14 @@ from fvi_cli.scenes.exact_check import objection
 from fvi_cli.scenes.forces import (
     FORCING,
     GROUND_ACCELERATION,
+    PARAMETERS,
     build_forcing,
     expressions,
+    with_parameters,
 )
 from fvi_cli.scenes.kinds.damping_keys import build_damping, coefficient_of
 from fvi_cli.scenes.kinds.shared_keys import SHARED_KEYS, scene_keys, vector_of
+from fvi_cli.scenes.lagrangian import check_names
 from fvi_cli.scenes.problem import AnyProblem, Array, Problem
 from fvi_cli.scenes.structures.matrix_keys import file_form, rows_of
 
@@ -163,6 +166,8 @@ class SceneKind(Kind):
             ``key.path: what is wrong``.
         """
         names = self.coordinate_names(values)
+        if values.get(PARAMETERS.name):
+            check_names(names, values[PARAMETERS.name])
         damping, laws = build_damping(values["damping"], names, sparse=self.is_sparse(values))
         data: SceneData = {
             "final_time": float(values["final_time"]),
@@ -175,21 +180,21 @@ class SceneKind(Kind):
         own = {
             key.name: values[key.name] if key.build is None else key.build(values[key.name])
             for key in self.record.keys
-            if key.name not in SHARED_KEYS and key.name in values
+            if key.name not in SHARED_KEYS and key is not PARAMETERS and key.name in values
         }
-        drivers = {
-            key: build_forcing(
-                values[key],
-                len(names) if key == FORCING.name else 1,
-                key,
-                final_time=data["final_time"],
-                names=names,
-            )
-            for key in self.forces
-        }
+        drivers = {key: self._driver(values, key, names) for key in self.forces}
         if sum(driver is not None for driver in drivers.values()) > 1:
             raise ValueError(f"{self.forces[1]}: give this or {self.forces[0]}, not both")
         return self.make(**{**own, **data, **drivers})
+
+    def _driver(self, values: Values, key: str, names: tuple[str, ...]) -> Forcing | None:
+        return build_forcing(
+            with_parameters(values)[key],
+            len(names) if key == FORCING.name else 1,
+            key,
+            final_time=float(values["final_time"]),
+            names=names,
+        )
 
     def build(self, values: Values, *, search: bool = True) -> Problem:
         """The scene with its exact solution, as far as that is known."""
@@ -199,7 +204,8 @@ class SceneKind(Kind):
         if values["exact"] == "none":
             source = "none"
         elif values["exact"] != "auto":
-            components = expressions(values["exact"], scene.dimension, "exact")
+            given = with_parameters(values)["exact"]
+            components = expressions(given, scene.dimension, "exact")
             exact, source = ForcingPiece(components=components).evaluate, "expression"
             if said := objection(exact, scene):
                 raise ValueError(f"exact: {said}")
@@ -217,7 +223,12 @@ class SceneKind(Kind):
             exact_source=source,
             equation=self.equation,
             coordinates=self.coordinate_names(values),
+            inputs=self._inputs(values),
         )
+
+    def _inputs(self, values: Values) -> dict[str, Forcing | None]:
+        key = GROUND_ACCELERATION.name
+        return {key: self._driver(values, key, ())} if key in self.forces else {}
 
 
 def _size(entry: object) -> int:

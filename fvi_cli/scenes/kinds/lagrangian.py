@@ -29,7 +29,7 @@ LAGRANGIAN: Final = SceneKind(
         Key(
             "parameters",
             Named(shape=Number(), example="{m: 1.0, g: 9.81}"),
-            "Values of further names in the Lagrangian.",
+            "Values of further names in the Lagrangian and in all expressions; can be swept.",
             default={},
         ),
         Key(

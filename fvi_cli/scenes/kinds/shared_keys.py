@@ -14,7 +14,7 @@ from fvi_cli.keys.containers import ByForm, ListOf, Named
 from fvi_cli.keys.records import Key, Record, Refusal
 from fvi_cli.keys.scalars import Choice, Formula, Matrix, Number
 from fvi_cli.scenes.data import Damper, per_coordinate
-from fvi_cli.scenes.forces import by_coordinate
+from fvi_cli.scenes.forces import PARAMETERS, by_coordinate
 from fvi_cli.scenes.kinds.damping_keys import ORDER, WRONG_NAMES, alpha, damping_key
 from fvi_cli.scenes.structures.matrix_keys import MASS_FILE
 
@@ -109,7 +109,12 @@ def dampers_key(name: str, meaning: str, unit: str) -> Key:
 def scene_keys(own: Sequence[Key], *, default_order: float, force: Key) -> Record:
     """The keys of a scene: its own, then those that all scenes share."""
     shared = (damping_key(default_order), _DERIVATIVE, force, _INITIAL, FINAL_TIME, _EXACT)
-    return Record(keys=(*own, *shared), refused=_WRONG_AT_PROBLEM)
+    has_own = any(key.name == PARAMETERS.name for key in own)
+    return Record(
+        keys=(*own, *shared, *(() if has_own else (PARAMETERS,))),
+        refused=_WRONG_AT_PROBLEM,
+        declares=PARAMETERS.name,
+    )
 
 
 def vector_of(value: object, names: Sequence[str], place: str) -> Array:
