@@ -216,3 +216,51 @@ def test_adaptive_runs_are_stored_at_any_times(fvi, tmp_path):
         assert group["time"][:] == pytest.approx([0.5 * k for k in range(9)])
         assert group["quantities/force"].shape == (9,)
         assert group["mesh"].shape == (run["n_steps"] + 1,)
+
+
+def test_members_of_a_sweep_have_their_own_meshes(fvi, tmp_path):
+    values = [0.5, 200.0, 200.5]
+    text = f"{ADAPTIVE}sweep: {{problem.stiffness: {values}}}\n".replace("tuned", "swept")
+    (tmp_path / "swept.yaml").write_text(text)
+    assert "compute 3 members" in fvi("run", "swept.yaml", "--dry-run")
+    assert "3 members on" in fvi("run", "swept.yaml")
+    with h5py.File(tmp_path / "results/swept.h5") as file:
+        groups = [one for case in file["swept"].values() for one in case.values()]
+        runs = [one for one in groups if "n_steps" in one.attrs]
+        found = {one["problem.stiffness"][0]: one for one in runs}
+        assert sorted(found) == values
+        for stiffness, one in found.items():
+            assert one["position"].shape[:2] == (1, one.attrs["n_steps"] + 1)
+            assert one.attrs["outcome"] == "met"
+            single = text[: text.index("sweep")].replace(
+                "  damping", f"  stiffness: {stiffness}\n  damping"
+            )
+            (tmp_path / "single.yaml").write_text(single.replace("swept", "single"))
+            fvi("run", "single.yaml", "--fresh")
+            with h5py.File(tmp_path / "results/single.h5") as alone:
+                (same,) = (
+                    r
+                    for case in alone["single"].values()
+                    for r in case.values()
+                    if "n_steps" in r.attrs
+                )
+                assert same["position"][:].tolist() == one["position"][0].tolist()
+    # one more value: the others are recalled; another tolerance: none is
+    more = text.replace("200.5]", "200.5, 7.0]")
+    (tmp_path / "swept.yaml").write_text(more)
+    planned = fvi("run", "swept.yaml", "--dry-run")
+    assert planned.count("reuse") == 3
+    assert "compute 1 members" in planned
+    assert "reuse" not in fvi("run", "swept.yaml", "--dry-run", "--set", "accuracy.tolerance=1e-6")
+
+
+@pytest.mark.processes
+def test_workers_choose_what_this_process_would(fvi, tmp_path):
+    text = f"{ADAPTIVE}sweep: {{problem.damping.0.order: [0.5, 1.5]}}\n".replace("tuned", "swept")
+    (tmp_path / "swept.yaml").write_text(text)
+    here = json.loads(fvi("run", "swept.yaml", "--json", "-o", "here"))["runs"]
+    there = json.loads(fvi("run", "swept.yaml", "--json", "-o", "there", "--workers", "2"))["runs"]
+    for one, other in zip(here, there, strict=True):
+        one.pop("seconds")
+        other.pop("seconds")
+        assert one == other

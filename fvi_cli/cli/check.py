@@ -32,7 +32,7 @@ def check(
         print(checked_as_json(requests))
         return DONE
     for request in requests:
-        runs = sum(1 if e.needs_search else len(e.runs()) for e in request.loaded.experiments)
+        runs = sum(len(e.searches() or e.runs()) for e in request.loaded.experiments)
         experiments = len(request.loaded.experiments)
         what = f"{_counted(experiments, 'experiment')}, {_counted(runs, 'run')}"
         print(f"{request.loaded.path}: valid, {what}")

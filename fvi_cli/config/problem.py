@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.cursor import INVALID, Cursor, is_complete
-from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.forces import with_parameters
 from fvi_cli.scenes.kinds import KINDS
 from fvi_cli.scenes.problem import AnyProblem

@@ -9,7 +9,8 @@ from typing import TypeVar, cast
 import numpy as np
 
 from fvi_cli.effects.matrices import Array
-from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.taylor import SeriesError
 
 T = TypeVar("T")

@@ -9,8 +9,8 @@ from typing import TypeVar
 import numpy as np
 
 from fvi_cli.effects.matrices import Array
-from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS
-from fvi_cli.mathematics.formulas import FormulaSystem
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 
 T = TypeVar("T")
 

@@ -19,7 +19,8 @@ from fvi_cli.effects.matrices import (
     symmetric_form,
     times,
 )
-from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.expressions import Expression
 
 T = TypeVar("T")
 

@@ -18,7 +18,8 @@ import numpy as np
 from fvi_cli.keys.complaints import listed, suggestion
 from fvi_cli.keys.cursor import INVALID, Cursor, is_complete, needed
 from fvi_cli.keys.nodes import ListNode, ScalarNode, describe
-from fvi_cli.mathematics.expressions import Expression, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.mathematics.expressions import Expression
 
 Schema = dict[str, Any]
 

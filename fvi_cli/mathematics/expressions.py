@@ -2,8 +2,8 @@
 
 Text is parsed with Python's own grammar into a syntax tree, and only numbers, declared names,
 ``+ - * / **`` and a fixed list of functions survive the translation into a short program for a
-stack machine. Nothing is ever handed to the interpreter: no attribute, no comparison, no keyword,
-no call of anything that is not on the list.
+stack machine; ``min`` and ``max`` become the ``abs`` that is in them. Nothing is ever handed to the
+interpreter: no attribute, no comparison, no keyword, no call of anything that is not on the list.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import contextlib
 import difflib
 import keyword
 import math
-import operator
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -22,9 +21,15 @@ from types import MappingProxyType
 from typing import Final, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.algebra.arithmetic import (
+    NUMPY_FUNCTIONS,
+    ExpressionError,
+    call,
+    combine,
+    value_of,
+)
+
 T = TypeVar("T")
 Instruction = tuple[str, float | str]
 
@@ -42,72 +47,21 @@ _JUMPS: Final = "; give a force that jumps in pieces, so that the jump can lie o
 _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
     {
         **dict.fromkeys(("heaviside", "step"), _JUMPS),
-        **dict.fromkeys(("minimum", "maximum"), "; give a function with kinks in pieces"),
+        **{f"{name}imum": f"; did you mean {name!r}?" for name in ("min", "max")},
     }
 )
 _NO_OPERATOR: Final = re.compile(r"(?<![\w.])([\d.]+(?:[eE][-+]?\d+)?|\))\s*([A-Za-z_]\w*|\()")
 
 
-def _gamma(argument: Array) -> Array:
-    # SciPy's special functions are slow to import and few scenes call for them.
-    from scipy.special import gamma
+EXTREMA: Final[Mapping[str, str]] = MappingProxyType({"max": "+", "min": "-"})
+"""Functions of several arguments: of two it is half of a + b, plus or minus abs(a - b)."""
 
-    return np.asarray(gamma(argument))
-
-
-NUMPY_FUNCTIONS: Final[Mapping[str, Callable[[Array], Array]]] = MappingProxyType(
-    {
-        "sqrt": np.sqrt,
-        "cbrt": np.cbrt,
-        "exp": np.exp,
-        "expm1": np.expm1,
-        "log": np.log,
-        "log1p": np.log1p,
-        "sin": np.sin,
-        "cos": np.cos,
-        "tan": np.tan,
-        "sinh": np.sinh,
-        "cosh": np.cosh,
-        "tanh": np.tanh,
-        "arcsin": np.arcsin,
-        "arccos": np.arccos,
-        "arctan": np.arctan,
-        "arcsinh": np.arcsinh,
-        "arccosh": np.arccosh,
-        "arctanh": np.arctanh,
-        "abs": np.abs,
-        "sign": np.sign,
-        "gamma": _gamma,
-    }
-)
-"""The functions an expression may call, on floating-point arrays."""
-
-FUNCTION_NAMES: Final[frozenset[str]] = frozenset(NUMPY_FUNCTIONS) | frozenset(_ALIASES)
+FUNCTION_NAMES: Final[frozenset[str]] = frozenset({*NUMPY_FUNCTIONS, *_ALIASES, *EXTREMA})
 """Every function name an expression may contain, other spellings (``asin``, ``ln``) included."""
 
 _BINARY: Final[Mapping[type[ast.operator], str]] = MappingProxyType(
     {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 )
-
-
-class ExpressionError(ValueError):
-    """A text that is not an allowed expression.
-
-    Parameters
-    ----------
-    message
-        What is wrong and what is allowed.
-    column
-        Where in the text, counted from 1; None when it concerns the whole text.
-    """
-
-    def __init__(self, message: str, column: int | None = None) -> None:
-        super().__init__(message, column)
-        self.message = message
-        self.column = column
-
-    def __str__(self) -> str:
-        return self.message if self.column is None else f"column {self.column}: {self.message}"
 
 
 @dataclass(frozen=True)
@@ -222,18 +176,15 @@ class Expression:
                 if kind == "number":
                     stack.append(cast(float, value))
                 elif kind == "variable":
-                    stack.append(_value_of(cast(str, value), values))
+                    stack.append(value_of(cast(str, value), values))
                 elif kind == "call":
-                    stack.append(_call(cast(str, value), stack.pop(), functions))
+                    stack.append(call(cast(str, value), stack.pop(), functions))
                 elif kind == "negate":
                     stack.append(-stack.pop())  # type: ignore[operator]
                 else:
                     right = stack.pop()
                     left = stack.pop()
-                    if isinstance(right, float):
-                        stack.append(_combine(kind, left, right))
-                    else:
-                        stack.append(cast(T, _ARITHMETIC[kind](left, right)))
+                    stack.append(combine(kind, left, right))
         return stack.pop()
 
 
@@ -245,47 +196,6 @@ def _number_as_text(number: float) -> str:
     if not math.isfinite(value):
         raise ExpressionError(f"{value!r} is not a finite number")
     return repr(value)
-
-
-def _value_of(name: str, values: Mapping[str, T | float]) -> T | float:
-    if name not in values:
-        raise ExpressionError(f"no value was given for the variable {name!r}")
-    value = values[name]
-    if isinstance(value, np.ndarray):
-        # Integer arrays would refuse negative powers.
-        return value if value.dtype.kind not in "bui" else cast(T, value.astype(float))
-    return float(value) if isinstance(value, int | float) else value
-
-
-def _call(name: str, argument: T | float, functions: Mapping[str, Callable[..., T]]) -> T | float:
-    if isinstance(argument, float):
-        return float(NUMPY_FUNCTIONS[name](np.asarray(argument)))
-    if name not in functions:
-        raise ExpressionError(f"the function {name!r} is not available here")
-    return functions[name](argument)
-
-
-def _combine(kind: str, left: T | float, right: float) -> T | float:
-    """The result for a number on the right.
-
-    Python's own numbers raise at 1/0 and turn complex at (-1)**0.5; NumPy's do neither.
-    """
-    if isinstance(left, float):
-        return float(cast(float, _ARITHMETIC[kind](np.float64(left), np.float64(right))))
-    if kind == "**" and right.is_integer() and abs(right) < 1e9:
-        return cast(T, left ** int(right))  # type: ignore[operator]
-    return cast(T, _ARITHMETIC[kind](left, right))
-
-
-_ARITHMETIC: Final[Mapping[str, Callable[[object, object], object]]] = MappingProxyType(
-    {
-        "+": operator.add,
-        "-": operator.sub,
-        "*": operator.mul,
-        "/": operator.truediv,
-        "**": operator.pow,
-    }
-)
 
 
 def _translate(expression: Expression) -> tuple[Instruction, ...]:
@@ -301,7 +211,7 @@ def _translate(expression: Expression) -> tuple[Instruction, ...]:
             _emit(program, node)
             continue
         nodes += 1
-        if depth > LARGEST_DEPTH or nodes > MOST_NODES:
+        if depth > LARGEST_DEPTH or max(nodes, len(program)) > MOST_NODES:
             raise ExpressionError(
                 f"too long: at most {MOST_NODES} numbers, names and operators, nested at most "
                 f"{LARGEST_DEPTH} deep"
@@ -423,9 +333,12 @@ def _operands(node: ast.expr) -> list[ast.expr]:
         name = node.func.id
         if name not in FUNCTION_NAMES:
             raise ExpressionError(_unknown("function", name, sorted(FUNCTION_NAMES)), _col(node))
-        if len(node.args) != 1 or node.keywords or isinstance(node.args[0], ast.Starred):
+        is_plain = not node.keywords and not any(isinstance(a, ast.Starred) for a in node.args)
+        if name in EXTREMA and (len(node.args) < 2 or not is_plain):
+            raise ExpressionError(f"{name} takes two arguments or more: {name}(a, b)", _col(node))
+        if name not in EXTREMA and (len(node.args) != 1 or not is_plain):
             raise ExpressionError(f"{name} takes exactly one argument", _col(node))
-        return [node.args[0]]
+        return node.args
     raise ExpressionError(
         "only numbers, names, + - * / **, parentheses and functions are allowed", _col(node)
     )
@@ -434,6 +347,10 @@ def _operands(node: ast.expr) -> list[ast.expr]:
 def _emit(program: list[Instruction], node: ast.expr) -> None:
     """Append what `node` does, folding it when its operands are numbers."""
     instruction: Instruction
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in EXTREMA:
+        for _ in node.args[1:]:
+            _emit_extremum(program, EXTREMA[node.func.id])
+        return
     if isinstance(node, ast.BinOp):
         instruction, count = (_BINARY[type(node.op)], ""), 2
     elif isinstance(node, ast.UnaryOp):
@@ -453,16 +370,42 @@ def _emit(program: list[Instruction], node: ast.expr) -> None:
     program.append(("number", folded))
 
 
+def _emit_extremum(program: list[Instruction], sign: str) -> None:
+    """Put the larger or the smaller in place of the last two values of a program."""
+    second = _begin_of_last(program)
+    first = _begin_of_last(program[:second])
+    both = program[first:]
+    if all(kind == "number" for kind, _ in both):
+        chosen = (max if sign == "+" else min)(cast(float, value) for _, value in both)
+        program[first:] = [("number", chosen)]
+        return
+    program.append(("+", ""))
+    program.extend(both)
+    program.extend([("-", ""), ("call", "abs"), (sign, ""), ("number", 0.5), ("*", "")])
+    if len(program) > MOST_NODES:
+        raise ExpressionError("min and max are nested too deeply")
+
+
+def _begin_of_last(program: Sequence[Instruction]) -> int:
+    """Where the instructions begin that compute the last value."""
+    begin, missing = len(program), 1
+    while missing:
+        begin -= 1
+        kind = program[begin][0]
+        missing += -1 if kind in ("number", "variable") else 0 if kind in ("call", "negate") else 1
+    return begin
+
+
 def _fold(instruction: Instruction, operands: list[float], column: int) -> float:
     # Every number is a float already, so that 9**9**9 overflows at once instead of growing.
     with np.errstate(all="ignore"):
         kind, name = instruction
         if kind == "call":
-            result = _call(str(name), operands[0], NUMPY_FUNCTIONS)
+            result = call(str(name), operands[0], NUMPY_FUNCTIONS)
         elif kind == "negate":
             result = -operands[0]
         else:
-            result = _combine(kind, operands[0], operands[1])
+            result = combine(kind, operands[0], operands[1])
     value = float(cast(float, result))
     if math.isnan(value):
         raise ExpressionError("this constant is not a real number", column)

@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, cast
 
-from fvi_cli.mathematics.expressions import Expression, ExpressionError
-from fvi_cli.mathematics.formulas import FormulaSystem, Instruction
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem, Instruction
+from fvi_cli.mathematics.expressions import Expression
 
 Symbolic = Any
 """A SymPy expression."""

@@ -64,7 +64,7 @@ def checked_as_json(requests: Iterable[Request], complaints: Sequence[str] = ())
             "file": str(request.loaded.path),
             "name": request.name,
             "experiments": [
-                {"name": one.name, "runs": 1 if one.needs_search else len(one.runs())}
+                {"name": one.name, "runs": len(one.searches() or one.runs())}
                 for one in request.loaded.experiments
             ],
         }

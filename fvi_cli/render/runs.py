@@ -12,7 +12,7 @@ from fvi_cli.render.observed import observed_rows
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import Location, StoredFile
 from fvi_cli.storage.fields.observed import summary_of
-from fvi_cli.studies.sweep_summary import sweep_lines
+from fvi_cli.studies.sweep_summary import counts_in_words, sweep_lines
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:
@@ -38,7 +38,7 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
     rows = [("experiment", "case", "n_steps", "step_size", "error", "status", "expected")]
     summed_up = []
     for outcome in outcomes:
-        if outcome.experiment.members:
+        if outcome.experiment.members and not outcome.experiment.needs_search:
             summed_up.append(_members_as_text(outcome))
         if outcome.experiment.members and not every_member:
             continue
@@ -56,21 +56,36 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
                     "may fail" if run.experiment.expects_failure(run.method) else "",
                 )
             )
-    texts = [aligned(rows)] if len(rows) > 1 or not summed_up else []
-    texts += _assurances_as_text(outcomes)
+    is_swept = any(outcome.experiment.members for outcome in outcomes)
+    texts = [aligned(rows)] if len(rows) > 1 or not is_swept else []
+    texts += _assurances_as_text(outcomes, every_member=every_member)
     texts += _observed_as_text(outcomes)
     return "\n\n".join([*texts, *summed_up])
 
 
-def _assurances_as_text(outcomes: Sequence[Outcome]) -> list[str]:
-    """Tolerance, estimate and choice of runs that were chosen for a tolerance."""
+def _assurances_as_text(outcomes: Sequence[Outcome], *, every_member: bool) -> list[str]:
+    """Tolerance, estimate and choice of runs that were chosen for a tolerance; sweeps summed up."""
     rows = [("experiment", "tolerance", "estimate", "choice")]
     for outcome in outcomes:
-        for finished in outcome.finished:
-            own = finished.assurance
-            if own is not None:
-                name = outcome.experiment.name
-                rows.append((name, f"{own.tolerance:g}", f"{own.estimate:.3e}", own.choice))
+        found = [(one.run, one.assurance) for one in outcome.finished if one.assurance is not None]
+        name = outcome.experiment.name
+        if outcome.experiment.members and found:
+            worst, own = max(found, key=lambda one: one[1].estimate / one[1].tolerance)
+            steps = [run.n_steps for run, _ in found]
+            ends = counts_in_words(one.outcome for _, one in found)
+            rows.append(
+                (
+                    name,
+                    f"{own.tolerance:g}",
+                    f"{own.estimate:.3e}",
+                    f"{len(found)} members on {min(steps)} to {max(steps)} adaptive steps, {ends}; "
+                    f"nearest to its tolerance: {worst.member.label if worst.member else name}",
+                )
+            )
+        if every_member or not outcome.experiment.members:
+            rows += [
+                (name, f"{own.tolerance:g}", f"{own.estimate:.3e}", own.choice) for _, own in found
+            ]
     return [aligned(rows)] if len(rows) > 1 else []
 
 
@@ -131,6 +146,8 @@ def contents_as_text(stored: StoredFile) -> str:
     text = "\n".join([*lines, "", aligned(rows)])
     swept = dict.fromkeys(
         f"{run.experiment}: {run.members} members, {run.swept}; the largest error is shown"
+        if run.members > 1
+        else f"{run.experiment} {run.case} n_steps = {run.n_steps}: the member with {run.swept}"
         for run in stored.runs
         if run.members
     )

@@ -72,9 +72,9 @@ def forget_runs(path: Path, selection: Selection, *, is_tried: bool = False) -> 
     (request,) = gather([str(path)], selection.overrides)
     asked = [key_of(run) for one in request.loaded.experiments for run in one.runs()]
     searched = [
-        (one.name, variant_of(one.with_choice(one.methods[0], 1).runs()[0].specification()))
+        (one.name, variant_of(search.specification(), one.swept))
         for one in request.loaded.experiments
-        if one.needs_search
+        for search in one.searches()[:1]
     ]
     held = read_results(path) if is_tried else open_results(path.parent, path.stem)
     with held as store:

@@ -74,8 +74,7 @@ class Outcome:
     @property
     def missing(self) -> int:
         """Number of runs that were not computed."""
-        asked = 1 if self.experiment.needs_search else len(self.experiment.runs())
-        return asked - len(self.finished)
+        return len(self.experiment.searches() or self.experiment.runs()) - len(self.finished)
 
 
 def is_unexpected_failure(finished: FinishedRun) -> bool:

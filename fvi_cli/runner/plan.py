@@ -14,7 +14,7 @@ from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import Chosen, Known, Why, resumed_at, reusable, stored_runs
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.studies.experiment import Experiment, Predicted, Run
+from fvi_cli.studies.experiment import Predicted, Run
 from fvi_cli.studies.study import prediction_of
 
 
@@ -59,23 +59,21 @@ def plan_runs(requests: Sequence[Request], settings: Settings) -> list[PlannedRu
                 runs = experiment.runs()
                 begun = {} if checkpoints is None else checkpoints.unfinished(runs)
                 plans += [_planned(run, store.finished, why, request, begun) for run in runs]
-                plans += _search_of(experiment, request, store.chosen)
+                plans += [_search(one, request, store.chosen) for one in experiment.searches()]
     return plans
 
 
-def _search_of(experiment: Experiment, request: Request, chosen: Chosen) -> list[PlannedRun]:
+def _search(search: Run, request: Request, chosen: Chosen) -> PlannedRun:
     """The run that would be found for a tolerance, or the one that was."""
-    accuracy = experiment.accuracy
-    if accuracy is None or not experiment.needs_search:
-        return []
-    earlier = reusable(chosen(experiment))
+    earlier = reusable(chosen(search))
     if earlier is not None:
         run, predicted = earlier.run, earlier.predicted
-        return [PlannedRun(run=run, action="reuse", reason="stored", predicted=predicted)]
-    (run,) = experiment.with_choice(accuracy.candidates[0], 1).runs()
+        return PlannedRun(run=run, action="reuse", reason="stored", predicted=predicted)
+    accuracy = search.experiment.accuracy
+    words = "a tolerance" if accuracy is None else accuracy.words
     action = "compute" if request.stored is None else "leave out"
-    reason = f"steps are found on the way, for {accuracy.words}; a second run tells the error"
-    return [PlannedRun(run=run, action=action, reason=reason, predicted="unknown")]
+    reason = f"steps are found on the way, for {words}; a second run tells the error"
+    return PlannedRun(run=search, action=action, reason=reason, predicted="unknown")
 
 
 def _planned(

@@ -18,8 +18,8 @@ FRESH = "--fresh"
 
 Known = Callable[[Run], FinishedRun | None]
 """Gives back a run that was finished before, or None."""
-Chosen = Callable[[Experiment], FinishedRun | None]
-"""Gives back the run that was chosen earlier for the tolerance of an experiment, or None."""
+Chosen = Callable[[Run], FinishedRun | None]
+"""Gives back the run that an earlier search for the same tolerance came to, or None."""
 Why = Callable[[Run], str]
 """Says why a run is computed that was not found."""
 
@@ -34,7 +34,7 @@ def no_run(run: Run) -> FinishedRun | None:
     return None
 
 
-def no_choice(experiment: Experiment) -> FinishedRun | None:
+def no_choice(search: Run) -> FinishedRun | None:
     """Nothing was chosen earlier."""
     return None
 
@@ -76,9 +76,10 @@ def recall(experiments: Sequence[Experiment], results: Store) -> list[Outcome]:
     for experiment in experiments:
         found = [results.finished(run) for run in experiment.runs()]
         if experiment.needs_search:
-            found = [results.chosen(experiment)]
+            found = [results.chosen(search) for search in experiment.searches()]
         finished = tuple(one for one in found if one is not None)
-        own = finished[0].run.experiment if experiment.needs_search and finished else experiment
+        is_single = experiment.needs_search and not experiment.members
+        own = finished[0].run.experiment if is_single and finished else experiment
         outcomes.append(Outcome(experiment=own, finished=finished))
     for outcome in outcomes:
         if outcome.missing:

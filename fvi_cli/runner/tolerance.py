@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from collections.abc import Sequence
 
 from fvi_cli.config.machine import machine_bytes
 from fvi_cli.runner.compute import Keep
-from fvi_cli.runner.executors.executor import crash, lost_run, no_memory
+from fvi_cli.runner.executors.executor import Batch, compute_batches
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
+from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import Chosen, no_choice, reusable
 from fvi_cli.studies.experiment import Experiment, FinishedRun
@@ -24,9 +26,9 @@ def run_tolerance_searches(
     chosen: Chosen = no_choice,
     keep: Keep | None = None,
 ) -> dict[Experiment, Outcome]:
-    """Recall or compute the run of every experiment with a tolerance.
+    """Recall or compute the run of every experiment with a tolerance, or of each of its members.
 
-    One after the other, in this process: every run of a search depends on those before it.
+    Every run of a search depends on those before it; members are independent of each other.
 
     Parameters
     ----------
@@ -44,48 +46,70 @@ def run_tolerance_searches(
     for experiment in experiments:
         if not experiment.needs_search:
             continue
-        if has_failed:
-            # nothing is begun after an unexpected failure (--fail-fast)
-            outcomes[experiment] = Outcome(experiment=experiment, finished=())
-            continue
-        finished = reusable(chosen(experiment))
-        if finished is None:
-            finished, is_result = _searched(experiment)
-            if keep is not None and is_result:
-                keep([finished])
-        else:
-            _logger.info("%s: stored", experiment.name)
-        outcomes[experiment] = Outcome(experiment=finished.run.experiment, finished=(finished,))
-        has_failed = settings.fail_fast and is_unexpected_failure(finished)
+        finished: list[FinishedRun] = []
+        if not has_failed:
+            finished = _searched(experiment, settings, chosen, keep)
+        # nothing is begun after an unexpected failure (--fail-fast)
+        has_failed |= settings.fail_fast and any(map(is_unexpected_failure, finished))
+        own = experiment if experiment.members or not finished else finished[0].run.experiment
+        outcomes[experiment] = Outcome(experiment=own, finished=tuple(finished))
     return outcomes
 
 
-def _searched(experiment: Experiment) -> tuple[FinishedRun, bool]:
-    """The run that a search comes to, and whether that is a result which is to be kept."""
+def search_batch(batch: Batch) -> list[FinishedRun]:
+    """The runs that searches come to."""
+    found = []
+    for search in batch:
+        name = search.experiment.name
+        if search.member is not None:
+            name += f" ({search.member.label})"
 
-    def tell(line: str) -> None:
-        _logger.info("%s: %s", experiment.name, line)
+        def tell(line: str, name: str = name) -> None:
+            _logger.info("%s: %s", name, line)
 
-    is_result = True
-    try:
-        finished = run_for_tolerance(experiment, available_bytes=machine_bytes(), tell=tell)
-    except MemoryError as error:
-        finished, is_result = _lost(experiment, no_memory(error)), False
-    except Exception as error:
-        told = crash(error)
-        _logger.debug("%s: %s", experiment.name, told.trace)
-        finished, is_result = _lost(experiment, told.message), False
+        found.append(run_for_tolerance(search, available_bytes=machine_bytes(), tell=tell))
+    return found
+
+
+def _searched(
+    experiment: Experiment, settings: Settings, chosen: Chosen, keep: Keep | None
+) -> list[FinishedRun]:
+    """The runs of all searches of an experiment, in their order."""
+    done: dict[object, FinishedRun] = {}
+    waiting: list[Batch] = []
+    for search in experiment.searches():
+        earlier = reusable(chosen(search))
+        if earlier is None:
+            waiting.append((search,))
+        else:
+            done[search.member] = earlier
+    if done:
+        count = f"{len(done)} of {len(done) + len(waiting)} " if experiment.members else ""
+        _logger.info("%s: %sstored", experiment.name, count)
+    wanted = settings.show_progress and len(waiting) > 1
+    with (
+        progress_bar(experiment.name, len(waiting), wanted=wanted) as advance,
+        contextlib.closing(
+            compute_batches(waiting, search_batch, executor=settings.executor())
+        ) as computed,
+    ):
+        for batch in computed:
+            (finished,) = batch.finished
+            if keep is not None and batch.results:
+                keep(batch.results)
+            done[finished.run.member] = finished
+            advance("" if finished.run.member is None else finished.run.member.label)
+            _report(finished)
+            if settings.fail_fast and is_unexpected_failure(finished):
+                break
+    return [done[member] for member in experiment.members or (None,) if member in done]
+
+
+def _report(finished: FinishedRun) -> None:
     for remark in finished.trajectory.remarks:
         if remark.startswith("stability:"):
             _logger.warning("%s: %s", finished.run.title, remark)
     if is_unexpected_failure(finished):
-        _logger.warning("%s: %s", experiment.name, finished.trajectory.message)
-    return finished, is_result
-
-
-def _lost(experiment: Experiment, message: str) -> FinishedRun:
-    """The run that would have been tried first in place of the one that was not found."""
-    if experiment.accuracy is None:
-        raise ValueError(f"{experiment.name}: it has a ladder")
-    (run,) = experiment.with_choice(experiment.accuracy.candidates[0], 1).runs()
-    return lost_run(run, message)
+        member = finished.run.member
+        name = finished.run.experiment.name + ("" if member is None else f" ({member.label})")
+        _logger.warning("%s: %s", name, finished.trajectory.message)

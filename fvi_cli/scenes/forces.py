@@ -16,7 +16,8 @@ from fvi_cli.keys.containers import ByForm, Checked, ListOf, Named
 from fvi_cli.keys.cursor import INVALID, OPTIONAL, Cursor
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Choice, Formula, Number, Text
-from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.at2_samples import SUFFIX, read_at2_samples
 from fvi_cli.scenes.csv_samples import CsvMistakesError, read_csv_samples
 from fvi_cli.scenes.samples import (

@@ -22,7 +22,8 @@ from fvi_cli.effects.potential import (
 )
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics import symbolic
-from fvi_cli.mathematics.expressions import Expression, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import Damper, SceneData, make_scene, per_coordinate, with_dampers
 
 LEAST_MASS = 1e-12

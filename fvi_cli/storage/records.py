@@ -30,7 +30,7 @@ from fvi_cli.storage.fields.observed import (
 from fvi_cli.storage.files import printable
 from fvi_cli.storage.provenance import SOLVER_VERSION, canonical_json, identity, origin
 from fvi_cli.studies.accuracy_settings import Assurance
-from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.members import without_values
 from fvi_cli.studies.order import damping_orders
 
@@ -219,6 +219,8 @@ def record_of(finished: FinishedRun) -> Record:
 def _points_on_grid(run: Run, time: NDArray[Any]) -> int:
     """How many of the first points lie on the grid of the experiment."""
     grid = run.experiment.observations.times
+    if grid is None and run.experiment.accuracy is not None:
+        return time.size
     if grid is None:
         grid = run.times[kept_points(run.n_steps + 1, run.experiment.store_every)]
     common = min(time.size, grid.size)
@@ -324,17 +326,16 @@ def _asked_for(attributes: Mapping[str, Any]) -> tuple[float | None, float | Non
     return float(attributes["tolerance"]), None
 
 
-def asked_for_tolerance(experiment: Experiment, attributes: Mapping[str, Any]) -> Run | None:
-    """The run of `experiment`, if a stored run with these attributes was chosen among the same.
+def asked_for_tolerance(search: Run, attributes: Mapping[str, Any]) -> Run | None:
+    """The run that `search` comes to, if a stored run with these attributes was chosen by such one.
 
     Whether it is the same experiment otherwise is told by its identity.
     """
-    accuracy = experiment.accuracy
+    accuracy = search.experiment.accuracy
     if accuracy is None or "tolerance" not in attributes:
         return None
     case, n_steps = str(attributes["case"]), int(attributes["n_steps"])
     method = next((one for one in accuracy.candidates if one.case == case), None)
     if method is None or _asked_for(attributes) != (accuracy.tolerance, accuracy.relative):
         return None
-    (run,) = experiment.with_choice(method, n_steps).runs()
-    return run
+    return search.experiment.chosen_run(method, n_steps, search.member)

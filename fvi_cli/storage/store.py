@@ -38,7 +38,7 @@ from fvi_cli.storage.records import (
 )
 from fvi_cli.storage.snapshot import VARIANT_MARK, Key, Location, Snapshot, location_of
 from fvi_cli.storage.writing import columns_of, write_group
-from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+from fvi_cli.studies.experiment import FinishedRun, Run
 
 _logger = logging.getLogger(__name__)
 
@@ -99,20 +99,20 @@ class Store:
         self._ask(run, location)
         return finished
 
-    def chosen(self, experiment: Experiment) -> FinishedRun | None:
-        """The run that was chosen for the tolerance of an open experiment; None if none was.
+    def chosen(self, search: Run) -> FinishedRun | None:
+        """The run that a search for a tolerance came to earlier; None if none did.
 
         Raises
         ------
         StorageError
             If what is stored is damaged.
         """
+        name, _, _, values = place_of(search)
         for location in list(self._by_key.values()):
-            if location.place[0] == experiment.name and '"accuracy"' in location.key[1]:
+            if location.place[::3] == (name, values) and '"accuracy"' in location.key[1]:
                 attributes = self._read(location, Snapshot.attributes) or {}
-                run = asked_for_tolerance(experiment, attributes)
-                found = None if run is None else self.finished(run)
-                if found is not None:
+                run = asked_for_tolerance(search, attributes)
+                if run is not None and (found := self.finished(run)) is not None:
                     return found
         return None
 

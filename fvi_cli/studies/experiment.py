@@ -108,9 +108,17 @@ class Experiment:
         """Whether method and number of steps are still to be chosen for a tolerance."""
         return self.accuracy is not None and not self.steps
 
-    def with_choice(self, method: AnyMethod, n_steps: int) -> Experiment:
-        """The experiment with what was chosen for its tolerance."""
-        return replace(self, methods=(method,), steps=(n_steps,))
+    def searches(self) -> list[Run]:
+        """One run for every scene of which method and number of steps are still to be chosen."""
+        if self.accuracy is None or not self.needs_search:
+            return []
+        first = self.chosen_run(self.accuracy.candidates[0], 1)
+        return [replace(first, member=member) for member in self.members or (None,)]
+
+    def chosen_run(self, method: AnyMethod, n_steps: int, member: Member | None = None) -> Run:
+        """The run that was chosen for the tolerance, of an experiment that has no other."""
+        chosen = replace(self, methods=(method,), steps=(n_steps,))
+        return Run(experiment=chosen, method=method, n_steps=n_steps, member=member)
 
     @property
     def swept(self) -> tuple[str, ...]:

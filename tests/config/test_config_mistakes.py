@@ -62,12 +62,6 @@ MISTAKES = [
     ("ladder: {steps: [2, 4, 8]}", "accuracy: {tolerance: »0}", "accuracy.tolerance: 0", "greater"),
     ("ladder: {steps: [2, 4, 8]}", "accuracy: »1e-8", "accuracy: 1e-8", "a mapping with tolerance"),
     ("ladder: {steps: [2, 4, 8]}", "accuracy: »{}", "accuracy.tolerance: missing", ""),
-    (
-        "ladder: {steps: [2, 4, 8]}",
-        "»accuracy: {tolerance: 1e-8}\nsweep: {problem.stiffness: [1, 2]}",
-        "accuracy: not together",
-        "sweep",
-    ),
     ("order: 1.5", "»alpha: 0.75", "problem.damping.0.alpha:", "write order: 1.5"),
     ("order: 1.5", "»alpha: 0.75", "problem.damping.0.alpha:", "factor two"),
     ("  mass: 1.0", "  »alpha: 0.25", "problem.alpha:", "write order: 0.5, under"),

@@ -7,7 +7,8 @@ import pytest
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
-from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.power_series import expand
 from fvi_cli.mathematics.power_sum import POWER_SUM_FUNCTIONS, PowerSum
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
 from fvi_cli.mathematics.intervals.interval import Interval
 

@@ -2,7 +2,8 @@ import math
 
 import pytest
 
-from fvi_cli.mathematics.expressions import Expression, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.power_sum import POWER_SUM_FUNCTIONS, NotAPowerSum, PowerSum
 
 

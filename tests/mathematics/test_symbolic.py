@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from fvi_cli.mathematics import symbolic
-from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.power_series import SERIES_FUNCTIONS, PowerSeries
 
 NAMES = ("x", "y")

@@ -19,7 +19,8 @@ from typer.testing import CliRunner
 from fvi_cli.cli.app import app
 from fvi_cli.config import parse_config
 from fvi_cli.errors import ConfigError
-from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.expressions import Expression
 
 SECONDS = 5
 POINT = {"t": np.array([0.0, 0.5]), "x": np.array([0.25, -1.0])}

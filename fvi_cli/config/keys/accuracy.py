@@ -7,7 +7,6 @@ from typing import Any, Final, get_args
 
 from fvi_cli.config.keys.ladder import EXAMPLE as LADDER_EXAMPLE
 from fvi_cli.config.keys.methods import ListedMethod
-from fvi_cli.config.keys.sweep import SWEEP
 from fvi_cli.keys.cursor import OPTIONAL, Cursor
 from fvi_cli.keys.nodes import MappingNode
 from fvi_cli.keys.records import Key, Record
@@ -55,10 +54,6 @@ ACCURACY: Final = Record(
     ),
     alternatives=("tolerance", "relative"),
 )
-_NOT_TOGETHER: Final = {
-    "ladder": "not together with ladder: N is chosen for the tolerance",
-    SWEEP: f"not together with {SWEEP}: every member would take another N; give a ladder",
-}
 
 
 def adaptive_methods(given: object) -> Mapping[str, list[Any]]:
@@ -68,13 +63,12 @@ def adaptive_methods(given: object) -> Mapping[str, list[Any]]:
 
 
 def check_accuracy(at: Cursor) -> None:
-    """An experiment has either a ladder or a tolerance, and no tolerance with a sweep."""
+    """An experiment has either a ladder or a tolerance."""
     if not at.has("accuracy") and not at.has("ladder"):
         message = f"missing; it must be {LADDER_EXAMPLE}, or give {EXAMPLE} in its place"
         at.refuse_key("ladder", message)
-    for other, reason in _NOT_TOGETHER.items():
-        if at.has("accuracy") and at.has(other):
-            at.refuse_key("accuracy", reason)
+    if at.has("accuracy") and at.has("ladder"):
+        at.refuse_key("accuracy", "not together with ladder: N is chosen for the tolerance")
     if at.has("accuracy"):
         _check_keys(at.under("accuracy"), has_method=at.has("method"))
 

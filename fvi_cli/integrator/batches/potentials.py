@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.potential import ExpressionPotential
-from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression, Instruction
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.expressions import Expression, Instruction
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,9 @@ from fvi_cli.effects.function_force import FunctionForce
 from fvi_cli.effects.matrices import diagonal
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
-from fvi_cli.mathematics.formulas import FormulaSystem
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
 from fvi_cli.mathematics.intervals.interval import Interval
 

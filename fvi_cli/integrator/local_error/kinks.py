@@ -1,5 +1,7 @@
 """Kinks of formulas on the polynomial of a step: where an argument of ``abs`` or ``sign`` is zero.
 
+``min`` and ``max`` are made of ``abs``.
+
 A step that crosses a kink is done again so that it ends there; steps on either side see a smooth
 force and have their full order.
 """

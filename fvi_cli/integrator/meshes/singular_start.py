@@ -15,7 +15,7 @@ import numpy as np
 from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import ForcingQuadrature
-from fvi_cli.mathematics.expressions import ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.power_series import SeriesError, expand
 
 UNKNOWN_FORCE = 0.5

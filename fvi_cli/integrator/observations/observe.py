@@ -27,7 +27,8 @@ from fvi_cli.integrator.observations.pieces import (
 from fvi_cli.integrator.run.runge_kutta import AnySteps
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, Expression
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.expressions import Expression
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]

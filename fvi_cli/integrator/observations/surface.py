@@ -14,7 +14,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.observations.asked import Impact
-from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 
 Array = NDArray[np.float64]
 

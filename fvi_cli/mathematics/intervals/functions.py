@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.intervals.interval import Array, Interval, everything, hull
 
 _DOMAINS: Final[Mapping[str, tuple[float, float]]] = MappingProxyType(

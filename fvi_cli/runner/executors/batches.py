@@ -62,7 +62,9 @@ def pack_size(experiment: Experiment) -> int:
     problem = experiment.problem
     dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
     members = max(1, len(experiment.members))
-    return min(members, LARGEST_PACK, members_at_a_time(max(experiment.steps), dimension))
+    return min(
+        members, LARGEST_PACK, members_at_a_time(max(experiment.steps, default=1), dimension)
+    )
 
 
 def execute_batch(

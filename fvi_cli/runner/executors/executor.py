@@ -262,20 +262,31 @@ def compute_portable(compute: ComputeBatch, portable: PortableBatch) -> Portable
     experiment = _revived(portable.experiment)
     batch = tuple(Run(experiment=experiment, **run) for run in portable.runs)
     return [
-        result if isinstance(result, Crash) else _fields_of(result, "run")
+        result if isinstance(result, Crash) else _fields_of(result, "run") | _choice(result.run)
         for result in attempt(batch, compute)
     ]
 
 
+def _choice(run: Run) -> dict[str, Any]:
+    return {"method": run.method, "n_steps": run.n_steps}
+
+
 def returned_batch(batch: Batch, results: PortableResults) -> FinishedBatch:
-    """The finished batch, its runs being those that were sent out."""
+    """The finished batch, its runs being those that were sent out, or were chosen for them."""
     return finished_batch(
         batch,
         [
-            result if isinstance(result, Crash) else FinishedRun(run=run, **result)
+            result if isinstance(result, Crash) else _returned(run, dict(result))
             for run, result in zip(batch, results, strict=True)
         ],
     )
+
+
+def _returned(run: Run, result: dict[str, Any]) -> FinishedRun:
+    choice = {name: result.pop(name) for name in _choice(run)}
+    if choice != _choice(run):
+        run = run.experiment.chosen_run(**choice, member=run.member)
+    return FinishedRun(run=run, **result)
 
 
 def lost_batch(batch: Batch, message: str) -> FinishedBatch:

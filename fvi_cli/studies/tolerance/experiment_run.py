@@ -14,7 +14,7 @@ from fvi_cli.integrator.observations.observe import integrate_observed, observe
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
-from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run
+from fvi_cli.studies.experiment import FinishedRun, Observed, Run
 from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
 from fvi_cli.studies.tolerance.runs import gauss, mesh_of_run
@@ -24,7 +24,7 @@ EPSILON = float(np.finfo(float).eps)
 
 
 def run_for_tolerance(
-    experiment: Experiment,
+    search: Run,
     *,
     available_bytes: int | None = None,
     tell: Callable[[str], object] = lambda line: None,
@@ -37,8 +37,8 @@ def run_for_tolerance(
 
     Parameters
     ----------
-    experiment
-        An experiment with a tolerance and one scene.
+    search
+        One of :meth:`~fvi_cli.studies.experiment.Experiment.searches`.
     available_bytes
         Memory that a run on equal steps may take.
     tell
@@ -50,7 +50,8 @@ def run_for_tolerance(
         Of the experiment with what was chosen, with an assurance. Status ``refused`` where the
         tolerance is not kept.
     """
-    accuracy, problem = _wanted(experiment)
+    experiment = search.experiment
+    accuracy, problem = _wanted(search)
     unit = math.sqrt(problem.final_time) if experiment.norm == "l2" else 1.0
     absolute = accuracy.tolerance
     if accuracy.mesh == "uniform":
@@ -73,7 +74,7 @@ def run_for_tolerance(
     assessment = found.assessment
     if assessment is None:
         raise ValueError(f"{experiment.name}: nothing was run")
-    (run,) = experiment.with_choice(method, max(found.n_steps, 1)).runs()
+    run = experiment.chosen_run(method, max(found.n_steps, 1), search.member)
     message = _message(run, assessment)
     assurance = Assurance(
         tolerance=accuracy.tolerance or unit * assessment.tolerance,
@@ -115,12 +116,11 @@ def run_for_tolerance(
     )
 
 
-def _wanted(experiment: Experiment) -> tuple[Accuracy, Problem]:
-    if experiment.accuracy is None or experiment.members:
-        raise ValueError(f"{experiment.name}: a tolerance is for one scene without a ladder")
-    if not isinstance(experiment.problem, Problem):
-        raise ValueError(f"{experiment.name}: a derivative has no steps to be chosen")
-    return experiment.accuracy, experiment.problem
+def _wanted(search: Run) -> tuple[Accuracy, Problem]:
+    accuracy, problem = search.experiment.accuracy, search.problem
+    if accuracy is None or not isinstance(problem, Problem):
+        raise ValueError(f"{search.experiment.name}: a tolerance is for a scene without a ladder")
+    return accuracy, problem
 
 
 def _message(run: Run, assessment: Assessment) -> str:

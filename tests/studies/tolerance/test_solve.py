@@ -81,12 +81,14 @@ def test_a_tolerance_below_what_round_off_leaves_says_where() -> None:
     assert error(run, separatrix) <= 5.0 * run.error_estimate
 
 
-def test_kinks() -> None:
+@pytest.mark.parametrize("potential", ["abs(x)", "max(x, -x)", "x - 2*min(x, 0)"])
+def test_kinks(potential: str) -> None:
     run = fvi.solve(
-        one_coordinate("0.5*vx**2 - abs(x)", initial_position=1.0, final_time=10.0),
+        one_coordinate(f"0.5*vx**2 - ({potential})", initial_position=1.0, final_time=10.0),
         tolerance=1e-6,
     )
     assert run.outcome == "met"
+    assert np.abs(run.time - np.sqrt(2.0)).min() < 1e-12
     assert run(9.0)[0] == pytest.approx(-0.867532, abs=1e-6)
 
 

@@ -8,7 +8,7 @@ from typing import TypeVar, cast
 
 import numpy as np
 
-from fvi_cli.mathematics.expressions import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import call, combine, value_of
 
 T = TypeVar("T")
 Instruction = tuple[str, float | str | int, int]
@@ -65,55 +65,22 @@ class FormulaSystem:
                 if kind == "number":
                     registers.append(cast(float, what))
                 elif kind == "variable":
-                    registers.append(_value_of(str(what), values))
+                    registers.append(value_of(str(what), values))
                 elif kind == "call":
-                    registers.append(_call(str(what), registers[other], functions))
+                    registers.append(call(str(what), registers[other], functions))
                 elif kind == "power":
                     registers.append(_power(registers[other], cast(float, what)))
                 else:
                     left, right = registers[cast(int, what)], registers[other]
-                    registers.append(_combine(kind, left, right))
+                    registers.append(combine(kind, left, right))
         return [registers[index] for index in self.outputs]
-
-
-def _value_of(name: str, values: Mapping[str, T | float]) -> T | float:
-    if name not in values:
-        raise ExpressionError(f"no value was given for the variable {name!r}")
-    return values[name]
-
-
-def _call(name: str, argument: T | float, functions: Mapping[str, Callable[..., T]]) -> T | float:
-    if isinstance(argument, float):
-        return float(NUMPY_FUNCTIONS[name](np.asarray(argument)))
-    if name not in functions:
-        raise ExpressionError(f"the function {name!r} is not available here")
-    return functions[name](argument)
 
 
 def _power(base: T | float, exponent: float) -> T | float:
     if exponent == 2.0:
         # cheaper than a power, and exact in every algebra
-        return _combine("*", base, base)
+        return combine("*", base, base)
     if isinstance(base, float):
         return float(np.float64(base) ** exponent)
     whole = int(exponent) if float(exponent).is_integer() and abs(exponent) < 1e9 else exponent
     return base**whole  # type: ignore[operator, no-any-return]
-
-
-def _combine(operator: str, left: T | float, right: T | float) -> T | float:
-    if isinstance(left, float) and isinstance(right, float):
-        # Python's own numbers raise at 1/0; NumPy's do not
-        return float(_arithmetic(operator, np.float64(left), np.float64(right)))
-    return _arithmetic(operator, left, right)
-
-
-def _arithmetic(operator: str, left: T | float, right: T | float) -> T | float:
-    if operator == "+":
-        return left + right  # type: ignore[operator]
-    if operator == "-":
-        return left - right  # type: ignore[operator]
-    if operator == "*":
-        return left * right  # type: ignore[operator]
-    if operator == "/":
-        return left / right  # type: ignore[operator]
-    return left**right  # type: ignore[operator, no-any-return]

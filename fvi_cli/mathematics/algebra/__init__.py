@@ -1,0 +1,1 @@
+"""Arithmetic of formulas, and straight-line programs of them."""
