@@ -24,12 +24,10 @@ FILES = {
 MOST_FILES, MOST_LINES = 14, 400
 # what is larger for now: these lists may only shrink, and numbers in them only fall
 CROWDED: dict[str, int] = {
-    "fvi_cli/mathematics": 18,
     "fvi_cli/plotting": 17,
 }
 LONG: dict[str, int] = {
     "fvi_cli/mathematics/expressions.py": 414,
-    "fvi_cli/mathematics/power_series.py": 498,
 }
 IN_CIRCLES: frozenset[str] = frozenset()
 

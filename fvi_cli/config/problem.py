@@ -243,7 +243,7 @@ def _limited_impulse(expression: Expression, begin: float) -> str:
     if np.isfinite(expression.evaluate({"t": np.array([begin])}, NUMPY_FUNCTIONS)).all():
         return ""
     # few forces call for it, and its special functions take long to import
-    from fvi_cli.mathematics.power_series import SeriesError, expand
+    from fvi_cli.mathematics.series.power_series import SeriesError, expand
 
     try:
         power = expand(expression, _EXPANDED_TO, begin).leading_exponent

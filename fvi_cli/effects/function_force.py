@@ -11,7 +11,7 @@ import numpy as np
 from fvi_cli.effects.matrices import Array
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.taylor import SeriesError
+from fvi_cli.mathematics.series.taylor import SeriesError
 
 T = TypeVar("T")
 

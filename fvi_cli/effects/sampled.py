@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from fvi_cli.effects.matrices import Array
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.power_series import PowerSeries
+from fvi_cli.mathematics.series.power_series import PowerSeries
 
 T = TypeVar("T")
 Interpolation = Literal["linear", "cubic"]

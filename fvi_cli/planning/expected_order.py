@@ -16,7 +16,7 @@ from fvi_cli.integrator.expansions.separable import forcing_powers
 from fvi_cli.integrator.expansions.values import Expansion
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.mathematics.power_series import SeriesError
+from fvi_cli.mathematics.series.power_series import SeriesError
 
 Array = NDArray[np.float64]
 

@@ -19,14 +19,17 @@ from fvi_cli.effects.matrices import Array
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
-from fvi_cli.mathematics.characteristic import (
+from fvi_cli.mathematics.series.power_sum import POWER_SUM_FUNCTIONS, NotAPowerSum, PowerSum
+from fvi_cli.mathematics.transforms.characteristic import (
     CharacteristicFunction,
     ZeroCluster,
     characteristic_zeros,
 )
-from fvi_cli.mathematics.fractional_oscillator import contour_response
-from fvi_cli.mathematics.oscillator_closed_forms import classical_response, faddeeva_response
-from fvi_cli.mathematics.power_sum import POWER_SUM_FUNCTIONS, NotAPowerSum, PowerSum
+from fvi_cli.mathematics.transforms.fractional_oscillator import contour_response
+from fvi_cli.mathematics.transforms.oscillator_closed_forms import (
+    classical_response,
+    faddeeva_response,
+)
 from fvi_cli.scenes.relaxation.response import LawResponse, law_response
 
 Route = Literal["classical", "faddeeva", "contour"]

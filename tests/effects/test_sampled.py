@@ -9,8 +9,8 @@ from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.power_series import expand
-from fvi_cli.mathematics.power_sum import POWER_SUM_FUNCTIONS, PowerSum
+from fvi_cli.mathematics.series.power_series import expand
+from fvi_cli.mathematics.series.power_sum import POWER_SUM_FUNCTIONS, PowerSum
 
 TIME = np.array([0.0, 0.3, 1.0, 1.2, 2.0])
 VALUES = np.array([1.0, -2.0, 0.5, 4.0, 3.0])

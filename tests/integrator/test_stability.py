@@ -20,8 +20,11 @@ from fvi_cli.integrator.stability.determinant import (
 from fvi_cli.integrator.stability.limits import largest_stable_step, stable_method
 from fvi_cli.integrator.stability.linearisation import linearised_at_start
 from fvi_cli.integrator.stability.prediction import exact_growth, predict_stability
-from fvi_cli.mathematics.characteristic import CharacteristicFunction, characteristic_zeros
-from fvi_cli.mathematics.disc_zeros import (
+from fvi_cli.mathematics.transforms.characteristic import (
+    CharacteristicFunction,
+    characteristic_zeros,
+)
+from fvi_cli.mathematics.transforms.disc_zeros import (
     ZeroCountError,
     count_zeros,
     find_zeros,

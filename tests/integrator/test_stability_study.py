@@ -19,8 +19,8 @@ from fvi_cli.integrator.stability.determinant import (
 from fvi_cli.integrator.stability.linearisation import linearised_along
 from fvi_cli.integrator.stability.prediction import predict_stability, stability_along
 from fvi_cli.integrator.stability.region import GROWTH_LEVELS, stability_map
-from fvi_cli.mathematics.disc_zeros import count_zeros
-from fvi_cli.mathematics.many_discs import UNDECIDED, count_zeros_of_many
+from fvi_cli.mathematics.transforms.disc_zeros import count_zeros
+from fvi_cli.mathematics.transforms.many_discs import UNDECIDED, count_zeros_of_many
 from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.stability import COLUMNS, stability_report
 from fvi_cli.scenes.named import linear_oscillator

@@ -2,7 +2,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from fvi_cli.mathematics.characteristic import CharacteristicFunction, characteristic_zeros
+from fvi_cli.mathematics.transforms.characteristic import (
+    CharacteristicFunction,
+    characteristic_zeros,
+)
 
 # Zeros are polished in extended precision, where the platform has it.
 ROUND_OFF = 1000 * float(np.finfo(np.longdouble).eps)

@@ -6,8 +6,11 @@ import mpmath
 import numpy as np
 import pytest
 
-from fvi_cli.mathematics.characteristic import CharacteristicFunction, characteristic_zeros
-from fvi_cli.mathematics.fractional_oscillator import contour_response
+from fvi_cli.mathematics.transforms.characteristic import (
+    CharacteristicFunction,
+    characteristic_zeros,
+)
+from fvi_cli.mathematics.transforms.fractional_oscillator import contour_response
 
 
 def oscillator(stiffness, *damping, mass=1.0):

@@ -1,9 +1,15 @@
 import numpy as np
 import pytest
 
-from fvi_cli.mathematics.characteristic import CharacteristicFunction, characteristic_zeros
-from fvi_cli.mathematics.fractional_oscillator import contour_response
-from fvi_cli.mathematics.oscillator_closed_forms import classical_response, faddeeva_response
+from fvi_cli.mathematics.transforms.characteristic import (
+    CharacteristicFunction,
+    characteristic_zeros,
+)
+from fvi_cli.mathematics.transforms.fractional_oscillator import contour_response
+from fvi_cli.mathematics.transforms.oscillator_closed_forms import (
+    classical_response,
+    faddeeva_response,
+)
 
 NUMERATOR = {1.0: 0.9, 0.0: -0.5, -1.0: 1.0, -3.0: 2.0}
 

@@ -10,16 +10,16 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from fvi_cli.mathematics import taylor
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.power_series import (
+from fvi_cli.mathematics.series import taylor
+from fvi_cli.mathematics.series.power_series import (
     SERIES_FUNCTIONS,
     PowerSeries,
     SeriesError,
     expand,
-    merged_terms,
 )
+from fvi_cli.mathematics.series.terms import merged_terms
 
 
 def series(terms: dict[float, float], cutoff: float) -> PowerSeries:

@@ -4,7 +4,7 @@ import pytest
 
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.power_sum import POWER_SUM_FUNCTIONS, NotAPowerSum, PowerSum
+from fvi_cli.mathematics.series.power_sum import POWER_SUM_FUNCTIONS, NotAPowerSum, PowerSum
 
 
 def read(text: str) -> PowerSum:

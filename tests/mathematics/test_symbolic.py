@@ -9,7 +9,7 @@ import pytest
 from fvi_cli.mathematics import symbolic
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.power_series import SERIES_FUNCTIONS, PowerSeries
+from fvi_cli.mathematics.series.power_series import SERIES_FUNCTIONS, PowerSeries
 
 NAMES = ("x", "y")
 TEXTS = [

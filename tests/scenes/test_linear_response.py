@@ -12,7 +12,7 @@ from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.power_sum import NotAPowerSum, PowerSum
+from fvi_cli.mathematics.series.power_sum import NotAPowerSum, PowerSum
 from fvi_cli.scenes.linear_response import linear_response, match_scene
 
 T = PowerSum.variable()

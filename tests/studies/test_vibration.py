@@ -23,7 +23,10 @@ from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.characteristic import CharacteristicFunction, characteristic_zeros
+from fvi_cli.mathematics.transforms.characteristic import (
+    CharacteristicFunction,
+    characteristic_zeros,
+)
 from fvi_cli.scenes.structures.sandwich_beam import SandwichBeam, beam_matrices
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.modes import ModeTable, find_modes

@@ -21,7 +21,7 @@ from fvi_cli.cli.app import app
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.mathematics.talbot import talbot_inverse
+from fvi_cli.mathematics.transforms.talbot import talbot_inverse
 from fvi_cli.reports import compare, write
 from fvi_cli.reports.kinds.hard_cases import hard_case_report
 from fvi_cli.scenes.linear_response import linear_response

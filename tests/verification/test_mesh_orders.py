@@ -22,7 +22,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, mesh_of
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.talbot import talbot_inverse
+from fvi_cli.mathematics.transforms.talbot import talbot_inverse
 from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.nonlinear import duffing

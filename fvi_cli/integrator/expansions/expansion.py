@@ -6,7 +6,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.expansions.lagrangian import lagrangian_expansion
 from fvi_cli.integrator.expansions.separable import separable_expansion
 from fvi_cli.integrator.expansions.values import Expansion
-from fvi_cli.mathematics.power_series import PowerSeries
+from fvi_cli.mathematics.series.power_series import PowerSeries
 
 
 def solution_series(scene: Scene, cutoff: float) -> tuple[PowerSeries, ...]:

@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.expansions.values import MOST_EXPONENTS, Expansion
-from fvi_cli.mathematics.power_series import (
-    SAME_EXPONENT,
+from fvi_cli.mathematics.series.power_series import (
     SERIES_FUNCTIONS,
     PowerSeries,
     SeriesError,
     expand,
-    merged_terms,
 )
+from fvi_cli.mathematics.series.terms import SAME_EXPONENT, merged_terms
 
 Array = NDArray[np.float64]
 

@@ -20,16 +20,13 @@ from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.expansions.values import MOST_EXPONENTS, Expansion
-from fvi_cli.mathematics.power_series import (
-    CANCELLED,
-    SAME_EXPONENT,
+from fvi_cli.mathematics.series.power_series import (
     SERIES_FUNCTIONS,
     PowerSeries,
     SeriesError,
     expand,
-    gamma_ratio,
-    merged_terms,
 )
+from fvi_cli.mathematics.series.terms import CANCELLED, SAME_EXPONENT, gamma_ratio, merged_terms
 
 Array = NDArray[np.float64]
 

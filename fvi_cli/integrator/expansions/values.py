@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.mathematics.power_series import PowerSeries
+from fvi_cli.mathematics.series.power_series import PowerSeries
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import ForcingQuadrature
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
-from fvi_cli.mathematics.power_series import SeriesError, expand
+from fvi_cli.mathematics.series.power_series import SeriesError, expand
 
 UNKNOWN_FORCE = 0.5
 """Power with which a force is taken to begin that has no expansion in powers of t."""

@@ -15,13 +15,13 @@ from fvi_cli.integrator.stability.determinant import (
     step_determinant,
 )
 from fvi_cli.integrator.stability.region import modal_family
-from fvi_cli.mathematics.disc_zeros import (
+from fvi_cli.mathematics.transforms.disc_zeros import (
     LogFunction,
     ZeroCountError,
     enclosed_zero_modulus,
     zeros_in_disc,
 )
-from fvi_cli.mathematics.many_discs import UNDECIDED, count_zeros_of_many
+from fvi_cli.mathematics.transforms.many_discs import UNDECIDED, count_zeros_of_many
 
 FEW = 8
 """Systems up to which each of them is looked at by itself."""

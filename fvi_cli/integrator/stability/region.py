@@ -22,8 +22,8 @@ from fvi_cli.integrator.stability.determinant import (
     log_determinants,
 )
 from fvi_cli.integrator.stability.patterns import DAMPING, Patterns, pattern_size, step_patterns
-from fvi_cli.mathematics.disc_zeros import ComplexArray
-from fvi_cli.mathematics.many_discs import UNDECIDED, count_zeros_of_many
+from fvi_cli.mathematics.transforms.disc_zeros import ComplexArray
+from fvi_cli.mathematics.transforms.many_discs import UNDECIDED, count_zeros_of_many
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

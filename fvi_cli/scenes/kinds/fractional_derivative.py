@@ -12,7 +12,7 @@ from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Formula, Number
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.power_series import SeriesError, expand
+from fvi_cli.mathematics.series.power_series import SeriesError, expand
 from fvi_cli.scenes.forces import PARAMETERS, expressions, with_parameters
 from fvi_cli.scenes.kinds.kind import Kind, Values
 from fvi_cli.scenes.kinds.shared_keys import FINAL_TIME

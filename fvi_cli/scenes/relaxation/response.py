@@ -9,13 +9,13 @@ import numpy as np
 
 from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.effects.matrices import Array
-from fvi_cli.mathematics.characteristic import (
+from fvi_cli.mathematics.transforms.characteristic import (
     CharacteristicFunction,
     CharacteristicSum,
     ZeroCluster,
     characteristic_zeros,
 )
-from fvi_cli.mathematics.fractional_oscillator import contour_response
+from fvi_cli.mathematics.transforms.fractional_oscillator import contour_response
 from fvi_cli.scenes.relaxation.transforms import (
     Powers,
     common_decay,

@@ -14,7 +14,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.mathematics.talbot import talbot_inverse
+from fvi_cli.mathematics.transforms.talbot import talbot_inverse
 from fvi_cli.scenes.linear_response import linear_response
 from fvi_cli.scenes.named import linear_oscillator
 from fvi_cli.studies.hard_cases.case import Claim, HardCase, Setting

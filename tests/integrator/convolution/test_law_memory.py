@@ -25,7 +25,7 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.parts import integrate_part
 from fvi_cli.integrator.stability.prediction import predict_stability
-from fvi_cli.mathematics.talbot import talbot_inverse
+from fvi_cli.mathematics.transforms.talbot import talbot_inverse
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.plan import plan_run
 from fvi_cli.scenes.lagrangian import lagrangian_scene

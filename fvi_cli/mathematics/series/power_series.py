@@ -18,15 +18,19 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fvi_cli.mathematics import taylor
-from fvi_cli.mathematics.taylor import SeriesError as SeriesError
+from fvi_cli.mathematics.series import taylor
+from fvi_cli.mathematics.series.taylor import SeriesError as SeriesError
+from fvi_cli.mathematics.series.terms import (
+    MOST_TERMS,
+    SAME_EXPONENT,
+    initial_terms,
+    merged_terms,
+    power_rule,
+)
 
 Array = NDArray[np.float64]
-
-SAME_EXPONENT: Final = 1e-9
-MOST_TERMS: Final = 512
-CANCELLED: Final = 16.0 * float(np.finfo(float).eps)
-"""Sums below, relative to their own terms, count as 0."""
+Taylor = Callable[[float, int], list[float]]
+"""So many Taylor coefficients of a function at a point."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -172,13 +176,13 @@ class PowerSeries:
         if isinstance(exponent, PowerSeries):
             if exponent.exponents.size == 1 and exponent.exponents[0] == 0:
                 return self ** float(exponent.coefficients[0])
-            return _exp(exponent * _log(self))
+            return SERIES_FUNCTIONS["exp"](exponent * SERIES_FUNCTIONS["log"](self))
         return _real_power(self, float(exponent))
 
     def __rpow__(self, base: float) -> PowerSeries:
         if not base > 0:
             raise SeriesError(f"{base!r} to a power that varies has no expansion in powers of t")
-        return _exp(self._scaled(math.log(base)))
+        return SERIES_FUNCTIONS["exp"](self._scaled(math.log(base)))
 
     def fractional_derivative(self, order: float) -> PowerSeries:
         r"""Riemann-Liouville derivative by the power rule; an integral for a negative order.
@@ -234,81 +238,6 @@ class PowerSeries:
         )
 
 
-def merged_terms(exponents: Array, coefficients: Array, cutoff: float) -> tuple[Array, Array]:
-    r"""Sort terms, add up those of one exponent, drop zeros and all from the cutoff on.
-
-    Parameters
-    ----------
-    exponents
-        Shape ``(n,)``, any order, with repetitions.
-    coefficients
-        Shape ``(n, ...)``; a sum below 16 units of round-off of its own terms counts as 0.
-    cutoff
-        Exponents from here on (less 1e-9) are dropped.
-
-    Returns
-    -------
-    tuple[Array, Array]
-        Increasing exponents ``(m,)`` and coefficients ``(m, ...)``.
-
-    Raises
-    ------
-    SeriesError
-        If a coefficient is not finite, or more than 512 terms remain.
-    """
-    exponents = np.array(exponents, dtype=float)
-    coefficients = np.array(coefficients, dtype=float)
-    kept = exponents < cutoff - SAME_EXPONENT
-    if not kept.all():
-        exponents, coefficients = exponents[kept], coefficients[kept]
-    if not np.isfinite(coefficients).all():
-        raise SeriesError("a coefficient is not finite; no expansion in powers of t was found")
-    if exponents.size == 0:
-        return exponents, coefficients
-    # most sums are of series that are in order already: there is nothing to add up
-    if not (exponents[1:] - exponents[:-1] > SAME_EXPONENT).all():
-        order = exponents.argsort(kind="stable")
-        exponents, coefficients = exponents[order], coefficients[order]
-        steps = exponents[1:] - exponents[:-1]
-        starts = np.concatenate(([0], (steps > SAME_EXPONENT).nonzero()[0] + 1))
-        exponents = exponents[starts]
-        sizes = np.add.reduceat(np.abs(coefficients), starts, axis=0)
-        coefficients = np.add.reduceat(coefficients, starts, axis=0)
-        coefficients[np.abs(coefficients) <= CANCELLED * sizes] = 0.0
-    whole = np.rint(exponents)
-    near = np.abs(exponents - whole) <= SAME_EXPONENT
-    exponents[near] = whole[near]
-    present = coefficients != 0
-    if present.ndim > 1:
-        present = present.reshape(exponents.size, -1).any(axis=1)
-    if np.count_nonzero(present) > MOST_TERMS:
-        raise SeriesError(f"more than {MOST_TERMS} exponents below {cutoff:g}")
-    if present.all():
-        return exponents, coefficients
-    return exponents[present], coefficients[present]
-
-
-def power_rule(exponents: Array, order: float) -> Array:
-    r"""The factors :math:`\Gamma(\sigma+1)/\Gamma(\sigma+1-\gamma)`, for :math:`\sigma > -1`."""
-    return np.array([gamma_ratio(float(sigma) + 1.0, order) for sigma in exponents])
-
-
-def gamma_ratio(argument: float, order: float) -> float:
-    r"""The quotient :math:`\Gamma(x) / \Gamma(x - \gamma)` for x > 0; 0 at its zeros."""
-    below = argument - order
-    if below <= 0 and abs(below - round(below)) <= SAME_EXPONENT:
-        return 0.0
-    if max(argument, below) < 150.0:
-        return math.gamma(argument) / math.gamma(below)
-    return math.exp(math.lgamma(argument) - math.lgamma(below))
-
-
-def initial_terms(exponents: Array, order: float) -> NDArray[np.bool_]:
-    """Which exponents are the integers 0, 1, ... below `order`."""
-    below = (exponents >= 0) & (exponents < order)
-    return np.asarray(below & (exponents == np.round(exponents)))
-
-
 class Expandable(Protocol):
     """A formula, or anything else that can be evaluated on power series."""
 
@@ -349,13 +278,8 @@ def expand(
     raise SeriesError(f"{expression.text!r} could not be expanded up to t**{cutoff:g}")
 
 
-def _composition(
-    series: PowerSeries, name: str, coefficients_at: Callable[[float, int], list[float]]
-) -> PowerSeries:
-    """Substitute a series into the Taylor series of a function at its constant term.
-
-    `coefficients_at` gives so many Taylor coefficients at a point.
-    """
+def _composition(series: PowerSeries, name: str, coefficients_at: Taylor) -> PowerSeries:
+    """Substitute a series into the Taylor series of a function at its constant term."""
     if series.leading_exponent < 0 or series.cutoff <= 0:
         raise SeriesError(f"{name} of something unbounded at 0 has no expansion in powers of t")
     value = series.coefficient(0.0)
@@ -384,9 +308,7 @@ def _composition(
     return PowerSeries(exponents=exponents, coefficients=sums, cutoff=series.cutoff)
 
 
-def _coefficients_at(
-    value: float, count: int, name: str, coefficients_at: Callable[[float, int], list[float]]
-) -> list[float]:
+def _coefficients_at(value: float, count: int, name: str, coefficients_at: Taylor) -> list[float]:
     try:
         coefficients = coefficients_at(value, count)
     except (OverflowError, ZeroDivisionError):
@@ -430,14 +352,6 @@ def _real_power(series: PowerSeries, exponent: float) -> PowerSeries:
     )
 
 
-def _exp(series: PowerSeries) -> PowerSeries:
-    return _composition(series, "exp", taylor.exp)
-
-
-def _log(series: PowerSeries) -> PowerSeries:
-    return _composition(series, "log", taylor.log)
-
-
 def _abs(series: PowerSeries) -> PowerSeries:
     """To the right of 0 the sign is that of the leading term."""
     if series.exponents.size and series.coefficients[0] < 0:
@@ -461,35 +375,23 @@ def _gamma(series: PowerSeries) -> PowerSeries:
     raise SeriesError("the Gamma function of something that varies is not expanded in powers of t")
 
 
-def _composed(
-    name: str, coefficients_at: Callable[[float, int], list[float]]
-) -> Callable[[PowerSeries], PowerSeries]:
+def _composed(name: str, coefficients_at: Taylor) -> Callable[[PowerSeries], PowerSeries]:
     def function(series: PowerSeries) -> PowerSeries:
         return _composition(series, name, coefficients_at)
 
     return function
 
 
+_COMPOSED = (
+    *("exp", "expm1", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh"),
+    *("arcsin", "arccos", "arctan", "arcsinh", "arccosh", "arctanh"),
+)
 SERIES_FUNCTIONS: Final[Mapping[str, Callable[[PowerSeries], PowerSeries]]] = MappingProxyType(
     {
+        **{name: _composed(name, getattr(taylor, name)) for name in _COMPOSED},
         "sqrt": lambda series: series**0.5,
         "cbrt": _cbrt,
-        "exp": _exp,
-        "expm1": _composed("expm1", taylor.expm1),
-        "log": _log,
-        "log1p": lambda series: _log(1.0 + series),
-        "sin": _composed("sin", taylor.sin),
-        "cos": _composed("cos", taylor.cos),
-        "tan": _composed("tan", taylor.tan),
-        "sinh": _composed("sinh", taylor.sinh),
-        "cosh": _composed("cosh", taylor.cosh),
-        "tanh": _composed("tanh", taylor.tanh),
-        "arcsin": _composed("arcsin", taylor.arcsin),
-        "arccos": _composed("arccos", taylor.arccos),
-        "arctan": _composed("arctan", taylor.arctan),
-        "arcsinh": _composed("arcsinh", taylor.arcsinh),
-        "arccosh": _composed("arccosh", taylor.arccosh),
-        "arctanh": _composed("arctanh", taylor.arctanh),
+        "log1p": lambda series: SERIES_FUNCTIONS["log"](1.0 + series),
         "abs": _abs,
         "sign": _sign,
         "gamma": _gamma,

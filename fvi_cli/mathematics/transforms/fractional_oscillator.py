@@ -22,7 +22,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.mathematics.characteristic import (
+from fvi_cli.mathematics.transforms.characteristic import (
     AnyCharacteristic,
     ZeroCluster,
     evaluate_powers,

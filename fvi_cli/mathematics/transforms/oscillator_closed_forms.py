@@ -1,8 +1,8 @@
 r"""Closed forms of linear responses: classical damping, and orders 1/2 and 3/2.
 
-As in :mod:`fvi_cli.mathematics.fractional_oscillator`, a response is the inverse Laplace transform
-of :math:`N(s)/P(s)`. Every closed form here is a sum whose terms may be larger than the sum; their
-size is returned beside it, so that the caller can tell what rounding did.
+As in :mod:`fvi_cli.mathematics.transforms.fractional_oscillator`, a response is the inverse Laplace
+transform of :math:`N(s)/P(s)`. Every closed form here is a sum whose terms may be larger than the
+sum; their size is returned beside it, so that the caller can tell what rounding did.
 
 References
 ----------
@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.mathematics.characteristic import CharacteristicFunction
+from fvi_cli.mathematics.transforms.characteristic import CharacteristicFunction
 
 Array = NDArray[np.float64]
 LongComplexArray = NDArray[np.clongdouble]

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.mathematics.disc_zeros import ComplexArray, circle_angles, circle_points
+from fvi_cli.mathematics.transforms.disc_zeros import ComplexArray, circle_angles, circle_points
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -50,7 +50,7 @@ def count_zeros_of_many(family: Family, number: int, radius: float, degree: int)
     r"""Number of zeros of :math:`f_0, \dots, f_{n-1}` in :math:`|z| < \rho`.
 
     The rule for where points are needed is that of
-    :func:`fvi_cli.mathematics.disc_zeros.count_zeros`.
+    :func:`fvi_cli.mathematics.transforms.disc_zeros.count_zeros`.
 
     Parameters
     ----------

@@ -1,0 +1,1 @@
+"""Zeros of characteristic functions and inverse Laplace transforms."""
