@@ -9,7 +9,7 @@ from pathlib import Path
 
 from benchmarks.accuracy import accuracy_table, run_accuracy
 from benchmarks.adaptive import adaptive_table, run_adaptive
-from benchmarks.fits import run_fits
+from benchmarks.fits import N_FITS, run_fits
 from benchmarks.many import many_table, run_many
 from benchmarks.memory import memory_table, run_memory
 from benchmarks.stepping import run_stepping, stepping_table
@@ -27,7 +27,7 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 
 
 PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
-    "fits": ("What fits are worth", lambda asked: run_fits()),
+    "fits": ("What fits are worth", lambda asked: run_fits(asked.output, asked.fits)),
     "structures": ("What large structures take", lambda asked: structures_table(run_structures())),
     "tolerances": (
         "Whether tolerances are kept",
@@ -62,6 +62,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         default=8,
         metavar="N",
         help="tolerances: every N-th scene is solved by hand as well, 0: none",
+    )
+    parser.add_argument(
+        "--fits",
+        type=int,
+        default=N_FITS,
+        metavar="N",
+        help="fits: noisy fits whose intervals are looked at",
     )
     parser.add_argument("--output", type=Path, default=Path("results"), help="folder of the page")
     asked = parser.parse_args(arguments)

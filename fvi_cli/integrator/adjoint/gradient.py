@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.adjoint.linear_run import linear_run
 from fvi_cli.integrator.adjoint.linearised import LinearisedRun
 from fvi_cli.integrator.adjoint.quantity import Observation, Quantity
 from fvi_cli.integrator.adjoint.variation import Variation, disturbance
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.runge_kutta import AnySteps
 from fvi_cli.integrator.run.steps_of_run import RunSteps
@@ -113,10 +115,13 @@ def sensitivities(
     variations: Sequence[Variation],
 ) -> Sensitivities:
     """Derivatives of a motion by a few parameters: one run, one sweep with a column for each."""
-    done = run_steps(scene, method, steps)
+    if isinstance(steps, Mesh) and scene.is_linear:
+        run = linear_run(scene, method, steps)
+    else:
+        run = LinearisedRun(scene, method, run_steps(scene, method, steps))
+    done = run.steps
     observation = Observation(done, times)
     position, velocity = observation.motion()
-    run = LinearisedRun(scene, method, done)
     changes = observation.changes(run.tangent(disturbance(run, method, variations)))
     return Sensitivities(
         position=position,

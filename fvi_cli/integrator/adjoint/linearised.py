@@ -63,13 +63,14 @@ class Tangent:
 
     Parameters
     ----------
-    position
+    position, momentum
         Changes at the points of the mesh, ``(n + 1, d, p)``.
     unknowns
         Changes of the steps' unknowns U, velocities, ``(n, s, d, p)``.
     """
 
     position: Array
+    momentum: Array
     unknowns: Array
 
 
@@ -225,8 +226,9 @@ class LinearisedRun:
         position, momentum = change.position.copy(), change.start_momentum.copy()
         states = memory.first_states(change.velocity).reshape(memory.n_terms, memory.n_rates, d * p)
         carried = np.where(memory.is_relative[:, None], change.velocity.reshape(1, -1), 0.0)
-        positions, unknowns = np.empty((n + 1, d, p)), np.empty((n, s, d, p))
-        positions[0] = position
+        positions, momenta = np.empty((2, n + 1, d, p))
+        unknowns = np.empty((n, s, d, p))
+        positions[0], momenta[0] = position, momentum
         for index in range(n):
             h, which = steps.step_size[index], matrices.of_step[index]
             load, gain = right[index], gains[index]
@@ -246,9 +248,9 @@ class LinearisedRun:
             if memory.n_terms:
                 velocity = self.to_velocity @ own.reshape(s, d * p)
                 states = terms.decay[:, None] * states + terms.intake @ velocity
-            positions[index + 1], unknowns[index] = position, shaped
+            positions[index + 1], momenta[index + 1], unknowns[index] = position, momentum, shaped
         self.step_solves += n
-        return Tangent(position=positions, unknowns=unknowns)
+        return Tangent(position=positions, momentum=momenta, unknowns=unknowns)
 
     @staticmethod
     def _past(terms: TermTables, states: Array, carried: Array) -> Array:

@@ -19,6 +19,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 
 Array = NDArray[np.float64]
@@ -168,18 +169,22 @@ class _Rates:
         if not _have_same_laws(scene, self._run.scene):
             self.force -= factor * self._run.law_forces(scene)
         if not _have_same_loads(scene, self._run.scene):
-            self.loads += factor * self._of(scene)
+            self.loads += factor * loads_of(scene, self._method, self._run.steps)
 
-    def _of(self, scene: Scene) -> Array:
-        """Load vectors of all steps, ``(n, s + 1, d)``."""
-        steps = self._run.steps
-        loads = StepLoads(scene, self._method, steps.tables)
-        fresh = {0.0, *scene.break_points}
-        every = []
-        for time, h in zip(steps.time[:-1].tolist(), steps.step_size.tolist(), strict=True):
-            own = loads.of_steps(time, h, 1, is_fresh=time in fresh)
-            every.append(own[0] if own is not None else 0.0)
-        return np.asarray(every)
+
+def loads_of(scene: Scene, method: Method, steps: RunSteps) -> Array:
+    """Load vectors of all steps of a run, ``(n, s + 1, d)``."""
+    loads = StepLoads(scene, method, steps.tables)
+    every = np.zeros((steps.n_steps, steps.tables.degree + 1, scene.dimension))
+    if loads.is_empty:
+        return every
+    fresh = {0.0, *scene.break_points}
+    pairs = zip(steps.time[:-1].tolist(), steps.step_size.tolist(), strict=True)
+    for index, (time, h) in enumerate(pairs):
+        own = loads.of_steps(time, h, 1, is_fresh=time in fresh)
+        if own is not None:
+            every[index] = own[0]
+    return every
 
 
 def _have_same_laws(one: Scene, other: Scene) -> bool:

@@ -19,7 +19,7 @@ from fvi_cli.studies.fits.statistics import ROUND_OFF, covariance, criterion, wh
 
 Array = NDArray[np.float64]
 
-FIRST_TOLERANCE, LAST_TOLERANCE = 1e-5, 1e-12
+FIRST_TOLERANCE, LAST_TOLERANCE = 1e-3, 1e-12
 """Of a step, relative to the size of the motion."""
 DISCRETISATION = 0.01
 """Error of the runs that is allowed, relative to what is left of the data."""

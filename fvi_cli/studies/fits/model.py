@@ -15,12 +15,12 @@ from fvi_cli.integrator.adjoint.gradient import RunFailedError, run_steps, sensi
 from fvi_cli.integrator.adjoint.quantity import Observation
 from fvi_cli.integrator.adjoint.variation import Variation
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
-from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
+from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.fits.settings import DataSet, FitModel, Series
 from fvi_cli.studies.members import with_values
+from fvi_cli.studies.tolerance.runs import mesh_of_run
 
 Array = NDArray[np.float64]
 
@@ -210,9 +210,10 @@ class MotionModel:
         self.meshes = []
         for number in range(len(self.data)):
             steps = AdaptiveSteps(tolerance=tolerance, most_steps=MOST_STEPS)
-            done = run_steps(self.scene(number, values), METHOD, steps)
+            scene = self.scene(number, values)
+            done = run_steps(scene, METHOD, steps)
             self.evaluations += 1
-            self.meshes.append(mesh_of_run(done))
+            self.meshes.append(mesh_of_run(done, scene.break_points))
 
     def loosen(self, tolerance: float) -> None:
         """Choose the steps of every run on its own from now on."""
@@ -286,27 +287,6 @@ def _all_times(data: DataSet) -> tuple[Array, list[NDArray[np.intp]]]:
     """Times of all series together, and the places of each among them."""
     times = np.unique(np.concatenate([one.times for one in data.series]))
     return times, [np.searchsorted(times, one.times) for one in data.series]
-
-
-def mesh_of_run(done: RunSteps) -> Mesh:
-    """The steps of a run as a mesh, with the bits of its step sizes."""
-    stretches: list[Stretch] = []
-    begin = 0
-    sizes = done.step_size
-    for end in range(1, sizes.size + 1):
-        if end < sizes.size and sizes[end] == sizes[begin]:
-            continue
-        stretches.append(
-            Stretch(
-                begin=float(done.time[begin]),
-                end=float(done.time[end]),
-                n_steps=end - begin,
-                step_size=float(sizes[begin]),
-                is_fresh=begin == 0,
-            )
-        )
-        begin = end
-    return Mesh(stretches=tuple(stretches))
 
 
 def rms(values: Array) -> float:

@@ -63,7 +63,7 @@ def least_squares_from(
     bounds: tuple[Array, Array],
     *,
     most: int = MOST_ITERATIONS,
-    tolerance: float = 1e-12,
+    tolerance: float = 1e-10,
 ) -> Found | None:
     """Gauss-Newton in a trust region, with exact derivatives.
 
@@ -118,7 +118,7 @@ def least_squares_from(
             bounds=bounds,
             x_scale="jac",
             xtol=tolerance,
-            ftol=max(1e-14, 0.1 * tolerance),
+            ftol=max(1e-13, 0.01 * tolerance),
             gtol=1e-14,
             max_nfev=most,
         )

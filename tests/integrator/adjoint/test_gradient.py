@@ -14,6 +14,7 @@ import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.gradient import gradient_of, run_steps, sensitivities
+from fvi_cli.integrator.adjoint.linear_run import linear_run
 from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun
 from fvi_cli.integrator.adjoint.quantity import (
     Observation,
@@ -425,3 +426,15 @@ def test_what_has_no_derivatives() -> None:
         gradient_of(pendulum(PENDULUM), GAUSS8, 8, position_at(7.0), [])
     with pytest.raises(ValueError, match="times: finite numbers"):
         position_at(float("nan"))
+
+
+@pytest.mark.parametrize("name", ["riemann-liouville", "zener"])
+def test_linear_runs_by_their_linearised_equations(name: str) -> None:
+    family, values = SCENES[name]
+    scene, mesh = family(values), graded_mesh(3.0, 12, 2.0)
+    one = linear_run(scene, GAUSS8, mesh).steps
+    other = run_steps(scene, GAUSS8, mesh)
+    np.testing.assert_array_equal(one.time, other.time)
+    np.testing.assert_allclose(one.position, other.position, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(one.momentum, other.momentum, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(one.velocity, other.velocity, rtol=0, atol=1e-11)
