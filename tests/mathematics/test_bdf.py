@@ -9,6 +9,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from spread import spread
 
 from fvi_cli.mathematics.bdf import (
     convolution_weights,
@@ -161,9 +162,11 @@ def test_first_weights_to_all_printed_digits(bdf_order: int, order: float) -> No
     np.testing.assert_allclose(weights, PRINTED[bdf_order, order], rtol=1.2e-14)
 
 
-@pytest.mark.parametrize("kind", sorted(WEIGHTS))
-@pytest.mark.parametrize("order", [*ORDERS, -1.7, -1.0, -0.5, 0.01, 1.99, 1 + 1e-9])
-@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+@spread(
+    bdf_order=BDF_ORDERS,
+    order=[*ORDERS, -1.7, -1.0, -0.5, 0.01, 1.99, 1 + 1e-9],
+    kind=sorted(WEIGHTS),
+)
 def test_weights_against_integer_arithmetic(kind: str, bdf_order: int, order: float) -> None:
     exact = reference(kind, bdf_order, order, 4096)
     weights = WEIGHTS[kind](bdf_order, order, 4096)
@@ -229,9 +232,7 @@ def test_integral_is_the_inverse_of_the_derivative(bdf_order: int) -> None:
         np.testing.assert_allclose(product, np.eye(1, 500)[0], atol=2e-12)
 
 
-@pytest.mark.parametrize("kind", sorted(WEIGHTS))
-@pytest.mark.parametrize("order", [0.3, 1.5, 1.9, -0.5])
-@pytest.mark.parametrize("bdf_order", [1, 2, 4, 6])
+@spread(bdf_order=[1, 2, 4, 6], order=[0.3, 1.5, 1.9, -0.5], kind=sorted(WEIGHTS))
 def test_no_drift_at_a_million_weights(kind: str, order: float, bdf_order: int) -> None:
     """The sum over q_p**order times gamma-function ratios, in 50 digits."""
     shift = 1 if kind == "difference" else 0

@@ -5,6 +5,7 @@ import dataclasses
 import mpmath
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.mathematics.transforms.characteristic import (
     CharacteristicFunction,
@@ -99,8 +100,7 @@ def test_a_wrong_pole_shows():
     assert np.abs(missing - right).max() > 0.1
 
 
-@pytest.mark.parametrize("order", [0.2, 0.5, 1.3, 1.5, 1.9])
-@pytest.mark.parametrize("power", [0.0, 0.4, 1.0, 3.0, 8.0])
+@spread(power=[0.0, 0.4, 1.0, 3.0, 8.0], order=[0.2, 0.5, 1.3, 1.5, 1.9])
 def test_small_times_keep_their_relative_accuracy(order, power):
     # m x'' = t^power to leading order, with the first correction of the damping.
     characteristic, zeros = oscillator(3.0, (order, 1.0))

@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from spread import spread
 from typer.testing import CliRunner
 
 from fvi_cli.cli.app import app
@@ -64,8 +65,7 @@ def one_attribute_more(file: h5py.File) -> None:
     file[GROUP].attrs["checked"] = "yes"
 
 
-@pytest.mark.parametrize("change", [smaller_error, other_status, other_norm, one_attribute_more])
-@pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader[0])
+@spread(reader=READERS, change=[smaller_error, other_status, other_norm, one_attribute_more])
 def test_a_changed_attribute_is_noticed_by_every_reader(
     change: Callable[[h5py.File], None], reader: tuple[str, ...]
 ) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from spread import spread
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
@@ -117,8 +118,7 @@ def symplecticity_defect(scene: Scene, method: AnyMethod, n_steps: int, distance
     return float(np.abs(derivative.T @ structure @ derivative - structure).max())
 
 
-@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.case)
-@pytest.mark.parametrize("name", FLOWS)
+@spread(name=FLOWS, method=METHODS)
 def test_flow_is_symplectic(name: str, method: Method) -> None:
     assert symplecticity_defect(FLOWS[name][0], method, *FLOWS[name][1:]) < 1e-12
 
@@ -136,8 +136,7 @@ def test_other_flows_are_not_symplectic() -> None:
     assert symplecticity_defect(damped, METHODS[1], n_steps, distance) > 1e-7
 
 
-@pytest.mark.parametrize("method", METHODS, ids=lambda m: m.case)
-@pytest.mark.parametrize("name", FLOWS)
+@spread(name=FLOWS, method=METHODS)
 def test_backwards_in_time_leads_to_the_start(name: str, method: Method) -> None:
     scene, n_steps, _ = FLOWS[name]
     turn = np.repeat([1.0, -1.0], scene.dimension)

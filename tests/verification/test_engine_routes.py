@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
@@ -59,8 +60,7 @@ SMALL = 1e-3
 """A coefficient with which all methods are stable on these steps."""
 
 
-@pytest.mark.parametrize("method", LINEAR_METHODS, ids=lambda method: method.case)
-@pytest.mark.parametrize("orders", [(0.3,), (1.0,), (1.5,), (0.5, 1.0), (0.3, 1.5)])
+@spread(orders=[(0.3,), (1.0,), (1.5,), (0.5, 1.0), (0.3, 1.5)], method=LINEAR_METHODS)
 def test_linear_blocks(method: Method, orders: tuple[float, ...]) -> None:
     for derivative, n_steps in (("caputo", 333), ("riemann-liouville", 64), ("caputo", 5)):
         scene = oscillator(orders, derivative, SMALL)

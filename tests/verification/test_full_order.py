@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from paper_problems import errors
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
@@ -67,10 +68,12 @@ def last_pair_above(values: np.ndarray, floor: float) -> float:
     return float(pairwise[values[1:] > floor][-1])
 
 
-@pytest.mark.parametrize("gamma", [0.5, 1.5])
-@pytest.mark.parametrize("name", ["t^6", "t^8 (1 + sin t)"])
-@pytest.mark.parametrize("degree", [1, 2, 3])
-@pytest.mark.parametrize("bdf_order", [1, 2, 3, 4, 5, 6])
+@spread(
+    bdf_order=[1, 2, 3, 4, 5, 6],
+    degree=[1, 2, 3],
+    name=["t^6", "t^8 (1 + sin t)"],
+    gamma=[0.5, 1.5],
+)
 def test_points_have_order_min_p_2s(gamma: float, name: str, degree: int, bdf_order: int) -> None:
     problem = smooth_problem(name, gamma)
     method = Method(cq=f"bdf{bdf_order}", degree=degree, forcing_quadrature="exact")
@@ -251,8 +254,7 @@ def test_podlubny_values_of_the_step_forced_equation() -> None:
         assert trajectory.position[round(time * 20), 0] == pytest.approx(value, abs=2e-12)
 
 
-@pytest.mark.parametrize("gamma", [0.5, 0.8, 1.25, 1.5, 1.75])
-@pytest.mark.parametrize("degree", [2, 3])
+@spread(degree=[2, 3], gamma=[0.5, 0.8, 1.25, 1.5, 1.75])
 def test_a_jump_of_the_force_on_a_pendulum(gamma: float, degree: int) -> None:
     """Full order with steps that are halved behind the jump, 4 - gamma without."""
     pieces = tuple(

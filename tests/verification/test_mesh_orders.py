@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 import mpmath
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
@@ -105,8 +106,7 @@ def grading(order: float, m: int) -> float:
 NUMBERS = (48, 64, 96, 128)
 
 
-@pytest.mark.parametrize("m", STAGES)
-@pytest.mark.parametrize("order", ORDERS)
+@spread(order=ORDERS, m=STAGES)
 def test_singular_motions_on_graded_meshes(order: float, m: int) -> None:
     scene, exact = singular(order, 8.0, 0.7)
     method, r = Method(cq="gauss", degree=m), grading(order, m)
@@ -122,8 +122,7 @@ def test_equal_steps_lose_their_order(order: float) -> None:
     assert slope(NUMBERS, errors) == pytest.approx((3 if order < 1 else 4) - order, abs=0.5)
 
 
-@pytest.mark.parametrize("m", STAGES)
-@pytest.mark.parametrize("order", ORDERS)
+@spread(order=ORDERS, m=STAGES)
 def test_smooth_motions_on_graded_meshes(order: float, m: int) -> None:
     scene, times, values = smooth(order)
     numbers = (240, 300, 360, 480) if m == 1 else (96, 128, 160, 192)
@@ -136,8 +135,7 @@ def test_smooth_motions_on_graded_meshes(order: float, m: int) -> None:
     assert slope(numbers, errors) == pytest.approx(2 * m, abs=0.15)
 
 
-@pytest.mark.parametrize("m", STAGES)
-@pytest.mark.parametrize("order", ORDERS)
+@spread(order=ORDERS, m=STAGES)
 def test_graded_starts_on_equal_steps(order: float, m: int) -> None:
     scene, exact = singular(order, 16.0, 0.2)
     method, numbers = Method(cq="gauss", degree=m, start="graded"), (48, 64, 80, 96)
@@ -151,8 +149,7 @@ def test_graded_starts_on_equal_steps(order: float, m: int) -> None:
     assert slope(numbers, errors) == pytest.approx(2 * m, abs=0.1)
 
 
-@pytest.mark.parametrize("m", [3, 4])
-@pytest.mark.parametrize("order", ORDERS)
+@spread(order=ORDERS, m=[3, 4])
 def test_finer_steps_inside_the_first_one_alone_are_not_enough(order: float, m: int) -> None:
     """The control: the step after them is as long as its distance from the singular point."""
     scene, exact = singular(order, 8.0, 0.7)
@@ -171,12 +168,13 @@ def test_finer_steps_inside_the_first_one_alone_are_not_enough(order: float, m: 
     )
 
 
+QUICK = (("pendulum", 0.5, 2), ("pendulum", 1.9, 4), ("duffing", 0.3, 4), ("duffing", 1.25, 2))
 NONLINEAR = [
     pytest.param(name, order, m, marks=() if quick else pytest.mark.slow)
     for name in ("pendulum", "duffing")
     for order in ORDERS
     for m in STAGES
-    for quick in [(name == "pendulum") == (order in (0.5, 1.9)) and m in (2, 4)]
+    for quick in [(name, order, m) in QUICK]
 ]
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from spread import spread
 from written_out import integrate_written_out
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -48,9 +49,11 @@ def largest_difference(scene: Scene, method: Method, n_steps: int) -> float:
     )
 
 
-@pytest.mark.parametrize("cq", ["gauss", "radau-iia", "lobatto-iiic"])
-@pytest.mark.parametrize("degree", [1, 2, 3])
-@pytest.mark.parametrize("orders", [(0.5,), (1.5,), (1.0,), (0.5, 1.5, 1.0), ()])
+@spread(
+    orders=[(0.5,), (1.5,), (1.0,), (0.5, 1.5, 1.0), ()],
+    degree=[1, 2, 3],
+    cq=["gauss", "radau-iia", "lobatto-iiic"],
+)
 def test_all_families_and_orders(cq: str, degree: int, orders: tuple[float, ...]) -> None:
     # less than a block, and a few blocks
     for n_steps in (5, 64, 300):
