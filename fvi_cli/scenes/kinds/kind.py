@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, cast
@@ -34,7 +35,7 @@ Values = Mapping[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Kind:
+class Kind(ABC):
     """A kind of problem.
 
     Parameters
@@ -77,6 +78,7 @@ class Kind:
         """The path of the key that says the number of coordinates, and that number."""
         return None
 
+    @abstractmethod
     def build(self, values: Values, *, search: bool = True) -> AnyProblem:
         """The problem.
 
@@ -92,7 +94,6 @@ class Kind:
         ValueError
             ``key.path: what is wrong``.
         """
-        raise NotImplementedError
 
 
 def scene_record(*own: Key, default_order: float = 1.0, force: Key = FORCING) -> Record:
