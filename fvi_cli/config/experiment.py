@@ -18,7 +18,7 @@ from fvi_cli.config.keys.ladder import (
     steps_of,
 )
 from fvi_cli.config.keys.methods import ListedMethod, read_methods
-from fvi_cli.config.keys.observations import read_observations
+from fvi_cli.config.keys.observations import check_units, read_observations
 from fvi_cli.config.keys.stability import stability_settings
 from fvi_cli.config.keys.store import read_diagnostics
 from fvi_cli.config.keys.sweep import SWEEP
@@ -94,6 +94,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         accuracy = accuracy_of(values.get("accuracy"), problem, methods, at)
         diagnostics = read_diagnostics(store, problem, at)
         observed = read_observations(values, described, problem, methods, at)
+        check_units(values, problem, at)
         if at.has(SWEEP):
             members = _make_members(described, problem, methods, steps, grading, at)
             if members is not None and isinstance(every, int):
@@ -133,6 +134,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         members=() if members is None else members.members,
         accuracy=accuracy,
         fit=fit,
+        units=values["units"],
     )
     return ReadExperiment(resolved=resolved, experiment=experiment)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.integrator.balances.diagnostics import Diagnostics
 from fvi_cli.plotting.methods import series_styles
+from fvi_cli.plotting.observed.labels import time_axis, with_unit
 from fvi_cli.plotting.style import (
     COLOURS,
     COLUMN_WIDTH,
@@ -168,7 +169,8 @@ def _two_panels(
                 # a sum that may be zero throughout has no digits of its own
                 gid=f"floor {_PANEL_DIGITS * scale:.1e}",
             )
-        above.set_ylabel(names[0])
+        unit = "energy" if names[0].startswith("energy") else "momentum"
+        above.set_ylabel(with_unit(names[0], experiment, unit))
         above.legend(
             loc="lower center",
             bbox_to_anchor=(0.5, 1.0),
@@ -176,8 +178,7 @@ def _two_panels(
         )
         _draw_defects(below, shown, defects, scale)
         below.set_ylabel(names[1])
-        below.set_xlabel(f"time $t$ (step size $h = {best.run.step_size:.8g}$)")
-        below.set_xlim(0.0, experiment.problem.final_time)
+        time_axis(below, experiment, [best])
         labels = [styles[item.run.method.case].label for item in shown]
         if len(shown) > 1:
             below.legend(ncols=legend_columns(labels, COLUMN_WIDTH - 0.8), loc="lower right")

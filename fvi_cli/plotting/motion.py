@@ -12,7 +12,13 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from fvi_cli.plotting.balance import most_accurate
-from fvi_cli.plotting.methods import SeriesStyle, series_styles
+from fvi_cli.plotting.methods import SeriesStyle
+from fvi_cli.plotting.observed.labels import (
+    coordinate_labels,
+    styled,
+    time_axis,
+    with_unit,
+)
 from fvi_cli.plotting.style import (
     COLOURS,
     GUIDE_COLOUR,
@@ -63,20 +69,22 @@ def phase_figure(
     dimension = min(shown[0].trajectory.position.shape[1], _MOST_COMPONENTS)
     columns = 1 if dimension == 1 else 2
     rows = -(-dimension // columns)
-    names = _names(experiment, shown[0].trajectory.position.shape[1])
+    names = coordinate_labels(experiment, shown[0].trajectory.position.shape[1])
     with journal_style():
         figure = new_figure(0.7 + (2.1 if columns == 1 else 1.6) * rows)
         panels = figure.subplots(rows, columns, squeeze=False).ravel()
         for component, axes in enumerate(panels[:dimension]):
-            for item, style, position in _styled(shown):
+            for item, style, position in styled(shown):
                 momentum = item.trajectory.momentum
                 if momentum is None:
                     continue
                 place = item.trajectory.position[:, component]
                 _draw_curve(axes, place, momentum[:, component], style, position, len(shown))
             _mark_start(axes, axes.lines[0])
-            axes.set_xlabel(f"position {names[component]}")
-            axes.set_ylabel(f"momentum {_momentum_name(names[component], len(names))}")
+            name = names[component]
+            axes.set_xlabel(with_unit(f"position {name}", experiment, "length"))
+            label = f"momentum {_momentum_name(name, len(names))}"
+            axes.set_ylabel(with_unit(label, experiment, "momentum"))
         for axes in panels[dimension:]:
             axes.set_axis_off()
         legend_above(figure, panels[0])
@@ -104,10 +112,10 @@ def path_figure(
     with journal_style():
         if experiment.problem.kind == "double-pendulum":
             return _pendulum_path(experiment, most_accurate(shown))
-        names = _names(experiment, shown[0].trajectory.position.shape[1])
+        names = coordinate_labels(experiment, shown[0].trajectory.position.shape[1])
         figure = new_figure(3.0)
         axes = figure.subplots()
-        for item, style, position in _styled(shown):
+        for item, style, position in styled(shown):
             place = item.trajectory.position
             _draw_curve(axes, place[:, 0], place[:, 1], style, position, len(shown))
         first = axes.lines[0]
@@ -115,8 +123,8 @@ def path_figure(
             axes.plot([0.0], [0.0], "+", color=INK, markersize=8, label="centre", linestyle="none")
         _mark_start(axes, first)
         axes.set_aspect("equal", adjustable="datalim")
-        axes.set_xlabel(f"position {names[0]}")
-        axes.set_ylabel(f"position {names[1]}")
+        axes.set_xlabel(with_unit(f"position {names[0]}", experiment, "length"))
+        axes.set_ylabel(with_unit(f"position {names[1]}", experiment, "length"))
         legend_above(figure, axes)
     return figure
 
@@ -156,9 +164,9 @@ def waterfall_figure(
         else:
             axes, last = figure.subplots(2, 1, sharex=True, height_ratios=(4, 1))
             last.plot(best.trajectory.time, ground, color=INK, linewidth=0.8, label="_ground")
-            last.set_ylabel("ground $a(t)$")
+            last.set_ylabel(with_unit("ground $a(t)$", experiment, "acceleration"))
         _draw_masses(axes, experiment, best, what)
-        last.set_xlabel(f"time $t$ (step size $h = {best.run.step_size:.8g}$)")
+        time_axis(last, experiment, [best])
     return figure
 
 
@@ -181,7 +189,6 @@ def _draw_masses(axes: Axes, experiment: Experiment, best: FinishedRun, what: st
     lift = _lift(position[:, drawn], (0.8 if count < _FEW_LINES else 1.3) * spacing)
     for index in drawn[::-1]:
         _draw_lifted(axes, time, position[:, index] * lift, float(index + 1), f"{what} {index + 1}")
-    axes.set_xlim(0.0, experiment.problem.final_time)
     axes.set_ylabel(f"{what} $i$, displaced by $x_i(t)$")
     axes.set_yticks(_numbers(count))
     _scale_bar(axes, lift, position[:, drawn], "$x_i$")
@@ -287,11 +294,6 @@ def _pendulum_path(experiment: Experiment, best: FinishedRun) -> Figure:
     return figure
 
 
-def _styled(shown: Sequence[FinishedRun]) -> list[tuple[FinishedRun, SeriesStyle, int]]:
-    styles = series_styles([item.run.method for item in shown])
-    return [(item, styles[item.run.method.case], k) for k, item in enumerate(shown)]
-
-
 def _draw_curve(
     axes: Axes, x: Array, y: Array, style: SeriesStyle, position: int, curves: int
 ) -> None:
@@ -327,21 +329,6 @@ def _mark_start(axes: Axes, line: Line2D) -> None:
         label="start",
         zorder=5,
     )
-
-
-def _names(experiment: Experiment, dimension: int) -> list[str]:
-    """Coordinates as they stand beside an axis."""
-    problem = experiment.problem
-    given = problem.coordinates if isinstance(problem, Problem) else ()
-    return [_typeset(name) for name in given or ["x"] * dimension]
-
-
-def _typeset(name: str) -> str:
-    stem = name.rstrip("0123456789")
-    index = name[len(stem) :]
-    greek = {"theta": r"\theta", "phi": r"\varphi", "psi": r"\psi"}
-    letter = greek.get(stem, stem if len(stem) == 1 else rf"\mathrm{{{stem}}}".replace("_", r"\_"))
-    return f"${letter}_{{{index}}}$" if index else f"${letter}$"
 
 
 def _momentum_name(name: str, components: int) -> str:

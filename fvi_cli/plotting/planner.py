@@ -22,9 +22,13 @@ from fvi_cli.plotting.motion import (
     waterfall_figure,
 )
 from fvi_cli.plotting.observed.quantities import has_quantities, quantities_figure
-from fvi_cli.plotting.observed.section import has_events, section_figure
+from fvi_cli.plotting.observed.section import has_events, section_figure, sweep_section_figure
 from fvi_cli.plotting.saturation import saturation_figure
-from fvi_cli.plotting.sweeps import sweep_convergence_figure, sweep_trajectory_figure
+from fvi_cli.plotting.sweeps import (
+    sweep_convergence_figure,
+    sweep_quantities_figure,
+    sweep_trajectory_figure,
+)
 from fvi_cli.plotting.time_series import energy_figure, error_figure, trajectory_figure
 from fvi_cli.plotting.vibration.response_spectrum import response_spectrum_figure
 from fvi_cli.scenes.problem import DerivativeProblem
@@ -61,6 +65,8 @@ _OVER_TIME: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
 _OF_MEMBERS: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
     "convergence": sweep_convergence_figure,
     "trajectory": sweep_trajectory_figure,
+    "quantities": sweep_quantities_figure,
+    "section": sweep_section_figure,
     "spectrum": response_spectrum_figure,
 }
 _LEAST_LADDER = 3
@@ -72,8 +78,9 @@ def figures_for(studies: Sequence[Study], *, name: str | None = None) -> dict[st
     An experiment that names its figures gets these. Otherwise a ladder of three or more step
     counts gets ``convergence``, a shorter one ``trajectory``, ``energy``, ``error`` and
     ``quantities``, as far as there are an energy, something to measure errors against, and
-    quantities. Of a sweep there are ``convergence``, ``trajectory`` and ``spectrum`` only, in a
-    figure of their own. Experiments of kind ``fractional-derivative`` share one saturation figure.
+    quantities. Of a sweep there are ``convergence``, ``trajectory``, ``quantities``, ``section``
+    and ``spectrum``, in figures of their own. Experiments of kind ``fractional-derivative`` share
+    one saturation figure.
 
     Parameters
     ----------

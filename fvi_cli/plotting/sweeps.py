@@ -12,6 +12,14 @@ from numpy.typing import NDArray
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.plotting.convergence import NORM_LABELS
 from fvi_cli.plotting.methods import series_styles
+from fvi_cli.plotting.observed.labels import MOST_LINES, member_label, time_axis, with_unit
+from fvi_cli.plotting.observed.quantities import (
+    MOST_PANELS,
+    mark_peak,
+    name_quantity,
+    observed_of,
+    panel_height,
+)
 from fvi_cli.plotting.style import (
     COLOURS,
     LINE_STYLES,
@@ -22,12 +30,9 @@ from fvi_cli.plotting.style import (
     new_figure,
 )
 from fvi_cli.studies.experiment import Experiment, FinishedRun
-from fvi_cli.studies.members import Member, value_in_words
+from fvi_cli.studies.members import Member
 
 Array = NDArray[np.float64]
-
-MOST_LINES = 6
-"""Members that have a line of their own."""
 
 _BANDS = ((0.0, 100.0, "all members", 0.15), (5.0, 95.0, "9 of 10 members", 0.3))
 
@@ -88,29 +93,73 @@ def sweep_trajectory_figure(experiment: Experiment, finished: Sequence[FinishedR
     ValueError
         If no run got beyond its start.
     """
-    moving = [one for one in finished if one.trajectory.time.size > 1]
+    moving = _finest(finished)
     if not moving:
         raise ValueError(f"trajectory: no member of {experiment.name} got beyond its start")
-    finest = max(one.run.n_steps for one in moving)
-    moving = [one for one in moving if one.run.n_steps == finest]
     methods = list(dict.fromkeys(one.run.method for one in moving))
-    time = max((one.trajectory.time for one in moving), key=len)
     with journal_style():
         figure, panels = _panels(methods)
         for axes, method in zip(panels, methods, strict=True):
-            lines: dict[Member | None, Array] = {}
-            for one in moving:
-                if one.run.method == method:
-                    line = lines.setdefault(one.run.member, np.full(time.size, np.nan))
-                    values = one.trajectory.position[:, 0]
-                    count = min(values.size, time.size)
-                    line[:count] = values[:count]
-            _draw(axes, time, lines, with_markers=False)
-            axes.set_xlabel("time $t$")
-            axes.set_xlim(0.0, experiment.problem.final_time)
-        panels[0].set_ylabel("position $x(t)$")
+            own = [one for one in moving if one.run.method == method]
+            _draw_over_time(axes, own, [one.trajectory.position[:, 0] for one in own])
+            time_axis(axes, experiment, ())
+        panels[0].set_ylabel(with_unit("position $x(t)$", experiment, "length"))
         _finish(figure, panels[0], experiment)
     return figure
+
+
+def sweep_quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw every quantity of the members over time, a panel for each (up to 6), on the finest grid.
+
+    Of several methods the first is shown; lines and bands as in :func:`sweep_convergence_figure`,
+    with the peak of every line that a member has for itself.
+
+    Parameters
+    ----------
+    experiment, finished
+        As there.
+
+    Raises
+    ------
+    ValueError
+        If the experiment asks for no quantities.
+    """
+    having = _finest([one for one in finished if observed_of(one).quantities])
+    if not having:
+        raise ValueError("quantities: the experiment asks for none")
+    own = [one for one in having if one.run.method == having[0].run.method]
+    names = list(observed_of(own[0]).quantities)[:MOST_PANELS]
+    with journal_style():
+        figure = new_figure(0.9 + panel_height(len(names)) * len(names))
+        panels = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
+        for name, axes in zip(names, panels, strict=True):
+            _draw_over_time(axes, own, [observed_of(one).quantities[name] for one in own])
+            if len(own) <= MOST_LINES:
+                for index, one in enumerate(own):
+                    mark_peak(axes, observed_of(one).extents[name], COLOURS[index])
+            name_quantity(axes, experiment, name)
+        figure.align_ylabels(panels)
+        time_axis(panels[-1], experiment, own)
+        _finish(figure, panels[0], experiment)
+    return figure
+
+
+def _finest(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
+    """Runs that got beyond their start, on the finest grid."""
+    moving = [one for one in finished if one.trajectory.time.size > 1]
+    finest = max((one.run.n_steps for one in moving), default=0)
+    return [one for one in moving if one.run.n_steps == finest]
+
+
+def _draw_over_time(axes: Axes, finished: Sequence[FinishedRun], columns: Sequence[Array]) -> None:
+    """A column of numbers of every member over the times of the longest run."""
+    time = max((one.trajectory.time for one in finished), key=len)
+    lines: dict[Member | None, Array] = {}
+    for one, values in zip(finished, columns, strict=True):
+        line = lines.setdefault(one.run.member, np.full(time.size, np.nan))
+        count = min(values.size, time.size)
+        line[:count] = values[:count]
+    _draw(axes, time, lines, with_markers=False)
 
 
 def _panels(methods: Sequence[AnyMethod]) -> tuple[Figure, list[Axes]]:
@@ -138,7 +187,7 @@ def _draw(
                 color=COLOURS[index % len(COLOURS)],
                 linestyle=LINE_STYLES[index % len(LINE_STYLES)],
                 marker=MARKERS[index % len(MARKERS)] if with_markers else "",
-                label=_label(member),
+                label=member_label(member),
             )
         return
     values = np.array(list(lines.values()))
@@ -159,17 +208,6 @@ def _draw(
         color="#000000",
         marker="o" if with_markers else "",
         label="median",
-    )
-
-
-def _label(member: Member | None) -> str:
-    if member is None:
-        return ""
-    values = member.values
-    if len(values) == 1:
-        return value_in_words(next(iter(values.values())))
-    return ", ".join(
-        f"{key.rpartition('.')[2]} {value_in_words(value)}" for key, value in values.items()
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Literal, TypedDict
 
@@ -11,7 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from fvi_cli.plotting.methods import SeriesStyle, series_styles
+from fvi_cli.plotting.methods import SeriesStyle
+from fvi_cli.plotting.observed.labels import (
+    coordinates_of,
+    styled,
+    time_axis,
+    typeset_name,
+    with_unit,
+)
 from fvi_cli.plotting.style import journal_style, legend_above, new_figure
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
@@ -56,25 +64,27 @@ def trajectory_figure(
         If no run has that many steps.
     """
     shown = select_runs(finished, n_steps, visibly_apart=True)
-    dimension = min(shown[0].trajectory.position.shape[1], _MOST_COMPONENTS)
-    styles = series_styles([item.run.method for item in shown])
+    names = coordinates_of(experiment, shown[0].trajectory.position.shape[1])
+    dimension = min(len(names), _MOST_COMPONENTS)
     with journal_style():
         figure = new_figure(1.1 + 1.45 * dimension)
         panels = figure.subplots(dimension, 1, squeeze=False, sharex=True)[:, 0]
         for component, axes in enumerate(panels):
             reference = _draw_exact(axes, experiment, component)
             ranges = [reference] if reference is not None else []
-            for position, item in enumerate(shown):
-                trajectory = item.trajectory
-                values = trajectory.position[:, component]
-                style = styles[item.run.method.case]
-                draw_series(axes, trajectory.time, values, style, position)
+            for item, style, position in styled(shown):
+                values = item.trajectory.position[:, component]
+                draw_series(axes, item.trajectory.time, values, style, position)
                 ranges += [] if reference is not None else [values]
             _limit(axes, ranges)
-            index = f"_{component + 1}" if dimension > 1 else ""
-            axes.set_ylabel(f"position $x{index}(t)$")
+            axes.set_ylabel(_position_label(experiment, names[component]))
         finish_figure(figure, panels[-1], shown, experiment)
     return figure
+
+
+def _position_label(experiment: Experiment, name: str) -> str:
+    typeset = re.sub(r"_\{(\d)\}", r"_\1", typeset_name(name)).strip("$")
+    return with_unit(f"position ${typeset}(t)$", experiment, name, "length")
 
 
 def energy_figure(
@@ -98,7 +108,6 @@ def energy_figure(
             "energy: no method of the experiment has a momentum, so none has an energy"
         )
     shown = select_runs(having, n_steps, visibly_apart=True)
-    styles = series_styles([item.run.method for item in shown])
     with journal_style():
         figure = new_figure(2.5)
         axes = figure.subplots()
@@ -106,14 +115,14 @@ def energy_figure(
         if exact is not None:
             axes.plot(*exact, **EXACT)
         ranges = [exact[1]] if exact is not None else []
-        for position, item in enumerate(shown):
+        for item, style, position in styled(shown):
             energy = item.trajectory.energy
             if energy is None:
                 continue
-            draw_series(axes, item.trajectory.time, energy, styles[item.run.method.case], position)
+            draw_series(axes, item.trajectory.time, energy, style, position)
             ranges += [] if exact is not None else [energy]
         _limit(axes, ranges)
-        axes.set_ylabel("energy $H(x, p)$")
+        axes.set_ylabel(with_unit("energy $H(x, p)$", experiment, "energy"))
         finish_figure(figure, axes, shown, experiment)
     return figure
 
@@ -139,18 +148,16 @@ def error_figure(
     reference = reference_of(shown[0].run)
     if not reference.is_known:
         raise ValueError(f"reference: {experiment.name} has {reference.source}")
-    styles = series_styles([item.run.method for item in shown])
     with journal_style():
         figure = new_figure(2.5)
         axes = figure.subplots()
         axes.set_yscale("log")
         positive = []
-        for position, item in enumerate(shown):
+        for item, style, position in styled(shown):
             trajectory = item.trajectory
             with np.errstate(over="ignore", invalid="ignore"):
                 error = np.abs(trajectory.position - reference.values(trajectory.time)).max(axis=1)
             error = np.where(np.isfinite(error) & (error > 0), error, np.nan)
-            style = styles[item.run.method.case]
             draw_series(axes, trajectory.time, error, style, position, floor=item.floor)
             positive.append(error[np.isfinite(error)])
         values = np.concatenate(positive)
@@ -164,9 +171,9 @@ def error_figure(
                 axes.yaxis.set_minor_formatter(NullFormatter())
         several = shown[0].trajectory.position.shape[1] > 1
         label = r"error $\max_i\,|x_i - x_i(t)|$" if several else "error $|x_k - x(t_k)|$"
-        axes.set_ylabel(
-            label if experiment.problem.exact is not None else "error against a refined run"
-        )
+        if experiment.problem.exact is None:
+            label = "error against a refined run"
+        axes.set_ylabel(with_unit(label, experiment, "length"))
         finish_figure(figure, axes, shown, experiment)
     return figure
 
@@ -265,8 +272,5 @@ def finish_figure(
     figure: Figure, axes: Axes, shown: Sequence[FinishedRun], experiment: Experiment
 ) -> None:
     """Time axis, and one legend above all panels."""
-    sizes = {item.run.step_size for item in shown}
-    step = f" (step size $h = {sizes.pop():.8g}$)" if len(sizes) == 1 else ""
-    axes.set_xlabel(f"time $t${step}")
-    axes.set_xlim(0.0, experiment.problem.final_time)
+    time_axis(axes, experiment, shown)
     legend_above(figure, axes)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from fvi_cli.errors import RequestError
 from fvi_cli.scenes.kinds import KINDS, SceneKind
 from fvi_cli.storage.atomic import replace_file
-from fvi_cli.storage.fields.observed import EVENTS
+from fvi_cli.storage.fields.observed import EVENTS, OCCURRENCE
 from fvi_cli.storage.files import reading
 from fvi_cli.storage.groups import run_groups
 
@@ -148,13 +148,17 @@ def _csv_files(stem: str, runs: Iterator[StoredArrays]) -> Iterator[tuple[str, b
         for axis in run.arrays:
             if axis.startswith(f"{EVENTS}/") and run.dimensions[axis] == (axis,):
                 event = axis.split("/")[1]
-                yield f"{name}-events-{event}.csv", _csv(run, (axis,)).encode()
+                yield f"{name}-events-{event}.csv", _csv(run, ("member", axis)).encode()
 
 
 def _csv(run: StoredArrays, along: Sequence[str]) -> str:
     """One row for every time of every member, or every member."""
     text = io.StringIO()
     columns = dict(_columns(run, [axis for axis in along if axis in run.arrays]))
+    if OCCURRENCE in columns:
+        # members in which an event happens less often than in others
+        happened = np.isfinite(columns["time"])
+        columns = {name: values[happened] for name, values in columns.items()}
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows(zip(*(_words(values) for values in columns.values()), strict=True))

@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.storage.fields.observed import ROOMS
+from fvi_cli.storage.fields.observed import OCCURRENCE, ROOMS
 from fvi_cli.storage.provenance import CHECKSUM, canonical_json, checksum
 from fvi_cli.storage.records import (
     FIELDS,
@@ -31,6 +31,7 @@ from fvi_cli.storage.records import (
     digest_of,
     dimensions_of,
     has_points,
+    rows_of,
 )
 from fvi_cli.studies.members import with_values
 
@@ -134,7 +135,13 @@ class StoredGroup:
     def records(self, start: int, stop: int) -> list[Record]:
         """The runs from `start` up to `stop`, as they were written."""
         rows: Any = (slice(start, stop),) if self.keys else (None,)
-        names = [n for n in self.nodes if dimensions_of(n) is not None and n not in SHARED]
+        names = [
+            name
+            for name in self.nodes
+            if dimensions_of(name) is not None
+            and name not in SHARED
+            and not name.endswith(f"/{OCCURRENCE}")
+        ]
         data = {
             name: np.asarray(self.nodes[name][rows[0]] if self.keys else self.nodes[name][()][None])
             for name in names
@@ -145,8 +152,8 @@ class StoredGroup:
             points = int(attributes[POINTS])
             fields = [name for name in attributes[FIELDS].split(",") if name]
             own = {
-                name: data[name][row - start, :points]
-                if has_points(name)
+                name: data[name][row - start, : rows_of(name, attributes)]
+                if self.keys or has_points(name)
                 else data[name][row - start]
                 for name in fields
             }

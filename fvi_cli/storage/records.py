@@ -26,6 +26,7 @@ from fvi_cli.storage.fields.observed import (
     observed_datasets,
     observed_dimensions,
     observed_of,
+    occurrences,
 )
 from fvi_cli.storage.files import printable
 from fvi_cli.storage.provenance import SOLVER_VERSION, canonical_json, identity, origin
@@ -59,9 +60,16 @@ LONG_NAMES: Mapping[str, str] = {
 }
 
 
-def dimensions_of(name: str) -> tuple[str, ...] | None:
+def dimensions_of(name: str, *, of_members: bool = False) -> tuple[str, ...] | None:
     """Names of the axes of a dataset of a run; None for what is no array of a run."""
-    return DIMENSIONS[name] if name in DIMENSIONS else observed_dimensions(name)
+    if name in DIMENSIONS:
+        return DIMENSIONS[name]
+    return observed_dimensions(name, of_members=of_members)
+
+
+def rows_of(name: str, attributes: Mapping[str, Any]) -> int:
+    """How many rows of a dataset along times or occurrences belong to a member of a sweep."""
+    return int(attributes[POINTS]) if has_points(name) else occurrences(name, attributes)
 
 
 def has_points(name: str) -> bool:

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.storage.fields.observed import observed_meaning
+from fvi_cli.storage.fields.observed import COUNTS, OCCURRENCE, observed_meaning, occurrences
 from fvi_cli.storage.groups import COMPLETE, MEMBER, Columns, datasets_below
 from fvi_cli.storage.provenance import CHECKSUM, canonical_json, checksum, plain, sha256
 from fvi_cli.storage.records import (
@@ -22,6 +22,7 @@ from fvi_cli.storage.records import (
     Record,
     digest_of,
     dimensions_of,
+    has_points,
     stored_kind,
 )
 from fvi_cli.studies.members import value_at, without_values
@@ -106,7 +107,10 @@ def write_group(
                 continue
             if name not in group:
                 like = next(r.datasets[name] for r in block if name in r.datasets)
-                _create(group, name, shape=(count, length, *like.shape[1:]), keys=keys)
+                rows = length
+                if not has_points(name):
+                    rows = _label_occurrences(group, name, columns)
+                _create(group, name, shape=(count, rows, *like.shape[1:]), keys=keys)
             values = np.full((len(block), *group[name].shape[1:]), np.nan)
             for row, record in enumerate(block):
                 if name in record.datasets:
@@ -117,6 +121,16 @@ def write_group(
     said["shared_sha256"] = group.attrs["shared_sha256"] = digest_of(shared)
     group.attrs[CHECKSUM] = checksum(said)
     group.attrs[COMPLETE] = np.int64(1)
+
+
+def _label_occurrences(group: h5py.Group, name: str, columns: Columns) -> int:
+    """Most occurrences of an event in any member, with a scale for them; returns their number."""
+    told = columns.get(COUNTS, [])
+    most = max((occurrences(name, {COUNTS: one}) for one in told), default=0)
+    label = f"{name.rpartition('/')[0]}/{OCCURRENCE}"
+    if label not in group:
+        _create(group, label, data=np.arange(most))
+    return most
 
 
 def _say(group: h5py.Group, columns: Columns) -> dict[str, Any]:
@@ -236,7 +250,7 @@ def _create(
     dataset.attrs["long_name"] = MEANINGS[name] if name in MEANINGS else observed_meaning(name)
     if keys:
         dataset.attrs["coordinates"] = " ".join(keys)
-    if dimensions_of(name) == (name,):
+    if dimensions_of(name, of_members=bool(keys)) == (name,):
         dataset.make_scale(name.rpartition("/")[2])
 
 
@@ -248,7 +262,7 @@ def _attach_scales(group: h5py.Group) -> None:
     for name, dataset in datasets_below(group):
         if dataset.is_scale:
             continue
-        axes = (*first, *(dimensions_of(name) or ()))
+        axes = (*first, *(dimensions_of(name, of_members=bool(first)) or ()))
         for axis, dimension in enumerate(axes[: dataset.ndim]):
             dataset.dims[axis].attach_scale(group[dimension])
 

@@ -26,6 +26,8 @@ Norm = Literal["max", "final", "l2"]
 Observed = Literal["ok", "floor", "diverged", "failed", "refused"]
 Predicted = Literal["stable", "unstable", "unknown"]
 
+UNITS = ("time", "length", "velocity", "acceleration", "momentum", "energy")
+"""What has a unit beside coordinates and quantities."""
 NEEDS_LADDER = (
     "accuracy chooses one run; give a ladder, for example --set ladder.steps=[64,128,256]"
 )
@@ -76,6 +78,9 @@ class Experiment:
         are chosen; then these are the only ones.
     fit
         What is fitted to which measurements; None: nothing is.
+    units
+        Names of units for figures and tables, of what :data:`UNITS` names, coordinates and
+        quantities; nothing is converted.
     """
 
     name: str
@@ -96,6 +101,7 @@ class Experiment:
     observations: Observations = field(default_factory=Observations)
     accuracy: Accuracy | None = None
     fit: FitSettings | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Name, methods and steps; the scene is too long for a line."""

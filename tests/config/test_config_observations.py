@@ -95,6 +95,23 @@ def test_a_motion_with_impacts_is_stored_with_its_impacts(tmp_path: Path) -> Non
     assert first.finished[0].reference == "none (a motion with impacts)"
 
 
+def test_members_of_a_sweep_bounce_each_for_itself(tmp_path: Path) -> None:
+    text = (
+        "impacts: {wall: {when: x + k/8, restitution: 0.8}}\noutput: {step: 0.25}\n"
+        "sweep: {problem.parameters.k: [2.0, 4.0]}\n"
+    )
+    config = _load(tmp_path, text, "problem.lagrangian=(vx**2 + vy**2)/2 - k*x - y**2/2")
+    (first,) = fvi.run(config, output=tmp_path)
+    (again,) = fvi.recall(tmp_path / "seen.h5")
+    for one, other, k in zip(first.finished, again.finished, (2.0, 4.0), strict=True):
+        hits = one.trajectory.observed.events["wall"]
+        assert hits.time.size >= 1
+        assert np.abs(hits.position[:, 0] + k / 8).max() < 1e-12
+        assert np.array_equal(hits.time, other.trajectory.observed.events["wall"].time)
+        assert np.array_equal(one.trajectory.position, other.trajectory.position)
+    assert first.finished[0].trajectory.time.tolist() == [0.25 * n for n in range(9)]
+
+
 def test_a_tolerance_with_quantities(tmp_path: Path) -> None:
     text = "quantities: {spring: k*x}\naccuracy: {tolerance: 1e-6}\n"
     path = tmp_path / "seen.yaml"
@@ -128,7 +145,10 @@ def test_a_tolerance_with_quantities(tmp_path: Path) -> None:
         ("events: {e: {}}\n", "13:13: events.e.when: missing"),
         ("output: {step: 1}\nstore: {every: 2}\n", "store.every: not together with output"),
         ("output: {step: 1}\nstore: {diagnostics: [energy-balance]}\n", "not together with output"),
-        ("events: {e: {when: x}}\nsweep: {problem.parameters.k: [1, 2]}\n", "not together with"),
+        (
+            "impacts: {e: {when: x}}\nsweep: {problem.parameters.k: [1, 2]}\n",
+            "13:1: impacts: in a sweep every member has a mesh of its own; give output too",
+        ),
         ("impacts: {f: {when: vx}}\n", "13:21: impacts.f.when: vx is no place; a surface is"),
         ("impacts: {f: {when: x, restitution: 2}}\n", "13:37: impacts.f.restitution: 2 is above 1"),
         ("impacts: {f: {when: t}}\n", "impacts.f.when: no coordinate occurs in it (x, y)"),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import fvi_cli as fvi
+from fvi_cli.plotting.observed.labels import in_formula
 
 CONFIG = {
     "name": "seen",
@@ -50,7 +51,7 @@ def test_a_section_has_a_point_for_every_event(outcome: fvi.Outcome) -> None:
     observed = outcome.finished[0].trajectory.observed
     assert observed is not None
     assert axes.lines[0].get_xdata().size == observed.events["period"].time.size == 6
-    assert axes.get_xlabel() == "position x"
+    assert axes.get_xlabel() == "position $x$"
 
 
 def test_round_off_does_not_fill_a_panel() -> None:
@@ -60,3 +61,65 @@ def test_round_off_does_not_fill_a_panel() -> None:
     (figure,) = fvi.figures(fvi.run(config)).values()
     low, high = figure.axes[0].get_ylim()
     assert high - low > 1e-3
+
+
+MEMBERS = {
+    **CONFIG,
+    "problem": {
+        **CONFIG["problem"],
+        "parameters": {"amplitude": 1.0},
+        "forcing": "amplitude*cos(t)",
+        "final_time": 20.0,
+    },
+    "method": {"rk": "gauss", "degree": 3},
+    "ladder": {"steps": [60]},
+    "quantities": {"force": "dx"},
+    "units": {"length": "mm", "time": "ms", "force": "N"},
+}
+
+
+@pytest.mark.parametrize("count", [3, 8])
+def test_members_of_a_sweep(count: int) -> None:
+    amplitudes = {"from": 0.5, "to": 1.2, "number": count}
+    swept = {**MEMBERS, "sweep": {"problem.parameters.amplitude": amplitudes}}
+    (outcome,) = fvi.run(swept)
+    figures = fvi.figures(outcome)
+    assert set(figures) == {"seen-quantities", "seen-section"}
+    (panel,) = figures["seen-quantities"].axes
+    assert panel.get_ylabel() == "force (N)"
+    assert panel.get_xlabel() == "time $t$ (ms)"
+    seen = [one.trajectory.observed for one in outcome.finished]
+    if count <= 6:
+        for number, one in enumerate(seen):
+            assert np.array_equal(panel.lines[number].get_ydata(), one.quantities["force"])
+            peak = panel.lines[count + number]
+            assert abs(peak.get_ydata()[0]) == one.extents["force"].peak
+    first, *others = figures["seen-section"].axes
+    assert len(first.lines) == count
+    drawn = [line.get_ydata() if others else line.get_xdata() for line in first.lines]
+    for line, one in zip(drawn, seen, strict=True):
+        assert np.array_equal(line, one.events["period"].position[:, 0])
+    if others:
+        assert first.get_xlabel() == "amplitude"
+        assert {line.get_xdata()[0] for line in first.lines} == set(np.linspace(0.5, 1.2, count))
+        assert others[0].get_ylabel() == r"velocity $\dot x$ (mm/ms)"
+
+
+def test_units_are_labels_and_belong_to_something() -> None:
+    (plain,) = fvi.run({**MEMBERS, "units": {}})
+    (named,) = fvi.run({**MEMBERS, "figures": ["trajectory", "energy", "phase"]})
+    one, other = plain.finished[0], named.finished[0]
+    assert np.array_equal(one.trajectory.position, other.trajectory.position)
+    assert one.run.specification() == other.run.specification()
+    drawn = {name: figure.axes[0] for name, figure in fvi.figures(named).items()}
+    assert drawn["seen-trajectory"].get_ylabel() == "position $x(t)$ (mm)"
+    assert drawn["seen-energy"].get_ylabel() == "energy $H(x, p)$"
+    assert drawn["seen-phase"].get_xlabel() == "position $x$ (mm)"
+    with pytest.raises(fvi.RequestError, match=r"units.forse: .* did you mean 'force'\?"):
+        fvi.load({**MEMBERS, "units": {"forse": "N"}})
+
+
+def test_small_steps_are_written_as_powers_of_ten() -> None:
+    assert in_formula(2.5e-5) == r"2.5 \times 10^{-5}"
+    assert in_formula(1e-6) == "10^{-6}"
+    assert in_formula(0.125) == "0.125"

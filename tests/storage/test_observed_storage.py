@@ -103,8 +103,8 @@ def test_listing_and_export(stored: tuple[Path, fvi.Trajectory], tmp_path: Path)
 
 
 def test_members_of_a_sweep_keep_their_quantities(tmp_path: Path) -> None:
-    swept = {key: value for key, value in CONFIG.items() if key != "events"}
-    config = {**swept, "sweep": {"problem.damping.0.order": [0.2, 0.5, 0.8]}}
+    events = {**CONFIG["events"], "low": {"when": "x + 0.52"}, "end": {"when": "t - 7.55"}}
+    config = {**CONFIG, "events": events, "sweep": {"problem.damping.0.order": [0.2, 0.5, 0.8]}}
     (first,) = fvi.run(config, output=tmp_path)
     (again,) = fvi.recall(tmp_path / "seen.h5")
     for one, other in zip(first.finished, again.finished, strict=True):
@@ -113,10 +113,29 @@ def test_members_of_a_sweep_keep_their_quantities(tmp_path: Path) -> None:
         assert read is not None
         assert np.array_equal(kept.quantities["torque"], read.quantities["torque"])
         assert kept.extents == read.extents
+        for name, event in kept.events.items():
+            for part in ("time", "position", "velocity"):
+                assert np.array_equal(getattr(event, part), getattr(read.events[name], part))
+    counts = [one.trajectory.observed.events["low"].time.size for one in again.finished]
+    assert len(set(counts)) > 1
+    with h5py.File(tmp_path / "seen.h5") as file:
+        run = file["seen/gauss-s4-graded/n000032"]
+        assert run["events/low/time"].shape == (3, max(counts))
+        assert run["events/low/velocity"].dims[1][0] == run["events/low/occurrence"]
+        assert run["events/low/velocity"].dims[0][0] == run["member"]
+        assert run["events/never/position"].shape == (3, 0, 1)
     observed = [one.trajectory.observed for one in again.finished]
     assert len({one.extents["torque"].peak for one in observed if one is not None}) == 3
     names = {path.name for path in fvi.export(tmp_path / "seen.h5", "csv", tmp_path)}
     assert "seen-gauss-s4-graded-n000032.csv" in names
+    stem = tmp_path / "seen-gauss-s4-graded-n000032-events-low.csv"
+    with stem.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == sum(counts)
+    swept = "problem.damping.0.order"
+    assert sorted(rows[0]) == sorted(["member", "occurrence", swept, "time", "x", "vx"])
+    times = np.concatenate([one.trajectory.observed.events["low"].time for one in again.finished])
+    assert [float(row["time"]) for row in rows] == times.tolist()
 
 
 @pytest.mark.parametrize("name", ["frame-forces", "ball-on-a-table"])

@@ -8,7 +8,7 @@ from fvi_cli.config.keys.accuracy import ACCURACY
 from fvi_cli.config.keys.fit import FIT
 from fvi_cli.config.keys.ladder import LADDER
 from fvi_cli.config.keys.methods import METHODS
-from fvi_cli.config.keys.observations import EVENTS, IMPACTS, OUTPUT, QUANTITIES
+from fvi_cli.config.keys.observations import EVENTS, IMPACTS, OUTPUT, QUANTITIES, UNITS_KEY
 from fvi_cli.config.keys.stability import STABILITY
 from fvi_cli.config.keys.store import STORE
 from fvi_cli.config.keys.sweep import SweepShape
@@ -105,6 +105,7 @@ _KEYS: Final = (
     QUANTITIES,
     EVENTS,
     IMPACTS,
+    UNITS_KEY,
     Key(
         "stability",
         STABILITY,

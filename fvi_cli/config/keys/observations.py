@@ -20,12 +20,15 @@ from fvi_cli.integrator.observations.asked import (
     known_names,
     surface_objection,
 )
+from fvi_cli.keys.complaints import listed as listed_words
+from fvi_cli.keys.complaints import suggestion
 from fvi_cli.keys.containers import ListOf, Named
 from fvi_cli.keys.cursor import OPTIONAL, Cursor, is_complete
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Choice, Flag, Formula, Integer, Number, Text
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.problem import AnyProblem, Problem
+from fvi_cli.studies.experiment import UNITS
 
 MOST_TIMES: Final = 10_000_000
 KEYS: Final = ("output", "quantities", "events", "impacts")
@@ -125,6 +128,29 @@ IMPACTS: Final = Key(
 )
 
 
+UNITS_KEY: Final = Key(
+    "units",
+    Named(shape=Text(what="the name of a unit", longest=40), example="{length: mm, time: s}"),
+    "Names of units that stand beside the axes of figures: of time, length, velocity, "
+    "acceleration, momentum, energy, of coordinates and of quantities. Nothing is converted.",
+    default={},
+)
+
+
+def check_units(values: Mapping[str, Any], problem: AnyProblem, at: Cursor) -> None:
+    """Units must belong to something that is drawn."""
+    given, own = values["units"], values.get("quantities")
+    coordinates = problem.coordinates if isinstance(problem, Problem) else ()
+    known = (*UNITS, *coordinates, *(own if isinstance(own, Mapping) else ()))
+    for name in given if isinstance(given, Mapping) else ():
+        if name not in known:
+            at.under("units").refuse_key(
+                name,
+                f"has no unit of its own{suggestion(name, known)} "
+                f"(known here: {listed_words(known[:12])})",
+            )
+
+
 def read_observations(
     values: Mapping[str, Any],
     described: Mapping[str, Any],
@@ -210,9 +236,8 @@ def _check_neighbours(
             at.refuse("not together with output, which says what is kept", "store", "every")
         if "diagnostics" in store:
             at.refuse("not together with output: they are kept on the mesh", "store", "diagnostics")
-    for name in ("events", "impacts"):
-        if name in values and "sweep" in values:
-            at.refuse_key(name, "not together with sweep; give each member its own experiment")
+    if "impacts" in values and "sweep" in values and "output" not in values:
+        at.refuse_key("impacts", "in a sweep every member has a mesh of its own; give output too")
     if "impacts" in values:
         if "accuracy" in values:
             at.refuse_key("impacts", "not together with accuracy; give a ladder")

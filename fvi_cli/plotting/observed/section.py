@@ -5,15 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fvi_cli.integrator.observations.observe import Occurrences
-from fvi_cli.plotting.methods import series_styles
+from fvi_cli.plotting.observed.labels import (
+    MOST_LINES,
+    coordinates_of,
+    member_label,
+    styled,
+    typeset_name,
+    with_unit,
+)
+from fvi_cli.plotting.observed.quantities import observed_of
 from fvi_cli.plotting.style import COLOURS, MARKERS, journal_style, legend_above, new_figure
 from fvi_cli.plotting.time_series import select_runs
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.members import Member
 
 MOST_PANELS = 4
 ROUND_OFF = 1e-9
@@ -23,8 +33,7 @@ MANY = 200
 
 def has_events(item: FinishedRun) -> bool:
     """Whether an event of a run happened."""
-    observed = item.trajectory.observed
-    return observed is not None and any(one.time.size for one in observed.events.values())
+    return any(one.time.size for one in observed_of(item).events.values())
 
 
 def section_figure(
@@ -49,8 +58,7 @@ def section_figure(
     if not having or not isinstance(problem, Problem):
         raise ValueError("section: no event happened")
     shown = select_runs(having, n_steps)
-    labels = series_styles([item.run.method for item in shown])
-    names = problem.coordinates[:MOST_PANELS]
+    names = coordinates_of(experiment)[:MOST_PANELS]
     columns = 1 if len(names) == 1 else 2
     rows = -(-len(names) // columns)
     with journal_style():
@@ -58,32 +66,105 @@ def section_figure(
         panels = figure.subplots(rows, columns, squeeze=False).ravel()
         for index, (name, axes) in enumerate(zip(names, panels, strict=False)):
             series = [
-                (item, event, one)
-                for item in shown
-                if item.trajectory.observed is not None
-                for event, one in item.trajectory.observed.events.items()
+                (event if len(shown) == 1 else f"{event}, {style.label}", one)
+                for item, style, _ in styled(shown)
+                for event, one in observed_of(item).events.items()
                 if one.time.size
             ]
-            for number, (item, event, one) in enumerate(series):
-                method = labels[item.run.method.case].label
-                dots = one.time.size > MANY
-                axes.plot(
-                    one.position[:, index],
-                    one.velocity[:, index],
-                    linestyle="none",
-                    marker="." if dots else MARKERS[number % len(MARKERS)],
-                    markersize=1.5 if dots else 3.5,
-                    markerfacecolor="none" if not dots else None,
-                    color=COLOURS[number % len(COLOURS)],
-                    label=event if len(shown) == 1 else f"{event}, {method}",
-                )
-            _widen(axes, [one for _, _, one in series])
-            axes.set_xlabel(f"position {name}")
-            axes.set_ylabel(f"velocity v{name}")
+            for number, (label, one) in enumerate(series):
+                _draw_points(axes, one, index, number, label)
+            _widen(axes, [one for _, one in series])
+            _name_axes(axes, experiment, name)
         for axes in panels[len(names) :]:
             axes.set_axis_off()
         legend_above(figure, panels[0])
     return figure
+
+
+def sweep_section_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw the first coordinate of members of a sweep at their events.
+
+    Up to 6 members have marks of their own, velocity against position. Of more the position stands
+    against what is swept (with several keys: the number of the member) above, and velocity against
+    position below in shades from the first member to the last. Of several methods the first is
+    shown, on the finest grid.
+
+    Parameters
+    ----------
+    experiment, finished
+        The experiment with members, and its runs.
+
+    Raises
+    ------
+    ValueError
+        If no event happened.
+    """
+    having = [item for item in finished if has_events(item)]
+    if not having:
+        raise ValueError("section: no event happened")
+    finest = max(item.run.n_steps for item in having)
+    first = having[0].run.method
+    having = [one for one in having if one.run.n_steps == finest and one.run.method == first]
+    series = [
+        (item.run.member, one)
+        for item in having
+        for one in observed_of(item).events.values()
+        if one.time.size and item.run.member is not None
+    ]
+    name = coordinates_of(experiment)[0]
+    with journal_style():
+        if len(having) <= MOST_LINES:
+            figure = new_figure(3.3)
+            axes = figure.subplots()
+            for number, (member, one) in enumerate(series):
+                _draw_points(axes, one, 0, number, member_label(member))
+            _name_axes(axes, experiment, name)
+            legend_above(figure, axes)
+            return figure
+        figure = new_figure(4.6)
+        above, below = figure.subplots(2, 1)
+        values = [_swept_number(member) for member, _ in series]
+        shades = colormaps["viridis"](np.linspace(0.0, 0.9, len(experiment.members)))
+        for (member, one), value in zip(series, values, strict=True):
+            dots = {"color": shades[member.number], "marker": ".", "markersize": 2.5}
+            x = one.position[:, 0]
+            above.plot(np.full(x.size, value), x, linestyle="none", **dots)
+            below.plot(x, one.velocity[:, 0], linestyle="none", **dots)
+        keys = experiment.swept
+        swept = keys[0].removeprefix("problem.").removeprefix("parameters.")
+        above.set_xlabel(swept if len(keys) == 1 else "member")
+        above.set_ylabel(with_unit(f"position {typeset_name(name)}", experiment, name, "length"))
+        _name_axes(below, experiment, name)
+        low, high = f"{min(values):.6g}", f"{max(values):.6g}"
+        below.set_title(f"dark: {low}, light: {high}")
+    return figure
+
+
+def _swept_number(member: Member) -> float:
+    """The value of a member where one number is swept, else its own number."""
+    values = list(member.values.values())
+    is_number = len(values) == 1 and isinstance(values[0], int | float)
+    return float(values[0]) if is_number else float(member.number)
+
+
+def _draw_points(axes: Axes, one: Occurrences, index: int, number: int, label: str) -> None:
+    dots = one.time.size > MANY
+    axes.plot(
+        one.position[:, index],
+        one.velocity[:, index],
+        linestyle="none",
+        marker="." if dots else MARKERS[number % len(MARKERS)],
+        markersize=1.5 if dots else 3.5,
+        markerfacecolor="none" if not dots else None,
+        color=COLOURS[number % len(COLOURS)],
+        label=label,
+    )
+
+
+def _name_axes(axes: Axes, experiment: Experiment, name: str) -> None:
+    typeset = typeset_name(name)
+    axes.set_xlabel(with_unit(f"position {typeset}", experiment, name, "length"))
+    axes.set_ylabel(with_unit(rf"velocity $\dot {typeset.strip('$')}$", experiment, "velocity"))
 
 
 def _widen(axes: Axes, events: Sequence[Occurrences]) -> None:

@@ -47,17 +47,30 @@ class ObservedSummary:
 NOTHING_OBSERVED: Final = ObservedSummary()
 
 _PARTS: Final = ("time", "position", "velocity")
+OCCURRENCE: Final = "occurrence"
+"""Axis of an event of the members of a sweep, whose times differ."""
 
 
-def observed_dimensions(name: str) -> tuple[str, ...] | None:
-    """Names of the axes of a dataset that was observed; None for any other name."""
+def observed_dimensions(name: str, *, of_members: bool = False) -> tuple[str, ...] | None:
+    """Names of the axes of a dataset that was observed; None for any other name.
+
+    Those of members come after the one along the members.
+    """
     room, _, rest = name.partition("/")
     if room == QUANTITIES and rest:
         return ("time",)
     if room == EVENTS and rest:
-        own = f"{name.rpartition('/')[0]}/time"
-        return (own,) if name == own else (own, "dof")
+        event, _, part = name.rpartition("/")
+        own = f"{event}/{OCCURRENCE if of_members or part == OCCURRENCE else 'time'}"
+        return (own, "dof") if part in _PARTS[1:] else (own,)
     return (MESH,) if name == MESH else None
+
+
+def occurrences(name: str, attributes: Mapping[str, Any]) -> int:
+    """How often the event of a dataset happened, as the attributes of a run have it."""
+    told = json.loads(attributes.get(COUNTS) or "{}")
+    event = name.removeprefix(f"{EVENTS}/").rpartition("/")[0]
+    return int(told[event]["count"]) if event in told else 0
 
 
 def observed_meaning(name: str) -> str:
