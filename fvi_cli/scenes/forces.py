@@ -120,10 +120,9 @@ SAMPLES: Final = Checked(
 )
 """Samples from a CSV file, read together with the configuration."""
 
-PARAMETERS_EXAMPLE: Final = "{amplitude: 0.3, omega: 1.2}"
 PARAMETERS: Final = Key(
     "parameters",
-    Named(shape=Number(), example=PARAMETERS_EXAMPLE),
+    Named(shape=Number(), example="{amplitude: 0.3, omega: 1.2}"),
     "Values of names that the expressions of the problem may hold, and those of quantities, events "
     "and impacts; problem.parameters.<name> can be swept.",
     default=OPTIONAL,

@@ -11,7 +11,7 @@ from fvi_cli.config.reference.schema import SCHEMA_FILE
 from fvi_cli.errors import RequestError
 from fvi_cli.keys.complaints import listed, suggestion
 from fvi_cli.keys.cursor import Missing
-from fvi_cli.scenes.forces import PARAMETERS, PARAMETERS_EXAMPLE
+from fvi_cli.scenes.forces import PARAMETERS
 from fvi_cli.scenes.kinds import KINDS, SceneKind
 
 WIDTH: Final = 98
@@ -50,11 +50,9 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
         f"  kind: {kind}",
     ]
     for key in described.record.keys:
-        shown = described.example.get(key.name) or plain(key.default)
-        line = f"{key.name}: {shown}"
-        if key is PARAMETERS:
-            line = f"# {key.name}: {PARAMETERS_EXAMPLE}"
-        lines += [*_comment(key.description, "  "), f"  {line}"]
+        default = "{}" if key is PARAMETERS else plain(key.default)
+        shown = described.example.get(key.name) or default
+        lines += [*_comment(key.description, "  "), f"  {key.name}: {shown}"]
     examples = {
         "method": described.methods,
         "ladder": "{steps: [16, 32, 64, 128, 256]}",
