@@ -22,6 +22,7 @@ from fvi_cli.cli.forget import forget
 from fvi_cli.cli.guide import guide
 from fvi_cli.cli.hard_cases import hard_cases
 from fvi_cli.cli.list import list  # noqa: A004 - the command's name
+from fvi_cli.cli.merge import merge
 from fvi_cli.cli.modes import modes
 from fvi_cli.cli.new import new
 from fvi_cli.cli.plot import plot
@@ -46,6 +47,7 @@ COMMANDS = (
     list,
     show,
     export,
+    merge,
     forget,
     hard_cases,
     schema,

@@ -19,6 +19,7 @@ from fvi_cli.cli.options import (
     Quiet,
     Sources,
     Verbose,
+    Wait,
     Workers,
 )
 
@@ -39,6 +40,7 @@ def convergence(
     overrides: Overrides = None,
     workers: Workers = 1,
     dask: Dask = None,
+    wait: Wait = False,
     dry_run: DryRun = False,
     fresh: Fresh = False,
     fail_fast: FailFast = False,
@@ -63,6 +65,7 @@ def convergence(
         fail_fast=fail_fast,
         show_progress=not quiet,
         keep=not check,
+        waits=wait,
     )
     requests = gather(sources or DEFAULT_TABLES, overrides or (), allow_unstable=allow_unstable)
     if dry_run:

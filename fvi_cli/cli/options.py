@@ -64,6 +64,10 @@ Dask = Annotated[
         help="Compute on the workers of an existing Dask scheduler, such as tcp://host:8786.",
     ),
 ]
+Wait = Annotated[
+    bool,
+    typer.Option("--wait", help="Wait until another command that writes the same file has ended."),
+]
 CheckpointEvery = Annotated[
     float,
     typer.Option(

@@ -24,6 +24,7 @@ from fvi_cli.cli.options import (
     Quiet,
     Sources,
     Verbose,
+    Wait,
     Workers,
 )
 from fvi_cli.errors import RequestError
@@ -65,6 +66,7 @@ def plot(
     overrides: Overrides = None,
     workers: Workers = 1,
     dask: Dask = None,
+    wait: Wait = False,
     dry_run: DryRun = False,
     fresh: Fresh = False,
     fail_fast: FailFast = False,
@@ -92,6 +94,7 @@ def plot(
         fail_fast=fail_fast,
         show_progress=not quiet,
         keep=not check,
+        waits=wait,
     )
     requests = gather(sources or DEFAULT_FIGURES, overrides or (), allow_unstable=allow_unstable)
     if dry_run:

@@ -18,6 +18,7 @@ from fvi_cli.cli.options import (
     Overrides,
     Quiet,
     Verbose,
+    Wait,
     Workers,
 )
 
@@ -36,6 +37,7 @@ def quantities(
     overrides: Overrides = None,
     workers: Workers = 1,
     dask: Dask = None,
+    wait: Wait = False,
     dry_run: DryRun = False,
     fresh: Fresh = False,
     fail_fast: FailFast = False,
@@ -58,6 +60,7 @@ def quantities(
         fail_fast=fail_fast,
         show_progress=not quiet,
         keep=not check,
+        waits=wait,
     )
     requests = gather(configs, overrides or ())
     if dry_run:

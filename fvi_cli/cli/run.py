@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from fvi_cli.cli.exits import DONE, exit_code, guarded
 from fvi_cli.cli.options import (
@@ -19,6 +21,7 @@ from fvi_cli.cli.options import (
     Overrides,
     Quiet,
     Verbose,
+    Wait,
     Workers,
 )
 
@@ -36,6 +39,14 @@ def run(
     workers: Workers = 1,
     checkpoint_every: CheckpointEvery = 60.0,
     dask: Dask = None,
+    shard: Annotated[
+        str,
+        typer.Option(
+            metavar="I/N",
+            help="Compute the I-th of N parts alone, into a file of its own; see `fvi merge`.",
+        ),
+    ] = "1/1",
+    wait: Wait = False,
     dry_run: DryRun = False,
     fresh: Fresh = False,
     fail_fast: FailFast = False,
@@ -52,6 +63,7 @@ def run(
     from fvi_cli.runner.request import gather
     from fvi_cli.runner.run import run_requests
     from fvi_cli.runner.settings import Settings
+    from fvi_cli.runner.shards import shard_named
 
     settings = Settings(
         output=output,
@@ -61,6 +73,8 @@ def run(
         fail_fast=fail_fast,
         show_progress=not quiet,
         checkpoint_seconds=checkpoint_every,
+        waits=wait,
+        shard=shard_named(shard),
     )
     requests = gather(configs, overrides or (), allow_unstable=allow_unstable)
     if dry_run and json:

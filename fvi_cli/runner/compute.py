@@ -54,8 +54,8 @@ def compute_runs(
     """
     done: dict[Run, FinishedRun] = {}
     waiting: list[Run] = []
-    listed = [(experiment, experiment.runs()) for experiment in experiments]
-    for run in (run for _, runs in listed for run in runs):
+    listed = settings.shard.runs_of(experiments)
+    for run in (run for runs in listed.values() for run in runs):
         earlier = known(run)
         if earlier is None:
             waiting.append(run)
@@ -101,7 +101,7 @@ def compute_runs(
                 break
     return [
         Outcome(experiment=experiment, finished=tuple(done[run] for run in runs if run in done))
-        for experiment, runs in listed
+        for experiment, runs in listed.items()
     ]
 
 

@@ -55,11 +55,13 @@ def plan_runs(requests: Sequence[Request], settings: Settings) -> list[PlannedRu
         check_memory(request, settings)
         checkpoints = None if settings.fresh else settings.checkpoints(request)
         with stored_runs(request, settings) as (store, why):
-            for experiment in request.loaded.experiments:
-                runs = experiment.runs()
+            shared = settings.shard.runs_of(request.loaded.experiments)
+            searched = settings.shard.searches_of(request.loaded.experiments)
+            for experiment, runs in shared.items():
                 begun = {} if checkpoints is None else checkpoints.unfinished(runs)
                 plans += [_planned(run, store.finished, why, request, begun) for run in runs]
-                plans += [_search(one, request, store.chosen) for one in experiment.searches()]
+                own = searched[experiment]
+                plans += [_search(one, request, store.chosen) for one in own]
     return plans
 
 

@@ -10,7 +10,8 @@ from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.cluster import DaskCluster
 from fvi_cli.runner.executors.executor import Executor, InProcess, Watch
 from fvi_cli.runner.executors.processes import LocalProcesses
-from fvi_cli.runner.request import STORED_SUFFIX, Request
+from fvi_cli.runner.request import Request
+from fvi_cli.runner.shards import WHOLE, Shard
 from fvi_cli.storage import PARTS_SUFFIX
 
 CHECKPOINT_SECONDS = 60.0
@@ -39,6 +40,10 @@ class Settings:
         Write what is computed; otherwise nothing at all is written.
     checkpoint_seconds
         Between two checkpoints of a run that takes longer than that.
+    waits
+        Where another command writes the same result file, wait until that has ended.
+    shard
+        Compute this part of every configuration alone, into a file of its own.
 
     Raises
     ------
@@ -55,6 +60,8 @@ class Settings:
     show_progress: bool = True
     keep: bool = True
     checkpoint_seconds: float = CHECKPOINT_SECONDS
+    waits: bool = False
+    shard: Shard = WHOLE
 
     def __post_init__(self) -> None:
         if self.dask is not None and self.workers > 1:
@@ -85,4 +92,4 @@ class Settings:
 
     def path_of(self, request: Request) -> Path:
         """Where the runs of `request` are, or would be, stored."""
-        return request.stored or self.output / f"{request.name}{STORED_SUFFIX}"
+        return request.stored or self.output / self.shard.file_name(request.name)

@@ -60,12 +60,13 @@ def stored_runs(
     is_fresh = settings.fresh and request.stored is None
     path = settings.path_of(request)
     opened = (
-        open_results(settings.output, request.name, fresh=is_fresh)
+        open_results(settings.output, path.stem, fresh=is_fresh, waits=settings.waits)
         if writes
         else read_results(path, fresh=is_fresh, may_be_missing=request.stored is None)
     )
     with opened as store:
-        asked = {place_of(run) for e in request.loaded.experiments for run in e.runs()}
+        shared = settings.shard.runs_of(request.loaded.experiments)
+        asked = {place_of(run) for runs in shared.values() for run in runs}
         reasons = Reasons(stored=store, asked=asked)
         yield store, (lambda run: FRESH) if is_fresh else reasons.of
 

@@ -13,7 +13,7 @@ from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import Chosen, no_choice, reusable
-from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
 _logger = logging.getLogger(__name__)
@@ -43,12 +43,13 @@ def run_tolerance_searches(
     """
     outcomes: dict[Experiment, Outcome] = {}
     has_failed = False
+    searches = settings.shard.searches_of(experiments)
     for experiment in experiments:
         if not experiment.needs_search:
             continue
         finished: list[FinishedRun] = []
         if not has_failed:
-            finished = _searched(experiment, settings, chosen, keep)
+            finished = _searched(experiment, searches[experiment], settings, chosen, keep)
         # nothing is begun after an unexpected failure (--fail-fast)
         has_failed |= settings.fail_fast and any(map(is_unexpected_failure, finished))
         own = experiment if experiment.members or not finished else finished[0].run.experiment
@@ -72,12 +73,16 @@ def search_batch(batch: Batch) -> list[FinishedRun]:
 
 
 def _searched(
-    experiment: Experiment, settings: Settings, chosen: Chosen, keep: Keep | None
+    experiment: Experiment,
+    searches: Sequence[Run],
+    settings: Settings,
+    chosen: Chosen,
+    keep: Keep | None,
 ) -> list[FinishedRun]:
     """The runs of all searches of an experiment, in their order."""
     done: dict[object, FinishedRun] = {}
     waiting: list[Batch] = []
-    for search in experiment.searches():
+    for search in searches:
         earlier = reusable(chosen(search))
         if earlier is None:
             waiting.append((search,))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import logging
 import os
 import tempfile
 from collections.abc import Iterator
@@ -11,10 +12,13 @@ from pathlib import Path
 
 from fvi_cli.errors import StorageError
 
+_logger = logging.getLogger(__name__)
+
 UNFINISHED = ".part"
 """Ending of files that are being written; what is left of them after a crash is of no use."""
 
 
+_SECONDS_BETWEEN_TRIES = 0.2
 _WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
 
 
@@ -90,11 +94,18 @@ def reason(error: OSError) -> str:
 
 
 @contextlib.contextmanager
-def file_lock(path: Path) -> Iterator[None]:
+def file_lock(path: Path, *, waits: bool = False) -> Iterator[None]:
     """Hold a result file, which need not exist, for one process alone.
 
     The lock is the kernel's, on the file ``.<name>.lock`` beside it. That file stays: removing it
     would let two processes hold locks on two files of that name.
+
+    Parameters
+    ----------
+    path
+        Of the result file.
+    waits
+        Where another process holds it, wait until that has ended.
 
     Raises
     ------
@@ -108,12 +119,16 @@ def file_lock(path: Path) -> Iterator[None]:
     # a lock that is a mere file, as is done where there are no others, would outlive a death
     lock = FileLock(path.with_name(f".{path.name}.lock"), timeout=0, fallback_to_soft=False)
     try:
-        lock.acquire()
-    except Timeout:
-        raise StorageError(
-            f"{path}: another fvi is writing it; wait until it has ended, or choose another "
-            "folder with --output"
-        ) from None
+        try:
+            lock.acquire()
+        except Timeout:
+            if not waits:
+                raise StorageError(
+                    f"{path}: another fvi is writing it; wait until it has ended (--wait does), "
+                    "or choose another folder with --output"
+                ) from None
+            _logger.info("%s: another fvi is writing it; waiting until it has ended", path)
+            lock.acquire(timeout=-1, poll_interval=_SECONDS_BETWEEN_TRIES)
     except OSError as error:
         if error.errno in _WITHOUT_LOCKS:
             raise StorageError(

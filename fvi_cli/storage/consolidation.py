@@ -9,6 +9,7 @@ from typing import Any
 
 import h5py
 
+from fvi_cli.errors import StorageError
 from fvi_cli.storage.files import replacing
 from fvi_cli.storage.groups import CONVERGENCE, Columns
 from fvi_cli.storage.provenance import (
@@ -130,13 +131,20 @@ def write_file(
 
 def _columns(runs: Sequence[tuple[Key, Location]], opened: Callable[[Path], Snapshot]) -> Columns:
     """The attributes of runs that share a group, under the name that they are asked for."""
-    columns = columns_of([opened(one.file).attributes(one) for _, one in runs])
+    columns = columns_of([_attributes(one, opened) for _, one in runs])
     experiment, case, n_steps, _ = runs[0][0][0]
     named: dict[str, Any] = {"experiment": experiment, "case": case, "n_steps": n_steps}
     if SWEPT in columns:
         # another sweep may name the same keys in another order
         named[SWEPT] = columns[SWEPT][0]
     return columns | {name: [value] * len(runs) for name, value in named.items()}
+
+
+def _attributes(location: Location, opened: Callable[[Path], Snapshot]) -> dict[str, Any]:
+    attributes = opened(location.file).attributes(location)
+    if attributes["identity"] != location.identity:
+        raise StorageError(f"{location.file}: was replaced while it was read; begin again")
+    return attributes
 
 
 def _blocks(

@@ -21,7 +21,8 @@ from fvi_cli.studies.members import value_in_words
 MOST_VALUES = 6
 """Values of a swept key that are told one by one."""
 
-CONFIGURATION = ("config", "config_overrides", "resolved_config", "resolved_config_sha256")
+RESOLVED = "resolved_config_sha256"
+CONFIGURATION = ("config", "config_overrides", "resolved_config", RESOLVED)
 """Attributes of the root that tell of the configuration."""
 
 
@@ -41,14 +42,16 @@ class Configuration(Protocol):
         """Changes that were asked for beside it."""
 
 
-def described(configuration: Configuration) -> dict[str, str]:
+def described(configuration: Configuration | StoredConfiguration) -> dict[str, str]:
     """What the root of a file says of the configuration."""
-    resolved = canonical_json(configuration.resolved)
+    resolved = configuration.resolved
+    if not isinstance(resolved, str):
+        resolved = canonical_json(resolved)
     return {
         "config": configuration.text,
         "config_overrides": json.dumps(list(configuration.overrides)),
         "resolved_config": resolved,
-        "resolved_config_sha256": sha256(resolved),
+        RESOLVED: sha256(resolved),
     }
 
 

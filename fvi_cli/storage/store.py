@@ -13,7 +13,13 @@ from typing import Any
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.atomic import file_lock, told
 from fvi_cli.storage.consolidation import Layout, layout_of, write_file
-from fvi_cli.storage.contents import CONFIGURATION, Configuration, described
+from fvi_cli.storage.contents import (
+    CONFIGURATION,
+    RESOLVED,
+    Configuration,
+    StoredConfiguration,
+    described,
+)
 from fvi_cli.storage.files import (
     PARTS_SUFFIX,
     SUFFIX,
@@ -244,7 +250,41 @@ class Store:
         if run.member is not None:
             self._numbers[key] = run.member.number
 
-    def consolidate(self, configuration: Configuration) -> Path | None:
+    def take(self, other: Store, numbers: Mapping[Place, int]) -> None:
+        """Learn the runs of another file, to be put into this one by :meth:`consolidate`.
+
+        Parameters
+        ----------
+        other
+            Of the same configuration.
+        numbers
+            Place in the sweep of every member that the configuration asks for.
+
+        Raises
+        ------
+        StorageError
+            If a run of it was made by other code than one that is here, or has other numbers.
+        """
+        for location in other.locations():
+            held = self._by_key.get(location.key)
+            if held is not None and self._data_of(held) != self._data_of(location):
+                raise StorageError(
+                    f"{location.file}: {location.group} has other numbers than the same run in "
+                    f"{held.file}: they were not made by the same code; compute one of them again "
+                    "(--fresh)"
+                )
+            if held is None:
+                self._learn([location])
+            if location.is_of_configuration:
+                self._asked[location.key] = location
+                self._numbers[location.key] = numbers.get(location.place, -1)
+
+    def _data_of(self, location: Location) -> tuple[str, str]:
+        """Which run, and the checksum of its numbers."""
+        attributes = self._read(location, Snapshot.attributes) or {}
+        return location.identity, str(attributes.get("data_sha256"))
+
+    def consolidate(self, configuration: Configuration | StoredConfiguration) -> Path | None:
         """Put all finished runs into one file, then remove the parts.
 
         Runs that were not asked for this time are kept, those of other values in groups of their
@@ -313,7 +353,8 @@ class Store:
         root = self._main.file.attrs
         return (
             held == set(layout)
-            and all(root.get(name) == value for name, value in said.items())
+            # another comment, or the same values written in another way, change no run
+            and root.get(RESOLVED) == said[RESOLVED]
             and all(
                 (one.file, one.group, one.row) == (self.path, path, row) and one.place == key[0]
                 for path, runs in layout.items()
@@ -345,7 +386,9 @@ class Store:
 
 
 @contextlib.contextmanager
-def open_results(directory: Path, name: str, *, fresh: bool = False) -> Iterator[Store]:
+def open_results(
+    directory: Path, name: str, *, fresh: bool = False, waits: bool = False
+) -> Iterator[Store]:
     """Open ``<name>.h5`` in `directory` for reading and for new runs.
 
     The file is held by a lock of the kernel until the block ends.
@@ -358,6 +401,8 @@ def open_results(directory: Path, name: str, *, fresh: bool = False) -> Iterator
         Of the configuration.
     fresh
         Find nothing that is stored; it is replaced by what is computed again, run by run.
+    waits
+        Where another process holds the file, wait until that has ended.
 
     Raises
     ------
@@ -366,7 +411,7 @@ def open_results(directory: Path, name: str, *, fresh: bool = False) -> Iterator
         be read or is not ours.
     """
     path = directory / f"{name}{SUFFIX}"
-    with file_lock(path):
+    with file_lock(path, waits=waits):
         remove_unfinished(path)
         with contextlib.closing(Store(path=path, is_fresh=fresh)) as store:
             store._look()

@@ -284,8 +284,8 @@ def test_two_commands_on_one_file_do_not_meet(folder):
         second = fvi(folder, "run", "quick.yaml")
         assert second.returncode == 2
         assert second.stderr == (
-            "fvi: results/quick.h5: another fvi is writing it; wait until it has ended, or choose "
-            "another folder with --output\n"
+            "fvi: results/quick.h5: another fvi is writing it; wait until it has ended (--wait "
+            "does), or choose another folder with --output\n"
         )
         assert second.stdout == ""
         # neither looking nor another folder is forbidden, nor another file of the same folder

@@ -452,11 +452,14 @@ def test_what_is_current_is_not_written_again(tmp_path: Path, runs: list[Finishe
         results.consolidate(CONFIGURATION)
     after = path.stat()
     assert (after.st_ino, after.st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
-    # control: a new comment in the configuration is written
-    changed = SimpleNamespace(**{**vars(CONFIGURATION), "text": TEXT + "# more\n"})
-    with open_results(tmp_path, "sample") as results:
-        assert all(results.finished(finished.run) for finished in runs)
-        results.consolidate(changed)
+    # nor for a comment in the configuration; control: another value is written
+    more = {**vars(CONFIGURATION), "text": TEXT + "# more\n"}
+    other = {**more, "resolved": {**CONFIGURATION.resolved, "more": 1}}
+    for changed, is_written in ((more, False), (other, True)):
+        with open_results(tmp_path, "sample") as results:
+            assert all(results.finished(finished.run) for finished in runs)
+            results.consolidate(SimpleNamespace(**changed))
+        assert (path.stat().st_mtime_ns != before.st_mtime_ns) == is_written
     assert read_config_text(path) == TEXT + "# more\n"
     assert len(places(path)) == len(runs)
 
@@ -877,7 +880,8 @@ def test_an_interrupt_in_the_midst_of_writing_leaves_what_was_there(
 
     monkeypatch.setattr(stream_module.os, "write", interrupted)
     with open_results(path.parent, "sample") as results:
-        changed = SimpleNamespace(**{**vars(CONFIGURATION), "text": "another"})
+        other = {"text": "another", "resolved": {**CONFIGURATION.resolved, "more": 1}}
+        changed = SimpleNamespace(**{**vars(CONFIGURATION), **other})
         assert results.finished(runs[0].run) is not None
         with pytest.raises(KeyboardInterrupt):
             results.consolidate(changed)

@@ -24,6 +24,8 @@ from fvi_cli.studies.study import (
 if TYPE_CHECKING:
     from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 
+Pack = tuple[object, ...]
+
 LARGEST_PACK = 64
 """Members side by side gain little beyond; a pack is what a worker takes, and what an interruption
 loses."""
@@ -44,17 +46,17 @@ def batches_of(runs: Sequence[Run]) -> list[tuple[Run, ...]]:
     runs
         What to compute.
     """
-    packs: dict[tuple[object, ...], dict[tuple[object, ...], list[Run]]] = {}
-    sizes: dict[Experiment, int] = {}
+    packs: dict[Pack, dict[tuple[object, ...], list[Run]]] = {}
     for run in runs:
-        if run.member is None:
-            packs[(run,)] = {(): [run]}
-            continue
-        experiment = run.experiment
-        size = sizes.setdefault(experiment, pack_size(experiment))
-        pack = packs.setdefault((experiment, run.member.number // size), {})
-        pack.setdefault((run.method, run.n_steps), []).append(run)
+        packs.setdefault(pack_of(run), {}).setdefault((run.method, run.n_steps), []).append(run)
     return [tuple(batch) for pack in packs.values() for batch in pack.values()]
+
+
+def pack_of(run: Run) -> Pack:
+    """Which runs stay together: the same for all members of a pack, with any method and N."""
+    if run.member is None:
+        return run.experiment, run.method, run.n_steps
+    return run.experiment, run.member.number // pack_size(run.experiment)
 
 
 def pack_size(experiment: Experiment) -> int:

@@ -1,0 +1,84 @@
+"""Result files of one configuration, such as those of its parts, are joined."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fvi_cli.errors import RequestError
+from fvi_cli.runner.request import STORED_SUFFIX, gather
+from fvi_cli.storage import open_results, place_of, read_configuration, read_results
+from fvi_cli.storage.atomic import file_lock
+from fvi_cli.storage.records import Place
+
+
+@dataclass(frozen=True, kw_only=True)
+class Merged:
+    """What became of files that were joined.
+
+    Parameters
+    ----------
+    path
+        The file that holds the runs of all.
+    runs
+        How many runs the configuration asks for.
+    missing
+        How many of them are in none of the files.
+    """
+
+    path: Path
+    runs: int
+    missing: int
+
+
+def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> Merged:
+    """Join the runs of result files into ``<name>.h5``; every run is verified on the way.
+
+    Runs that are there already stay, as do the files that are joined.
+
+    Parameters
+    ----------
+    paths
+        Files of one configuration.
+    output
+        Folder of the file.
+    waits
+        Wait until commands that write one of the files have ended.
+
+    Raises
+    ------
+    RequestError
+        If the files are not of one configuration.
+    StorageError
+        If one cannot be read, is damaged or still being written, or two have the same run with
+        other numbers; then nothing is changed.
+    """
+    wrong = [path for path in paths if path.suffix != STORED_SUFFIX]
+    if wrong:
+        raise RequestError(f"{wrong[0]}: result files are joined, such as {wrong[0].stem}.h5")
+    first = paths[0]
+    said = read_configuration(first)
+    for path in paths[1:]:
+        if read_configuration(path).resolved != said.resolved:
+            raise RequestError(
+                f"{path}: is of another configuration than {first}; `fvi show --config` prints them"
+            )
+    (request,) = gather([str(first)])
+    runs = [run for one in request.loaded.experiments for run in one.runs()]
+    searches = [run for one in request.loaded.experiments for run in one.searches()]
+    numbers: dict[Place, int] = {
+        place_of(run): -1 if run.member is None else run.member.number for run in runs
+    }
+    target = output / f"{request.name}{STORED_SUFFIX}"
+    with open_results(output, request.name, waits=waits) as store:
+        for path in paths:
+            if target.exists() and path.samefile(target):
+                continue
+            with file_lock(path, waits=waits), read_results(path) as part:
+                store.take(part, numbers)
+        store.consolidate(said)
+        found = store.places()
+        missing = sum(place not in found for place in numbers)
+        missing += sum(store.chosen(one) is None for one in searches)
+    return Merged(path=target, runs=len(numbers) + len(searches), missing=missing)

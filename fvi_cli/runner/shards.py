@@ -1,0 +1,88 @@
+"""A part of a configuration: what one of several commands computes, wherever they run."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from fvi_cli.errors import RequestError
+from fvi_cli.runner.executors.batches import Pack, batches_of, pack_of
+from fvi_cli.runner.request import STORED_SUFFIX
+from fvi_cli.studies.experiment import Experiment, Run
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shard:
+    """The part `number` of `count` parts, counted from 1.
+
+    Who is in a part depends on the configuration alone. Members of a sweep that are computed
+    together stay together, so that the numbers are those of the whole; what takes longest is dealt
+    out first.
+
+    Raises
+    ------
+    RequestError
+        If there is no such part.
+    """
+
+    number: int = 1
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.number <= self.count:
+            raise RequestError(
+                f"--shard {self.number}/{self.count}: is not allowed; in I/N the part I lies "
+                "between 1 and N"
+            )
+
+    def file_name(self, name: str) -> str:
+        """``<name>.h5``, of a part ``<name>.shard-2-of-4.h5``."""
+        part = "" if self.count == 1 else f".shard-{self.number}-of-{self.count}"
+        return f"{name}{part}{STORED_SUFFIX}"
+
+    def runs_of(self, experiments: Sequence[Experiment]) -> dict[Experiment, list[Run]]:
+        """The runs of this part, in the order of the experiments; none where steps are found."""
+        listed = {experiment: experiment.runs() for experiment in experiments}
+        if self.count == 1:
+            return listed
+        together: dict[Pack, int] = {}
+        for batch in batches_of([run for runs in listed.values() for run in runs]):
+            pack = pack_of(batch[0])
+            steps = sum(run.n_steps for run in batch)
+            together[pack] = together.get(pack, 0) + steps
+        loads = [(0, number) for number in range(1, self.count + 1)]
+        mine = set()
+        # sorting is stable: packs of equal length are dealt in their order
+        for pack in sorted(together, key=lambda pack: -together[pack]):
+            load, number = heapq.heappop(loads)
+            heapq.heappush(loads, (load + together[pack], number))
+            if number == self.number:
+                mine.add(pack)
+        return {e: [run for run in runs if pack_of(run) in mine] for e, runs in listed.items()}
+
+    def searches_of(self, experiments: Sequence[Experiment]) -> dict[Experiment, list[Run]]:
+        """The runs of this part whose method and steps are found for a tolerance."""
+        dealt = itertools.cycle(range(1, self.count + 1))
+        return {
+            experiment: [one for one in experiment.searches() if next(dealt) == self.number]
+            for experiment in experiments
+        }
+
+
+WHOLE = Shard()
+
+
+def shard_named(text: str) -> Shard:
+    """The part that ``I/N`` names.
+
+    Raises
+    ------
+    RequestError
+        If it names none.
+    """
+    number, _, count = text.partition("/")
+    if not (number.isdecimal() and count.isdecimal()):
+        raise RequestError(f"--shard {text}: is not I/N, such as 2/4 for the second of four parts")
+    return Shard(number=int(number), count=int(count))
