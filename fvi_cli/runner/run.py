@@ -69,7 +69,8 @@ def run_request(request: Request, settings: Settings) -> list[Outcome]:
         finally:
             if is_kept:
                 # also on Ctrl-C: what is finished is there for the next time
-                store.consolidate(request.loaded)
+                # a part of few packs may be empty, which those who wait for its file need not know
+                store.consolidate(request.loaded, even_empty=settings.shard.count > 1)
 
 
 def _all_outcomes(

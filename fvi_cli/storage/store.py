@@ -284,7 +284,9 @@ class Store:
         attributes = self._read(location, Snapshot.attributes) or {}
         return location.identity, str(attributes.get("data_sha256"))
 
-    def consolidate(self, configuration: Configuration | StoredConfiguration) -> Path | None:
+    def consolidate(
+        self, configuration: Configuration | StoredConfiguration, *, even_empty: bool = False
+    ) -> Path | None:
         """Put all finished runs into one file, then remove the parts.
 
         Runs that were not asked for this time are kept, those of other values in groups of their
@@ -293,14 +295,14 @@ class Store:
         Returns
         -------
         Path or None
-            The file; None when there is no finished run.
+            The file; None when there is no finished run, unless it is written `even_empty`.
 
         Raises
         ------
         StorageError
             If it cannot be written; then the file that was there and the parts are untouched.
         """
-        if not self._by_key:
+        if not self._by_key and not even_empty:
             return None
         # nothing that is asked for is finished: the file keeps the configuration that it has
         is_described = self._main is not None and not self._asked

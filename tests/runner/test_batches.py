@@ -84,10 +84,15 @@ def test_packs_follow_each_other_and_stay_below_the_bound_of_memory(monkeypatch)
     assert len(batches_of(one.runs())) == 4
 
 
-def test_nonlinear_members_are_packed_as_linear_ones():
-    override = "sweep.problem.omega={from: 1, to: 2, number: 200}"
-    sizes = {len(batch) for batch in batches_of(experiment(PENDULUMS, override).runs())}
-    assert sizes == {64, 600 % 64}
+@pytest.mark.parametrize(
+    ("number", "sizes"), [(2, {6}), (10, {8, 6}), (200, {38, 30}), (400, {64, 1200 % 64})]
+)
+def test_members_are_dealt_into_sixteen_packs_or_more(number, sizes):
+    override = f"sweep.problem.omega={{from: 1, to: 2, number: {number}}}"
+    batches = batches_of(experiment(PENDULUMS, override).runs())
+    assert {len(batch) for batch in batches} == sizes
+    # by two numbers of steps
+    assert len(batches) >= min(2 * 16, 2 * 3 * number // 8)
 
 
 def test_runs_without_a_sweep_stand_alone_in_their_order():

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 Pack = tuple[object, ...]
 
-LARGEST_PACK = 64
-"""Members side by side gain little beyond; a pack is what a worker takes, and what an interruption
-loses."""
+LEAST_PACK, LARGEST_PACK, PACKS = 8, 64, 16
+"""Members side by side gain little beyond the largest pack, which is what a worker takes, and what
+an interruption loses; smaller sweeps are dealt into so many packs, for that many workers."""
 
 
 def batches_of(runs: Sequence[Run]) -> list[tuple[Run, ...]]:
@@ -64,9 +64,9 @@ def pack_size(experiment: Experiment) -> int:
     problem = experiment.problem
     dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
     members = max(1, len(experiment.members))
-    return min(
-        members, LARGEST_PACK, members_at_a_time(max(experiment.steps, default=1), dimension)
-    )
+    shared = max(LEAST_PACK, -(-members // PACKS))
+    together = members_at_a_time(max(experiment.steps, default=1), dimension)
+    return min(members, shared, LARGEST_PACK, together)
 
 
 def execute_batch(
