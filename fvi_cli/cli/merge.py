@@ -25,7 +25,7 @@ def merge(
     verbose: Verbose = False,
 ) -> int:
     """Join result files of one configuration, such as those of its parts, into one."""
-    from fvi_cli.runner.merge import merge_files
+    from fvi_cli.runner.parts.merge import merge_files
 
     merged = merge_files(files, output, waits=wait)
     print(f"{merged.path}: {merged.runs - merged.missing} of {merged.runs} runs")

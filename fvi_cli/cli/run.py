@@ -59,11 +59,11 @@ def run(
     from fvi_cli.render.json import outcomes_as_json, plans_as_json
     from fvi_cli.render.plans import plans_as_text
     from fvi_cli.render.runs import runs_as_text
+    from fvi_cli.runner.parts.shard import shard_named
     from fvi_cli.runner.plan import plan_runs
     from fvi_cli.runner.request import gather
     from fvi_cli.runner.run import run_requests
     from fvi_cli.runner.settings import Settings
-    from fvi_cli.runner.shards import shard_named
 
     settings = Settings(
         output=output,

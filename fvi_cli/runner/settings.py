@@ -10,8 +10,8 @@ from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.cluster import DaskCluster
 from fvi_cli.runner.executors.executor import Executor, InProcess, Watch
 from fvi_cli.runner.executors.processes import LocalProcesses
+from fvi_cli.runner.parts.shard import WHOLE, Shard
 from fvi_cli.runner.request import Request
-from fvi_cli.runner.shards import WHOLE, Shard
 from fvi_cli.storage import PARTS_SUFFIX
 
 CHECKPOINT_SECONDS = 60.0

@@ -24,7 +24,7 @@ from fvi_cli.errors import StorageError
 from fvi_cli.runner.executors import batches
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.executor import Batch
-from fvi_cli.runner.shards import Shard
+from fvi_cli.runner.parts.shard import Shard
 from fvi_cli.storage.atomic import file_lock
 from fvi_cli.studies.experiment import FinishedRun
 
