@@ -365,7 +365,7 @@ def test_a_dry_run_tells_half_runs_older_solvers_and_refusals(folder, monkeypatc
     assert found == [("compute", "incomplete"), ("compute", "new")] + 6 * [("reuse", "stored")]
     told = fvi("run", "quick.yaml").stderr
     assert "quick: computed again: 1 runs, incomplete" in told
-    for module in ("storage.provenance", "storage.records", "storage.reasons"):
+    for module in ("storage.provenance", "storage.records", "storage.comparison.reasons"):
         monkeypatch.setattr(f"fvi_cli.{module}.SOLVER_VERSION", SOLVER_VERSION + 1)
     changed = fvi("run", "quick.yaml", "--dry-run", "--set", "problem.final_time=0.5")
     assert reasons(changed) == 8 * [("compute", "changed: problem.final_time; older solver")]

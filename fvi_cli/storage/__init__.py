@@ -8,6 +8,7 @@ run and result, and ``/<experiment>/<case>/convergence`` with ``n_steps``, ``ste
 below ``/<experiment>@1a2b3c4d/``. The attributes of the root say where the file comes from.
 """
 
+from fvi_cli.storage.comparison.reasons import NEW, Reasons
 from fvi_cli.storage.contents import (
     StoredConfiguration,
     StoredFile,
@@ -17,10 +18,10 @@ from fvi_cli.storage.contents import (
     read_configuration,
 )
 from fvi_cli.storage.files import PARTS_SUFFIX, printable
-from fvi_cli.storage.reasons import NEW, Reasons
+from fvi_cli.storage.opening import open_results, read_results
 from fvi_cli.storage.records import place_of, variant_of
 from fvi_cli.storage.snapshot import Location, key_of
-from fvi_cli.storage.store import Store, open_results, read_results
+from fvi_cli.storage.store import Store
 
 __all__ = [
     "NEW",

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fvi_cli.storage.differences import difference_in_words
+from fvi_cli.storage.comparison.differences import difference_in_words
 from fvi_cli.storage.fields.observed import NOTHING_OBSERVED, ObservedSummary, observed_summary
 from fvi_cli.storage.files import printable, reading, root_attributes
 from fvi_cli.storage.groups import StoredGroup, run_groups

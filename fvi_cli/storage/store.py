@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.atomic import file_lock, told
+from fvi_cli.storage.atomic import told
 from fvi_cli.storage.consolidation import Layout, layout_of, write_file
 from fvi_cli.storage.contents import (
     CONFIGURATION,
@@ -26,7 +26,6 @@ from fvi_cli.storage.files import (
     damage_told,
     part_paths,
     remove_checkpoints,
-    remove_unfinished,
     replacing,
     root_attributes,
 )
@@ -139,7 +138,7 @@ class Store:
         except StorageError:
             if location.file == self.path or location.file.exists():
                 raise
-        self._look()
+        self.look()
         return None
 
     def _snapshot(self, path: Path) -> Snapshot:
@@ -154,7 +153,7 @@ class Store:
             self._parts.popitem(last=False)[1].close()
         return self._parts[path]
 
-    def _look(self) -> None:
+    def look(self) -> None:
         """Look up what there is."""
         self.close()
         self._forget_index()
@@ -169,6 +168,17 @@ class Store:
         if self.path.exists():
             self._learn(self._snapshot(self.path).locations())
         self._learn(parts)
+
+    def require(self) -> None:
+        """Refuse a file that is not there, unless parts are.
+
+        Raises
+        ------
+        StorageError
+            Says so.
+        """
+        if self._main is None and not self._by_key:
+            self._snapshot(self.path)
 
     def _forget_index(self) -> None:
         for index in (self._by_identity, self._by_key, self._by_place):
@@ -385,63 +395,3 @@ class Store:
                 remove_checkpoints(self.parts, (one[0] for one in self._by_identity))
                 with contextlib.suppress(OSError):  # somebody keeps other files there
                     self.parts.rmdir()
-
-
-@contextlib.contextmanager
-def open_results(
-    directory: Path, name: str, *, fresh: bool = False, waits: bool = False
-) -> Iterator[Store]:
-    """Open ``<name>.h5`` in `directory` for reading and for new runs.
-
-    The file is held by a lock of the kernel until the block ends.
-
-    Parameters
-    ----------
-    directory
-        Folder of results; it is made when it is missing.
-    name
-        Of the configuration.
-    fresh
-        Find nothing that is stored; it is replaced by what is computed again, run by run.
-    waits
-        Where another process holds the file, wait until that has ended.
-
-    Raises
-    ------
-    StorageError
-        If another process writes it, the folder cannot be used, or a file of that name cannot
-        be read or is not ours.
-    """
-    path = directory / f"{name}{SUFFIX}"
-    with file_lock(path, waits=waits):
-        remove_unfinished(path)
-        with contextlib.closing(Store(path=path, is_fresh=fresh)) as store:
-            store._look()
-            yield store
-
-
-@contextlib.contextmanager
-def read_results(
-    path: Path, *, fresh: bool = False, may_be_missing: bool = False
-) -> Iterator[Store]:
-    """Look up runs of a result file, and of parts that wait beside it; nothing is written.
-
-    Parameters
-    ----------
-    path
-        The file.
-    fresh
-        Find nothing that is stored.
-    may_be_missing
-        Take a file that is not there for one without runs.
-
-    Raises
-    ------
-    StorageError
-        If neither is there, or one cannot be read.
-    """
-    with contextlib.closing(Store(path=path, is_fresh=fresh)) as store:
-        store._look()
-        if store._main is None and not store.locations() and not may_be_missing:
-            store._snapshot(path)  # says that it is not there
-        yield store

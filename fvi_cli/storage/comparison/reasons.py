@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from fvi_cli.storage.differences import changed_keys
+from fvi_cli.storage.comparison.differences import changed_keys
 from fvi_cli.storage.provenance import SOLVER_VERSION, canonical_json
 from fvi_cli.storage.records import Place, group_path, place_of
 from fvi_cli.storage.store import Store
