@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,7 +19,6 @@ from typer.testing import CliRunner
 
 from fvi_cli.cli.app import app
 from fvi_cli.config import parse_config
-from fvi_cli.errors import StorageError
 from fvi_cli.runner.executors import batches
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.executor import Batch
@@ -190,30 +188,33 @@ def test_what_is_damaged_or_differs_is_not_joined(results: Path, tmp_path: Path)
     assert "has other numbers than the same run in" in told
 
 
-def test_a_command_waits_for_another_if_it_is_told_to(results: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("waits", [False, True])
+def test_a_command_waits_for_another_if_it_is_told_to(
+    waits: bool, results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     source = shutil.copy(results / "parts" / "all.shard-1-of-3.h5", tmp_path)
     target = tmp_path / "new"
-    released = []
+    held, release, said = threading.Event(), threading.Event(), []
 
     def hold() -> None:
         with file_lock(target / "all.h5"):
             held.set()
-            time.sleep(0.5)
-            released.append(1)
+            release.wait(60)
 
-    for waits in (False, True):
-        held = threading.Event()
-        holder = threading.Thread(target=hold)
-        holder.start()
-        held.wait()
-        code, told = fvi("merge", source, "-o", target, *(["--wait"] if waits else []))
-        assert bool(released) == waits
-        holder.join()
-        assert ("waiting until it has ended" if waits else "(--wait does)") in told
-        assert code == (1 if waits else 2)  # the other parts are missing
-        released.clear()
-    with file_lock(tmp_path / "x.h5"), pytest.raises(StorageError, match="another fvi"):
-        file_lock(tmp_path / "x.h5").__enter__()
+    def say(line: str, *arguments: object) -> None:
+        said.append(line % arguments)
+        release.set()
+
+    monkeypatch.setattr("fvi_cli.storage.atomic._logger.info", say)
+    holder = threading.Thread(target=hold)
+    holder.start()
+    held.wait()
+    code, told = fvi("merge", source, "-o", target, *(["--wait"] if waits else []))
+    release.set()
+    holder.join()
+    assert ["waiting until it has ended" in line for line in said] == ([True] if waits else [])
+    assert ("(--wait does)" in told) != waits
+    assert code == (1 if waits else 2)  # the other parts are missing
 
 
 # --- what the page shows, without the scheduler ---------------------------------------------------
