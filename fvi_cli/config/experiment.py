@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Final
 
-from fvi_cli.config.fits import fit_settings
+from fvi_cli.config.fits.settings import fit_settings
 from fvi_cli.config.keys.accuracy import USUAL, accuracy_of, adaptive_methods, check_accuracy
 from fvi_cli.config.keys.ladder import (
     MOST_STEPS,
@@ -103,7 +103,8 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
                 check_total_memory(len(members.members), dimension, points, len(methods), at)
     fit = None
     if problem is not None and isinstance(values.get("fit"), Mapping):
-        fit = fit_settings(values["fit"], described, problem, at.under("fit"))
+        quantities = observed.quantities or {}
+        fit = fit_settings(values["fit"], described, problem, quantities, at.under("fit"))
     resolved = {
         # runs do not depend on what was measured
         **{key: value for key, value in values.items() if key != "fit"},

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
-from fvi_cli.keys.containers import Named, OneOrMany
+from fvi_cli.keys.containers import ByForm, Named, OneOrMany
 from fvi_cli.keys.cursor import OPTIONAL, Cursor
 from fvi_cli.keys.nodes import MappingNode, plain
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Flag, Number, Schema, Text
+from fvi_cli.studies.fits.settings import PARTS
 
 MOST_SETS: Final = 100
 
@@ -57,7 +58,8 @@ class Noise:
         }
 
 
-_NAMES: Final = "coordinates, or v and the name of one for its velocity,"
+_COLUMN: Final = Text(what="the name of a column")
+_NAMES: Final = "coordinates, quantities, or expressions in coordinates"
 _DATA: Final = Record(
     keys=(
         Key(
@@ -65,14 +67,42 @@ _DATA: Final = Record(
             Text(what="the path of a CSV file"),
             "CSV file, from the configuration's folder.",
         ),
-        Key("time", Text(what="the name of a column"), "Column of the times.", default="t"),
+        Key("time", _COLUMN, "Column of the times; default: t.", default=OPTIONAL),
+        Key(
+            "frequency",
+            _COLUMN,
+            "Column of frequencies, oscillations per unit of time, in place of time: the data are "
+            "a steady response to harmonic forces.",
+            default=OPTIONAL,
+        ),
+        Key(
+            "force",
+            OneOrMany(shape=Text(what="a coordinate, a combination of them, or ground")),
+            "Where the harmonic force of a response acts, as for fvi response.",
+            default=OPTIONAL,
+        ),
         Key(
             "columns",
             Named(
-                shape=Text(what="the name of a column"), names=_NAMES, example="{x: displacement}"
+                shape=ByForm(
+                    single=_COLUMN,
+                    mappings=(
+                        Record(
+                            keys=tuple(
+                                Key(part, _COLUMN, f"Column of the {part}.", default=OPTIONAL)
+                                for part in PARTS
+                            )
+                        ),
+                    ),
+                ),
+                names=_NAMES,
+                example="{x: displacement}",
             ),
-            "What was measured: coordinates (x, or x1, x2, ...) and velocities (v and the name of "
-            "the coordinate), each with its column.",
+            "What was measured, each with its column: coordinates (x, or x1, x2, ...), v and the "
+            "name of one for its velocity, a for its acceleration, names under quantities, or "
+            "expressions in these. Of a response: coordinates, their combinations, v or a and the "
+            "name of one, with the column of the magnitude or {magnitude: ..., phase: ...} "
+            "(degrees) or {real: ..., imaginary: ...}.",
         ),
         Key(
             "name",

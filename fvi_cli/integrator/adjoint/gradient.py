@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.linear_run import linear_run
-from fvi_cli.integrator.adjoint.linearised import LinearisedRun
+from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun, Tangent
 from fvi_cli.integrator.adjoint.quantity import Observation, Quantity
 from fvi_cli.integrator.adjoint.variation import Variation, disturbance
 from fvi_cli.integrator.integrate import integrate
@@ -96,15 +96,17 @@ class Sensitivities:
         Shape ``(n, d)``.
     by_position, by_velocity
         Derivatives of both, ``(n, d, p)``.
-    steps
-        The run.
+    run, change, tangent
+        The run, what the parameters do to its equations, and to the motion.
     """
 
     position: Array
     velocity: Array
     by_position: Array
     by_velocity: Array
-    steps: RunSteps
+    run: LinearisedRun
+    change: Disturbance
+    tangent: Tangent
 
 
 def sensitivities(
@@ -119,14 +121,17 @@ def sensitivities(
         run = linear_run(scene, method, steps)
     else:
         run = LinearisedRun(scene, method, run_steps(scene, method, steps))
-    done = run.steps
-    observation = Observation(done, times)
+    observation = Observation(run.steps, times)
     position, velocity = observation.motion()
-    changes = observation.changes(run.tangent(disturbance(run, method, variations)))
+    change = disturbance(run, method, variations)
+    tangent = run.tangent(change)
+    changes = observation.changes(tangent)
     return Sensitivities(
         position=position,
         velocity=velocity,
         by_position=changes[0],
         by_velocity=changes[1],
-        steps=done,
+        run=run,
+        change=change,
+        tangent=tangent,
     )

@@ -43,6 +43,8 @@ class Disturbance:
     ----------
     momentum, force
         Change of P and of Q - F at the stages with the motion held fixed, ``(n, r, d, p)``.
+    damping
+        Change of F alone, of the same shape; None: not told apart.
     loads
         Change of the load vectors, ``(n, s + 1, d, p)``; None: they do not change.
     position, velocity, start_momentum
@@ -55,6 +57,7 @@ class Disturbance:
     position: Array
     velocity: Array
     start_momentum: Array
+    damping: Array | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -234,7 +237,7 @@ class LinearisedRun:
             load, gain = right[index], gains[index]
             terms = self.terms[self.of_size[index]]
             if memory.n_terms:
-                past = self._past(terms, states, carried).reshape(memory.n_terms, -1, d, p)
+                past = self._past(terms, states, carried).reshape(memory.n_terms, b.size, d, p)
                 force = np.einsum("kiap,kab->ibp", past, memory.matrices)
                 load = load - h * np.tensordot(self.test, force, axes=1)
                 gain = gain - h * np.tensordot(b, force, axes=1)
@@ -314,6 +317,20 @@ class LinearisedRun:
         """As :meth:`RunMemory.forces` of the scene that was run."""
         start = self.scene.initial_velocity
         return self.memory.forces(self.terms, self.of_size.tolist(), self.velocity, start)
+
+    def damping_changes(self, tangent: Tangent, change: Disturbance) -> Array:
+        """What disturbances do to the force F of all damping at the stages, ``(n, r, d, p)``."""
+        d, p = change.velocity.shape
+        velocity = np.einsum("rs,nsdp->nrdp", self.to_velocity, tangent.unknowns)
+        plain, _ = self.memory.forces(
+            self.terms,
+            self.of_size.tolist(),
+            velocity.reshape(*velocity.shape[:2], d * p),
+            change.velocity.ravel(),
+        )
+        shaped = plain.reshape(*plain.shape[:3], d, p)
+        found = np.einsum("kniap,kab->nibp", shaped, self.memory.matrices)
+        return np.asarray(found if change.damping is None else found + change.damping)
 
     def law_forces(self, scene: Scene) -> Array:
         """Forces of the relaxation laws of another scene on the motion of this run."""

@@ -30,7 +30,7 @@ ATTEMPTS = 4
 """Differences that are tried, each a tenth of the one before, where a value may not be left far."""
 STRAIGHT = 1e-14
 """Round-off of numbers on a straight line, relative."""
-_FACTORS = {1: 2.0 / 3.0, -1: -2.0 / 3.0, 2: -1.0 / 12.0, -2: 1.0 / 12.0}
+FACTORS = {1: 2.0 / 3.0, -1: -2.0 / 3.0, 2: -1.0 / 12.0, -2: 1.0 / 12.0}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,16 +62,16 @@ def disturbance(run: LinearisedRun, method: Method, variations: Sequence[Variati
     """
     steps, d, p = run.steps, run.scene.dimension, len(variations)
     n, r = steps.velocity.shape[:2]
-    momentum, force = np.zeros((n, r, d, p)), np.zeros((n, r, d, p))
+    momentum, force, damping = np.zeros((3, n, r, d, p))
     loads = np.zeros((n, steps.tables.degree + 1, d, p))
     starts = np.zeros((3, d, p))
     points = (steps.stage_position, steps.velocity, steps.stage_time)
     forces: tuple[Array, Array] | None = None
     for column, one in enumerate(variations):
         total = _Rates(run, method, points)
-        for scene, factor in _differences(one, run.scene):
+        for scene, factor, _ in differences(one, run.scene):
             total.add(scene, factor)
-        momentum[..., column], force[..., column] = total.momentum, total.force
+        momentum[..., column], damping[..., column] = total.momentum, total.damping
         loads[..., column] = total.loads
         starts[..., column] = total.starts
         if np.any(total.orders) or np.any(total.coefficients):
@@ -79,13 +79,15 @@ def disturbance(run: LinearisedRun, method: Method, variations: Sequence[Variati
                 forces = run.damping_forces()
             k = run.memory.n_damping
             plain, slopes = forces[0][:k], forces[1][:k]
-            force[..., column] -= np.einsum("knia,kab->nib", plain, total.coefficients)
-            force[..., column] -= np.einsum(
+            damping[..., column] += np.einsum("knia,kab->nib", plain, total.coefficients)
+            damping[..., column] += np.einsum(
                 "k,knia,kab->nib", total.orders, slopes, run.memory.matrices[:k]
             )
+        force[..., column] = total.force - damping[..., column]
     return Disturbance(
         momentum=momentum,
         force=force,
+        damping=damping,
         loads=loads if np.any(loads) else None,
         position=starts[0],
         velocity=starts[1],
@@ -93,15 +95,35 @@ def disturbance(run: LinearisedRun, method: Method, variations: Sequence[Variati
     )
 
 
-def _differences(one: Variation, scene: Scene) -> list[tuple[Scene, float]]:
-    """Scenes beside a value, and their factors in the derivative by it."""
+def differences(
+    one: Variation, scene: Scene, *, is_straight: bool | None = None
+) -> list[tuple[Scene, float, float]]:
+    """Scenes beside a value, their factors in the derivative by it, and the values.
+
+    Parameters
+    ----------
+    one, scene
+        The parameter, and the scene at its value.
+    is_straight
+        Whether what is differentiated is linear in the parameter; None: if the numbers of the
+        scene are.
+
+    Raises
+    ------
+    ValueError
+        If the scene is not there, or another one, close beside the value.
+    """
     step = DIFFERENCE * (abs(one.value) or 1.0)
     for attempt in range(ATTEMPTS):
         try:
             near = {place: one.family(one.value + place * step) for place in (1, -1)}
-            if _is_affine(near[-1], scene, near[1]):
-                return [(near[1], 0.5 / step), (near[-1], -0.5 / step)]
-            beside = {**near, **{place: one.family(one.value + place * step) for place in (2, -2)}}
+            if is_straight is None and _is_affine(near[-1], scene, near[1]):
+                factors = {1: 0.5, -1: -0.5}
+                beside = near
+            else:
+                factors = FACTORS
+                far = {place: one.family(one.value + place * step) for place in (2, -2)}
+                beside = {**near, **far}
             break
         except ValueError:
             # an order beside 0 or 2
@@ -111,7 +133,10 @@ def _differences(one: Variation, scene: Scene) -> list[tuple[Scene, float]]:
     for found in beside.values():
         if (len(found.damping), found.dimension) != (len(scene.damping), scene.dimension):
             raise ValueError(f"{one.name}: beside {one.value:g} the scene is another one")
-    return [(beside[place], factor / step) for place, factor in _FACTORS.items()]
+    return [
+        (beside[place], factor / step, one.value + place * step)
+        for place, factor in factors.items()
+    ]
 
 
 def _is_affine(low: Scene, middle: Scene, high: Scene) -> bool:
@@ -146,7 +171,7 @@ class _Rates:
         steps, d = run.steps, run.scene.dimension
         self._run, self._method, self._points = run, method, points
         n, r = steps.velocity.shape[:2]
-        self.momentum, self.force = np.zeros((n, r, d)), np.zeros((n, r, d))
+        self.momentum, self.force, self.damping = np.zeros((3, n, r, d))
         self.loads = np.zeros((n, steps.tables.degree + 1, d))
         self.starts = np.zeros((3, d))
         self.orders = np.zeros(run.memory.n_damping)
@@ -167,7 +192,7 @@ class _Rates:
             self.orders[index] += factor * term.order
             self.coefficients[index] += factor * term.coefficient
         if not _have_same_laws(scene, self._run.scene):
-            self.force -= factor * self._run.law_forces(scene)
+            self.damping += factor * self._run.law_forces(scene)
         if not _have_same_loads(scene, self._run.scene):
             self.loads += factor * loads_of(scene, self._method, self._run.steps)
 

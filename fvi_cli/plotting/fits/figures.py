@@ -98,7 +98,10 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
                 upper.set_title(shown.data, fontsize=SMALL_TEXT)
             if count == 1:
                 upper.tick_params(labelbottom=False)
-            lower.set_xlabel("time")
+            amplitude = shown.series.amplitude
+            lower.set_xlabel("time" if amplitude is None else "frequency")
+            if amplitude is not None and amplitude.part == "magnitude":
+                upper.set_yscale("log")
         legend_above(figure, grid[0, 0])
     return figure
 

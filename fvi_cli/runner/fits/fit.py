@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
-from fvi_cli.config.fitted import fitted_text
+from fvi_cli.config.fits.fitted import fitted_text
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Request

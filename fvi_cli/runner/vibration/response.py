@@ -9,20 +9,21 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.directions import Directions
-from fvi_cli.effects.matrices import times
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.vibration.modes import linear_problem
-from fvi_cli.scenes.data import per_coordinate
-from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment
-from fvi_cli.studies.vibration.response import ResponseTable, harmonic_response
+from fvi_cli.studies.vibration.response import (
+    GROUND,
+    ResponseTable,
+    forms_of,
+    harmonic_force,
+    harmonic_response,
+)
 
 Array = NDArray[np.float64]
 
 MOST_FREQUENCIES = 100_000
-GROUND = "ground"
 _FORM = "it must be frequency=FROM:TO:NUMBER or frequency=FROM:TO:NUMBER:log"
 
 
@@ -78,8 +79,17 @@ def request_responses(
     for experiment in request.loaded.experiments:
         problem = linear_problem(experiment)
         wanted = list(forces) or _usual_force(experiment)
-        load = sum((_load(text, problem, experiment) for text in wanted), np.zeros(1))
-        rows = _rows("--at", at, problem) if at else None
+        direction = experiment.problem_specification.get("ground_direction", 1.0)
+        option = "--force"
+        try:
+            load = sum(
+                (harmonic_force(t, problem.scene, problem.coordinates, direction) for t in wanted),
+                np.zeros(1),
+            )
+            option = "--at"
+            rows = forms_of(at, problem.coordinates) if at else None
+        except ValueError as error:
+            raise RequestError(f"{option}: {error}") from None
         try:
             table = harmonic_response(
                 problem.scene,
@@ -101,27 +111,3 @@ def _usual_force(experiment: Experiment) -> list[str]:
     raise RequestError(
         f"{experiment.name}: say where forces act, for example --force x1, or --force {GROUND}"
     )
-
-
-def _load(text: str, problem: Problem, experiment: Experiment) -> Array:
-    """The amplitude of a force, shape ``(d,)``."""
-    where, equals, size = text.partition("=")
-    try:
-        amplitude = float(size) if equals else 1.0
-    except ValueError:
-        amplitude = math.nan
-    if not math.isfinite(amplitude):
-        raise RequestError(f"--force: {text!r}: what follows = must be a number")
-    scene = problem.scene
-    if where.strip() == GROUND:
-        direction = experiment.problem_specification.get("ground_direction", 1.0)
-        along = per_coordinate(direction, scene.dimension)
-        return np.asarray(-amplitude * times(along, scene.inertia.form))
-    return np.asarray(amplitude * _rows("--force", [where], problem)[0])
-
-
-def _rows(option: str, texts: Sequence[str], problem: Problem) -> Array:
-    try:
-        return Directions.from_text(list(texts), problem.coordinates).rows
-    except ValueError as error:
-        raise RequestError(f"{option}: {str(error).partition(': ')[2] or error}") from None

@@ -130,12 +130,17 @@ def _nested(settings: FitSettings, deviations: Sequence[float]) -> list[list[flo
 
 def _scale(model: MotionModel) -> float:
     """Size of the motion, a length."""
-    every = series_of(model.data)
-    sizes = [float(np.abs(one.values).max()) for one in every if not one.is_velocity]
+    sizes = [
+        float(np.abs(one.values).max())
+        for one in series_of(model.data)
+        if not (one.is_velocity or one.formula or one.amplitude)
+    ]
     if sizes and max(sizes) > 0:
         return max(sizes)
-    speeds = [float(np.abs(one.values).max()) * one.times[-1] / one.times.size for one in every]
-    return max(speeds) or 1.0
+    try:
+        return model.size_at_start() or 1.0
+    except ValueError:
+        return 1.0
 
 
 def _check_influence(model: MotionModel, scale: float) -> None:
@@ -167,8 +172,11 @@ def _regions(model: MotionModel) -> list[tuple[Array, Array]]:
     """
     low, high = model.bounds
     values = model.values(model.start)
-    moving = any("velocity" in one.name for one in model.free)
-    for number in range(len(model.data)):
+    motions = any(not data.forces for data in model.data)
+    moving = motions and any("velocity" in one.name for one in model.free)
+    for number, data in enumerate(model.data):
+        if data.forces:
+            continue
         scene = model.scene(number, values)
         moving |= scene.derivative == "caputo" and bool(np.any(scene.initial_velocity != 0))
     split = [

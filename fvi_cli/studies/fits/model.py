@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -11,22 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.adjoint.gradient import RunFailedError, run_steps, sensitivities
-from fvi_cli.integrator.adjoint.quantity import Observation
+from fvi_cli.integrator.adjoint.gradient import RunFailedError, run_steps
 from fvi_cli.integrator.adjoint.variation import Variation
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
-from fvi_cli.integrator.meshes.mesh import Mesh
-from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.runge_kutta import AnySteps
 from fvi_cli.scenes.registry import build_scene
+from fvi_cli.studies.fits.predictions import METHOD, Predicted, predict_motion, predict_response
 from fvi_cli.studies.fits.settings import DataSet, FitModel, Series
 from fvi_cli.studies.members import with_values
 from fvi_cli.studies.tolerance.runs import mesh_of_run
 
 Array = NDArray[np.float64]
 
-METHOD = Method(cq="gauss", degree=8, start="none")
-"""What motions are computed with."""
 MOST_STEPS = 20_000
+COARSE = 64
+"""Steps with which the size of a motion is found where no position was measured."""
 LEAST_SHARE = 1e-12
 """Positive parameters stay above this share of where they started."""
 
@@ -134,7 +133,7 @@ class MotionModel:
                     )
                 )
         self._index = {one.name: index for index, one in enumerate(self.free)}
-        self.meshes: list[Mesh | AdaptiveSteps] = []
+        self.meshes: list[AnySteps] = []
         self.evaluations = 0
 
     @property
@@ -191,7 +190,8 @@ class MotionModel:
         """
         changed = with_values(self.model.specification, self.assignments(number, values))
         scene = build_scene(changed)
-        return replace(scene, final_time=self.data[number].last_time)
+        data = self.data[number]
+        return scene if data.forces else replace(scene, final_time=data.last_time)
 
     def _beside(self, number: int, values: Array, index: int, value: float) -> Scene:
         changed = values.copy()
@@ -208,12 +208,31 @@ class MotionModel:
         """
         values = self.values(inner)
         self.meshes = []
-        for number in range(len(self.data)):
+        for number, data in enumerate(self.data):
+            if data.forces:
+                self.meshes.append(1)
+                continue
             steps = AdaptiveSteps(tolerance=tolerance, most_steps=MOST_STEPS)
             scene = self.scene(number, values)
             done = run_steps(scene, METHOD, steps)
             self.evaluations += 1
             self.meshes.append(mesh_of_run(done, scene.break_points))
+
+    def size_at_start(self) -> float:
+        """Largest position in coarse runs where the search begins.
+
+        Raises
+        ------
+        ValueError
+            If they do not come to their end.
+        """
+        values = self.values(self.start)
+        runs = [
+            run_steps(self.scene(number, values), METHOD, COARSE)
+            for number, data in enumerate(self.data)
+            if not data.forces
+        ]
+        return max((float(np.abs(one.position).max()) for one in runs), default=0.0)
 
     def loosen(self, tolerance: float) -> None:
         """Choose the steps of every run on its own from now on."""
@@ -234,37 +253,22 @@ class MotionModel:
         residuals, rows = [], []
         for number, data in enumerate(self.data):
             self.evaluations += 1
-            scene = self.scene(number, values)
-            times, places = _all_times(data)
-            if with_jacobian:
-                own = [
-                    index
-                    for index, one in enumerate(self.free)
-                    if "@" not in one.name or one.name.endswith(f"@{data.name}")
-                ]
-                variations = [
-                    Variation(
-                        family=partial(self._beside, number, values, index),
-                        value=float(values[index]),
-                        name=self.free[index].name,
-                    )
-                    for index in own
-                ]
-                found = sensitivities(scene, METHOD, self.meshes[number], times, variations)
-                motion = (found.position, found.velocity)
-                changes = (found.by_position, found.by_velocity)
-            else:
-                done = run_steps(scene, METHOD, self.meshes[number])
-                motion = Observation(done, times).motion()
-            for one, place, deviation in zip(
-                data.series, places, self.deviations[number], strict=True
+            own = [
+                index
+                for index, one in enumerate(self.free)
+                if with_jacobian and ("@" not in one.name or one.name.endswith(f"@{data.name}"))
+            ]
+            predicted = self._predicted(number, data, values, own)
+            for one, (found, slopes), deviation in zip(
+                data.series, predicted, self.deviations[number], strict=True
             ):
-                kind = int(one.is_velocity)
-                residuals.append((motion[kind][place, one.component] - one.values) / deviation)
-                if with_jacobian:
-                    part = np.zeros((one.values.size, len(self.free)))
-                    part[:, own] = changes[kind][place, one.component] / deviation
-                    rows.append(part * factors)
+                left = found - one.values
+                if one.amplitude is not None and one.amplitude.part == "phase":
+                    left = (left + 180.0) % 360.0 - 180.0
+                residuals.append(left / deviation)
+                part = np.zeros((one.values.size, len(self.free)))
+                part[:, own] = slopes / deviation
+                rows.append(part * factors)
         together = np.concatenate(residuals)
         if not np.isfinite(together).all():
             raise RunFailedError("the motion is not finite")
@@ -272,21 +276,41 @@ class MotionModel:
             residuals=together, jacobian=np.concatenate(rows) if with_jacobian else None
         )
 
+    def _predicted(
+        self, number: int, data: DataSet, values: Array, own: Sequence[int]
+    ) -> Predicted:
+        """What the model says about a data set, with derivatives by some of the parameters."""
+        variations = [
+            Variation(
+                family=partial(self._beside, number, values, index),
+                value=float(values[index]),
+                name=self.free[index].name,
+            )
+            for index in own
+        ]
+        scene = self.scene(number, values)
+
+        def specified(column: int, value: float) -> Mapping[str, object]:
+            changed = values.copy()
+            if column >= 0:
+                changed[own[column]] = value
+            return with_values(self.model.specification, self.assignments(number, changed))
+
+        if data.forces:
+            direction = self.model.specification.get("ground_direction", 1.0)
+            return predict_response(scene, data, variations, direction)
+        return predict_motion(scene, self.meshes[number], data, variations, specified)
+
     def curves(self, inner: Array, count: int) -> list[list[tuple[Array, Array]]]:
-        """For every series of every data set times and the fitted motion, for a figure."""
+        """For every series of every data set times and what was fitted, for a figure."""
         values, found = self.values(inner), []
         for number, data in enumerate(self.data):
-            done = run_steps(self.scene(number, values), METHOD, self.meshes[number])
-            times = np.linspace(0.0, data.last_time, count)
-            motion = Observation(done, times).motion()
-            found.append([(times, motion[int(o.is_velocity)][:, o.component]) for o in data.series])
+            first = min(float(one.times[0]) for one in data.series) if data.forces else 0.0
+            times = np.linspace(first, data.last_time, count)
+            finer = replace(data, series=tuple(replace(one, times=times) for one in data.series))
+            predicted = self._predicted(number, finer, values, ())
+            found.append([(times, curve) for curve, _ in predicted])
         return found
-
-
-def _all_times(data: DataSet) -> tuple[Array, list[NDArray[np.intp]]]:
-    """Times of all series together, and the places of each among them."""
-    times = np.unique(np.concatenate([one.times for one in data.series]))
-    return times, [np.searchsorted(times, one.times) for one in data.series]
 
 
 def rms(values: Array) -> float:

@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 CONFIDENCE = 0.95
 CLOSE = 0.01
 """How close the root of the increase comes to its threshold, relative."""
+ALMOST = 0.03
+"""Share of the increase that may be left to gain when the other parameters have followed."""
 MOST_TRIALS = 12
 MOST_STEPS = 8
 
@@ -140,9 +142,11 @@ def _others(
         move = np.asarray(
             -np.linalg.lstsq(now.jacobian[:, rest], now.residuals, rcond=None)[0], dtype=np.float64
         )
-        expected = -2.0 * move @ (now.jacobian[:, rest].T @ now.residuals)
-        if not expected > 1e-3 * max(now.cost - at_best.cost, 0.0) + 1e-12 * now.cost:
-            break
+        gain = float(-move @ (now.jacobian[:, rest].T @ now.residuals))
+        if gain <= ALMOST * max(now.cost - at_best.cost, 0.0) + 1e-12 * now.cost:
+            # so close to the end the misfit is a parabola
+            point[rest] = np.clip(point[rest] + move, low[rest], high[rest])
+            return point, now.cost - gain
         better = _step(model, point, rest, move, now.cost, (low, high))
         if better is None:
             break

@@ -4,44 +4,72 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.mathematics.expressions import Expression
+
 Array = NDArray[np.float64]
+PARTS = ("magnitude", "phase", "real", "imaginary")
+"""Parts of an amplitude that can be measured; phases in degrees."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Amplitude:
+    """A part of the complex amplitude of a response to harmonic forces.
+
+    Parameters
+    ----------
+    row
+        The linear form of the coordinates that was measured, shape ``(d,)``.
+    rate
+        0: itself; 1: its velocity; 2: its acceleration.
+    part
+        One of :data:`PARTS`.
+    """
+
+    row: Array
+    rate: int
+    part: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Series:
-    """A measured coordinate or velocity.
+    """A measured column.
 
     Parameters
     ----------
     name
-        The coordinate, or ``v`` and its name for a velocity.
+        What was measured: a coordinate, ``v`` and its name for a velocity, a quantity, an
+        expression; of a response the part as well.
     column
         Where it stands in the file.
-    component
-        Number of the coordinate, from 0.
-    is_velocity
-        Whether it is a velocity.
     times, values
-        Shape ``(n,)``, times increasing.
+        Shape ``(n,)``, times (of a response frequencies) increasing.
+    component, is_velocity
+        Number of the coordinate, from 0, and whether its velocity was measured.
+    formula
+        What was measured, in place of these, of a motion.
+    amplitude
+        What was measured of a response.
     """
 
     name: str
     column: str
-    component: int
-    is_velocity: bool
     times: Array
     values: Array
+    component: int = 0
+    is_velocity: bool = False
+    formula: Expression | None = None
+    amplitude: Amplitude | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DataSet:
-    """What was measured in one motion.
+    """What was measured in one motion, or of one response to harmonic forces.
 
     Parameters
     ----------
@@ -51,11 +79,17 @@ class DataSet:
         The columns.
     changes
         What is different from the problem of the experiment, by key path.
+    forces
+        Harmonic forces of a response, as for ``fvi response``; empty: it is a motion.
+    coordinates
+        Names of the coordinates in formulas and forces.
     """
 
     name: str
     series: tuple[Series, ...]
     changes: Mapping[str, float] = field(default_factory=dict)
+    forces: tuple[str, ...] = ()
+    coordinates: tuple[str, ...] = ()
 
     @property
     def last_time(self) -> float:
@@ -68,21 +102,14 @@ class DataSet:
         return sum(one.values.size for one in self.series)
 
     def until(self, time: float) -> DataSet:
-        """The data up to a time; every series keeps one value at least."""
+        """The data of a motion up to a time, every series with one value at least."""
+        if self.forces:
+            return self
         kept = []
         for one in self.series:
             count = max(1, int(np.searchsorted(one.times, time, side="right")))
-            kept.append(
-                Series(
-                    name=one.name,
-                    column=one.column,
-                    component=one.component,
-                    is_velocity=one.is_velocity,
-                    times=one.times[:count],
-                    values=one.values[:count],
-                )
-            )
-        return DataSet(name=self.name, series=tuple(kept), changes=self.changes)
+            kept.append(replace(one, times=one.times[:count], values=one.values[:count]))
+        return replace(self, series=tuple(kept))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,14 +8,18 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from fvi_cli.effects.directions import Directions
+from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
+from fvi_cli.scenes.data import per_coordinate
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
+GROUND: Final = "ground"
 HALF_POWER: Final = math.sqrt(0.5)
 GOLDEN: Final = 0.5 * (math.sqrt(5.0) - 1.0)
 SWEEPS: Final = 45
@@ -153,6 +157,53 @@ def harmonic_response(
         values=values,
         peaks=tuple(peaks),
     )
+
+
+def harmonic_force(
+    text: str, scene: Scene, coordinates: Sequence[str], ground_direction: ArrayLike = 1.0
+) -> Array:
+    """The amplitude of a force, shape ``(d,)``.
+
+    Parameters
+    ----------
+    text
+        A coordinate or combination of them, with ``=amplitude`` where that is not 1, or
+        ``ground``, an acceleration of 1.
+    scene, coordinates
+        On what it acts, and the names of the coordinates.
+    ground_direction
+        How much of the ground's acceleration each coordinate has.
+
+    Raises
+    ------
+    ValueError
+        For a text that says something else.
+    """
+    where, equals, size = text.partition("=")
+    try:
+        amplitude = float(size) if equals else 1.0
+    except ValueError:
+        amplitude = math.nan
+    if not math.isfinite(amplitude):
+        raise ValueError(f"{text!r}: what follows = must be a number")
+    if where.strip() == GROUND:
+        along = per_coordinate(ground_direction, scene.dimension)
+        return np.asarray(-amplitude * times(along, scene.inertia.form))
+    return np.asarray(amplitude * forms_of([where], coordinates)[0])
+
+
+def forms_of(texts: Sequence[str], coordinates: Sequence[str]) -> Array:
+    """Coordinates, or combinations of them, as linear forms, shape ``(k, d)``.
+
+    Raises
+    ------
+    ValueError
+        For texts that are none.
+    """
+    try:
+        return Directions.from_text(list(texts), coordinates).rows
+    except ValueError as error:
+        raise ValueError(str(error).partition(": ")[2] or str(error)) from None
 
 
 def _peaks(name: str, hertz: Array, size: Array, at: Callable[[float], float]) -> list[Peak]:

@@ -1,0 +1,1 @@
+"""``fit``: what is read of measurements and parameters, and what is written of a fit."""

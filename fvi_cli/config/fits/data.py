@@ -1,0 +1,243 @@
+"""Measured motions and responses, read from their files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from fvi_cli.integrator.observations.asked import known_names
+from fvi_cli.keys.complaints import excerpt, listed, suggestion
+from fvi_cli.keys.cursor import Cursor, is_complete
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.csv_samples import CsvMistakesError, CsvSamples, read_csv_samples
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.registry import build_scene
+from fvi_cli.studies.fits.settings import PARTS, Amplitude, DataSet, Series
+from fvi_cli.studies.members import value_at, with_values
+from fvi_cli.studies.vibration.response import GROUND, forms_of, harmonic_force
+
+
+def read_data(
+    given: Any,
+    described: Mapping[str, Any],
+    problem: Problem,
+    quantities: Mapping[str, Expression],
+    at: Cursor,
+) -> list[DataSet]:
+    """The measured motions and responses, as far as they can be read."""
+    items = at.items() or [at]
+    found: list[DataSet] = []
+    for one, under in zip(given if isinstance(given, list) else [], items, strict=False):
+        if not isinstance(one, Mapping) or not is_complete(one):
+            continue
+        changed_problem(described, one["set"], under.under("set"))
+        if not one["columns"]:
+            under.refuse("no columns; name what was measured", "columns")
+        if "frequency" in one:
+            forces, series = _response(one, described, problem, under)
+        else:
+            forces, series = (), _motion(one, described, problem, quantities, under)
+        name = str(one.get("name", Path(one["file"]).stem))
+        if any(other.name == name for other in found):
+            under.refuse(f"{excerpt(name)!r} is the name of another motion; give each a name")
+        if series:
+            found.append(
+                DataSet(
+                    name=name,
+                    series=tuple(series),
+                    changes=dict(one["set"]),
+                    forces=forces,
+                    coordinates=problem.coordinates,
+                )
+            )
+    return found
+
+
+def _motion(
+    given: Mapping[str, Any],
+    described: Mapping[str, Any],
+    problem: Problem,
+    quantities: Mapping[str, Expression],
+    at: Cursor,
+) -> list[Series]:
+    """The columns of a motion."""
+    if "force" in given:
+        at.refuse("only for responses; write frequency: and its column in place of time", "force")
+    time = given.get("time", "t")
+    coordinates, found = problem.coordinates, []
+    known = known_names(coordinates, tuple(described.get("parameters", {})))
+    for name, column in given["columns"].items():
+        if not isinstance(column, str):
+            at.under("columns").refuse("parts are those of a response; name one column", name)
+            continue
+        is_velocity = name not in coordinates and name[1:] in coordinates and name[0] == "v"
+        formula = quantities.get(name)
+        if formula is None and not (name in coordinates or is_velocity):
+            try:
+                formula = Expression.parse(name, variables=known)
+            except ValueError as error:
+                measured = [*quantities, *known]
+                at.under("columns").refuse_key(
+                    name,
+                    f"not known{suggestion(name, measured)}: {error} (measured can be: "
+                    f"{listed(measured[:12])}{', ...' if len(measured) > 12 else ''}, and "
+                    "expressions in them)",
+                )
+                continue
+            if not formula.names - {"t", *described.get("parameters", {})}:
+                at.under("columns").refuse_key(name, "no coordinate occurs in it")
+                continue
+        samples = _samples(given, time, column, problem, at)
+        if samples is not None:
+            found.append(
+                Series(
+                    name=name,
+                    column=column,
+                    times=samples.time,
+                    values=samples.values,
+                    component=0 if formula else coordinates.index(name[is_velocity:]),
+                    is_velocity=is_velocity and formula is None,
+                    formula=formula,
+                )
+            )
+    return found
+
+
+def _response(
+    given: Mapping[str, Any], described: Mapping[str, Any], problem: Problem, at: Cursor
+) -> tuple[tuple[str, ...], list[Series]]:
+    """The forces of a response, and its columns."""
+    coordinates, found = problem.coordinates, []
+    if "time" in given:
+        at.refuse("not together with frequency: the data are a motion or a response", "time")
+    if not problem.scene.is_linear:
+        at.refuse(f"{problem.kind} is not linear and has no harmonic response", "frequency")
+    forces = tuple(given.get("force", ()))
+    if not forces and described.get("ground_acceleration", "0") != "0":
+        forces = (GROUND,)
+    if not forces:
+        at.refuse(f"say where the force acts, force: {coordinates[0]} or force: {GROUND}")
+    for text in forces:
+        try:
+            harmonic_force(text, problem.scene, coordinates)
+        except ValueError as error:
+            at.refuse(str(error), "force")
+    for name, columns in given["columns"].items():
+        rate = 0 if name in coordinates or name[1:] not in coordinates else "xva".find(name[0])
+        under = at.under("columns")
+        try:
+            (row,) = forms_of([name[1:] if rate > 0 else name], coordinates)
+        except ValueError as error:
+            under.refuse_key(name, f"not known: {error}")
+            continue
+        parts = {"magnitude": columns} if isinstance(columns, str) else columns
+        if not parts:
+            under.refuse(f"no column; name that of {listed(PARTS)}", name)
+        for part, column in parts.items():
+            samples = _samples(given, given["frequency"], column, problem, at)
+            if samples is not None:
+                found.append(
+                    Series(
+                        name=f"{name} ({part})",
+                        column=column,
+                        times=samples.time,
+                        values=samples.values,
+                        amplitude=Amplitude(row=row, rate=max(rate, 0), part=part),
+                    )
+                )
+    return forces, found
+
+
+def _samples(
+    given: Mapping[str, Any], first: str, column: str, problem: Problem, at: Cursor
+) -> CsvSamples | None:
+    """A column of the file beside that of times or frequencies; None with complaints."""
+    shown, folder = excerpt(given["file"], 200), at.complaints.folder
+    path = Path(given["file"]) if folder is None else folder / given["file"]
+    is_motion = "frequency" not in given
+    try:
+        samples = read_csv_samples(path, shown, first, column)
+        if is_motion:
+            _check_times(samples, shown, problem.final_time, first)
+        elif not samples.time[0] > 0:
+            raise CsvMistakesError(
+                f"{shown}:{samples.lines[0]}: {first} = {samples.time[0]:g} is no frequency of a "
+                "response; it must be positive"
+            )
+    except CsvMistakesError as error:
+        for message in error.messages:
+            at.refuse(message, "file")
+        return None
+    return samples
+
+
+def _check_times(samples: CsvSamples, name: str, final_time: float, column: str) -> None:
+    """Refuse times outside of the run.
+
+    Raises
+    ------
+    CsvMistakesError
+        With the line of the first one.
+    """
+    for time, line in zip(samples.time.tolist(), samples.lines, strict=True):
+        if not 0 <= time <= final_time * (1 + 1e-12):
+            raise CsvMistakesError(
+                f"{name}:{line}: {column} = {time:g} is outside of the run, which goes from 0 to "
+                f"final_time = {final_time:g}"
+            )
+
+
+def changed_problem(
+    described: Mapping[str, Any], changes: Mapping[str, Any], at: Cursor
+) -> Mapping[str, Any] | None:
+    """The problem with other values, which must make one; None with complaints."""
+    for key in changes:
+        if not leads_somewhere(described, key):
+            refuse_path(described, key, at)
+            return None
+    full = with_values(described, changes)
+    return full if is_possible(full, at) else None
+
+
+def is_possible(specification: Mapping[str, Any], at: Cursor) -> bool:
+    """Whether a ``problem`` mapping makes a problem; otherwise with a complaint."""
+    try:
+        build_scene(specification)
+    except (ValueError, KeyError, TypeError) as error:
+        at.refuse(f"there is no such problem: {error}")
+        return False
+    return True
+
+
+def leads_somewhere(described: Mapping[str, Any], key: str) -> bool:
+    """Whether something that may be changed stands at a key path."""
+    if not key.startswith("problem.") or key in ("problem.kind", "problem.final_time"):
+        return False
+    try:
+        value_at(described, key)
+    except (KeyError, IndexError, TypeError):
+        return False
+    return True
+
+
+def _numbers(node: Any, path: str) -> Iterator[str]:
+    """Key paths of all numbers in a problem."""
+    if isinstance(node, Mapping):
+        for key, value in node.items():
+            yield from _numbers(value, f"{path}.{key}")
+    elif isinstance(node, list | tuple):
+        for index, value in enumerate(node):
+            yield from _numbers(value, f"{path}.{index}")
+    elif isinstance(node, int | float) and not isinstance(node, bool):
+        yield path
+
+
+def refuse_path(described: Mapping[str, Any], key: str, at: Cursor) -> None:
+    """Complain about a key path, with the numbers that there are."""
+    known = [one for one in _numbers(described, "problem") if one != "problem.final_time"]
+    at.refuse_key(
+        key,
+        f"no number of the problem stands there{suggestion(key, known)} "
+        f"(numbers: {listed(known[:12])}{', ...' if len(known) > 12 else ''})",
+    )

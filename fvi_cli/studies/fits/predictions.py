@@ -1,0 +1,178 @@
+"""What a scene says about measured columns, with derivatives by parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.adjoint.gradient import run_steps, sensitivities
+from fvi_cli.integrator.adjoint.quantity import Observation
+from fvi_cli.integrator.adjoint.variation import Variation, differences
+from fvi_cli.integrator.adjoint.varied_motion import rates_along, stage_force
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.asked import Observations
+from fvi_cli.integrator.observations.dense_motion import DenseMotion
+from fvi_cli.integrator.observations.observe import along_motion
+from fvi_cli.integrator.run.runge_kutta import AnySteps
+from fvi_cli.studies.fits.settings import Amplitude, DataSet, Series
+from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
+from fvi_cli.studies.vibration.response import harmonic_force
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Predicted = list[tuple[Array, Array]]
+"""For every series values, ``(n,)``, and their derivatives by p parameters, ``(n, p)``."""
+Specified = Callable[[int, float], Mapping[str, object]]
+"""From the index of a parameter and its value to the ``problem`` mapping."""
+
+METHOD = Method(cq="gauss", degree=8, start="none")
+"""What motions are computed with."""
+
+
+def predict_motion(
+    scene: Scene,
+    steps: AnySteps,
+    data: DataSet,
+    variations: Sequence[Variation],
+    specified: Specified,
+) -> Predicted:
+    """What was measured of a motion.
+
+    Parameters
+    ----------
+    scene, steps
+        What moves, and how it is integrated.
+    data
+        What was measured.
+    variations
+        The parameters.
+    specified
+        Where formulas find the parameters of the problem.
+
+    Raises
+    ------
+    RunFailedError
+        If the run does not come to its end.
+    """
+    times = np.unique(np.concatenate([one.times for one in data.series]))
+    formulas = [one for one in data.series if one.formula is not None]
+    if not variations and not formulas:
+        done = run_steps(scene, METHOD, steps)
+        motion = Observation(done, times).motion()
+        empty = np.zeros((times.size, scene.dimension, 0))
+        changes = (empty, empty)
+    else:
+        found = sensitivities(scene, METHOD, steps, times, variations)
+        motion = (found.position, found.velocity)
+        changes = (found.by_position, found.by_velocity)
+    predicted = []
+    for one in data.series:
+        places, kind = np.searchsorted(times, one.times), int(one.is_velocity)
+        if one.formula is None:
+            values, slopes = (each[kind][places, one.component] for each in (motion, changes))
+        else:
+            along = _along(one, data, specified)
+            dense = DenseMotion(
+                scene=scene,
+                steps=found.run.steps,
+                shape=found.run.steps,
+                force=stage_force(found),
+            )
+            values = along(dense, -1, 0.0)
+            slopes = np.zeros((values.size, 0))
+            if variations:
+                slopes = rates_along(found, variations, along)
+        predicted.append((values, slopes))
+    return predicted
+
+
+def _along(
+    one: Series, data: DataSet, specified: Specified
+) -> Callable[[DenseMotion, int, float], Array]:
+    """The formula of a series on a motion, with the parameters of the problem."""
+    formula = one.formula
+    assert formula is not None
+
+    def along(motion: DenseMotion, index: int, number: float) -> Array:
+        given = specified(index, number).get("parameters", {})
+        parameters = dict(given) if isinstance(given, Mapping) else {}
+        asked = Observations(coordinates=data.coordinates, parameters=parameters)
+        return along_motion(motion, asked, formula)(*motion.located(one.times))
+
+    return along
+
+
+def predict_response(
+    scene: Scene,
+    data: DataSet,
+    variations: Sequence[Variation],
+    ground_direction: object = 1.0,
+) -> Predicted:
+    """What was measured of a response to harmonic forces, ``T(i omega) q = f``.
+
+    Raises
+    ------
+    ValueError
+        If the scene is not linear, or nothing limits the response at a frequency.
+    """
+    hertz = np.unique(np.concatenate([one.times for one in data.series]))
+
+    def force(of: Scene) -> Array:
+        every = [
+            harmonic_force(text, of, data.coordinates, ground_direction)  # type: ignore[arg-type]
+            for text in data.forces
+        ]
+        return np.asarray(sum(every))
+
+    stiffness, s = DynamicStiffness(scene), 2j * math.pi * hertz
+    try:
+        factors = [stiffness.factors(one) for one in s.tolist()]
+    except np.linalg.LinAlgError:
+        raise ValueError("a mode without damping lies at a measured frequency") from None
+    load = force(scene).astype(complex)
+    response = np.array([one.solve(load) for one in factors])
+    left = np.zeros((*response.shape, len(variations)), dtype=complex)
+    for column, one in enumerate(variations):
+        for beside, factor, _ in differences(one, scene, is_straight=False):
+            pull = _applied(DynamicStiffness(beside), s, response)
+            left[..., column] += factor * (force(beside) - pull)
+    slopes = left
+    if variations:
+        slopes = np.array([one.solve(each) for one, each in zip(factors, left, strict=True)])
+    predicted = []
+    for series in data.series:
+        amplitude = series.amplitude
+        assert amplitude is not None
+        places = np.searchsorted(hertz, series.times)
+        rate = s[places] ** amplitude.rate
+        values = rate * (response[places] @ amplitude.row)
+        changes = rate[:, None] * np.einsum("d,ndp->np", amplitude.row, slopes[places])
+        predicted.append(_part(amplitude, values, changes))
+    return predicted
+
+
+def _applied(stiffness: DynamicStiffness, s: ComplexArray, response: ComplexArray) -> ComplexArray:
+    """T(s) q for every s, shape ``(n, d)``."""
+    symbols = np.array([stiffness.symbols(one) for one in s.tolist()])
+    total = np.zeros_like(response)
+    for index, form in enumerate(stiffness.forms):
+        product = np.asarray(form @ response.T).T  # type: ignore[operator]
+        total += symbols[:, index, None] * product
+    return total
+
+
+def _part(amplitude: Amplitude, values: ComplexArray, changes: ComplexArray) -> tuple[Array, Array]:
+    """A part of complex numbers and of their changes."""
+    if amplitude.part == "real":
+        return values.real, changes.real
+    if amplitude.part == "imaginary":
+        return values.imag, changes.imag
+    turned = values.conj()[:, None] * changes
+    size = np.abs(values)
+    if amplitude.part == "magnitude":
+        return size, turned.real / size[:, None]
+    return np.degrees(np.angle(values)), np.degrees(turned.imag / size[:, None] ** 2)
