@@ -66,7 +66,8 @@ def _motion(
         at.refuse("only for responses; write frequency: and its column in place of time", "force")
     time = given.get("time", "t")
     coordinates, found = problem.coordinates, []
-    known = known_names(coordinates, tuple(described.get("parameters", {})))
+    parameters = described.get("parameters", {})
+    known = known_names(coordinates, (*parameters, *problem.inputs))
     for name, column in given["columns"].items():
         if not isinstance(column, str):
             at.under("columns").refuse("parts are those of a response; name one column", name)
@@ -85,7 +86,7 @@ def _motion(
                     "expressions in them)",
                 )
                 continue
-            if not formula.names - {"t", *described.get("parameters", {})}:
+            if not formula.names - {"t", *parameters, *problem.inputs}:
                 at.under("columns").refuse_key(name, "no coordinate occurs in it")
                 continue
         samples = _samples(given, time, column, problem, at)

@@ -8,16 +8,19 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.gradient import run_steps, sensitivities
 from fvi_cli.integrator.adjoint.quantity import Observation
 from fvi_cli.integrator.adjoint.variation import Variation, differences
 from fvi_cli.integrator.adjoint.varied_motion import rates_along, stage_force
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.asked import Observations
+from fvi_cli.integrator.observations.asked import Observations, known_names
 from fvi_cli.integrator.observations.dense_motion import DenseMotion
 from fvi_cli.integrator.observations.observe import along_motion
 from fvi_cli.integrator.run.runge_kutta import AnySteps
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.fits.settings import Amplitude, DataSet, Series
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.response import harmonic_force
@@ -98,9 +101,14 @@ def _along(
     assert formula is not None
 
     def along(motion: DenseMotion, index: int, number: float) -> Array:
-        given = specified(index, number).get("parameters", {})
+        specification = specified(index, number)
+        given = specification.get("parameters", {})
         parameters = dict(given) if isinstance(given, Mapping) else {}
-        asked = Observations(coordinates=data.coordinates, parameters=parameters)
+        inputs: Mapping[str, Forcing | None] = {}
+        if formula.names - set(known_names(data.coordinates, parameters)):
+            problem = build_problem(specification, search=False)
+            inputs = problem.inputs if isinstance(problem, Problem) else {}
+        asked = Observations(coordinates=data.coordinates, parameters=parameters, inputs=inputs)
         return along_motion(motion, asked, formula)(*motion.located(one.times))
 
     return along

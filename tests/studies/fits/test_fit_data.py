@@ -42,12 +42,23 @@ SOLID: dict[str, Any] = {
     "initial": {"position": 1.0, "velocity": 0.5},
     "final_time": 4.0,
 }
+SHAKEN: dict[str, Any] = {
+    "kind": "frame",
+    "storeys": 2,
+    "stiffness": [30.0, 20.0],
+    "dampers": [{"order": 0.5, "coefficient": 0.8}],
+    "parameters": {"strength": 3.0},
+    "ground_acceleration": "strength*exp(-t)*sin(4*t)",
+    "final_time": 4.0,
+}
 FORMULAS = {
+    "frame": (SHAKEN, ["x1", "x2"], "ax2 + ground_acceleration"),
     "structure": (STRUCTURE, ["x1", "x2"], "ax2 - 0.3*dx1*x2 + vx1**2"),
     "lagrangian": (PENDULUM, ["x"], "g*sin(x) + ax*m + dx"),
     "law": (SOLID, ["x"], "ax + 2*dx*x"),
 }
 KEYS = {
+    "frame": ["parameters.strength", "stiffness.0", "dampers.0.order"],
     "structure": ["mass.1.1", "stiffness.0.0", "damping.0.order", "initial.velocity.0"],
     "lagrangian": ["parameters.m", "damping.0.order", "damping.0.coefficient"],
     "law": ["mass", "damping.0.time", "damping.0.order", "damping.0.unrelaxed"],
@@ -69,6 +80,7 @@ def model_of(specification: dict[str, Any], keys: list[str], *data: DataSet) -> 
 def test_derivatives_of_formulas(name: str) -> None:
     specification, coordinates, text = FORMULAS[name]
     names = ["t", *(p + c for p in ("", "v", "a", "d") for c in coordinates), "m", "g"]
+    names.append("ground_acceleration")
     times = np.array([0.4, 1.3, 2.9, 3.7])
     series = Series(
         name=text,
