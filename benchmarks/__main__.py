@@ -10,6 +10,7 @@ from pathlib import Path
 from benchmarks.accuracy import accuracy_table, run_accuracy
 from benchmarks.adaptive import adaptive_table, run_adaptive
 from benchmarks.fits import N_FITS, run_fits
+from benchmarks.floors import floor_table, run_floors
 from benchmarks.many import many_table, run_many
 from benchmarks.memory import memory_table, run_memory
 from benchmarks.stepping import run_stepping, stepping_table
@@ -28,6 +29,7 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 
 PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     "fits": ("What fits are worth", lambda asked: run_fits(asked.output, asked.fits)),
+    "floors": ("What rounding leaves", lambda asked: floor_table(run_floors(asked.most))),
     "structures": ("What large structures take", lambda asked: structures_table(run_structures())),
     "tolerances": (
         "Whether tolerances are kept",
@@ -69,6 +71,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         default=N_FITS,
         metavar="N",
         help="fits: noisy fits whose intervals are looked at",
+    )
+    parser.add_argument(
+        "--most",
+        type=int,
+        metavar="N",
+        help="floors: measure at most so many cases that are not there yet",
     )
     parser.add_argument("--output", type=Path, default=Path("results"), help="folder of the page")
     asked = parser.parse_args(arguments)

@@ -24,6 +24,7 @@ from fvi_cli.integrator.stability.prediction import (
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.operators import left_operator
 from fvi_cli.planning.expected_order import expected_order
+from fvi_cli.planning.round_off import relative_round_off
 from fvi_cli.scenes.problem import DerivativeProblem, Problem
 from fvi_cli.studies.experiment import (
     NEEDS_LADDER,
@@ -38,7 +39,6 @@ from fvi_cli.studies.reference import Reference, find_reference, find_references
 
 Array = NDArray[np.float64]
 
-EPSILON = float(np.finfo(float).eps)
 DIVERGED_RATIO = 10.0
 
 UNRELIABLE = 0.01
@@ -143,7 +143,8 @@ def assessed(
     # is not to be held against a position without that
     unit = float(np.sqrt(run.problem.final_time)) if experiment.norm == "l2" else 1.0
     scale = unit * float(np.abs(compared).max(initial=0.0))
-    round_off = 100 * EPSILON * scale * float(np.sqrt(run.n_steps))
+    scene = run.problem.scene if isinstance(run.problem, Problem) else None
+    round_off = scale * relative_round_off(scene, run.method, run.n_steps)
     floor = max(round_off, 10 * unit * reference.error) if reference.is_known else round_off
     if floor > UNRELIABLE * scale > 0:
         remarks += (

@@ -1,4 +1,6 @@
-r"""How far rounding carries for Gauss1 with orders of damping close to 2.
+r"""How far rounding carries, with orders of damping close to 2 above all.
+
+For Gauss1:
 
 The midpoint rule's weights, those of :math:`(2 (1 - z) / (1 + z))^{\gamma - 1}`, approach
 :math:`C (-1)^n n^{\gamma - 2}`: they hardly decay, and the sum of a smooth velocity with them is a
@@ -10,20 +12,32 @@ alternating part is a state of its own and nothing cancels.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.floors import (
+    METHODS,
+    ORDERS,
+    floor_table,
+    oscillator,
+    read_rows,
+    run_floors,
+)
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
+from fvi_cli.planning.round_off import TABLE, measured_floor, relative_round_off
+from fvi_cli.scenes.linear_response import linear_response
 from fvi_cli.scenes.named import linear_oscillator
 
 Long = NDArray[np.longdouble]
 GAUSS1 = Method(cq="gauss", degree=1)
 STIFFNESS, POSITION, VELOCITY, FINAL_TIME = 2.0, 1.0, 0.5, 8.0
 
-pytestmark = pytest.mark.skipif(
+needs_long_doubles = pytest.mark.skipif(
     np.finfo(np.longdouble).eps > 1e-18, reason="there is no arithmetic beyond doubles here"
 )
 
@@ -76,14 +90,77 @@ def distances(order: float, n_steps: int) -> dict[str, float]:
     return found
 
 
+@needs_long_doubles
 def test_usual_orders_keep_thirteen_digits() -> None:
     for order in (0.5, 1.5):
         assert max(distances(order, 1024).values()) < 1e-13
 
 
+@needs_long_doubles
 @pytest.mark.parametrize("order", [1.9, 1.98])
 def test_exponentials_lose_no_more_than_rounded_weights(order: float) -> None:
     found = distances(order, 2048)
     assert found["exponentials"] < 2e-12
     # no sum of rounded weights could do better than this
     assert found["rounded weights"] > 5e-13
+
+
+@pytest.mark.parametrize("degree", [3, 5])
+def test_odd_degrees_keep_ten_digits_on_many_steps(degree: int) -> None:
+    method = Method(cq="gauss", degree=degree, start="graded")
+    found = integrate(oscillator(1.98), method, 2**16, every=256)
+    exact = linear_response(
+        mass=1.0, stiffness=1.0, damping=((1.98, 1.0),), position=1.0, velocity=0.5
+    )
+    error = np.abs(found.position[:, 0] - exact(found.time)).max()
+    # as the table says from which floors are read
+    assert error < min(1e-10, 10 * measured_floor(method, 1.98, 2**16))
+
+
+class TestFloors:
+    """The floors of errors are those that were measured."""
+
+    def test_every_method_and_order_was_measured(self):
+        rows = {row.case for row in read_rows(TABLE)}
+        for method in METHODS:
+            for order in ORDERS:
+                for exponent in (12, 16):
+                    case = (method.cq, method.sampling, method.degree, order, exponent)
+                    assert case in rows
+
+    def test_the_table_is_met_where_it_was_measured(self):
+        for row in read_rows(TABLE):
+            method = next(m for m in METHODS if (m.cq, m.sampling, m.degree) == row.case[:3])
+            found = measured_floor(method, row.order, 2**row.exponent)
+            # never below; more where fewer steps had more
+            assert np.isnan(row.floor) or found >= 0.99 * max(row.floor, 2.3e-16)
+
+    def test_floors_grow_with_steps_and_towards_order_two(self):
+        method = Method(cq="gauss", degree=3)
+        for order in (0.5, 1.5, 1.95, 1.99):
+            floors = [measured_floor(method, order, 2**k) for k in range(6, 23)]
+            assert all(a <= b for a, b in itertools.pairwise(floors))
+        assert measured_floor(method, 1.99, 4096) > measured_floor(method, 1.98, 4096)
+        assert measured_floor(Method(cq="gauss", degree=9), 1.5, 4096) > 0
+
+    def test_the_floor_of_a_run_uses_them(self):
+        def floor(order: float, n_steps: int) -> float:
+            return relative_round_off(oscillator(order), Method(cq="gauss", degree=3), n_steps)
+
+        usual = 100 * np.finfo(float).eps * np.sqrt(4096)
+        assert floor(0.5, 4096) == pytest.approx(usual)
+        measured = measured_floor(Method(cq="gauss", degree=3), 1.98, 4096)
+        assert floor(1.98, 4096) == pytest.approx(10 * measured)
+        assert floor(1.98, 4096) > 10 * usual
+
+    def test_what_is_there_is_not_measured_again(self, tmp_path):
+        path = tmp_path / "floors.csv"
+        methods, exponents = METHODS[:1], (4, 5)
+        first = run_floors(3, path, methods, exponents)
+        assert [row.exponent for row in first] == [4, 4, 4]
+        again = run_floors(2, path, methods, exponents)
+        assert len(again) == 5
+        assert set(first) < set(again)
+        text = floor_table(again)
+        assert "5 cases" in text
+        assert "## N = 2^4" in text

@@ -1,0 +1,98 @@
+"""What rounding leaves of a run: the measured floors of the methods."""
+
+from __future__ import annotations
+
+import csv
+import functools
+import math
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.method import AnyMethod, Method
+
+EPSILON: Final = float(np.finfo(float).eps)
+
+TABLE: Final = Path(__file__).with_name("round_off.csv")
+"""Measured by ``python -m benchmarks floors``."""
+
+SAFETY: Final = 10.0
+"""Scenes differ from the one that was measured."""
+
+
+def relative_round_off(scene: Scene | None, method: AnyMethod, n_steps: int) -> float:
+    r"""Errors below this part of the largest position are round-off.
+
+    At least :math:`100 \epsilon \sqrt{N}`; more where :data:`SAFETY` times what was measured of
+    the method with the highest order of damping of the scene is more, as it is near order 2.
+    """
+    usual = 100 * EPSILON * math.sqrt(n_steps)
+    order = max((term.order for term in scene.active_damping), default=0.0) if scene else 0.0
+    if not isinstance(method, Method) or order == 0.0:
+        return usual
+    return max(usual, SAFETY * measured_floor(method, order, n_steps))
+
+
+def measured_floor(method: Method, order: float, n_steps: int) -> float:
+    """Interpolated in the table, of logarithms in the order and in log N.
+
+    Below the least N in proportion to N; above the largest and next to order 2 as the last two
+    go on. Of degrees that the table does not have the nearest one.
+    """
+    rows = _rows_of(method)
+    if not rows:
+        return 0.0
+    orders = np.array(list(rows))
+    k = int(np.clip(np.searchsorted(orders, order), 1, orders.size - 1))
+    below, above = (_at(rows[orders[j]], n_steps) for j in (k - 1, k))
+    part = max((order - orders[k - 1]) / (orders[k] - orders[k - 1]), 0.0)
+    return float(below * (above / below) ** part)
+
+
+def _at(floors: tuple[tuple[float, float], ...], n_steps: int) -> float:
+    """At N, from pairs of log N and the floor."""
+    sizes, values = (np.array(column) for column in zip(*floors, strict=True))
+    size = math.log(n_steps)
+    if size <= sizes[0] or sizes.size == 1:
+        return float(values[0] * math.exp(min(size - sizes[0], 0.0)))
+    k = int(np.clip(np.searchsorted(sizes, size), 1, sizes.size - 1))
+    part = (size - sizes[k - 1]) / (sizes[k] - sizes[k - 1])
+    return float(values[k - 1] * (values[k] / values[k - 1]) ** part)
+
+
+def _rows_of(method: Method) -> dict[float, tuple[tuple[float, float], ...]]:
+    """By order, increasing: pairs of log N and the floor, for the nearest method of the table."""
+    of_kind = {key: rows for key, rows in _table().items() if key[0] == method.cq}
+    if not of_kind:
+        return {}
+    nearest = min(of_kind, key=lambda key: (abs(key[2] - method.degree), key[1] != method.sampling))
+    return of_kind[nearest]
+
+
+@functools.lru_cache(maxsize=1)
+def _table() -> dict[tuple[str, str, int], dict[float, tuple[tuple[float, float], ...]]]:
+    found: dict[tuple[str, str, int], dict[float, list[tuple[float, float]]]] = {}
+    with TABLE.open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            if row["status"] != "ok":
+                continue
+            floor = float(row["units"])
+            if row["is_round_off"] == "True":
+                floor = max(floor, float(row["error"]))
+            key = (row["cq"], row["sampling"], int(row["degree"]))
+            of_order = found.setdefault(key, {}).setdefault(float(row["order"]), [])
+            of_order.append((math.log(2) * int(row["exponent"]), floor))
+    return {
+        key: {order: _increasing(pairs) for order, pairs in sorted(rows.items())}
+        for key, rows in found.items()
+    }
+
+
+def _increasing(pairs: list[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """With N increasing, and floors that do not fall (one measurement is a sample)."""
+    made: list[tuple[float, float]] = []
+    for size, floor in sorted(pairs):
+        made.append((size, max([floor, EPSILON, *(value for _, value in made)])))
+    return tuple(made)
