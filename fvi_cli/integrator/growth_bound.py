@@ -57,24 +57,22 @@ class GrowthBound:
 
 
 def growth_bound(problem: StepProblem) -> GrowthBound:
-    """The bound of the run that `problem` describes."""
-    scene, h = problem.scene, problem.step_size
+    """The bound of the run that `problem` describes, by all forces that are known beforehand."""
     force = 0.0
     if problem.moments is not None:
-        force += float(np.abs(problem.moments.sum(axis=1)).max()) / h
+        force += float(np.abs(problem.moments.sum(axis=1)).max()) / problem.step_size
     if problem.memory.known_force is not None:
         force += float(np.abs(problem.memory.known_force).max())
-    velocity = np.asarray(np.linalg.solve(scene.inertia.mass, problem.momentum), dtype=float)
-    return _bound(scene, h, problem.position, velocity, force)
+    return _bound(problem.scene, problem.step_size, force)
 
 
 def farthest_position(scene: Scene, n_steps: int) -> float:
     """The bound at the end of a run that starts from the scene's own data, for any method."""
-    grid = scene.final_time / n_steps * np.arange(n_steps + 1, dtype=float)
-    force = 0.0 if scene.forcing is None else float(np.abs(scene.forcing(grid)).max())
     h = scene.final_time / n_steps
-    bound = _bound(scene, h, scene.initial_position, scene.initial_velocity, force)
-    return float(bound.at(np.asarray(scene.final_time)))
+    force = 0.0
+    if scene.forcing is not None:
+        force = float(np.abs(scene.forcing(h * np.arange(n_steps + 1, dtype=float))).max())
+    return float(_bound(scene, h, force).at(np.asarray(scene.final_time)))
 
 
 def beyond(position: Array, limit: float, n_done: int, step_size: float) -> str:
@@ -82,19 +80,21 @@ def beyond(position: Array, limit: float, n_done: int, step_size: float) -> str:
     size = float(np.abs(position).max())
     if size <= limit and math.isfinite(size):
         return ""
+    return _diverged(size, n_done - 1, n_done * step_size)
+
+
+def _diverged(size: float, step: int, time: float) -> str:
     return (
-        f"diverged: |x| = {size:.3g} after step {n_done - 1}, t = {n_done * step_size:.6g}, is "
+        f"diverged: |x| = {size:.3g} after step {step}, t = {time:.6g}, is "
         f"{TOLERATED_FACTOR:.0e} times beyond what the scene can do"
     )
 
 
-def _bound(
-    scene: Scene, step_size: float, position: Array, velocity: Array, force: float
-) -> GrowthBound:
+def _bound(scene: Scene, step_size: float, force: float) -> GrowthBound:
     final_time = scene.final_time
-    way = final_time * np.abs(velocity).max()
+    way = final_time * np.abs(scene.initial_velocity).max()
     per_force = final_time**2 * _largest_flexibility(scene.inertia)
-    scale = float(np.abs(position).max() + way + per_force * force)
+    scale = float(np.abs(scene.initial_position).max() + way + per_force * force)
     rate = 0.0
     if scene.is_sparse or (scene.is_linear and scene.active_laws):
         # what grows is not looked for in large structures and beside laws: then there is no bound
@@ -126,34 +126,6 @@ def _largest_flexibility(inertia: Inertia) -> float:
 
 
 def first_outside(
-    bound: GrowthBound, position: Array, first: int, step_size: float
-) -> tuple[int, str] | None:
-    """The first position outside of `bound`, with the failure in words; None: all are inside.
-
-    Parameters
-    ----------
-    bound
-        The bound of the run.
-    position
-        Positions at successive points of the grid, shape ``(n, d)``.
-    first
-        Index of the first of these points on the grid.
-    step_size
-        h.
-    """
-    time = step_size * np.arange(first, first + position.shape[0], dtype=float)
-    with np.errstate(invalid="ignore"):
-        outside = np.abs(position).max(axis=1) > bound.at(time)
-    if not outside.any():
-        return None
-    index = int(outside.argmax())
-    return index, (
-        f"diverged: |x| = {np.abs(position[index]).max():.3g} after step {first + index - 1}, "
-        f"t = {time[index]:.6g}, is {TOLERATED_FACTOR:.0e} times beyond what the scene can do"
-    )
-
-
-def first_outside_at(
     bound: GrowthBound, position: Array, times: Array, done: int
 ) -> tuple[int, str] | None:
     """The first position outside of `bound`, with the failure in words; None: all are inside.
@@ -167,14 +139,12 @@ def first_outside_at(
     done
         Number of steps before the first of them.
     """
-    outside = np.abs(position).max(axis=1, initial=0.0) > bound.at(times)
+    with np.errstate(invalid="ignore"):
+        outside = np.abs(position).max(axis=1, initial=0.0) > bound.at(times)
     if not outside.any():
         return None
     index = int(outside.argmax())
-    return index, (
-        f"diverged: |x| = {np.abs(position[index]).max():.3g} after step {done + index}, "
-        f"t = {times[index]:.6g}, is {TOLERATED_FACTOR:.0e} times beyond what the scene can do"
-    )
+    return index, _diverged(np.abs(position[index]).max(), done + index, times[index])
 
 
 def scene_bound(scene: Scene, step_size: float) -> GrowthBound:
@@ -186,12 +156,13 @@ def scene_bound(scene: Scene, step_size: float) -> GrowthBound:
         with np.errstate(all="ignore"):
             values = np.abs(scene.forcing(inside))
         force = float(values[np.isfinite(values)].max(initial=0.0))
-    return _bound(scene, step_size, scene.initial_position, scene.initial_velocity, force)
+    return _bound(scene, step_size, force)
 
 
 def cut_at_bound(problem: StepProblem, stepped: Stepped, bound: GrowthBound) -> Stepped:
     """What was finished up to the first position outside of `bound`; all of it without one."""
-    found = first_outside(bound, stepped.position, 0, problem.step_size)
+    times = problem.step_size * np.arange(stepped.position.shape[0], dtype=float)
+    found = first_outside(bound, stepped.position, times, -1)
     if found is None:
         return stepped
     first, failure = found

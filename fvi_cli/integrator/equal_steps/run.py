@@ -55,17 +55,14 @@ def _integrate(scene: Scene, method: Method, n_steps: int, asked: Asked) -> Traj
 
         corrected, remarks = correct_start(prepared.problem, method, scene)
         prepared = replace(prepared, problem=corrected, remarks=remarks)
-    bound: GrowthBound | None = None
-    if scene.lagrangian is None:
-        prepared, bound = bounded(prepared)
+    prepared, bound = bounded(prepared)
     problem = prepared.problem
     ready = time.perf_counter()
     if asked.is_empty:
         stepped = run(problem, method.history)
     else:
         stepped = run_with_increments(problem, method)
-    if bound is not None:
-        stepped = cut_at_bound(problem, stepped, bound)
+    stepped = cut_at_bound(problem, stepped, bound)
     seconds = (ready - began, time.perf_counter() - ready)
     trajectory = finished_trajectory(method, prepared, stepped, seconds)
     if asked.is_empty or trajectory.momentum is None or trajectory.energy is None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.compensated import CompensatedSum
-from fvi_cli.integrator.growth_bound import GrowthBound, first_outside_at
+from fvi_cli.integrator.growth_bound import GrowthBound, first_outside
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.local_error.defect import StepPath
 from fvi_cli.integrator.local_error.examine import Examiner, Finding
@@ -244,7 +244,7 @@ def march_adaptively(
                 course.failure += f"t = {marker.time:.6g}"
                 break
             if float(np.abs(marker.position.value).max()) > bound.size:
-                outside = first_outside_at(
+                outside = first_outside(
                     bound.with_force(stepper.loads.largest_force),
                     marker.position.value[None],
                     np.array([marker.time]),

@@ -11,7 +11,7 @@ from fvi_cli.effects.matrices import dense
 from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.convolution.step_group import GROUP, StepGroup
 from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.growth_bound import first_outside_at
+from fvi_cli.integrator.growth_bound import first_outside
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.run.grouped_steps import grouped_steps
 from fvi_cli.integrator.run.loop import Course, Marker, no_unique_solution
@@ -215,7 +215,7 @@ class March:
             n = int(np.argmin(finite)) + 1
             self.failure = f"not finite after step {self.done + n - 1}, t = {times[n - 1]:.6g}"
         bound = self._setup.bound.with_force(self._setup.stepper.loads.largest_force)
-        outside = first_outside_at(bound, position[:n], times[:n], self.done)
+        outside = first_outside(bound, position[:n], times[:n], self.done)
         if outside is not None:
             n, self.failure = outside[0] + 1, outside[1]
         reported = np.zeros(0, dtype=np.intp)

@@ -1,0 +1,106 @@
+"""Scenes on which routes once disagreed, commands ended, or steps were wasted by the million."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import fvi_cli as fvi
+from fvi_cli.cli.app import app
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.diagnostics_request import Asked
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.mesh import mesh_of
+from fvi_cli.integrator.method import Method
+from fvi_cli.scenes.lagrangian import lagrangian_scene
+from fvi_cli.scenes.linear_response import linear_response
+from fvi_cli.scenes.named import linear_oscillator
+
+GROWING = {
+    "within what it can do": ("(1 + 0.1*sin(x)**2)*vx**2/2 + x**2/2", 40.0, "ok"),
+    "beyond": ("(1 + 0.1*exp(-x**2))*vx**2/2 + x**2/2", 30.0, "diverged"),
+}
+
+
+@pytest.mark.parametrize("name", GROWING)
+def test_routes_agree_on_mass_matrices_that_move_and_negative_stiffness(name: str) -> None:
+    lagrangian, final_time, status = GROWING[name]
+    scene = lagrangian_scene(
+        coordinates=("x",),
+        lagrangian=lagrangian,
+        damping=[FractionalDamping(order=0.5, coefficient=0.01 * np.eye(1))],
+        final_time=final_time,
+        initial_position=1.0,
+    )
+    method = Method(cq="gauss", degree=2)
+    usual = integrate(scene, method, 400)
+    times = final_time / 400 * np.arange(401)
+    times[-1] = final_time
+    single = integrate(scene, method, mesh_of(times))
+    watched = integrate(scene, method, 400, diagnostics=Asked(energy_balance=True))
+    assert {usual.status, single.status, watched.status} == {status}
+    assert usual.time.size == single.time.size
+    # bit for bit
+    assert np.array_equal(usual.position, watched.position)
+    sound = np.abs(usual.position[:, 0]) < 1e3
+    assert sound.sum() > 50
+    assert np.abs(usual.position - single.position)[sound].max() < 1e-11 * 1e3
+    backward = [
+        integrate(scene, Method(cq="bdf2", degree=1, history=history), 400)
+        for history in ("direct", "fft")
+    ]
+    assert backward[0].status == backward[1].status
+    if status == "diverged":
+        assert "beyond what the scene can do" in backward[0].message
+    assert backward[0].time.size == backward[1].time.size
+
+
+EXTREME = """
+name: extreme
+experiments:
+  - name: far
+    problem:
+      kind: damped-oscillator
+      stiffness: 3.0e+80
+      damping: [{order: 0.6, coefficient: 7.0e+55}]
+      initial: {position: 0.0, velocity: 0.5e+40}
+      final_time: 6.0e-40
+    method: {rk: gauss, degree: 3}
+    ladder: {steps: [64, 128]}
+  - name: near
+    problem: {kind: damped-oscillator, final_time: 5.0}
+    method: {rk: gauss, degree: 3}
+    ladder: {steps: [64]}
+"""
+
+
+def test_extreme_units_end_no_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("extreme.yaml").write_text(EXTREME, encoding="utf-8")
+    assert CliRunner().invoke(app, ["run", "extreme.yaml", "-q"]).exit_code == 0
+    far = [finished for finished in fvi.run("extreme.yaml").runs if finished.run.n_steps == 128]
+    assert [finished.status for finished in far] == ["ok"]
+    assert far[0].error < 1e-11
+
+
+@pytest.mark.parametrize("order", [1.5, 1.75, 1.99])
+def test_strong_damping_takes_few_steps(order: float) -> None:
+    scene = linear_oscillator(
+        final_time=5.0,
+        stiffness=1.0,
+        damping=[FractionalDamping(order=order, coefficient=50 * np.eye(1))],
+        initial_position=1.0,
+        initial_velocity=0.5,
+    )
+    found = fvi.solve(scene, tolerance=1e-8)
+    exact = linear_response(
+        mass=1.0, stiffness=1.0, damping=((order, 50.0),), position=1.0, velocity=0.5
+    )
+    assert found.assessment is not None
+    assert found.assessment.outcome == "met"
+    # once 2.6e5 to 4.2e6
+    assert found.time.size < 40
+    assert np.abs(found.position[:, 0] - exact(found.time)).max() < 1e-8
