@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -31,17 +32,21 @@ class ForcingPiece:
     components: tuple[ForceComponent, ...]
     until: float = math.inf
 
+    @cached_property
+    def distinct(self) -> tuple[tuple[ForceComponent, list[int]], ...]:
+        """Every component once, with its places: large structures share a few."""
+        places: dict[int, list[int]] = {}
+        for index, component in enumerate(self.components):
+            places.setdefault(id(component), []).append(index)
+        return tuple((self.components[found[0]], found) for found in places.values())
+
     def evaluate(self, time: Array) -> Array:
         """The force at `time`, shape ``(...)`` to ``(..., d)``; the piece is not limited here."""
         time = np.asarray(time, dtype=float)
         result = np.empty((*time.shape, len(self.components)))
-        # most components of a large structure share one expression
-        places: dict[int, list[int]] = {}
-        for index, component in enumerate(self.components):
-            places.setdefault(id(component), []).append(index)
-        for found in places.values():
-            value = np.asarray(self.components[found[0]].evaluate({"t": time}, NUMPY_FUNCTIONS))
-            result[..., found] = value[..., None]
+        for component, places in self.distinct:
+            value = np.asarray(component.evaluate({"t": time}, NUMPY_FUNCTIONS))
+            result[..., places] = value[..., None]
         return result
 
 

@@ -8,9 +8,11 @@ from scipy.sparse.linalg import eigsh
 
 from fvi_cli.config import parse_config
 from fvi_cli.effects.matrices import as_csc, is_sparse
+from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ConfigError
 from fvi_cli.integrator.balances.diagnostics import Asked
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.scenes.structures.sandwich_beam import SandwichBeam, beam_matrices
@@ -70,6 +72,27 @@ def test_the_scene_is_sparse_and_loses_energy_in_every_step() -> None:
     total = found.energy + found.diagnostics.stored_energy
     assert np.diff(total).max() < 1e-12 * total[0]
     assert total[-1] < 0.9 * total[0]
+
+
+def pushed(elements: int) -> Scene:
+    return build_scene(
+        {
+            "kind": "sandwich-beam",
+            "elements": elements,
+            "initial": {"position": 0.0, "velocity": 0.0},
+            "final_time": 0.01,
+            "forcing": {"at": {f"w{elements}": "exp(-((t-0.002)/0.0004)**2)"}},
+        }
+    )
+
+
+def test_adaptive_steps_follow_the_motion_and_not_the_finest_modes() -> None:
+    method, steps = Method(cq="gauss", degree=4, start="graded"), AdaptiveSteps(tolerance=1e-7)
+    coarse, fine = (integrate(pushed(elements), method, steps) for elements in (6, 96))
+    # the highest frequency is 256 times as high
+    assert fine.n_steps == pytest.approx(coarse.n_steps, rel=0.15)
+    finer = integrate(pushed(96), Method(cq="gauss", degree=5, start="graded"), 400)
+    assert fine.position[-1] == pytest.approx(finer.position[-1], abs=2e-10)
 
 
 def test_a_law_that_would_create_energy_is_refused_at_its_key() -> None:

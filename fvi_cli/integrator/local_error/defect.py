@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.local_error.forces import PointForces, SceneForces
+from fvi_cli.integrator.local_error.stiff_modes import StiffModes
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
 
@@ -61,6 +62,8 @@ class Between:
         The forces of the scene.
     tables
         Numbers of the method.
+    stiff
+        Modes that steps do not resolve; None: there are none.
 
     Attributes
     ----------
@@ -68,8 +71,10 @@ class Between:
         All points that are looked at, in [0, 1]: ends, stages and what lies between.
     """
 
-    def __init__(self, forces: SceneForces, tables: StepTables) -> None:
-        self.forces = forces
+    def __init__(
+        self, forces: SceneForces, tables: StepTables, stiff: StiffModes | None = None
+    ) -> None:
+        self.forces, self._stiff = forces, stiff
         self._basis = lobatto_basis(tables.degree)
         stages = tables.points
         looked_at = np.concatenate([[0.0], 0.5 * (stages[:-1] + stages[1:]), [1.0]])
@@ -133,10 +138,15 @@ class Between:
 
     def mobility_of(self, path: StepPath) -> float:
         """Largest acceleration to forces that are 1 at most."""
+        units = self.forces.units_at(path.middle) if self._stiff is not None else None
+        if self._stiff is not None and units is not None:
+            return float(np.abs(self._stiff.accelerations(units, path.size)).max())
         with np.errstate(all="ignore"):
             return self.forces.mobility(path.position, self._first_rate(path), path.begin)
 
     def _accelerations(self, path: StepPath, forces: Array) -> Array:
+        if self._stiff is not None:
+            return self._stiff.accelerations(forces, path.size)
         rate = self._first_rate(path)
         return self.forces.accelerations(forces, path.position, rate, path.begin)
 

@@ -18,6 +18,7 @@ from fvi_cli.integrator.local_error.kinks import (
     first_crossing,
     root_between,
 )
+from fvi_cli.integrator.local_error.stiff_modes import stiff_modes
 from fvi_cli.integrator.step_tables import StepTables
 
 Array = NDArray[np.float64]
@@ -68,7 +69,8 @@ class Examiner:
         # Legendre coefficients of the velocity from U
         self._tail = (np.linalg.inv(values) @ tables.slopes[1:].T)[-2:]
         self._forces = SceneForces(scene)
-        self._between = Between(self._forces, tables)
+        self._stiff = stiff_modes(scene, m)
+        self._between = Between(self._forces, tables, self._stiff)
         self._hidden = HiddenSearch(self._between)
         self._starts_on: int | None = None
         self._cuts = 0
@@ -76,7 +78,10 @@ class Examiner:
 
     def spectrum(self, unknowns: Array, size: float) -> float:
         """Local error from the last Legendre coefficients of the velocity, a length."""
-        before, last = np.abs(self._tail @ unknowns).max(axis=1)
+        rates = self._tail @ unknowns
+        if self._stiff is not None:
+            rates = self._stiff.resolved(rates, size)
+        before, last = np.abs(rates).max(axis=1)
         found = size * last * min(1.0, last / (before + 1e-300))
         return float(found) if math.isfinite(found) else math.inf
 

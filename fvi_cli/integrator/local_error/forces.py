@@ -32,6 +32,8 @@ STEEP_FUNCTIONS: Final = frozenset({"exp", "expm1", "tanh", "arctan", "cosh", "s
 LARGEST_GENTLE_POWER: Final = 8.0
 LARGEST_INVERTED: Final = 200
 """Degrees of freedom up to which the mass matrix is inverted for the sake of an estimate."""
+MOST_FORMULAS: Final = 8
+"""Formulas of a large structure that are followed one by one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,6 +67,8 @@ class SceneForces:
     ----------
     is_absent
         Whether there is nothing to look at.
+    is_of_time
+        Whether there is no formula but of the time.
     has_kinks
         Whether any formula has a function with a kink.
     may_hide
@@ -82,9 +86,8 @@ class SceneForces:
         self._dimension = scene.dimension
         self._inertia = scene.inertia
         self._mobility: float | None = None
-        self.is_absent = (
-            self._forcing is None and self._lagrangian is None and self._potential is None
-        )
+        self.is_of_time = self._lagrangian is None and self._potential is None
+        self.is_absent = self._forcing is None and self.is_of_time
         called, hides = _character(scene)
         self.has_kinks = bool(called & set(KINKED))
         self.may_hide = hides
@@ -142,8 +145,10 @@ class SceneForces:
                 force[:, i] += pulls[i]
         piece = self._piece(middle)
         if piece is not None:
-            for i, component in enumerate(piece.components):
-                force[:, i] += component.evaluate({"t": time}, functions)
+            for component, places in piece.distinct:
+                force[:, places] += np.asarray(component.evaluate({"t": time}, functions))[
+                    ..., None
+                ]
         return PointForces(momentum=momentum, force=force, kinks=seen.arguments)
 
     def enclosed(
@@ -152,8 +157,19 @@ class SceneForces:
         velocity: Sequence[Interval],
         time: Interval,
         middle: float,
-    ) -> list[Interval]:
-        """Ranges of the force over boxes of positions, velocities and times, for each component."""
+    ) -> list[tuple[int, Interval]]:
+        """Ranges of the force over boxes of positions, velocities and times, by component.
+
+        Components with the same formula of the time are told once. The boxes are not looked at
+        where the force is one of the time only, :attr:`is_of_time`.
+        """
+        piece = self._piece(middle)
+        if self.is_of_time:
+            return [
+                (places[0], component.evaluate({"t": time}, INTERVAL_FUNCTIONS))
+                for component, places in (() if piece is None else piece.distinct)
+                if isinstance(component, Expression) and not component.is_constant
+            ]
         zero = Interval(np.zeros_like(time.low), np.zeros_like(time.low))
         total = [zero for _ in range(self._dimension)]
         if self._potential is not None:
@@ -164,12 +180,23 @@ class SceneForces:
                 list(position), list(velocity), time, INTERVAL_FUNCTIONS
             )
             total = [one + value for one, value in zip(total, pulls, strict=True)]
-        piece = self._piece(middle)
         if piece is not None:
             for i, component in enumerate(piece.components):
                 if isinstance(component, Expression):
                     total[i] = total[i] + component.evaluate({"t": time}, INTERVAL_FUNCTIONS)
-        return total
+        return list(enumerate(total))
+
+    def units_at(self, middle: float) -> Array | None:
+        """Forces of 1 wherever the same formula of the time acts, ``(k, d)``; None: too many."""
+        piece = self._piece(middle)
+        formulas = [] if piece is None else piece.distinct
+        moving = [places for component, places in formulas if not component.is_constant]
+        if not 0 < len(moving) <= MOST_FORMULAS:
+            return None
+        units = np.zeros((len(moving), self._dimension))
+        for row, places in zip(units, moving, strict=True):
+            row[places] = 1.0
+        return units
 
     def _piece(self, middle: float) -> ForcingPiece | None:
         if self._forcing is None:
@@ -215,7 +242,7 @@ def _character(scene: Scene) -> tuple[set[str], bool]:
         names, may = _of_system(scene.lagrangian.first)
         called, hides = called | names, hides or may
     for piece in () if scene.forcing is None else scene.forcing.pieces:
-        for component in piece.components:
+        for component, _ in piece.distinct:
             formula = component if isinstance(component, Expression) else component.formula
             if isinstance(component, FunctionForce):
                 # nobody knows what a program does

@@ -103,15 +103,17 @@ class HiddenSearch:
         permitted: Array,
     ) -> Array:
         """By how much the range of the force on parts of the step goes beyond what was seen."""
-        n = begin.size
-        places = np.concatenate([begin, 0.5 * (begin + end), end])
-        position, velocity, times = self._between.path_at(path, places)
-        boxes = [_box(column.reshape(3, n)) for column in position.T]
-        rates = [_box(column.reshape(3, n)) for column in velocity.T]
-        time = Interval(times[:n], times[2 * n :])
-        found = self._between.forces.enclosed(boxes, rates, time, path.middle)
+        n, forces = begin.size, self._between.forces
+        boxes: list[Interval] = []
+        rates: list[Interval] = []
+        if not forces.is_of_time:
+            places = np.concatenate([begin, 0.5 * (begin + end), end])
+            position, velocity, _ = self._between.path_at(path, places)
+            boxes = [_box(column.reshape(3, n)) for column in position.T]
+            rates = [_box(column.reshape(3, n)) for column in velocity.T]
+        time = Interval(path.begin + path.size * begin, path.begin + path.size * end)
         total = np.zeros(n)
-        for i, one in enumerate(found):
+        for i, one in forces.enclosed(boxes, rates, time, path.middle):
             excess = np.maximum(one.high - high[i], low[i] - one.low)
             excess = np.where(np.isnan(excess), math.inf, excess)
             total = np.maximum(total, np.where(excess > permitted[i], excess, 0.0))

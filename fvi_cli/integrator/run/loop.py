@@ -175,7 +175,7 @@ class Stepper:
         if damping is not None and damping.has_memory:
             driving = damping.input_of(result.velocity)
             tables = self.matrices(step_size).damping
-            marker.states = damping.advance(tables, marker.states, driving)
+            damping.advance(tables, marker.states, driving)
         marker.position.add(step_size * result.unknowns[-1])
         marker.momentum.add(result.momentum_change)
         marker.time, marker.step_size, marker.unknowns = end, step_size, result.unknowns

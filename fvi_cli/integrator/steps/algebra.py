@@ -7,12 +7,16 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.matrices import Form, Solve
+from fvi_cli.effects.matrices import Form, Solve, as_csr
 
 Array = NDArray[np.float64]
 
 LARGEST_INVERSE = 200
 """Unknowns up to which a system is inverted: a product is quicker than two triangular solves."""
+
+
+LARGEST_BESIDE = 1e-12
+"""Entries beside the diagonal, relative to those on it, that are round-off."""
 
 
 def kronecker(a: Array, b: Array) -> Array:
@@ -52,6 +56,9 @@ def solver_of(parts: list[tuple[Array, Form]]) -> Solve:
         if not np.abs(np.diagonal(factors[0])).min() > 0:
             raise np.linalg.LinAlgError("Singular matrix")
         return lambda right: np.asarray(lu_solve(factors, right))
+    modal = _stagewise(parts)
+    if modal is not None:
+        return modal
     from scipy.sparse import csc_array, csr_array, kron
     from scipy.sparse.linalg import splu
 
@@ -68,5 +75,56 @@ def solver_of(parts: list[tuple[Array, Form]]) -> Solve:
     def solve(right: Array) -> Array:
         swapped = right.reshape(s, -1).T.ravel()
         return np.asarray(factorised.solve(swapped).reshape(-1, s).T.ravel())
+
+    return solve
+
+
+def _stagewise(parts: list[tuple[Array, Form]]) -> Solve | None:
+    """The same in coordinates in which all small matrices are diagonal; None: there are none.
+
+    They are functions of the matrix of one method, times the first of them. In its eigenvectors
+    the equations fall apart into complex ones of the size of the large matrices, half of them the
+    conjugates of the others.
+    """
+    from scipy.sparse import csc_array
+    from scipy.sparse.linalg import splu
+
+    first = np.linalg.inv(parts[0][0])
+    quotients = [first @ small for small, _ in parts]
+    s, d = first.shape[0], parts[0][1].shape[0]
+    values, vectors = np.linalg.eig(quotients[-1])
+    back = np.linalg.inv(vectors)
+    along = [back @ one @ vectors for one in quotients]
+    for one in along:
+        beside = one - np.diag(np.diagonal(one))
+        if np.abs(beside).max(initial=0.0) > LARGEST_BESIDE * np.abs(one).max():
+            return None
+    chosen = np.flatnonzero(values.imag >= 0)
+    into = (back @ first)[chosen]
+    outof = vectors[:, chosen] * np.where(values[chosen].imag > 0, 2.0, 1.0)
+    matrices = [as_csr(large) for _, large in parts]
+    factors = []
+    for k in chosen:
+        whole = csc_array((d, d), dtype=complex)
+        for one, large in zip(along, matrices, strict=True):
+            whole = whole + large * complex(one[k, k])
+        try:
+            factors.append(splu(csc_array(whole), permc_spec="MMD_AT_PLUS_A"))
+        except RuntimeError as error:
+            raise np.linalg.LinAlgError(str(error)) from error
+
+    def solved(right: Array) -> Array:
+        given = into @ right
+        found = np.stack([one.solve(row) for one, row in zip(factors, given, strict=True)])
+        return np.asarray((outof @ found).real)
+
+    def solve(right: Array) -> Array:
+        rows = right.reshape(s, d)
+        found = solved(rows)
+        left = rows.copy()
+        for (small, _), large in zip(parts, matrices, strict=True):
+            left -= small @ (large @ found.T).T
+        # eigenvectors of many stages lose digits, which refinement gives back
+        return np.asarray((found + solved(left)).ravel())
 
     return solve

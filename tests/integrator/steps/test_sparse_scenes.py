@@ -75,6 +75,13 @@ def test_the_motion_is_that_of_dense_matrices(orders: tuple[float, ...]) -> None
     assert np.abs(difference).max() < 1e-11
 
 
+@pytest.mark.parametrize(("cq", "degree"), [("gauss", 5), ("radau-iia", 2), ("lobatto-iiic", 3)])
+def test_so_it_is_for_methods_of_many_stages(cq: str, degree: int) -> None:
+    method = Method(cq=cq, degree=degree, start="none")
+    one, two = (integrate(row_of_masses(48, sparse=s), method, 20) for s in (True, False))
+    assert np.abs(one.position - two.position).max() < 1e-12
+
+
 def test_so_it_is_in_adaptive_steps() -> None:
     steps = AdaptiveSteps(tolerance=1e-6)
     one = integrate(row_of_masses(40, sparse=True), Method(cq="gauss", degree=4), steps)
