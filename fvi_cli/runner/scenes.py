@@ -15,6 +15,7 @@ from fvi_cli.integrator import members
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observations.asked import Event, coordinate_names, observations
+from fvi_cli.integrator.observations.damper_work import work_names
 from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.run import parts
 from fvi_cli.integrator.run.checkpoint import Checkpoint
@@ -94,6 +95,7 @@ def integrate(
         events=events,
         impacts=impacts,
         parameters=parameters,
+        further=work_names(scene),
     )
     if not asked.is_empty:
         _, reported = integrate_observed(

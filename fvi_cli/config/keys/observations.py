@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.config.keys.methods import ListedMethod
+from fvi_cli.integrator.observations.damper_work import work_names
 from fvi_cli.integrator.observations.asked import (
     DIRECTIONS,
     Event,
@@ -179,7 +180,8 @@ def read_observations(
         return Observations()
     _check_neighbours(values, methods, given[0], at)
     parameters = described.get("parameters", {})
-    names = known_names(problem.coordinates, (*parameters, *problem.inputs))
+    of_surfaces = known_names(problem.coordinates, (*parameters, *problem.inputs))
+    names = tuple(dict.fromkeys((*of_surfaces, *work_names(problem.scene))))
     quantities: dict[str, Expression] = {}
     events: dict[str, Event] = {}
     impacts: dict[str, Impact] = {}
@@ -197,7 +199,7 @@ def read_observations(
     given_impacts = values.get("impacts")
     for name, one in given_impacts.items() if isinstance(given_impacts, Mapping) else ():
         under = at.under("impacts")
-        found = _expression(name, names, problem, under, "when")
+        found = _expression(name, of_surfaces, problem, under, "when")
         if found is None or not is_complete(one):
             continue
         if name in events:

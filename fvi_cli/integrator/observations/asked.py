@@ -186,6 +186,7 @@ def observations(
     events: Mapping[str, str | Event | Mapping[str, object]] | None = None,
     impacts: Mapping[str, Mapping[str, object]] | None = None,
     parameters: Mapping[str, float] | None = None,
+    further: Sequence[str] = (),
 ) -> Observations:
     """What is asked of a motion, from texts.
 
@@ -203,15 +204,18 @@ def observations(
         By name ``{"when": ..., "restitution": ...}``.
     parameters
         Values of further names.
+    further
+        Names that the motion itself has a value for, such as the work on every damper.
 
     Raises
     ------
     ValueError
         ``quantities.<name>: what is wrong``.
     """
-    names = known_names(coordinates, tuple(parameters or ()))
+    of_surfaces = known_names(coordinates, tuple(parameters or ()))
+    names = tuple(dict.fromkeys((*of_surfaces, *further)))
 
-    def read(text: object, place: str) -> Expression:
+    def read(text: object, place: str, names: tuple[str, ...] = names) -> Expression:
         if not isinstance(text, str | int | float):
             raise ValueError(f"{place}: {text!r} is no expression")
         try:
@@ -247,7 +251,7 @@ def observations(
         factor = surface.get("restitution", 1.0)
         if not isinstance(factor, int | float):
             raise ValueError(f"impacts.{name}: restitution must be a number from 0 to 1")
-        when = read(surface["when"], f"impacts.{name}.when")
+        when = read(surface["when"], f"impacts.{name}.when", of_surfaces)
         if said := surface_objection(when, coordinates):
             raise ValueError(f"impacts.{name}.when: {said}")
         surfaces[name] = Impact(when=when, restitution=float(factor))

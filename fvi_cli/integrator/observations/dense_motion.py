@@ -28,6 +28,7 @@ from fvi_cli.integrator.balances.mesh_balance import damping_along
 from fvi_cli.integrator.growth_bound import GrowthBound
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.damper_work import alone, running_work, work_at
 from fvi_cli.integrator.observations.impacts import replayed
 from fvi_cli.integrator.run.runge_kutta import integrate_runge_kutta
 from fvi_cli.integrator.run.setup import RunSetup, prepare_run
@@ -50,6 +51,8 @@ class DenseMotion:
     ----------
     scene
         What moves.
+    method
+        With which the damping along `shape` is found.
     steps
         The run.
     shape
@@ -63,12 +66,14 @@ class DenseMotion:
     """
 
     scene: Scene
+    method: Method
     steps: RunSteps
     shape: RunSteps
     force: Array | None = None
     remark: str = ""
     _ends: tuple[Array, Array, Array, Array] = field(init=False, repr=False)
     _unknowns: Array = field(init=False, repr=False)
+    _works: dict[str, Array] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         unknowns = self.shape.unknowns
@@ -175,6 +180,13 @@ class DenseMotion:
         total[np.flatnonzero(time == 0.0)] = _damping_at_start(self.scene)
         return total
 
+    def work(self, name: str, steps: Places, tau: Array) -> Array:
+        """Work on a single damper since the start, shape ``(n,)``, see `work_names`."""
+        if name not in self._works:
+            force = stage_forces(alone(self.scene, name), self.method, self.shape)
+            self._works[name] = running_work(self.shape, force)
+        return work_at(self._works[name], steps, tau)
+
     def acceleration(self, steps: Places, tau: Array) -> Array:
         """Accelerations from the equation of motion, shape ``(n, d)``.
 
@@ -263,7 +275,12 @@ def dense_motion(scene: Scene, method: Method, steps: RunSteps) -> DenseMotion:
                 f"the run of {stages} stages {said}"
             )
     return DenseMotion(
-        scene=scene, steps=steps, shape=shape, force=stage_forces(scene, own, shape), remark=remark
+        scene=scene,
+        method=own,
+        steps=steps,
+        shape=shape,
+        force=stage_forces(scene, own, shape),
+        remark=remark,
     )
 
 

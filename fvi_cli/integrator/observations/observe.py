@@ -14,6 +14,7 @@ from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observations.asked import Event, Observations, check_observable
+from fvi_cli.integrator.observations.damper_work import work_names
 from fvi_cli.integrator.observations.dense_motion import DenseMotion, dense_motion
 from fvi_cli.integrator.observations.impacts import integrate_with_impacts
 from fvi_cli.integrator.observations.pieces import (
@@ -249,6 +250,8 @@ def along_motion(motion: DenseMotion, asked: Observations, expression: Expressio
                 for index, name in enumerate(coordinates):
                     values[prefix + name] = columns[:, index]
         values |= asked.parameters
+        for name in names.intersection(work_names(motion.scene)) - set(values):
+            values[name] = motion.work(name, steps, tau)
         for name, given in asked.inputs.items():
             if name in names:
                 values[name] = 0.0 if given is None else given(motion.time(steps, tau))[:, 0]

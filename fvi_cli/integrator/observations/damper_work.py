@@ -1,0 +1,82 @@
+r"""What single dampers have taken up along a motion: :math:`W_k(t) = \int_0^t F_k \cdot v\, ds`.
+
+F_k is the force of one damping term or law, found anew from the velocities at the stages. Its power
+is a polynomial on every step, whose integral over whole steps is the quadrature of the method.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.run.steps_of_run import RunSteps
+
+Array = NDArray[np.float64]
+Places = NDArray[np.intp]
+
+PREFIX = "work_"
+
+
+def work_names(scene: Scene) -> tuple[str, ...]:
+    """``work_1``, ``work_2``, ...: one for each damping term, and then for each law."""
+    count = len(scene.damping) + len(scene.laws)
+    return tuple(f"{PREFIX}{number}" for number in range(1, count + 1))
+
+
+def alone(scene: Scene, name: str) -> Scene:
+    """The scene with that damping term or law only.
+
+    Raises
+    ------
+    ValueError
+        For Riemann-Liouville derivatives of a motion that begins away from 0.
+    """
+    if scene.derivative != "caputo" and np.any(scene.initial_position != 0):
+        raise ValueError(
+            f"{name}: the power of a Riemann-Liouville derivative is infinite at the start; use "
+            "caputo, or begin at 0"
+        )
+    index = int(name.removeprefix(PREFIX)) - 1
+    terms = len(scene.damping)
+    return replace(
+        scene,
+        damping=scene.damping[index : index + 1],
+        laws=scene.laws[index - terms : index - terms + 1] if index >= terms else (),
+    )
+
+
+def running_work(shape: RunSteps, force: Array | None) -> Array:
+    """Legendre coefficients, on every step, of the work since the start, ``(n, r + 1)``.
+
+    Parameters
+    ----------
+    shape
+        The steps.
+    force
+        On the damper, at their stages, ``(n, r, d)``; None: it does nothing.
+    """
+    stages = shape.tables.points
+    if force is None:
+        return np.zeros((shape.n_steps, stages.size + 1))
+    power = np.einsum("nrd,nrd->nr", force, shape.velocity)
+    at_stages = legendre.legvander(2.0 * stages - 1.0, stages.size - 1)
+    rates = np.linalg.solve(at_stages, power.T)
+    found = np.asarray(legendre.legint(rates, lbnd=-1.0)) * 0.5 * shape.step_size
+    found[0, 1:] += np.cumsum(found.sum(axis=0))[:-1]
+    return found.T
+
+
+def work_at(coefficients: Array, steps: Places, tau: Array) -> Array:
+    """The work at places of steps, shape ``(n,)``."""
+    found: Sequence[float] | Array = legendre.legval(
+        2.0 * tau - 1.0, coefficients[steps].T, tensor=False
+    )
+    return np.asarray(found)
+
+
+__all__ = ["alone", "running_work", "work_at", "work_names"]
