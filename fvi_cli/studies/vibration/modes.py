@@ -282,7 +282,7 @@ def _completed(
         found.sort(key=lambda mode: abs(abs(mode.frequency) - centre))
         sector = _sector_of(found, count, centre)
         try:
-            counted = count_modes(stiffness, sector)
+            counted = count_modes(stiffness, sector, [mode.frequency for mode in found])
         except CountError:
             counted = None
             break

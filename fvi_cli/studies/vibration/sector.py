@@ -2,7 +2,8 @@ r"""How many modes a sector of the complex plane holds, and which.
 
 The determinant of T(s) is analytic in :math:`r_1 < |s| < r_2`,
 :math:`\alpha_1 < \arg s < \alpha_2` with :math:`0 < \alpha_1, \alpha_2 < \pi`, so that its argument
-turns once around for every zero inside when s goes around the sector. The argument is followed in
+turns once around for every zero inside when s goes around the sector. Zeros that are known are
+divided out, so that what is followed turns quickly only where one is missing; it is followed in
 steps that are halved until it turns by little in each.
 """
 
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -61,8 +63,17 @@ class CountError(Exception):
     """The argument could not be followed: a mode lies on the edge."""
 
 
-def count_modes(stiffness: DynamicStiffness, sector: Sector) -> int:
+def count_modes(
+    stiffness: DynamicStiffness, sector: Sector, known: Sequence[complex] = ()
+) -> int:
     """Number of zeros of the determinant inside, with their multiplicity.
+
+    Parameters
+    ----------
+    stiffness, sector
+        T and where.
+    known
+        Zeros that are known, in the sector or not, each as often as it is one.
 
     Raises
     ------
@@ -72,43 +83,49 @@ def count_modes(stiffness: DynamicStiffness, sector: Sector) -> int:
     corners = sector.corners()
     total, done = 0.0, 0
     for begin, end in zip(corners, [*corners[1:], corners[0]], strict=True):
-        turn, steps = _turn_along(stiffness, begin, end, MOST_FACTORISATIONS - done)
+        turn, steps = _turn_along(stiffness, begin, end, known, MOST_FACTORISATIONS - done)
         total, done = total + turn, done + steps
     turns = total / (2.0 * math.pi)
-    return round(turns)
+    return round(turns) + sum(sector.holds(s) for s in known)
 
 
 def _turn_along(
-    stiffness: DynamicStiffness, begin: tuple[float, float], end: tuple[float, float], most: int
+    stiffness: DynamicStiffness,
+    begin: tuple[float, float],
+    end: tuple[float, float],
+    known: Sequence[complex],
+    most: int,
 ) -> tuple[float, int]:
     """How far the argument turns along an edge, and the factorisations that it took."""
 
     def phase(part: float) -> float:
         log, angle = ((1.0 - part) * b + part * e for b, e in zip(begin, end, strict=True))
+        s = cmath.rect(math.exp(log), angle)
+        divided = sum(cmath.phase((s - zero) * (s - zero.conjugate())) for zero in known)
         try:
-            return stiffness.factors(cmath.rect(math.exp(log), angle)).phase
+            return stiffness.factors(s).phase - divided
         except np.linalg.LinAlgError as error:
             raise CountError("a mode lies on the edge of the region that is counted") from error
 
     parts = [index / FIRST_STEPS for index in range(FIRST_STEPS + 1)]
-    known = {part: phase(part) for part in parts}
+    seen = {part: phase(part) for part in parts}
     waiting = list(pairwise(parts))
     total = 0.0
     while waiting:
         left, right = waiting.pop()
         middle = 0.5 * (left + right)
-        if middle in (left, right) or len(known) > most:
+        if middle in (left, right) or len(seen) > most:
             raise CountError("a mode lies too close to the edge of the region that is counted")
-        known[middle] = phase(middle)
+        seen[middle] = phase(middle)
         halves = [
-            _turn(known[left], known[middle]),
-            _turn(known[middle], known[right]),
+            _turn(seen[left], seen[middle]),
+            _turn(seen[middle], seen[right]),
         ]
         if max(map(abs, halves)) <= LARGEST_TURN:
             total += sum(halves)
         else:
             waiting += [(left, middle), (middle, right)]
-    return total, len(known)
+    return total, len(seen)
 
 
 def _turn(one: float, other: float) -> float:
