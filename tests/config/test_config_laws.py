@@ -125,14 +125,29 @@ def test_a_springpot_may_be_called_so():
     [
         (ZENER.replace("0.5,", "1.2,"), "laws.yaml:5:27: problem.damping.0.order: 1.2 is not"),
         (ZENER.replace("5.0", "1.0"), "laws.yaml:5:68: problem.damping.0.unrelaxed: 1.0 is not"),
-        (ZENER.replace("2.0", "-2.0"), "problem.damping.0.relaxed: -2.0 is not allowed"),
+        *(
+            (
+                ZENER.replace("0.5,", f"{order},"),
+                f"laws.yaml:5:27: problem.damping.0.order: {order} ",
+            )
+            for order in ("0.0", "1.0", "-0.5")
+        ),
+        (ZENER.replace("2.0", "-2.0"), "laws.yaml:5:52: problem.damping.0.relaxed: -2.0 is not"),
+        (ZENER.replace("5.0", "-5.0"), "laws.yaml:5:68: problem.damping.0.unrelaxed: -5.0 is not"),
+        (
+            "{law: maxwell, order: 0.5, time: 1, modulus: -1}",
+            "laws.yaml:5:52: problem.damping.0.mod",
+        ),
         (ZENER.replace("zener", "zenner"), "did you mean 'zener'"),
         (ZENER.replace("time", "tau"), "problem.damping.0.tau: not a key: the relaxation time"),
         (ZENER.replace("law: zener, ", ""), "problem.damping.0.time: not a key of a springpot"),
         (f"{ZENER[:-1]}, matrix: [[1]], coefficient: 1.0}}", "matrix: give this or coefficient"),
         (f"{ZENER[:-1]}, acts_on: [y]}}", "problem.damping.0.acts_on"),
         ("{law: prony, moduli: [1.0], times: [1.0, 2.0]}", "times: 2 of them"),
-        ("{law: prony, moduli: [1.0, -1.0], times: [1.0, 2.0]}", "damping.0.moduli.1: -1.0"),
+        (
+            "{law: prony, moduli: [1.0, -1.0], times: [1.0, 2.0]}",
+            "laws.yaml:5:34: problem.damping.0",
+        ),
         ("{law: tempered, order: 0.5, rate: 0}", "damping.0.rate: 0 is not allowed"),
         ("{law: maxwell, order: 0.5, time: 1.0}", "damping.0.modulus: missing"),
     ],

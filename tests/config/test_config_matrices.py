@@ -167,9 +167,20 @@ def test_what_is_wrong_is_told_at_its_line(folder: Path) -> None:
         with pytest.raises(ConfigError) as caught:
             load_config(folder / "c.yaml", overrides=[*extra, override])
         assert message in str(caught.value), override
-    (folder / "c.yaml").write_text(text.replace("K.mtx", "skew.mtx"))
-    with pytest.raises(ConfigError, match=r"c\.yaml:5:21: problem\.stiffness\.file: skew\.mtx"):
-        load_config(folder / "c.yaml")
+    for old, new, said in (
+        ("K.mtx", "skew.mtx", "c.yaml:5:21: problem.stiffness.file: skew.mtx: the entry in row 5"),
+        ("K.mtx", "small.mtx", "c.yaml:5:14: problem.stiffness: is for 39 coordinates"),
+        ("M.mtx", "singular.mtx", "c.yaml:4:16: problem.mass.file: singular.mtx: an eigenvalue"),
+        (
+            "0.3, acts",
+            "{file: small.mtx}, acts",
+            "c.yaml:6:39: problem.damping.0.coefficient: a matrix of size 39",
+        ),
+    ):
+        (folder / "c.yaml").write_text(text.replace(old, new))
+        with pytest.raises(ConfigError) as caught:
+            load_config(folder / "c.yaml")
+        assert said in str(caught.value)
 
 
 def test_proportional_and_modal_damping_are_the_matrices_they_stand_for(folder: Path) -> None:

@@ -101,7 +101,12 @@ def test_one_degree_of_freedom_rings_down_as_pole_and_branch_cut(scene: Scene) -
     run = integrate(scene, GAUSS4, 200)
     late = run.time >= 0.5
     time = run.time[late]
-    pole = 2.0 * np.outer(np.exp(mode.frequency * time), transform.residue(mode.frequency, mode.shape)).real
+    pole = (
+        2.0
+        * np.outer(
+            np.exp(mode.frequency * time), transform.residue(mode.frequency, mode.shape)
+        ).real
+    )
     whole = pole + transform.cut(time, 1e-22, 1e3, 1500)
     assert np.abs(run.position[late] - whole).max() < 1e-8
     # neither is small
@@ -128,14 +133,18 @@ def test_the_beam_rings_down_from_its_first_shape_as_modes_and_branch_cut() -> N
     late = run.time >= 1e-3
     time = run.time[late]
     modes = sum(
-        2.0 * np.outer(np.exp(one.frequency * time), transform.residue(one.frequency, one.shape)).real
+        2.0
+        * np.outer(np.exp(one.frequency * time), transform.residue(one.frequency, one.shape)).real
         for one in table.modes
     )
     whole = modes + transform.cut(time, 1e-16, 1e5, 800)
     largest = np.abs(scene.initial_position).max()
     assert np.abs(run.position[late] - whole).max() < 1e-8 * largest
     first = table.modes[0]
-    alone = 2.0 * np.outer(
-        np.exp(first.frequency * time), transform.residue(first.frequency, first.shape)
-    ).real
+    alone = (
+        2.0
+        * np.outer(
+            np.exp(first.frequency * time), transform.residue(first.frequency, first.shape)
+        ).real
+    )
     assert np.abs(run.position[late] - alone).max() > 1e-6 * largest

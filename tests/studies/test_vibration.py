@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import math
+import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -18,6 +20,9 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.cole_cole import fractional_zener
+from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.laws.prony import prony
+from fvi_cli.effects.laws.tempered import tempered
 from fvi_cli.effects.matrices import Form
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
@@ -45,18 +50,14 @@ BEAM = SandwichBeam(
 
 
 def linear_scene(
-    mass: Form,
-    stiffness: Form,
-    *damping: FractionalDamping,
-    forcing: Forcing | None = None,
-    time: float = 1.0,
+    mass: Form, stiffness: Form, *forces: FractionalDamping | Law, time: float = 1.0
 ) -> Scene:
     d = mass.shape[0]
     return Scene(
         inertia=Inertia(mass=mass),
         potential=QuadraticPotential(stiffness=stiffness),
-        damping=damping,
-        forcing=forcing,
+        damping=tuple(one for one in forces if isinstance(one, FractionalDamping)),
+        laws=tuple(one for one in forces if isinstance(one, Law)),
         initial_position=np.zeros(d),
         initial_velocity=np.zeros(d),
         final_time=time,
@@ -68,15 +69,7 @@ def sandwich(elements: int) -> Scene:
     law = fractional_zener(
         order=0.675, time=8.23e-9, relaxed=3.504e5, unrelaxed=3.062e9, coefficient=core
     )
-    d = mass.shape[0]
-    return Scene(
-        inertia=Inertia(mass=mass),
-        potential=QuadraticPotential(stiffness=faces),
-        laws=(law,),
-        initial_position=np.zeros(d),
-        initial_velocity=np.zeros(d),
-        final_time=0.1,
-    )
+    return linear_scene(mass, faces, law, time=0.1)
 
 
 @pytest.fixture(scope="module")
@@ -173,19 +166,32 @@ def test_modes_near_a_frequency_are_those_in_the_middle(beam_modes: ModeTable) -
     )
 
 
-def test_a_steady_response_is_what_a_long_run_ends_in() -> None:
-    # what a start from rest leaves behind falls like t**(-5/2)
-    omega, periods, per_period = 1.3, 400, 16
-    mass, stiffness = np.diag([1.0, 0.7]), np.array([[3.0, -1.0], [-1.0, 2.0]])
-    damping = FractionalDamping(order=1.5, coefficient=np.array([[0.6, -0.2], [-0.2, 0.5]]))
+MASS2, STIFFNESS2 = np.diag([1.0, 0.7]), np.array([[3.0, -1.0], [-1.0, 2.0]])
+DAMPING2 = np.array([[0.6, -0.2], [-0.2, 0.5]])
+
+
+@pytest.mark.parametrize(
+    ("forces", "periods"),
+    [
+        # what a start from rest leaves behind falls like t**(-5/2)
+        ((FractionalDamping(order=1.5, coefficient=DAMPING2),), 400),
+        ((prony(moduli=[1.0, 0.5], times=[0.3, 1.0], relaxed=0.5, coefficient=DAMPING2),), 80),
+        ((tempered(order=0.5, rate=0.8, coefficient=DAMPING2),), 80),
+    ],
+    ids=["springpot", "prony", "tempered"],
+)
+def test_a_steady_response_is_what_a_long_run_ends_in(
+    forces: tuple[FractionalDamping | Law, ...], periods: int
+) -> None:
+    omega, per_period = 1.3, 16
     final = periods * 2 * math.pi / omega
-    forcing = Forcing.from_text(f"cos({omega!r}*t)", "0")
-    scene = linear_scene(mass, stiffness, damping, forcing=forcing, time=final)
+    resting = linear_scene(MASS2, STIFFNESS2, *forces, time=final)
+    scene = replace(resting, forcing=Forcing.from_text(f"cos({omega!r}*t)", "0"))
     trajectory = integrate(
         scene, Method(cq="gauss", degree=4, start="graded"), periods * per_period
     )
     table = harmonic_response(
-        linear_scene(mass, stiffness, damping),
+        resting,
         np.array([1.0, 0.0]),
         np.array([0.5, 1.0, 1.5]) * omega / (2 * math.pi),
         outputs=("x1", "x2"),
@@ -196,12 +202,13 @@ def test_a_steady_response_is_what_a_long_run_ends_in() -> None:
     assert np.abs(trajectory.position[late] - expected).max() < 1e-8
 
 
-def test_a_steady_response_is_the_sum_over_modes_of_proportional_damping() -> None:
+@pytest.mark.parametrize("order", [1.0, 0.6])
+def test_a_steady_response_is_the_sum_over_modes_of_proportional_damping(order: float) -> None:
     rng = np.random.default_rng(4)
     root = rng.standard_normal((5, 5))
     mass, stiffness = np.diag(rng.uniform(1.0, 2.0, 5)), root @ root.T + 5 * np.eye(5)
     damping = 0.1 * mass + 0.02 * stiffness
-    scene = linear_scene(mass, stiffness, FractionalDamping(order=1.0, coefficient=damping))
+    scene = linear_scene(mass, stiffness, FractionalDamping(order=order, coefficient=damping))
     load, hertz = rng.standard_normal(5), np.linspace(0.05, 1.0, 40)
     table = harmonic_response(
         scene, load, hertz, outputs=[f"x{i}" for i in range(1, 6)], rows=np.eye(5)
@@ -210,7 +217,7 @@ def test_a_steady_response_is_the_sum_over_modes_of_proportional_damping() -> No
     squares, vectors = np.linalg.eigh(lower @ stiffness @ lower.T)
     shapes = lower.T @ vectors
     omega = 2 * np.pi * hertz[:, None]
-    gains = (load @ shapes) / (squares - omega**2 + 1j * omega * (0.1 + 0.02 * squares))
+    gains = (load @ shapes) / (squares - omega**2 + (1j * omega) ** order * (0.1 + 0.02 * squares))
     assert np.abs(table.values - gains @ shapes.T).max() < 1e-12
 
 
@@ -225,6 +232,20 @@ def test_half_power_widths_tell_the_loss_factor_of_light_damping() -> None:
     assert peak.loss_factor == pytest.approx(0.02, rel=1e-3)
     (mode,) = find_modes(scene, 1).modes
     assert mode.loss_factor == pytest.approx(peak.loss_factor, rel=1e-3)
+
+
+def test_nothing_of_size_d_by_d_is_made_for_modes_and_responses() -> None:
+    scene, d = sandwich(350), 1400
+    tracemalloc.start()
+    try:
+        assert find_modes(scene, 2).is_complete
+        load = np.zeros(d)
+        load[-4] = 1.0
+        harmonic_response(scene, load, np.array([60.0, 66.0, 70.0]), outputs=["w"], rows=load[None])
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 0.3 * 8 * d * d
 
 
 def invoke(*arguments: str) -> str:

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.config.keys.methods import ListedMethod
-from fvi_cli.integrator.observations.damper_work import work_names
 from fvi_cli.integrator.observations.asked import (
     DIRECTIONS,
     Event,
@@ -21,6 +20,7 @@ from fvi_cli.integrator.observations.asked import (
     known_names,
     surface_objection,
 )
+from fvi_cli.integrator.observations.damper_work import work_names
 from fvi_cli.keys.complaints import listed as listed_words
 from fvi_cli.keys.complaints import suggestion
 from fvi_cli.keys.containers import ListOf, Named

@@ -63,9 +63,7 @@ class CountError(Exception):
     """The argument could not be followed: a mode lies on the edge."""
 
 
-def count_modes(
-    stiffness: DynamicStiffness, sector: Sector, known: Sequence[complex] = ()
-) -> int:
+def count_modes(stiffness: DynamicStiffness, sector: Sector, known: Sequence[complex] = ()) -> int:
     """Number of zeros of the determinant inside, with their multiplicity.
 
     Parameters
