@@ -145,10 +145,8 @@ class SceneForces:
                 force[:, i] += pulls[i]
         piece = self._piece(middle)
         if piece is not None:
-            for component, places in piece.distinct:
-                force[:, places] += np.asarray(component.evaluate({"t": time}, functions))[
-                    ..., None
-                ]
+            for component, own in piece.distinct:
+                force[:, own] += np.asarray(component.evaluate({"t": time}, functions))[..., None]
         return PointForces(momentum=momentum, force=force, kinks=seen.arguments)
 
     def enclosed(
@@ -164,13 +162,13 @@ class SceneForces:
         where the force is one of the time only, :attr:`is_of_time`.
         """
         piece = self._piece(middle)
+        zero = Interval(np.zeros_like(time.low), np.zeros_like(time.low))
         if self.is_of_time:
             return [
-                (places[0], component.evaluate({"t": time}, INTERVAL_FUNCTIONS))
+                (places[0], zero + component.evaluate({"t": time}, INTERVAL_FUNCTIONS))
                 for component, places in (() if piece is None else piece.distinct)
                 if isinstance(component, Expression) and not component.is_constant
             ]
-        zero = Interval(np.zeros_like(time.low), np.zeros_like(time.low))
         total = [zero for _ in range(self._dimension)]
         if self._potential is not None:
             found = self._potential.gradient_components(list(position), INTERVAL_FUNCTIONS)

@@ -6,7 +6,6 @@ is a polynomial on every step, whose integral over whole steps is the quadrature
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -73,10 +72,7 @@ def running_work(shape: RunSteps, force: Array | None) -> Array:
 
 def work_at(coefficients: Array, steps: Places, tau: Array) -> Array:
     """The work at places of steps, shape ``(n,)``."""
-    found: Sequence[float] | Array = legendre.legval(
-        2.0 * tau - 1.0, coefficients[steps].T, tensor=False
-    )
-    return np.asarray(found)
+    return np.asarray(legendre.legval(2.0 * tau - 1.0, coefficients[steps].T, tensor=False))
 
 
 __all__ = ["alone", "running_work", "work_at", "work_names"]

@@ -51,8 +51,6 @@ class DenseMotion:
     ----------
     scene
         What moves.
-    method
-        With which the damping along `shape` is found.
     steps
         The run.
     shape
@@ -63,14 +61,16 @@ class DenseMotion:
         without damping.
     remark
         What the reader should know; empty: nothing.
+    method
+        By which the forces of single dampers along `shape` are found; None: they are not.
     """
 
     scene: Scene
-    method: Method
     steps: RunSteps
     shape: RunSteps
     force: Array | None = None
     remark: str = ""
+    method: Method | None = None
     _ends: tuple[Array, Array, Array, Array] = field(init=False, repr=False)
     _unknowns: Array = field(init=False, repr=False)
     _works: dict[str, Array] = field(init=False, repr=False, default_factory=dict)
@@ -182,6 +182,8 @@ class DenseMotion:
 
     def work(self, name: str, steps: Places, tau: Array) -> Array:
         """Work on a single damper since the start, shape ``(n,)``, see `work_names`."""
+        if self.method is None:
+            raise ValueError(f"{name}: the work on single dampers is not known here")
         if name not in self._works:
             force = stage_forces(alone(self.scene, name), self.method, self.shape)
             self._works[name] = running_work(self.shape, force)

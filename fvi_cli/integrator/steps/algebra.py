@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.matrices import Form, Solve, as_csr
+from fvi_cli.effects.matrices import Form, Solve, as_csr, times
 
 Array = NDArray[np.float64]
 
@@ -102,12 +102,11 @@ def _stagewise(parts: list[tuple[Array, Form]]) -> Solve | None:
     chosen = np.flatnonzero(values.imag >= 0)
     into = (back @ first)[chosen]
     outof = vectors[:, chosen] * np.where(values[chosen].imag > 0, 2.0, 1.0)
-    matrices = [as_csr(large) for _, large in parts]
     factors = []
     for k in chosen:
         whole = csc_array((d, d), dtype=complex)
-        for one, large in zip(along, matrices, strict=True):
-            whole = whole + large * complex(one[k, k])
+        for one, (_, large) in zip(along, parts, strict=True):
+            whole = whole + csc_array(as_csr(large), dtype=complex) * complex(one[k, k])
         try:
             factors.append(splu(csc_array(whole), permc_spec="MMD_AT_PLUS_A"))
         except RuntimeError as error:
@@ -122,8 +121,8 @@ def _stagewise(parts: list[tuple[Array, Form]]) -> Solve | None:
         rows = right.reshape(s, d)
         found = solved(rows)
         left = rows.copy()
-        for (small, _), large in zip(parts, matrices, strict=True):
-            left -= small @ (large @ found.T).T
+        for small, large in parts:
+            left -= small @ times(found, large)
         # eigenvectors of many stages lose digits, which refinement gives back
         return np.asarray((found + solved(left)).ravel())
 
