@@ -52,10 +52,7 @@ class Sink:
 
     def kept(self) -> dict[str, Array]:
         """Everything that is kept so far, by name, for a checkpoint."""
-        for pieces in self._lists().values():
-            if len(pieces) > 1:
-                pieces[:] = [np.concatenate(pieces)]
-        found = {name: pieces[0] for name, pieces in self._lists().items() if pieces}
+        found = {name: _joined(pieces) for name, pieces in self._lists().items() if pieces}
         if self._last is not None:
             found.update(zip(_LAST, self._last, strict=True))
         return found
@@ -156,25 +153,32 @@ class Sink:
     @property
     def time(self) -> Array:
         """Times of the kept points."""
-        return np.concatenate([np.zeros(0), *self._times])
+        return _joined(self._times) if self._times else np.zeros(0)
 
     @property
     def position(self) -> Array:
         """Positions of the kept points, shape ``(n, d)``."""
-        return np.concatenate(self._positions)
+        return _joined(self._positions)
 
     @property
     def momentum(self) -> Array:
         """Momenta of the kept points, shape ``(n, d)``."""
-        return np.concatenate(self._momenta)
+        return _joined(self._momenta)
 
     def steps(self) -> tuple[Array, Array, Array, Array, Array]:
         """Mesh, step sizes, positions, momenta and stage velocities of all steps."""
         d = self._positions[0].shape[1]
         return (
-            np.concatenate(self._mesh),
-            np.concatenate([np.zeros(0), *self._sizes]),
-            np.concatenate(self._mesh_positions),
-            np.concatenate(self._mesh_momenta),
-            np.concatenate(self._velocities) if self._velocities else np.zeros((0, 1, d)),
+            _joined(self._mesh),
+            _joined(self._sizes) if self._sizes else np.zeros(0),
+            _joined(self._mesh_positions),
+            _joined(self._mesh_momenta),
+            _joined(self._velocities) if self._velocities else np.zeros((0, 1, d)),
         )
+
+
+def _joined(pieces: list[Array]) -> Array:
+    """The pieces as one, which takes their place: nothing is there twice."""
+    if len(pieces) > 1:
+        pieces[:] = [np.concatenate(pieces)]
+    return pieces[0]
