@@ -1,0 +1,108 @@
+"""The pages for three readers: what they show is what is shipped, and their numbers are so."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fvi_cli as fvi
+
+ROOT = Path(__file__).parents[1]
+SHOWN = {
+    "engineer": "frame-forces",
+    "numerical-analyst": "elastic-pendulum",
+    "physicist": "duffing-section",
+}
+
+
+def page(name: str) -> str:
+    return (ROOT / f"docs/{name}.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_the_configuration_on_the_page_is_the_one_that_comes_with_the_package(name: str) -> None:
+    (shown,) = re.findall(r"```yaml\n(.*?)```", page(name), re.DOTALL)
+    shipped = (ROOT / f"configs/{SHOWN[name]}.yaml").read_text(encoding="utf-8")
+    assert shown[shown.index("name:") :] == shipped[shipped.index("\nname:") + 1 :]
+
+
+def test_the_peaks_on_the_page_are_those_of_the_building() -> None:
+    changes = [
+        "ladder.steps=[160]",
+        "method.degree=[3, 4]",
+        "quantities.taken=-12*x1 + dx1 + dx2 + dx3",
+    ]
+    (outcome,) = fvi.run(fvi.load("frame-forces", overrides=changes))
+    seen = [one.trajectory.observed for one in outcome.finished]
+    text = page("engineer")
+    for order, coarse, fine in zip((0.2, 0.5, 0.8), seen[:3], seen[3:], strict=True):
+        for name, one in fine.extents.items():
+            assert one.peak == pytest.approx(coarse.extents[name].peak, rel=1e-6)
+            assert one.rms == pytest.approx(coarse.extents[name].rms, rel=1e-6)
+        shear, roof = fine.extents["base_shear"], fine.extents["roof_acceleration"]
+        drift = max(fine.extents[f"drift_{k}"].peak for k in (1, 2, 3))
+        row = (
+            f"| {order} | {shear.peak:.3f} kN | {shear.peak_time:.3f} s | {roof.peak:.3f} m/s² "
+            f"| {drift:.3f} m |"
+        )
+        assert row in text
+        # from accelerations what the lowest springs and dampers take from the ground
+        taken = fine.quantities["taken"]
+        assert np.abs(fine.quantities["base_shear"] - taken).max() < 1e-9 * np.abs(taken).max()
+
+
+def test_the_table_of_a_problem_of_ones_own_compiles_in_a_paper(tmp_path: Path) -> None:
+    changes = ["ladder.steps=[16, 32, 64]", "problem.final_time=2.0"]
+    changes += ["method={rk: gauss, degree: [2, 3]}"]
+    tables = fvi.order_tables(fvi.run(fvi.load("elastic-pendulum", overrides=changes)))
+    assert [case.slope for case in tables[0].cases] == pytest.approx([4.0, 6.0], abs=0.3)
+    fvi.write(tables, tmp_path / "results", name="elastic-pendulum")
+    if shutil.which("pdflatex") is None:
+        pytest.skip("no LaTeX")
+    (paper,) = re.findall(r"```latex\n(.*?)```", page("numerical-analyst"), re.DOTALL)
+    (tmp_path / "paper.tex").write_text(paper, encoding="utf-8")
+    made = subprocess.run(
+        ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "paper.tex"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert made.returncode == 0, made.stdout[-2000:]
+    assert "Overfull" not in made.stdout
+
+
+@pytest.mark.processes
+def test_the_notebook_runs_and_shows_what_it_promises(monkeypatch: pytest.MonkeyPatch) -> None:
+    nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    # the kernel draws into the notebook
+    monkeypatch.delenv("MPLBACKEND", raising=False)
+    notebook = nbformat.read(ROOT / "docs/physicist.ipynb", as_version=4)
+    nbclient.NotebookClient(notebook, timeout=300).execute()
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    kinds = [{kind for output in cell.outputs for kind in output.get("data", {})} for cell in cells]
+    html = [
+        "".join(output.get("data", {}).get("text/html", "") for output in cell.outputs)
+        for cell in cells
+    ]
+    assert "<svg" in html[1]
+    assert "<table" in html[1]
+    assert "p_x" in html[2]
+    assert [number for number, found in enumerate(kinds) if "image/png" in found] == [4, 5]
+
+
+def test_the_orders_on_the_page_are_those_of_the_stored_table() -> None:
+    stored = (ROOT / "results/tables/elastic-pendulum.md").read_text(encoding="utf-8")
+    (row,) = re.findall(r"^\| elastic-pendulum \|.*\|$", stored, re.MULTILINE)
+    found = [cell.strip() for cell in row.strip("|").split("|")[3:]]
+    rows = re.findall(
+        r"^\| (?:Gauss|BDF)\d \| (\S+) \| (.*) \|$", page("numerical-analyst"), re.MULTILINE
+    )
+    shown = [f"{slope}, {last}" if last[0].isdigit() else slope for slope, last in rows]
+    assert shown == found
