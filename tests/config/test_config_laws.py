@@ -87,6 +87,13 @@ def test_where_a_law_acts_may_be_said_in_three_ways(where):
     assert expected.laws[0].factored is not None
 
 
+def test_the_equation_shows_the_moduli_of_laws():
+    both = f"{{order: 0.5, coefficient: 1.0}}\n    - {ZENER}"
+    for term, said in ((ZENER, "sum G(D) x"), (both, "sum mu D^gamma x + sum G(D) x")):
+        (experiment,) = parse_config(text_of(term), "laws.yaml").experiments
+        assert experiment.problem.equation == f"M x'' + {said} + K x = f(t)"
+
+
 def test_nonlinear_scenes_take_the_relaxed_modulus_into_their_potential():
     pendulum = scene_of(ZENER, kind="pendulum")
     at = np.array([0.7])

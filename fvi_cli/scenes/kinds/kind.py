@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -222,7 +223,7 @@ class SceneKind(Kind):
             scene=scene,
             exact=exact,
             exact_source=source,
-            equation=self.equation,
+            equation=_with_laws(self.equation, scene),
             coordinates=self.coordinate_names(values),
             inputs=self._inputs(values),
         )
@@ -230,6 +231,14 @@ class SceneKind(Kind):
     def _inputs(self, values: Values) -> dict[str, Forcing | None]:
         key = GROUND_ACCELERATION.name
         return {key: self._driver(values, key, ())} if key in self.forces else {}
+
+
+def _with_laws(equation: str, scene: Scene) -> str:
+    """The equation of a scene whose damping has relaxation laws: their moduli G stand in it."""
+    if not scene.laws or "G(D)" in equation:
+        return equation
+    both = r"sum mu D^gamma \1 + sum G(D) \1" if scene.damping else r"sum G(D) \1"
+    return re.sub(r"sum mu D\^gamma (\w+)", both, equation)
 
 
 def _size(entry: object) -> int:
