@@ -3,9 +3,9 @@ r"""Modes of a large structure that steps of some length do not resolve.
 A structure of thousands of degrees of freedom has modes whose periods are far below any step. A
 Gauss method carries them along as they are, round-off among them, and short steps would be the
 answer to a question that nobody asked. So what is missed of a motion is looked at through
-:math:`(M + (h/m)^2 K)^{-1} M`, which leaves slow modes as they are and is small where :math:`h
-\omega` is much more than the number m of stages (as stiff equations have it: Shampine, Baca,
-*Error estimators for stiff differential equations*, 1984).
+:math:`(M + (h/m)^2 K)^{-1} M`, which leaves slow modes as they are and is small where
+:math:`h \omega` is much more than the number m of stages (as stiff equations have it: Shampine,
+Baca, *Error estimators for stiff differential equations*, 1984).
 """
 
 from __future__ import annotations
