@@ -13,8 +13,6 @@ import contextlib
 import difflib
 import keyword
 import math
-import re
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -29,12 +27,11 @@ from fvi_cli.mathematics.algebra.arithmetic import (
     combine,
     value_of,
 )
+from fvi_cli.mathematics.algebra.syntax import syntax_tree
 
 T = TypeVar("T")
 Instruction = tuple[str, float | str]
 
-LONGEST_TEXT: Final = 10_000
-DEEPEST_NESTING: Final = 100
 LARGEST_DEPTH: Final = 500
 MOST_NODES: Final = 5_000
 
@@ -50,7 +47,6 @@ _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
         **{f"{name}imum": f"; did you mean {name!r}?" for name in ("min", "max")},
     }
 )
-_NO_OPERATOR: Final = re.compile(r"(?<![\w.])([\d.]+(?:[eE][-+]?\d+)?|\))\s*([A-Za-z_]\w*|\()")
 
 
 EXTREMA: Final[Mapping[str, str]] = MappingProxyType({"max": "+", "min": "-"})
@@ -201,7 +197,7 @@ def _number_as_text(number: float) -> str:
 def _translate(expression: Expression) -> tuple[Instruction, ...]:
     _check_names(expression)
     program: list[Instruction] = []
-    tree = _syntax_tree(expression.text)
+    tree = syntax_tree(expression.text)
     # Depth first without recursion: the second visit of a node emits its instruction.
     pending: list[tuple[ast.expr, int, bool]] = [(tree, 1, False)]
     nodes = 0
@@ -241,53 +237,6 @@ def _check_names(expression: Expression) -> None:
     for name, value in expression.constants:
         if not math.isfinite(value):
             raise ExpressionError(f"the constant {name} = {value!r} is not finite")
-
-
-def _syntax_tree(text: str) -> ast.expr:
-    if len(text) > LONGEST_TEXT:
-        raise ExpressionError(f"too long: {len(text)} characters, at most {LONGEST_TEXT}")
-    if not text.strip():
-        raise ExpressionError("empty; give a number or an expression")
-    if forbidden := re.search(r"[^0-9A-Za-z_.+\-*/(),\s]", text, re.ASCII):
-        advice = "; a power is written **" if forbidden[0] == "^" else ""
-        raise ExpressionError(f"{forbidden[0]!r} is not allowed{advice}", forbidden.start() + 1)
-    nesting = 0
-    for position, character in enumerate(text):
-        nesting += (character == "(") - (character == ")")
-        if nesting < 0:
-            raise ExpressionError("this ')' has no '('", position + 1)
-        if nesting > DEEPEST_NESTING:
-            deep = f"parentheses are nested more than {DEEPEST_NESTING} deep"
-            raise ExpressionError(deep, position + 1)
-    if nesting:
-        raise ExpressionError(f"{nesting} ')' missing at the end", len(text) + 1)
-    # The parentheses make leading blanks and line breaks harmless; one column is subtracted later.
-    source = "(" + re.sub(r"\s", " ", text) + ")"
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            tree = ast.parse(source, mode="eval").body
-    except SyntaxError as error:
-        column = min(max((error.offset or 2) - 1, 1), len(text) + 1)
-        incomplete = ExpressionError("this is not a complete expression", column)
-        raise _without_factor(text) or incomplete from None
-    except (ValueError, RecursionError, MemoryError, OverflowError):
-        raise ExpressionError("nested too deeply, or a number with too many digits") from None
-    if isinstance(tree, ast.Tuple):
-        comma = re.search(r"\d,\d", text)
-        hint = f"; numbers have a decimal point: {comma[0].replace(',', '.')}" if comma else ""
-        raise ExpressionError(f"one expression is expected, not several between commas{hint}")
-    # Python takes a number before a parenthesis for the name of a function
-    if (missing := _without_factor(text)) and missing.message.endswith("("):
-        raise missing
-    return tree
-
-
-def _without_factor(text: str) -> ExpressionError | None:
-    """The complaint of a number or bracket with a factor behind it and no ``*`` between."""
-    found = _NO_OPERATOR.search(text)
-    message = f"'*' is missing: write {found[1]}*{found[2]}" if found else ""
-    return ExpressionError(message, found.start(2) + 1) if found else None
 
 
 def _literal(node: ast.Constant) -> float:

@@ -38,23 +38,62 @@ def fit_together(scene: Scene, shape: Shape, n_steps: int, members: int) -> bool
 
 @dataclass(frozen=True, kw_only=True)
 class Machinery:
-    """What the steps and their memory are done with."""
+    """What the steps of a run and their memory are done with.
 
-    route: Route | str
+    Parameters
+    ----------
+    scene, method, n_steps, every
+        The run.
+    diagnosed
+        Whether diagnostics are asked for.
+    shape
+        What is convolved, in the coordinates of the steps.
+    route, steps, history
+        How the steps are done, and in words they and the history.
+    operations
+        Multiply-adds of the memory of one member.
+    members
+        How many scenes of this kind are integrated together.
+    n_states, n_mesh_steps, block
+        Of a method on any mesh: number of exponentials, steps of its own mesh, and steps of a
+        block.
+    """
+
+    scene: Scene
+    method: Method
+    n_steps: int
+    every: int
+    diagnosed: bool
     shape: Shape
-    steps: str
-    history: str
-    operations: int
-    n_states: int = 0
+    route: Route | str = ""
+    steps: str = ""
+    history: str = ""
+    operations: int = 0
     members: int = 1
+    n_states: int = 0
     n_mesh_steps: int = 0
     block: int = 0
 
+    @property
+    def components(self) -> int:
+        """Degrees of freedom of all members."""
+        return self.members * self.scene.dimension
 
-def linear_blocks(
-    scene: Scene, n_steps: int, shape: Shape, decoupling: Decoupling, ends: int, members: int
-) -> Machinery:
+    @property
+    def driven(self) -> bool:
+        """Whether there are moments of known forces."""
+        return self.scene.forcing is not None
+
+    @property
+    def keeps_force(self) -> int:
+        """1 where the damping force of every step is kept."""
+        wanted = self.diagnosed or self.method.sampling == "nodes"
+        return int(wanted and bool(self.shape.memories))
+
+
+def linear_blocks(run: Machinery, decoupling: Decoupling, ends: int, members: int) -> Machinery:
     """Blocks of a linear scene by a method with sequences of weights, of several members also."""
+    scene, n_steps, shape = run.scene, run.n_steps, run.shape
     coupled = scene.dimension // decoupling.batch
     if not fit_together(scene, shape, n_steps, members):
         # together they are too large: one by one
@@ -67,7 +106,8 @@ def linear_blocks(
     systems = systems_in_words(shape, has_modes=decoupling.has_modes) + (
         f", {members} members together" * (members > 1)
     )
-    return Machinery(
+    return replace(
+        run,
         route="linear blocks",
         shape=replace(shape, batch=members * decoupling.batch),
         steps=f"blocks of {sizes.block} steps as one matrix product, {systems}",
@@ -78,19 +118,19 @@ def linear_blocks(
     )
 
 
-def members_side_by_side(
-    scene: Scene, method: Method, n_steps: int, shape: Shape, members: int
-) -> Machinery:
+def members_side_by_side(run: Machinery, members: int) -> Machinery:
     """Members of a sweep on one mesh."""
-    plan = plan_side_by_side(scene, method, n_steps)
-    shape = replace(shape, coupled=plan.coupled, batch=plan.systems)
+    scene = run.scene
+    plan = plan_side_by_side(scene, run.method, run.n_steps)
+    shape = replace(run.shape, coupled=plan.coupled, batch=plan.systems)
     words = f"{plan.n_steps} steps of {members} members together"
     if not scene.is_linear:
         words += ", Newton's iteration for all at once with a linear response of each"
     history = history_in_words(shape, 1)
     if plan.n_states:
         history = f"{plan.n_states} exponentials in place of the past"
-    return Machinery(
+    return replace(
+        run,
         route="side by side",
         shape=replace(shape, batch=members * plan.systems),
         steps=f"{words}, {systems_in_words(shape, has_modes=plan.has_modes)}",

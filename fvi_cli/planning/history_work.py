@@ -20,33 +20,20 @@ from fvi_cli.integrator.method import Baseline, Method
 
 
 @dataclass(frozen=True, kw_only=True)
-class ChannelShape:
-    """How many weights a direction of the damping has, and of which kind.
-
-    Parameters
-    ----------
-    memory
-        Number M of weights.
-    """
-
-    memory: int
-
-
-@dataclass(frozen=True, kw_only=True)
 class Shape:
     """Sizes of what is convolved.
 
     Parameters
     ----------
-    channels
-        Directions of the damping.
+    memories
+        Number M of weights of every direction of the damping.
     samples
         Number m of samples of a step.
     coupled, batch
         Components e of a system, and number q of systems.
     """
 
-    channels: tuple[ChannelShape, ...]
+    memories: tuple[int, ...]
     samples: int
     coupled: int
     batch: int = 1
@@ -54,24 +41,22 @@ class Shape:
     @property
     def memory(self) -> int:
         """The largest number of weights; 0 without damping."""
-        return max((channel.memory for channel in self.channels), default=0)
+        return max(self.memories, default=0)
 
 
-def channel_shapes(
+def memories_of(
     method: Method, n_weights: int, damping: tuple[FractionalDamping, ...]
-) -> tuple[ChannelShape, ...]:
-    """The channels that `n_weights` weights of `damping` make, without making them."""
+) -> tuple[int, ...]:
+    """How many weights each direction has of `n_weights` for all of `damping`."""
     return tuple(
-        ChannelShape(
-            memory=max(memory_length(method, order, n_weights) for _, order in terms),
-        )
+        max(memory_length(method, order, n_weights) for _, order in terms)
         for _, terms in terms_by_direction(damping)
     )
 
 
 def direct_operations(shape: Shape, n_steps: int) -> int:
     """Every sum written out, step after step, and the force at the end."""
-    return sum(_direct_sum(shape, c.memory, n_steps + 1) for c in shape.channels)
+    return sum(_direct_sum(shape, memory, n_steps + 1) for memory in shape.memories)
 
 
 def _direct_sum(shape: Shape, memory: int, count: int) -> int:
@@ -87,12 +72,12 @@ def pairs(count: int, memory: int) -> int:
 
 def stepped_operations(shape: Shape, n_steps: int) -> int:
     """One step after the other, finished groups convolved into the future by FFT."""
-    if not shape.channels:
+    if not shape.memories:
         return 0
     groups, rest = divmod(n_steps + 1, STEPPED_GROUP)
     inside = 0
-    for channel in shape.channels:
-        memory = min(channel.memory, STEPPED_GROUP)
+    for memory in shape.memories:
+        memory = min(memory, STEPPED_GROUP)
         inside += groups * _direct_sum(shape, memory, STEPPED_GROUP)
         inside += _direct_sum(shape, memory, rest)
     return inside + spread_operations(shape, STEPPED_GROUP, n_steps + 1, n_steps // STEPPED_GROUP)
@@ -102,13 +87,13 @@ def spread_operations(shape: Shape, group: int, n_steps: int, finished: int) -> 
     """What `finished` groups of `n_steps` steps take to be convolved into later ones."""
     q, e, m = shape.batch, shape.coupled, shape.samples
     n_groups = -(-n_steps // group)
-    long = [c for c in shape.channels if c.memory - 1 > group]
-    short = [c for c in shape.channels if 1 < c.memory <= group + 1]
+    long = [memory for memory in shape.memories if memory - 1 > group]
+    short = [memory for memory in shape.memories if 1 < memory <= group + 1]
     near = min(group, max(1, LARGEST_NEAR // (m * e))) if long else 1
     spreading = min(finished, n_groups - 1)
     total = 0
     if n_groups > 1 and (short or near > 1):
-        reach = max(max((c.memory for c in short), default=1) - 1, near - 1)
+        reach = max(max(short, default=1) - 1, near - 1)
         total += spreading * (len(short) + len(long)) * q * e * (reach * m) ** 2
     if long:
         # b finished groups spread as many groups as the largest power of two that divides b
@@ -150,16 +135,16 @@ def block_operations(shape: Shape, sizes: BlockSizes, n_steps: int, ends: int) -
     count = -(-n_steps // block)
     if ends and n_steps % block == 0 and n_steps % group != 0:
         count += 1
-    own = sum(pairs(block, c.memory) + block for c in shape.channels)
+    own = sum(pairs(block, memory) + block for memory in shape.memories)
     total = q * e * count * m * m * own
     far = min(block, shape.memory - 1)
     reach = min(block * (sizes.blocks - 1), shape.memory - 1)
     in_group = [min(reach, place * block) for place in range(sizes.blocks)]
     whole, rest = divmod(count, sizes.blocks)
     reached = whole * sum(in_group) + sum(in_group[:rest])
-    total += len(shape.channels) * q * e * reached * m * m * far
+    total += len(shape.memories) * q * e * reached * m * m * far
     if ends and n_steps % group == 0:
-        total += q * e * sum(min(c.memory, n_steps + 1) - 1 for c in shape.channels)
+        total += q * e * sum(min(memory, n_steps + 1) - 1 for memory in shape.memories)
     return total + spread_operations(shape, group, n_steps, whole)
 
 

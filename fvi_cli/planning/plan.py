@@ -28,12 +28,12 @@ from fvi_cli.planning.batches import (
 from fvi_cli.planning.history_work import (
     Shape,
     baseline_operations,
-    channel_shapes,
     direct_operations,
+    memories_of,
     newton_operations,
     stepped_operations,
 )
-from fvi_cli.planning.plan_memory import Sizes, peak_bytes
+from fvi_cli.planning.plan_memory import peak_bytes
 from fvi_cli.planning.plan_seconds import machine_speed, predicted_seconds
 from fvi_cli.planning.plan_words import (
     effects_of_scene,
@@ -139,15 +139,8 @@ def plan_run(
     """
     if isinstance(method, Baseline):
         return _baseline_plan(scene, method, n_steps)
-    machinery = _machinery(scene, method, n_steps, members, diagnosed=diagnosed, grading=grading)
-    sizes = _sizes(
-        scene,
-        method,
-        n_steps,
-        every,
-        members,
-        diagnosed=diagnosed,
-        grading=grading,
+    machinery = _machinery(
+        scene, method, n_steps, every, members, diagnosed=diagnosed, grading=grading
     )
     return Plan(
         effects=effects_of_scene(scene),
@@ -156,9 +149,9 @@ def plan_run(
         start=start_in_words(scene, method, machinery.n_mesh_steps),
         forcing=forcing_in_words(scene, method),
         history_operations=machinery.operations,
-        memory_bytes=peak_bytes(sizes),
-        seconds=predicted_seconds(sizes, machinery.operations),
-        n_sequences=len(machinery.shape.channels),
+        memory_bytes=peak_bytes(machinery),
+        seconds=predicted_seconds(machinery),
+        n_sequences=len(machinery.shape.memories),
         systems=machinery.shape.batch,
         coupled=machinery.shape.coupled,
         remarks=interpolation_remarks(scene, n_steps, grading=grading),
@@ -177,41 +170,14 @@ def planned_bytes(
     """The plan's memory alone."""
     if isinstance(method, Baseline):
         return _baseline_bytes(scene, n_steps)
-    return peak_bytes(_sizes(scene, method, n_steps, every, members, diagnosed=diagnosed))
+    return peak_bytes(_machinery(scene, method, n_steps, every, members, diagnosed=diagnosed))
 
 
 def planned_seconds(scene: Scene, method: AnyMethod, n_steps: int) -> float:
     """The plan's time alone."""
     if isinstance(method, Baseline):
         return _baseline_plan(scene, method, n_steps).seconds
-    sizes = _sizes(scene, method, n_steps, 1)
-    return predicted_seconds(sizes, _machinery(scene, method, n_steps).operations)
-
-
-def _sizes(
-    scene: Scene,
-    method: Method,
-    n_steps: int,
-    every: int,
-    members: int = 1,
-    *,
-    diagnosed: bool = False,
-    grading: float = 1.0,
-) -> Sizes:
-    machinery = _machinery(scene, method, n_steps, members, diagnosed=diagnosed, grading=grading)
-    return Sizes(
-        scene=scene,
-        method=method,
-        n_steps=n_steps,
-        every=every,
-        shape=machinery.shape,
-        route=machinery.route,
-        n_states=machinery.n_states,
-        n_mesh_steps=machinery.n_mesh_steps,
-        block=machinery.block,
-        members=machinery.members,
-        diagnosed=diagnosed,
-    )
+    return predicted_seconds(_machinery(scene, method, n_steps))
 
 
 @functools.lru_cache(maxsize=256)
@@ -219,66 +185,75 @@ def _machinery(
     scene: Scene,
     method: Method,
     n_steps: int,
+    every: int = 1,
     members: int = 1,
     *,
     diagnosed: bool = False,
     grading: float = 1.0,
 ) -> Machinery:
     samples = 1 if method.sampling == "nodes" else method.stages
-    channels = channel_shapes(method, n_steps + 1, scene.active_damping)
-    shape = Shape(channels=channels, samples=samples, coupled=scene.dimension)
-    ends = int(method.sampling == "nodes" and bool(shape.channels))
+    memories = memories_of(method, n_steps + 1, scene.active_damping)
+    shape = Shape(memories=memories, samples=samples, coupled=scene.dimension)
+    run = Machinery(
+        scene=scene,
+        method=method,
+        n_steps=n_steps,
+        every=every,
+        diagnosed=diagnosed,
+        shape=shape,
+    )
+    ends = int(method.sampling == "nodes" and bool(memories))
     together = members > 1 and goes_together(scene, method, n_steps)
     if method.is_runge_kutta:
         if together and members >= fewest(scene, n_steps) and grading == 1.0:
-            return members_side_by_side(scene, method, n_steps, shape, members)
+            return members_side_by_side(run, members)
         steps: int | Mesh = n_steps
         if grading != 1.0:
             steps = graded_mesh(scene.final_time, n_steps, grading, scene.break_points)
-        return _any_mesh(scene, method, steps, shape)
+        return _any_mesh(run, steps)
     decoupling = None
     if not sums_directly(method.history, n_steps):
         decoupling = systems_of(scene)
-    damped = bool(shape.channels)
+    damped = bool(memories)
     route = choose_route(scene, method.history, n_steps, shape.samples, decoupling, damped=damped)
     whole = f"Newton's iteration with the exact Jacobian, {n_steps} single steps"
     single = f"{n_steps} single steps with one factorisation" if scene.is_linear else whole
     if route == "linear blocks" and decoupling is not None:
-        count = members if together else 1
-        return linear_blocks(scene, n_steps, shape, decoupling, ends, count)
+        return linear_blocks(run, decoupling, ends, members if together else 1)
     if route == "newton blocks":
         largest = newton_block(scene, shape.samples, n_steps) or 1
         group = largest * BLOCKS_PER_GROUP
-        return Machinery(
+        return replace(
+            run,
             route=route,
-            shape=shape,
             steps=f"Newton's iteration on blocks of up to {largest} steps with a frozen linear "
             "response, single steps with the exact Jacobian where that does not contract",
             history=history_in_words(shape, group),
             operations=newton_operations(shape, largest, n_steps, ends),
         )
     if route == "stepped":
-        return Machinery(
+        return replace(
+            run,
             route=route,
-            shape=shape,
             steps=single,
             history=history_in_words(shape, STEPPED_GROUP),
             operations=stepped_operations(shape, n_steps),
         )
     direct = "every sum written out" if shape.memory > 1 else history_in_words(shape, 1)
-    return Machinery(
+    return replace(
+        run,
         route=route,
-        shape=shape,
         steps=single,
         history=direct,
         operations=direct_operations(shape, n_steps),
     )
 
 
-def _any_mesh(scene: Scene, method: Method, mesh: int | Mesh, shape: Shape) -> Machinery:
+def _any_mesh(run: Machinery, mesh: int | Mesh) -> Machinery:
     """Steps of a Runge-Kutta method on its own mesh, as the run itself plans them."""
-    plan = plan_runge_kutta(scene, method, mesh)
-    shape = replace(shape, coupled=plan.coupled, batch=plan.systems)
+    scene = run.scene
+    plan = plan_runge_kutta(scene, run.method, mesh)
+    shape = replace(run.shape, coupled=plan.coupled, batch=plan.systems)
     blocks = plan.n_steps - plan.single
     if scene.is_linear:
         steps = f"blocks of {plan.block} steps as one matrix product"
@@ -294,7 +269,8 @@ def _any_mesh(scene: Scene, method: Method, mesh: int | Mesh, shape: Shape) -> M
     history = history_in_words(shape, 1)
     if plan.n_states:
         history = f"{plan.n_states} exponentials in place of the past"
-    return Machinery(
+    return replace(
+        run,
         route="any mesh",
         shape=shape,
         steps=", ".join([*words, systems_in_words(shape, has_modes=plan.has_modes)]),

@@ -7,75 +7,21 @@ the trajectory with the largest transform of its history.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.march import CHUNK as CHUNK_TOGETHER
 from fvi_cli.integrator.batches.plan import BLOCK
 from fvi_cli.integrator.batches.run import MOST_TOGETHER
 from fvi_cli.integrator.blocks.history import LARGEST_NEAR
 from fvi_cli.integrator.blocks.newton import BLOCKS_PER_GROUP, newton_block
 from fvi_cli.integrator.blocks.sizes import BlockSizes, batch_sizes
-from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.march import CHUNK
 from fvi_cli.integrator.steps.linear_blocks import is_recurrence
-from fvi_cli.planning.history_work import Shape
+from fvi_cli.planning.batches import Machinery
 
 SMALLEST = 8_000
 """Numbers in the tables of a method, in expressions and the like."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Sizes:
-    """What the memory of a run depends on.
-
-    Parameters
-    ----------
-    scene, method, n_steps, every
-        The run.
-    shape
-        What is convolved, in the coordinates of the steps.
-    route
-        How the steps are done, ``any mesh`` among the ways.
-    n_states, n_mesh_steps, block
-        Of a method on any mesh: number of exponentials, steps of its own mesh, and steps of a
-        block.
-    members
-        How many scenes of this kind are integrated together.
-    diagnosed
-        Whether diagnostics are asked for.
-    """
-
-    scene: Scene
-    method: Method
-    n_steps: int
-    every: int
-    shape: Shape
-    route: str
-    n_states: int = 0
-    n_mesh_steps: int = 0
-    block: int = 0
-    members: int = 1
-    diagnosed: bool = False
-
-    @property
-    def components(self) -> int:
-        """Degrees of freedom of all members."""
-        return self.members * self.scene.dimension
-
-    @property
-    def driven(self) -> bool:
-        """Whether there are moments of known forces."""
-        return self.scene.forcing is not None
-
-    @property
-    def keeps_force(self) -> int:
-        """1 where the damping force of every step is kept."""
-        wanted = self.diagnosed or self.method.sampling == "nodes"
-        return int(wanted and bool(self.shape.channels))
-
-
-def peak_bytes(sizes: Sizes) -> int:
+def peak_bytes(sizes: Machinery) -> int:
     """Largest memory of a run in bytes, the program itself left out."""
     if sizes.route == "any mesh":
         return int(8 * (SMALLEST + _any_mesh(sizes)))
@@ -88,24 +34,24 @@ def peak_bytes(sizes: Sizes) -> int:
     return int(8 * (SMALLEST + max(numbers, _making_weights(sizes))))
 
 
-def _weights(sizes: Sizes) -> float:
+def _weights(sizes: Machinery) -> float:
     """Numbers in all weights."""
-    return sum(c.memory for c in sizes.shape.channels)
+    return sum(sizes.shape.memories)
 
 
-def _making_weights(sizes: Sizes) -> float:
+def _making_weights(sizes: Machinery) -> float:
     m, longest = sizes.shape.samples, sizes.shape.memory
     if longest <= m + 6:
         return 0.0
     return _weights(sizes) + 4.0 * longest
 
 
-def _known_in_advance(sizes: Sizes) -> float:
+def _known_in_advance(sizes: Machinery) -> float:
     """Numbers in the moments of known forces."""
     return (sizes.method.degree + 1) * sizes.components * sizes.n_steps if sizes.driven else 0
 
 
-def _blocks(sizes: Sizes) -> float:
+def _blocks(sizes: Machinery) -> float:
     """The larger one of set-up, steps and what follows them."""
     shape, n, d = sizes.shape, sizes.n_steps, sizes.components
     held = _weights(sizes) + _known_in_advance(sizes)
@@ -129,7 +75,7 @@ def _blocks(sizes: Sizes) -> float:
     else:
         making, kept = _newton_matrices(sizes)
         work, transform, group = 0.0, _transform(sizes), 0
-    if n <= 2 * group or max((c.memory for c in shape.channels), default=0) <= group + 1:
+    if n <= 2 * group or shape.memory <= group + 1:
         transform = 0.0
     after = (3.4 + 0.7 * d) * n
     if sizes.members > 1:
@@ -144,13 +90,13 @@ def _blocks(sizes: Sizes) -> float:
     return max(held + path + buffer + making, steps, held + path + after)
 
 
-def _balances(sizes: Sizes) -> float:
+def _balances(sizes: Machinery) -> float:
     """Increments, rates, and the moments that are paired with them."""
     d, n, degree = sizes.scene.dimension, sizes.n_steps, sizes.method.degree
     return (6 * degree + 4 + 2 * sizes.shape.samples) * d * n
 
 
-def _transform(sizes: Sizes) -> float:
+def _transform(sizes: Machinery) -> float:
     """Numbers in the longest transform, with those of weights that are kept for later ones."""
     shape, n = sizes.shape, sizes.n_steps
     if shape.memory <= 1:
@@ -160,12 +106,12 @@ def _transform(sizes: Sizes) -> float:
     return spectra * n + _kept_transforms(sizes)
 
 
-def _kept_transforms(sizes: Sizes) -> float:
-    long = [c for c in sizes.shape.channels if c.memory > sizes.n_steps // 2]
+def _kept_transforms(sizes: Machinery) -> float:
+    long = [memory for memory in sizes.shape.memories if memory > sizes.n_steps // 2]
     return float(sizes.n_steps * len(long))
 
 
-def _linear_matrices(sizes: Sizes, width: int, blocks: BlockSizes) -> tuple[float, float]:
+def _linear_matrices(sizes: Machinery, width: int, blocks: BlockSizes) -> tuple[float, float]:
     """Numbers at work while the matrices of a block are made, and those that are kept."""
     shape, b, nodes = sizes.shape, blocks.block, sizes.keeps_force
     m, e = shape.samples, shape.coupled
@@ -183,7 +129,7 @@ def _linear_matrices(sizes: Sizes, width: int, blocks: BlockSizes) -> tuple[floa
     copies = 0 if width == 1 else first * driven + outputs * used
     impulses = b * (3 * m * e + 2 * e + sizes.method.stages * e) * (3 * e + 2 * m * e + 3)
     reach = min(b * (blocks.blocks - 1), max(shape.memory - 1, 0))
-    n_channels = len(shape.channels) if shape.memory > 1 else 0
+    n_channels = len(shape.memories) if shape.memory > 1 else 0
     strip = far * reach * m * m * n_channels
     tail = (min(blocks.group, max(1, LARGEST_NEAR // (m * e))) * m) ** 2 * n_channels
     own = width * (dense + inside + sequential + outputs * used + copies + impulses)
@@ -193,7 +139,7 @@ def _linear_matrices(sizes: Sizes, width: int, blocks: BlockSizes) -> tuple[floa
     return making, kept
 
 
-def _newton_matrices(sizes: Sizes) -> tuple[float, float]:
+def _newton_matrices(sizes: Machinery) -> tuple[float, float]:
     shape, d, r = sizes.shape, sizes.scene.dimension, sizes.method.stages
     b = newton_block(sizes.scene, shape.samples, sizes.n_steps) or 1
     size, nodes = b * shape.samples * d, sizes.keeps_force
@@ -210,7 +156,7 @@ def _newton_matrices(sizes: Sizes) -> tuple[float, float]:
     return strip + dense + frozen + 1.5 * outputs * columns, kept
 
 
-def _single_steps(sizes: Sizes) -> float:
+def _single_steps(sizes: Machinery) -> float:
     """Every step on its own: its samples, forces and history are arrays of the whole run."""
     shape, d, n = sizes.shape, sizes.scene.dimension, sizes.n_steps
     m, s = shape.samples, sizes.method.degree
@@ -224,13 +170,13 @@ def _single_steps(sizes: Sizes) -> float:
     return numbers
 
 
-def _any_mesh(sizes: Sizes) -> float:
+def _any_mesh(sizes: Machinery) -> float:
     """No more of the past than the states, and of the run what is kept."""
     shape, d, n = sizes.shape, sizes.scene.dimension, sizes.n_steps
     m, e, q = shape.samples, shape.coupled, shape.batch
     kept = (2 + 3 * d) * (n / sizes.every + 3)
     block, states, rows = sizes.block, sizes.n_states, sizes.method.degree + 1
-    channels = max(len(shape.channels), 1)
+    channels = max(len(shape.memories), 1)
     chunk = min(CHUNK, sizes.n_mesh_steps) * d * (6 + 3 * rows + 2 * m)
     tables = states * (block * m * (2 * channels + 1) + 2 * block + 4 * m + 2 * d)
     columns = block * rows * e + 2 * e
@@ -245,7 +191,7 @@ def _any_mesh(sizes: Sizes) -> float:
     return max(stepping, diagnosing) if sizes.diagnosed else stepping
 
 
-def _side_by_side(sizes: Sizes) -> float:
+def _side_by_side(sizes: Machinery) -> float:
     """Trajectories of all members, put together at the end, and what their steps take."""
     shape, d = sizes.shape, sizes.components
     points = sizes.n_steps / sizes.every + 2

@@ -13,8 +13,8 @@ import numpy as np
 
 from fvi_cli.integrator.batches.run import MOST_TOGETHER
 from fvi_cli.integrator.blocks.sizes import batch_sizes
+from fvi_cli.planning.batches import Machinery
 from fvi_cli.planning.history_work import direct_operations
-from fvi_cli.planning.plan_memory import Sizes
 
 CALIBRATION_LENGTH = 2**15
 
@@ -44,23 +44,15 @@ def machine_speed() -> tuple[float, float]:
     return shortest[0] / multiply_adds, shortest[1] / 100
 
 
-def predicted_seconds(sizes: Sizes, operations: int | None) -> float:
-    """Time of set-up and steps together; of members that are integrated together, a share of it.
-
-    Parameters
-    ----------
-    sizes
-        The run.
-    operations
-        Multiply-adds of the memory of one member.
-    """
+def predicted_seconds(sizes: Machinery) -> float:
+    """Time of set-up and steps together; of members that are integrated together, a share of it."""
     per_operation, per_call = machine_speed()
     n, shape = sizes.n_steps, sizes.shape
-    work = 2.0 * per_operation * (operations or 0)
+    work = 2.0 * per_operation * sizes.operations
     m, degree, d = shape.samples, sizes.method.degree, sizes.scene.dimension
     # weights and tables are shared
     each = 1.0 / sizes.members
-    weights = 40.0 * per_operation * n * m * m * len(shape.channels) * math.log2(n + 2)
+    weights = 40.0 * per_operation * n * m * m * len(shape.memories) * math.log2(n + 2)
     setup = each * weights + (0.05 + 0.95 * each) * 10_000 * per_call
     systems = max(1, -(-shape.batch // 128))
     if sizes.route == "linear blocks":

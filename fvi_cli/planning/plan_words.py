@@ -30,9 +30,9 @@ def systems_in_words(shape: Shape, *, has_modes: bool) -> str:
 
 def history_in_words(shape: Shape, group: int) -> str:
     """How the memory is summed up; it is direct inside of `group` steps."""
-    if not shape.channels:
+    if not shape.memories:
         return "none: nothing is damped"
-    count = len(shape.channels)
+    count = len(shape.memories)
     sequences = f"{count} combined sequences of weights" if count > 1 else "one sequence of weights"
     if shape.memory == 1:
         return "none: derivatives of order 1 need no past"

@@ -12,6 +12,7 @@ from fvi_cli.integrator.equal_steps.problem import Stepped
 from fvi_cli.integrator.equal_steps.weights import Memory
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 Array = NDArray[np.float64]
@@ -105,8 +106,5 @@ def running_sum(changes: Array) -> Array:
 
 def grid_velocity(motion: Motion, momentum: Array) -> Array:
     """Velocity that belongs to a momentum at the positions of the grid, shape ``(n + 1, d)``."""
-    lagrangian = motion.scene.lagrangian
-    if lagrangian is None:
-        return np.asarray(np.linalg.solve(motion.scene.inertia.mass, momentum[..., None])[..., 0])
     time = motion.step_size * np.arange(momentum.shape[0], dtype=float)
-    return lagrangian.velocity(motion.position, momentum, time)
+    return dynamics_of(motion.scene).velocity(motion.position, momentum, time)

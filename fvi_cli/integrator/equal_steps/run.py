@@ -22,6 +22,7 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.loop import no_unique_solution
 from fvi_cli.integrator.run.regular import regular_until
 from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Status, Trajectory
 
 Array = NDArray[np.float64]
@@ -117,10 +118,7 @@ def prepare(
     moments = of_forcing
     if of_damping is not None and method.sampling == "points":
         moments = of_damping if of_forcing is None else of_forcing + of_damping
-    if scene.lagrangian is None:
-        momentum = scene.inertia.mass @ scene.initial_velocity
-    else:
-        momentum = scene.lagrangian.momentum(scene.initial_position, scene.initial_velocity, 0.0)
+    start = scene.initial_position, scene.initial_velocity
     problem = StepProblem(
         scene=scene,
         tables=tables,
@@ -128,7 +126,7 @@ def prepare(
         step_size=h,
         n_steps=n_steps,
         position=scene.initial_position,
-        momentum=momentum,
+        momentum=dynamics_of(scene).momentum(*start, 0.0),
         moments=moments,
         skip_first_kick=method.sampling == "nodes",
     )
@@ -156,11 +154,8 @@ def finished_trajectory(
         momentum[1:] -= 0.5 * problem.step_size * stepped.end_force[1:, 0]
     grid = problem.step_size * np.arange(position.shape[0], dtype=float)
     with np.errstate(all="ignore"):
-        if scene.lagrangian is None:
-            energy = scene.energy(position, momentum)
-        else:
-            velocity = scene.lagrangian.velocity(position, momentum, grid)
-            energy = scene.lagrangian.energy(position, velocity, grid)
+        energy = dynamics_of(scene).energy(position, momentum, grid)
+        if scene.lagrangian is not None:
             kept, why = regular_until(scene.lagrangian, position, momentum, energy, grid)
             if kept < grid.size:
                 failure, grid = why, grid[:kept]
@@ -189,15 +184,13 @@ def finished_trajectory(
 def unsolved(scene: Scene, n_steps: int) -> Trajectory:
     """The start of a motion whose steps have singular equations, as with negative stiffness."""
     h = scene.final_time / n_steps
-    position, momentum, energy = scene.initial_position[None], None, None
-    if scene.lagrangian is None:
-        momentum = (scene.inertia.mass @ scene.initial_velocity)[None]
-        energy = scene.energy(position, momentum)
+    position, dynamics = scene.initial_position[None], dynamics_of(scene)
+    momentum = dynamics.momentum(position, scene.initial_velocity[None], np.zeros(1))
     return Trajectory(
         time=np.zeros(1),
         position=position,
         momentum=momentum,
-        energy=energy,
+        energy=dynamics.energy(position, momentum, np.zeros(1)),
         n_steps=n_steps,
         step_size=h,
         status="failed",

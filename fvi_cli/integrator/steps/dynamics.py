@@ -9,7 +9,6 @@ the action"); only P, Q and their derivatives differ.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,33 +20,6 @@ from fvi_cli.effects.potential import Potential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 
 Array = NDArray[np.float64]
-
-
-class Dynamics(Protocol):
-    """Conservative part of the equations of motion; positions have the unit of the scene."""
-
-    @property
-    def dimension(self) -> int:
-        """Number d of degrees of freedom."""
-
-    @property
-    def is_linear(self) -> bool:
-        """Whether P and Q are linear in q and v, with matrices that do not change."""
-
-    def momentum(self, position: Array, velocity: Array, time: Array | float) -> Array:
-        """P, shape ``(..., d)``."""
-
-    def velocity(self, position: Array, momentum: Array, time: Array | float) -> Array:
-        """The velocity to a momentum, shape ``(..., d)``; not finite where there is none."""
-
-    def energy(self, position: Array, momentum: Array, time: Array | float) -> Array:
-        """Hamiltonian without forcing, shape ``(...)``."""
-
-    def forces(self, position: Array, velocity: Array, time: Array) -> tuple[Array, Array]:
-        """P and Q at the points of a step, shapes ``(..., d)``."""
-
-    def derivatives(self, position: Array, velocity: Array, time: Array) -> Derivatives:
-        """P and Q with their derivatives."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

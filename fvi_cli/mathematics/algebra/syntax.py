@@ -1,0 +1,68 @@
+"""From the text of an expression to its syntax tree, with complaints that name the column."""
+
+from __future__ import annotations
+
+import ast
+import re
+import warnings
+from typing import Final
+
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+
+LONGEST_TEXT: Final = 10_000
+DEEPEST_NESTING: Final = 100
+_NO_OPERATOR: Final = re.compile(r"(?<![\w.])([\d.]+(?:[eE][-+]?\d+)?|\))\s*([A-Za-z_]\w*|\()")
+
+
+def syntax_tree(text: str) -> ast.expr:
+    """The tree of one expression by Python's grammar.
+
+    Raises
+    ------
+    ExpressionError
+        If the text is none, is too long or nested too deeply.
+    """
+    if len(text) > LONGEST_TEXT:
+        raise ExpressionError(f"too long: {len(text)} characters, at most {LONGEST_TEXT}")
+    if not text.strip():
+        raise ExpressionError("empty; give a number or an expression")
+    if forbidden := re.search(r"[^0-9A-Za-z_.+\-*/(),\s]", text, re.ASCII):
+        advice = "; a power is written **" if forbidden[0] == "^" else ""
+        raise ExpressionError(f"{forbidden[0]!r} is not allowed{advice}", forbidden.start() + 1)
+    nesting = 0
+    for position, character in enumerate(text):
+        nesting += (character == "(") - (character == ")")
+        if nesting < 0:
+            raise ExpressionError("this ')' has no '('", position + 1)
+        if nesting > DEEPEST_NESTING:
+            deep = f"parentheses are nested more than {DEEPEST_NESTING} deep"
+            raise ExpressionError(deep, position + 1)
+    if nesting:
+        raise ExpressionError(f"{nesting} ')' missing at the end", len(text) + 1)
+    # The parentheses make leading blanks and line breaks harmless; one column is subtracted later.
+    source = "(" + re.sub(r"\s", " ", text) + ")"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            tree = ast.parse(source, mode="eval").body
+    except SyntaxError as error:
+        column = min(max((error.offset or 2) - 1, 1), len(text) + 1)
+        incomplete = ExpressionError("this is not a complete expression", column)
+        raise _without_factor(text) or incomplete from None
+    except (ValueError, RecursionError, MemoryError, OverflowError):
+        raise ExpressionError("nested too deeply, or a number with too many digits") from None
+    if isinstance(tree, ast.Tuple):
+        comma = re.search(r"\d,\d", text)
+        hint = f"; numbers have a decimal point: {comma[0].replace(',', '.')}" if comma else ""
+        raise ExpressionError(f"one expression is expected, not several between commas{hint}")
+    # Python takes a number before a parenthesis for the name of a function
+    if (missing := _without_factor(text)) and missing.message.endswith("("):
+        raise missing
+    return tree
+
+
+def _without_factor(text: str) -> ExpressionError | None:
+    """The complaint of a number or bracket with a factor behind it and no ``*`` between."""
+    found = _NO_OPERATOR.search(text)
+    message = f"'*' is missing: write {found[1]}*{found[2]}" if found else ""
+    return ExpressionError(message, found.start(2) + 1) if found else None
