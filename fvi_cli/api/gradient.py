@@ -73,7 +73,8 @@ def gradient(
     parameters
         Of a scene the names of its numbers: ``mass``, ``stiffness``, ``damping.0.order``,
         ``damping.0.coefficient``, ``initial_position``, ``initial_velocity``,
-        ``potential.<parameter>``; None: all of them. Of a function its arguments with their values.
+        ``potential.<parameter>``, ``laws.0.order`` and the like; None: all of them. Of a function
+        its arguments with their values.
 
     Raises
     ------

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from fvi_cli.effects.matrices import Factored, SparseMatrix
+from fvi_cli.effects.matrices import Factored, Form, SparseMatrix
 from fvi_cli.effects.matrix_force import MatrixForce
 
 
@@ -22,6 +22,8 @@ class FractionalDamping(MatrixForce):
     coefficient
         The number or symmetric matrix :math:`\mu`, shape ``(d, d)``, dense, sparse or in factors.
         It may be indefinite: negative damping is a legitimate scene.
+    form, factored
+        In place of it, as another term keeps it: for :func:`dataclasses.replace`.
 
     Raises
     ------
@@ -31,10 +33,17 @@ class FractionalDamping(MatrixForce):
 
     order: float
 
-    def __init__(self, *, order: float, coefficient: ArrayLike | SparseMatrix | Factored) -> None:
+    def __init__(
+        self,
+        *,
+        order: float,
+        coefficient: ArrayLike | SparseMatrix | Factored | None = None,
+        form: Form | None = None,
+        factored: Factored | None = None,
+    ) -> None:
         if not 0.0 < order < 2.0:
             raise ValueError(f"order: {order!r} is not allowed; it must lie in (0, 2)")
-        super().__init__(coefficient=coefficient)
+        super().__init__(coefficient=coefficient, form=form, factored=factored)
         object.__setattr__(self, "order", float(order))
 
     @property

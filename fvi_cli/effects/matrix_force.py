@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
@@ -25,6 +25,8 @@ class MatrixForce:
     ----------
     coefficient
         The number or matrix, shape ``(d, d)``, dense, sparse or in factors.
+    form, factored
+        In place of it, as another force keeps it: for :func:`dataclasses.replace`.
 
     Attributes
     ----------
@@ -37,15 +39,27 @@ class MatrixForce:
     ------
     ValueError
         If the matrix is not symmetric and finite.
+    TypeError
+        If there is none.
     """
 
-    form: Form = field(init=False)
-    factored: Factored | None = field(init=False, default=None)
+    form: Form
+    factored: Factored | None = None
 
-    def __init__(self, *, coefficient: ArrayLike | SparseMatrix | Factored) -> None:
-        factored = coefficient if isinstance(coefficient, Factored) else None
-        whole = coefficient.form if isinstance(coefficient, Factored) else coefficient
-        object.__setattr__(self, "form", symmetric_form(whole, "coefficient"))
+    def __init__(
+        self,
+        *,
+        coefficient: ArrayLike | SparseMatrix | Factored | None = None,
+        form: Form | None = None,
+        factored: Factored | None = None,
+    ) -> None:
+        if coefficient is not None:
+            factored = coefficient if isinstance(coefficient, Factored) else None
+            whole = coefficient.form if isinstance(coefficient, Factored) else coefficient
+            form = symmetric_form(whole, "coefficient")
+        if form is None:
+            raise TypeError("coefficient: it is missing")
+        object.__setattr__(self, "form", form)
         object.__setattr__(self, "factored", factored)
 
     @property

@@ -93,6 +93,8 @@ class Law(MatrixForce):
         The number or symmetric matrix A on which the law acts, shape ``(d, d)``.
     relaxed
         The modulus G0 >= 0 that is left in the end. A scene counts it among its stiffnesses.
+    form, factored
+        In place of the coefficient, as another law keeps it: for :func:`dataclasses.replace`.
 
     Raises
     ------
@@ -109,10 +111,12 @@ class Law(MatrixForce):
         *,
         kernel: RelaxationKernel,
         size: float,
-        coefficient: Coefficient,
+        coefficient: Coefficient | None = None,
         relaxed: float = 0.0,
+        form: Form | None = None,
+        factored: Factored | None = None,
     ) -> None:
-        super().__init__(coefficient=coefficient)
+        super().__init__(coefficient=coefficient, form=form, factored=factored)
         object.__setattr__(self, "kernel", kernel)
         for name, value in (("size", size), ("relaxed", relaxed)):
             if not 0 <= value < math.inf:

@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.laws.prony import Exponentials
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.variation import Variation
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,7 +28,9 @@ class Entry:
     ----------
     name
         What it is called: ``mass``, ``stiffness``, ``initial_position``, ``initial_velocity``,
-        ``damping.<index>.order`` and ``.coefficient``, ``potential.<parameter>``.
+        ``damping.<index>.order`` and ``.coefficient``, ``potential.<parameter>``,
+        ``laws.<index>.size``, ``.coefficient`` and the numbers of its kernel: ``.order`` and
+        ``.time`` or ``.rate``, or ``.rates`` and ``.weights`` of a Prony series.
     value
         Its value, shape ``()``, ``(d,)`` or ``(d, d)``.
     family
@@ -78,12 +82,18 @@ def entries_of(scene: Scene) -> dict[str, Entry]:
         for name, number in potential.parameters.items():
             add(f"potential.{name}", number, partial(_with_parameter, scene, potential, name))
     for index, term in enumerate(scene.damping):
-        add(f"damping.{index}.order", term.order, partial(_with_order, scene, index))
-        add(
-            f"damping.{index}.coefficient",
-            term.coefficient,
-            partial(_with_coefficient, scene, index),
-        )
+        for name in ("order", "coefficient"):
+            family = partial(_with_term, scene, index, name)
+            add(f"damping.{index}.{name}", getattr(term, name), family)
+    for index, law in enumerate(scene.laws):
+        numbers: dict[str, object] = {"size": law.size, "coefficient": law.coefficient}
+        if law.kernel.masses:
+            rates, weights = zip(*law.kernel.masses, strict=True)
+            numbers |= {"rates": rates, "weights": weights}
+        else:
+            numbers |= vars(law.kernel)
+        for name, number in numbers.items():
+            add(f"laws.{index}.{name}", number, partial(_with_law, scene, index, name))
     add("initial_position", scene.initial_position, partial(_with_position, scene))
     add("initial_velocity", scene.initial_velocity, partial(_with_velocity, scene))
     return {one.name: one for one in found}
@@ -102,21 +112,27 @@ def _with_parameter(scene: Scene, potential: ExpressionPotential, name: str, val
     return replace(scene, potential=replace(potential, parameters=parameters))
 
 
-def _with_order(scene: Scene, index: int, value: Array) -> Scene:
-    term = scene.damping[index]
-    return _with_term(
-        scene, index, FractionalDamping(order=float(value), coefficient=term.coefficient)
-    )
+def _with_term(scene: Scene, index: int, name: str, value: Array) -> Scene:
+    changed = value if value.ndim else float(value)
+    term = replace(scene.damping[index], **{name: changed})
+    return replace(scene, damping=_exchanged(scene.damping, index, term))
 
 
-def _with_coefficient(scene: Scene, index: int, value: Array) -> Scene:
-    term = scene.damping[index]
-    return _with_term(scene, index, FractionalDamping(order=term.order, coefficient=value))
+def _with_law(scene: Scene, index: int, name: str, value: Array) -> Scene:
+    law = scene.laws[index]
+    if name in ("rates", "weights"):
+        masses = np.array(law.kernel.masses)
+        masses[:, int(name == "weights")] = value
+        law = replace(law, kernel=Exponentials(masses=tuple(map(tuple, masses.tolist()))))
+    elif name in ("size", "coefficient"):
+        law = replace(law, **{name: value if value.ndim else float(value)})
+    else:
+        law = replace(law, kernel=replace(cast(Any, law.kernel), **{name: float(value)}))
+    return replace(scene, laws=_exchanged(scene.laws, index, law))
 
 
-def _with_term(scene: Scene, index: int, term: FractionalDamping) -> Scene:
-    terms = (*scene.damping[:index], term, *scene.damping[index + 1 :])
-    return replace(scene, damping=terms)
+def _exchanged(every: tuple[T, ...], index: int, one: T) -> tuple[T, ...]:
+    return (*every[:index], one, *every[index + 1 :])
 
 
 def _with_position(scene: Scene, value: Array) -> Scene:

@@ -13,6 +13,7 @@ import pytest
 import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.adjoint.entries import entries_of
 from fvi_cli.integrator.adjoint.gradient import gradient_of, run_steps, sensitivities
 from fvi_cli.integrator.adjoint.linear_run import linear_run
 from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun
@@ -438,3 +439,37 @@ def test_linear_runs_by_their_linearised_equations(name: str) -> None:
     np.testing.assert_allclose(one.position, other.position, rtol=0, atol=1e-13)
     np.testing.assert_allclose(one.momentum, other.momentum, rtol=0, atol=1e-12)
     np.testing.assert_allclose(one.velocity, other.velocity, rtol=0, atol=1e-11)
+
+
+def test_numbers_of_laws_by_name() -> None:
+    """Each against the law made anew with another number."""
+    laws = {
+        "zener": lambda c: fvi.fractional_zener(
+            order=0.6, time=0.4, relaxed=0.5, unrelaxed=3.0, coefficient=c
+        ),
+        "prony": lambda c: fvi.prony(moduli=[1.0, 0.5], times=[0.3, 2.0], coefficient=c),
+        "tempered": lambda c: fvi.tempered(order=0.4, rate=0.3, coefficient=c),
+    }
+    for name, law in laws.items():
+        scene = fvi.Scene(
+            inertia=fvi.Inertia(mass=1.0),
+            potential=fvi.QuadraticPotential(stiffness=2.0),
+            laws=(law(0.7),),
+            initial_position=1.0,
+            initial_velocity=0.5,
+            final_time=3.0,
+        )
+        method, quantity = Method(cq="gauss", degree=4, start="none"), position_at(2.6)
+        entries = entries_of(scene)
+        wanted = [one for one in entries if one.startswith("laws.")]
+        assert len(wanted) == 4, name
+        found = fvi.gradient(scene, method, 12, quantity, wanted)
+        for one in wanted:
+            for index, change in entries[one].variations():
+                h = 1e-3 * change.value
+                sides = [
+                    float(run_steps(change.family(change.value + k * h), method, 12)(2.6)[0])
+                    for k in (-2, -1, 1, 2)
+                ]
+                expected = (sides[0] - 8 * sides[1] + 8 * sides[2] - sides[3]) / (12 * h)
+                assert float(found[one][index]) == pytest.approx(expected, rel=2e-8), one
