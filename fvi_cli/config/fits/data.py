@@ -206,7 +206,8 @@ def is_possible(specification: Mapping[str, Any], at: Cursor) -> bool:
     try:
         build_scene(specification)
     except (ValueError, KeyError, TypeError) as error:
-        at.refuse(f"there is no such problem: {error}")
+        said = f"{error.args[0]} is missing" if isinstance(error, KeyError) else error
+        at.refuse(f"there is no such problem: {said}")
         return False
     return True
 

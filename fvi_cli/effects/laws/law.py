@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from numpy.typing import ArrayLike
@@ -143,8 +143,7 @@ class Law(MatrixForce):
 
     def without_stiffness(self) -> Law:
         """What the law remembers, without its relaxed modulus."""
-        coefficient = self.form if self.factored is None else self.factored
-        return Law(kernel=self.kernel, size=self.size, coefficient=coefficient)
+        return replace(self, relaxed=0.0)
 
 
 def positive(value: float, name: str) -> float:

@@ -20,6 +20,8 @@ from fvi_cli.plotting.style import (
 )
 from fvi_cli.studies.fits.result import FitResult, ModelFit
 
+WIDE = 8.0
+"""Frequencies that differ by this factor are drawn along a logarithm."""
 MOST_PANELS = 6
 """Measured columns that are drawn; the first of them."""
 
@@ -100,8 +102,12 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
                 upper.tick_params(labelbottom=False)
             amplitude = shown.series.amplitude
             lower.set_xlabel("time" if amplitude is None else "frequency")
-            if amplitude is not None and amplitude.part == "magnitude":
-                upper.set_yscale("log")
+            if amplitude is not None:
+                is_wide = shown.series.times[-1] > WIDE * shown.series.times[0]
+                for axes in (upper, lower) if is_wide else ():
+                    axes.set_xscale("log")
+                if amplitude.part == "magnitude":
+                    upper.set_yscale("log")
         legend_above(figure, grid[0, 0])
     return figure
 

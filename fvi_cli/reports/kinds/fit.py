@@ -220,9 +220,13 @@ def _estimates(model: ModelFit) -> Iterator[Block]:
                 f"({one.series.values.size} values)"
                 for one in model.series
             )
-            + f". If what is left is noise, its correlations in time have probability "
-            f"{model.whiteness:.2g}. Runs of {model.steps} steps err by {model.discretisation:.0e} "
-            "of what is left."
+            + f". If what is left is noise, its correlations have probability "
+            f"{model.whiteness:.2g}."
+            + (
+                f" Runs of {model.steps} steps err by {model.discretisation:.0e} of what is left."
+                if model.steps
+                else ""
+            )
         )
     if model.warnings and model.is_converged:
         yield Bullets(items=model.warnings)

@@ -258,8 +258,10 @@ class MotionModel:
                 for index, one in enumerate(self.free)
                 if with_jacobian and ("@" not in one.name or one.name.endswith(f"@{data.name}"))
             ]
-            predicted = self._predicted(number, data, values, own)
-            for one, (found, slopes), deviation in zip(
+            # steps of the search may lead to motions that grow beyond all bounds
+            with np.errstate(all="ignore"):
+                predicted = self._predicted(number, data, values, own)
+            for one, (found, rates), deviation in zip(
                 data.series, predicted, self.deviations[number], strict=True
             ):
                 left = found - one.values
@@ -267,14 +269,12 @@ class MotionModel:
                     left = (left + 180.0) % 360.0 - 180.0
                 residuals.append(left / deviation)
                 part = np.zeros((one.values.size, len(self.free)))
-                part[:, own] = slopes / deviation
+                part[:, own] = rates / deviation
                 rows.append(part * factors)
-        together = np.concatenate(residuals)
-        if not np.isfinite(together).all():
+        together, slopes = np.concatenate(residuals), np.concatenate(rows)
+        if not (np.isfinite(together).all() and np.isfinite(slopes).all()):
             raise RunFailedError("the motion is not finite")
-        return Evaluation(
-            residuals=together, jacobian=np.concatenate(rows) if with_jacobian else None
-        )
+        return Evaluation(residuals=together, jacobian=slopes if with_jacobian else None)
 
     def _predicted(
         self, number: int, data: DataSet, values: Array, own: Sequence[int]

@@ -137,20 +137,15 @@ def predict_response(
         return np.asarray(sum(every))
 
     stiffness, s = DynamicStiffness(scene), 2j * math.pi * hertz
-    try:
-        factors = [stiffness.factors(one) for one in s.tolist()]
-    except np.linalg.LinAlgError:
-        raise ValueError("a mode without damping lies at a measured frequency") from None
-    load = force(scene).astype(complex)
-    response = np.array([one.solve(load) for one in factors])
+    solve = _solver(stiffness, s)
+    load = np.broadcast_to(force(scene)[:, None], (hertz.size, scene.dimension, 1))
+    response = solve(load.astype(complex))[..., 0]
     left = np.zeros((*response.shape, len(variations)), dtype=complex)
     for column, one in enumerate(variations):
         for beside, factor, _ in differences(one, scene, is_straight=False):
             pull = _applied(DynamicStiffness(beside), s, response)
             left[..., column] += factor * (force(beside) - pull)
-    slopes = left
-    if variations:
-        slopes = np.array([one.solve(each) for one, each in zip(factors, left, strict=True)])
+    slopes = solve(left) if variations else left
     predicted = []
     for series in data.series:
         amplitude = series.amplitude
@@ -163,13 +158,24 @@ def predict_response(
     return predicted
 
 
+def _solver(stiffness: DynamicStiffness, s: ComplexArray) -> Callable[[ComplexArray], ComplexArray]:
+    """Solutions of T(s) x = b for every s, shapes ``(n, d, k)``."""
+    try:
+        if not stiffness.is_sparse:
+            forms = np.stack([np.asarray(one) for one in stiffness.forms])
+            inverse = np.linalg.inv(np.tensordot(stiffness.symbols_over(s), forms, axes=1))
+            return lambda right: np.asarray(inverse @ right)
+        factors = [stiffness.factors(one) for one in s.tolist()]
+    except np.linalg.LinAlgError:
+        raise ValueError("a mode without damping lies at a measured frequency") from None
+    return lambda right: np.array([o.solve(b) for o, b in zip(factors, right, strict=True)])
+
+
 def _applied(stiffness: DynamicStiffness, s: ComplexArray, response: ComplexArray) -> ComplexArray:
     """T(s) q for every s, shape ``(n, d)``."""
-    symbols = np.array([stiffness.symbols(one) for one in s.tolist()])
     total = np.zeros_like(response)
-    for index, form in enumerate(stiffness.forms):
-        product = np.asarray(form @ response.T).T  # type: ignore[operator]
-        total += symbols[:, index, None] * product
+    for symbol, form in zip(stiffness.symbols_over(s).T, stiffness.forms, strict=True):
+        total += symbol[:, None] * np.asarray(form @ response.T).T  # type: ignore[operator]
     return total
 
 

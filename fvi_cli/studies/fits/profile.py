@@ -123,41 +123,53 @@ def _others(
     value: float,
 ) -> tuple[Array, float] | None:
     """The point of least misfit with one parameter held, and its cost; None: there is none."""
-    rest = np.delete(np.arange(best.size), index)
     low, high = model.bounds
     point = near.copy()
-    point[index] = value
-    if at_best.jacobian is not None and rest.size:
+    if at_best.jacobian is not None:
         # the others follow, to first order
-        jacobian = at_best.jacobian
-        slope = -np.linalg.lstsq(jacobian[:, rest], jacobian[:, index], rcond=None)[0]
-        point[rest] = np.clip(near[rest] + slope * (value - near[index]), low[rest], high[rest])
+        pushed = at_best.jacobian[:, index] * (value - near[index])
+        move = _followed(at_best.jacobian, pushed, point, index, (low, high))
+        point = np.clip(near + move, low, high)
+    point[index] = value
     try:
         now = model.evaluate(point)
     except ValueError:
         return None
     for _ in range(MOST_STEPS):
-        if now.jacobian is None or not rest.size:
+        if now.jacobian is None:
             break
-        move = np.asarray(
-            -np.linalg.lstsq(now.jacobian[:, rest], now.residuals, rcond=None)[0], dtype=np.float64
-        )
-        gain = float(-move @ (now.jacobian[:, rest].T @ now.residuals))
+        move = _followed(now.jacobian, now.residuals, point, index, (low, high))
+        gain = float(-move @ (now.jacobian.T @ now.residuals))
         if gain <= ALMOST * max(now.cost - at_best.cost, 0.0) + 1e-12 * now.cost:
             # so close to the end the misfit is a parabola
-            point[rest] = np.clip(point[rest] + move, low[rest], high[rest])
-            return point, now.cost - gain
-        better = _step(model, point, rest, move, now.cost, (low, high))
+            return np.clip(point + move, low, high), now.cost - gain
+        better = _step(model, point, move, now.cost, (low, high))
         if better is None:
             break
         point, now = better
     return point, now.cost
 
 
+def _followed(
+    jacobian: Array, residuals: Array, point: Array, index: int, bounds: tuple[Array, Array]
+) -> Array:
+    """The step of Gauss and Newton of all parameters but one; those at a bound stay there."""
+    free = np.delete(np.arange(point.size), index)
+    move = np.zeros(point.size)
+    while free.size:
+        move[:] = 0.0
+        move[free] = -np.linalg.lstsq(jacobian[:, free], residuals, rcond=None)[0]
+        outwards = (point <= bounds[0]) & (move < 0) | (point >= bounds[1]) & (move > 0)
+        if not outwards.any():
+            break
+        free = free[~outwards[free]]
+        move[:] = 0.0
+    return move
+
+
 def _step(
     model: MotionModel,
     point: Array,
-    rest: NDArray[np.intp],
     move: Array,
     cost: float,
     bounds: tuple[Array, Array],
@@ -165,8 +177,7 @@ def _step(
     """A point in this direction with less misfit; None: there is none."""
     share = 1.0
     while share > 1e-3:
-        trial = point.copy()
-        trial[rest] = np.clip(point[rest] + share * move, bounds[0][rest], bounds[1][rest])
+        trial = np.clip(point + share * move, *bounds)
         try:
             after = model.evaluate(trial)
         except ValueError:

@@ -74,6 +74,11 @@ class DynamicStiffness:
         """What stands before every matrix, shape ``(number of matrices,)``."""
         return np.array([symbol(s) for symbol in self._symbols], dtype=complex)
 
+    def symbols_over(self, s: ComplexArray) -> ComplexArray:
+        """The same at n places, shape ``(n, number of matrices)``."""
+        found = [np.broadcast_to(symbol(cast(complex, s)), s.shape) for symbol in self._symbols]
+        return np.stack(found, axis=-1).astype(complex)
+
     def slopes(self, s: complex) -> ComplexArray:
         """Derivatives of the symbols."""
         step = SLOPE_STEP * abs(s)

@@ -1,0 +1,94 @@
+"""Measurements that nobody made: ``python -m benchmarks.fit_data`` writes them.
+
+A decay, ``2 x'' + 0.9 D^0.62 x + 30 x = 0`` with x(0) = 0.03 and x'(0) = 0, by inverting its
+Laplace transform with mpmath, at irregular times with normal noise of standard deviation 0.0004.
+And accelerations of a mass of 4 on a rubber mount under harmonic forces, from the complex modulus
+of the mount by the formula of Cole and Cole, with noise of 0.002 in both parts. Nothing of the
+package takes part; the generator of the noise is written out here.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import mpmath
+
+MASS, STIFFNESS, ORDER, COEFFICIENT, START = 2.0, 30.0, 0.62, 0.9, 0.03
+DEVIATION, NUMBER, LAST = 0.0004, 160, 8.0
+MOUNTED, RELAXED, UNRELAXED, MOUNT_ORDER, MOUNT_TIME = 4.0, 1.0e4, 8.0e4, 0.6, 0.005
+MOUNT_DEVIATION, FREQUENCIES, LOWEST, HIGHEST = 0.002, 80, 2.0, 80.0
+CONFIGS = Path(__file__).parents[1] / "configs"
+
+
+def position(time: float) -> float:
+    """The exact motion, 30 digits in between."""
+    with mpmath.workdps(30):
+
+        def transform(s: mpmath.mpc) -> mpmath.mpc:
+            damping = COEFFICIENT * s ** mpmath.mpf(ORDER)
+            return START * (MASS * s + damping / s) / (MASS * s**2 + damping + STIFFNESS)
+
+        return float(mpmath.invertlaplace(transform, time, method="talbot", degree=60))
+
+
+def uniform_numbers(seed: int, count: int) -> list[float]:
+    """Numbers between 0 and 1 by Park and Miller's generator."""
+    found = []
+    for _ in range(count):
+        seed = 16807 * seed % 2147483647
+        found.append(seed / 2147483647)
+    return found
+
+
+def normal_numbers(seed: int, count: int) -> Iterator[float]:
+    """Numbers of the normal distribution, by Box and Muller."""
+    drawn = iter(uniform_numbers(seed, 2 * count))
+    for one, other in zip(drawn, drawn, strict=True):
+        yield math.sqrt(-2.0 * math.log(one)) * math.cos(2.0 * math.pi * other)
+
+
+def acceleration(frequency: float) -> complex:
+    """Complex amplitude under a force of 1."""
+    s = 2j * cmath.pi * frequency
+    power = (s * MOUNT_TIME) ** MOUNT_ORDER
+    modulus = RELAXED + (UNRELAXED - RELAXED) * power / (1.0 + power)
+    return s**2 / (MOUNTED * s**2 + modulus)
+
+
+def decay() -> list[str]:
+    """Lines of the decay."""
+    drawn = iter(uniform_numbers(20_240_318, 3 * NUMBER))
+    lines = ["# free decay, see benchmarks/fit_data.py", "t,displacement"]
+    for index in range(NUMBER):
+        time = round((index + 0.8 * next(drawn) + 0.1) * LAST / NUMBER, 4)
+        one, other = next(drawn), next(drawn)
+        noise = math.sqrt(-2.0 * math.log(one)) * math.cos(2.0 * math.pi * other)
+        lines.append(f"{time:.4f},{position(time) + DEVIATION * noise:.6f}")
+    return lines
+
+
+def response() -> list[str]:
+    """Lines of the response."""
+    noise = normal_numbers(20_240_319, 2 * FREQUENCIES)
+    lines = ["# acceleration over force, see benchmarks/fit_data.py", "frequency,real,imaginary"]
+    for index in range(FREQUENCIES):
+        frequency = round(LOWEST * (HIGHEST / LOWEST) ** (index / (FREQUENCIES - 1)), 3)
+        exact = acceleration(frequency)
+        parts = [part + MOUNT_DEVIATION * next(noise) for part in (exact.real, exact.imag)]
+        lines.append(f"{frequency:.3f},{parts[0]:.5f},{parts[1]:.5f}")
+    return lines
+
+
+def main() -> None:
+    """Write the files."""
+    for name, lines in (("fit-decay", decay()), ("fit-response", response())):
+        path = CONFIGS / f"{name}.csv"
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        print(path)
+
+
+if __name__ == "__main__":
+    main()
