@@ -92,8 +92,8 @@ def entries_of(scene: Scene) -> dict[str, Entry]:
             numbers |= {"rates": rates, "weights": weights}
         else:
             numbers |= vars(law.kernel)
-        for name, number in numbers.items():
-            add(f"laws.{index}.{name}", number, partial(_with_law, scene, index, name))
+        for name, numeral in numbers.items():
+            add(f"laws.{index}.{name}", numeral, partial(_with_law, scene, index, name))
     add("initial_position", scene.initial_position, partial(_with_position, scene))
     add("initial_velocity", scene.initial_velocity, partial(_with_velocity, scene))
     return {one.name: one for one in found}
@@ -113,8 +113,7 @@ def _with_parameter(scene: Scene, potential: ExpressionPotential, name: str, val
 
 
 def _with_term(scene: Scene, index: int, name: str, value: Array) -> Scene:
-    changed = value if value.ndim else float(value)
-    term = replace(scene.damping[index], **{name: changed})
+    term = _changed(scene.damping[index], name, value)
     return replace(scene, damping=_exchanged(scene.damping, index, term))
 
 
@@ -125,10 +124,15 @@ def _with_law(scene: Scene, index: int, name: str, value: Array) -> Scene:
         masses[:, int(name == "weights")] = value
         law = replace(law, kernel=Exponentials(masses=tuple(map(tuple, masses.tolist()))))
     elif name in ("size", "coefficient"):
-        law = replace(law, **{name: value if value.ndim else float(value)})
+        law = _changed(law, name, value)
     else:
-        law = replace(law, kernel=replace(cast(Any, law.kernel), **{name: float(value)}))
+        law = replace(law, kernel=_changed(law.kernel, name, value))
     return replace(scene, laws=_exchanged(scene.laws, index, law))
+
+
+def _changed(one: T, name: str, value: Array) -> T:
+    changes: dict[str, Any] = {name: value if value.ndim else float(value)}
+    return cast(T, replace(cast(Any, one), **changes))
 
 
 def _exchanged(every: tuple[T, ...], index: int, one: T) -> tuple[T, ...]:
