@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -22,26 +21,12 @@ from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.series.power_sum import POWER_SUM_FUNCTIONS, NotAPowerSum, PowerSum
 from fvi_cli.mathematics.transforms.characteristic import (
     CharacteristicFunction,
-    ZeroCluster,
     characteristic_zeros,
 )
-from fvi_cli.mathematics.transforms.fractional_oscillator import contour_response
-from fvi_cli.mathematics.transforms.oscillator_closed_forms import (
-    classical_response,
-    faddeeva_response,
-)
-from fvi_cli.scenes.relaxation.response import LawResponse, law_response
+from fvi_cli.scenes.relaxation.response import LinearResponse, law_response
 
-Route = Literal["classical", "faddeeva", "contour"]
-
-SOURCES: Mapping[Route, str] = {
-    "classical": "closed form (elementary functions)",
-    "faddeeva": "closed form (Faddeeva function)",
-    "contour": "characteristic roots and branch-cut integral",
-}
-
-# Elementary functions are good to round-off, SciPy's Faddeeva function to 1e-13 of its modulus.
-_LARGEST_CANCELLATION: Mapping[Route, float] = {"classical": 50.0, "faddeeva": 4.0}
+SOURCE = "characteristic roots and branch-cut integral"
+"""Where exact solutions come from, in words, for tables."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,70 +45,6 @@ class ExactSolution:
     source: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class LinearResponse:
-    r"""Solution x(t) of :math:`m x'' + \sum_j \mu_j D^{\gamma_j} x + k x = f(t)`.
-
-    Parameters
-    ----------
-    characteristic
-        The left-hand side.
-    inputs
-        Pairs (start, N): from `start` on, the response with transform N(s)/P(s) is added; N maps
-        powers of s to coefficients.
-    route
-        ``classical`` and ``faddeeva`` are closed forms where the orders allow them, at times where
-        they do not cancel; everything else is done by the ``contour`` round the branch cut.
-    zeros
-        Zeros of the characteristic function.
-    """
-
-    characteristic: CharacteristicFunction
-    inputs: tuple[tuple[float, Mapping[float, float]], ...]
-    route: Route
-    zeros: tuple[ZeroCluster, ...]
-
-    @property
-    def source(self) -> str:
-        """The route in words."""
-        return SOURCES[self.route]
-
-    def __call__(self, time: Array) -> Array:
-        """The position at `time`, same shape; not finite where it exceeds the range of doubles."""
-        time = np.asarray(time, dtype=float)
-        if np.any(time < 0):
-            raise ValueError("time: negative times are not allowed")
-        total = np.zeros(time.shape)
-        for start, numerator in self.inputs:
-            chosen = time >= start
-            if numerator and np.any(chosen):
-                with np.errstate(over="ignore", invalid="ignore"):
-                    total[chosen] += self._response(numerator, time[chosen] - start)
-        return total
-
-    def _response(self, numerator: Mapping[float, float], time: Array) -> Array:
-        closed = None
-        if self.route == "classical":
-            closed = classical_response(self.characteristic, numerator, time)
-        elif self.route == "faddeeva":
-            closed = faddeeva_response(self.characteristic, numerator, time)
-        if closed is None:
-            return contour_response(self.characteristic, self.zeros, numerator, time)
-        values, size = closed
-        # The sum of the moduli says what rounding has done to the sum; the largest value up to
-        # then is what it is held against, for a response may grow.
-        order = np.argsort(time, axis=None)
-        largest = np.empty(time.size)
-        largest[order] = np.fmax.accumulate(np.abs(values).ravel()[order])
-        doubtful = ~(size <= _LARGEST_CANCELLATION[self.route] * largest.reshape(time.shape))
-        doubtful |= ~np.isfinite(values)
-        if np.any(doubtful):
-            values[doubtful] = contour_response(
-                self.characteristic, self.zeros, numerator, time[doubtful]
-            )
-        return values
-
-
 def linear_response(
     *,
     mass: float,
@@ -133,9 +54,8 @@ def linear_response(
     velocity: float = 0.0,
     forcing: tuple[tuple[float, PowerSum], ...] = (),
     derivative: Derivative = "caputo",
-    route: Route | None = None,
     laws: tuple[tuple[RelaxationKernel, float], ...] = (),
-) -> LinearResponse | LawResponse:
+) -> LinearResponse:
     r"""Exact solution of one linear equation.
 
     .. math:: X(s) = \frac{m (s x_0 + v_0) + \sum_j \mu_j (s^{\gamma_j-1} x_0
@@ -157,8 +77,6 @@ def linear_response(
     derivative
         ``caputo`` or ``riemann-liouville``; the latter with a position other than 0 only for
         orders up to 1.
-    route
-        Forced, for comparisons; by default the simplest that fits.
     laws
         Kernels of relaxation laws with their sizes.
 
@@ -192,17 +110,9 @@ def linear_response(
     inputs.insert(0, (0.0, {power: c for power, c in start.items() if c}))
     if laws:
         return law_response(characteristic, inputs, laws, position)
-    if route is None:
-        powers = [p for _, n in inputs for p in n] + [p for p, _ in characteristic.terms]
-        route = "contour"
-        if all(power == round(power) for power in powers):
-            route = "classical"
-        elif all(2 * power == round(2 * power) for power in powers):
-            route = "faddeeva"
     return LinearResponse(
         characteristic=characteristic,
         inputs=tuple(inputs),
-        route=route,
         zeros=characteristic_zeros(characteristic),
     )
 
@@ -261,12 +171,11 @@ def match_scene(scene: Scene) -> ExactSolution | None:
         )
     except (NotAPowerSum, ValueError, ArithmeticError):
         return None
-    sources = list(dict.fromkeys(response.source for response in responses))
 
     def exact(time: Array) -> Array:
         return np.stack([response(time) for response in responses], axis=-1) @ shapes.T
 
-    return ExactSolution(position=exact, source=", ".join(sources))
+    return ExactSolution(position=exact, source=SOURCE)
 
 
 def _add(numerator: dict[float, float], power: float, coefficient: float) -> None:

@@ -1,4 +1,4 @@
-"""Exact solutions of linear equations with relaxation laws."""
+"""Exact solutions of linear equations, with and without relaxation laws."""
 
 from __future__ import annotations
 
@@ -32,32 +32,33 @@ Inputs = Sequence[tuple[float, Mapping[float, float]]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class LawResponse:
-    r"""Solution x(t) of a linear equation with relaxation laws.
+class LinearResponse:
+    r"""Solution x(t) of a linear equation with constant coefficients.
 
     .. math:: m x'' + \sum_j \mu_j D^{\gamma_j} x + \sum_i g_i k_i * x' + k x = f(t)
 
     Parameters
     ----------
     characteristic
-        The left-hand side in powers of p = s + l, multiplied by the denominators of the laws.
+        The left-hand side in powers of p = s + l, multiplied by the denominators of laws.
     inputs
         Pairs (start, N): from `start` on, the response with transform N(p)/P(p) is added.
     zeros
-        Zeros of the characteristic sum.
+        Its zeros.
     decay
         l.
     """
 
-    characteristic: CharacteristicSum
+    characteristic: CharacteristicFunction | CharacteristicSum
     inputs: tuple[tuple[float, Mapping[float, float]], ...]
     zeros: tuple[ZeroCluster, ...]
-    decay: float
-    source: str = "characteristic roots and branch-cut integral"
+    decay: float = 0.0
 
     def __call__(self, time: Array) -> Array:
         """The position at `time`, same shape; not finite where it exceeds the range of doubles."""
         time = np.asarray(time, dtype=float)
+        if np.any(time < 0):
+            raise ValueError("time: negative times are not allowed")
         total = np.zeros(time.shape)
         for start, numerator in self.inputs:
             chosen = time >= start
@@ -78,7 +79,7 @@ def law_response(
     inputs: Inputs,
     laws: Sequence[tuple[RelaxationKernel, float]],
     position: float,
-) -> LawResponse:
+) -> LinearResponse:
     """The response of an equation with relaxation laws.
 
     Parameters
@@ -125,7 +126,7 @@ def law_response(
     if decay and any(zero.multiplicity > 1 for zero in zeros):
         # seen from -l zeros beside the axis are close together, and their residues cancel
         raise ValueError(f"laws: forgetting at {decay:g} is too far from the zeros")
-    return LawResponse(
+    return LinearResponse(
         characteristic=characteristic,
         inputs=tuple(changed),
         zeros=zeros,
