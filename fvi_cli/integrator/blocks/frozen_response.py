@@ -2,7 +2,7 @@ r"""A block of nonlinear steps as a fixed point, from the response of a frozen l
 
 With a constant matrix K in place of the Hessian of the potential the steps of a block are linear,
 and the equations of the block become a fixed point for what is left of the force at the quadrature
-points, :math:`N_i = \nabla V(X_i) - K X_i`:
+points, :math:`N_i = K (X_i - q) - \nabla V(X_i)`, q the position at its beginning:
 
 .. math:: X = X_\text{known} + P N(X),
 
@@ -12,23 +12,17 @@ with the Jacobian of the linear scene; it contracts like :math:`|V'' - K| (B h)^
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.potential import Potential
 from fvi_cli.integrator.blocks.history import BatchedChannel
 from fvi_cli.integrator.blocks.response import BlockResponse, LinearSystem, block_response
 from fvi_cli.integrator.equal_steps.problem import StepProblem
+from fvi_cli.integrator.steps.newton_blocks import FrozenLaw, fixed_point
 
 Array = NDArray[np.float64]
-
-ITERATION_LIMIT = 40
-TOLERANCE = 1e-16
-ROUND_OFF = 1e-14
-"""Changes that round-off alone may make."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,8 +33,10 @@ class BlockInputs:
     ----------
     known
         Force of older samples on each step, shape ``(n, m d)``.
+    origin
+        Position at the beginning, shape ``(d,)``.
     state
-        Position, momentum, carry and the number 1.
+        Way (zero at the beginning), momentum, carry and the number 1.
     moments
         Moments of known forces, shape ``(n, s + 1, d)``.
     remainder
@@ -48,6 +44,7 @@ class BlockInputs:
     """
 
     known: Array
+    origin: Array
     state: Array
     moments: Array
     remainder: Array
@@ -109,10 +106,8 @@ class FrozenResponse:
 
     Parameters
     ----------
-    problem, potential
-        The steps and what makes them nonlinear.
-    stiffness
-        K, shape ``(d, d)``.
+    problem, law
+        The steps; K, and what the force is beyond it.
     channels
         Weights for the lags inside of a block.
     largest
@@ -124,19 +119,18 @@ class FrozenResponse:
     def __init__(
         self,
         problem: StepProblem,
-        potential: Potential,
-        stiffness: Array,
+        law: FrozenLaw,
         channels: tuple[BatchedChannel, ...],
         largest: int,
         *,
         with_force: bool,
     ) -> None:
-        self._problem, self._potential, self._stiffness = problem, potential, stiffness
+        self._problem, self._law = problem, law
         self._largest, self._with_force = largest, with_force
         memory = problem.memory
         system = LinearSystem(
             mass=problem.scene.inertia.mass[None],
-            stiffness=stiffness[None],
+            stiffness=law.stiffness[None],
             channels=channels,
             tables=problem.tables,
             sample_matrix=memory.sample_matrix,
@@ -175,7 +169,7 @@ class FrozenResponse:
             outputs.append(part(response.force, size))
         outputs.append(part(response.carry, size)[-size:])
         by_value = np.kron(tables.test_weights, np.eye(d))
-        to_moments = np.asarray(-self._problem.step_size * by_value, dtype=float)
+        to_moments = np.asarray(self._problem.step_size * by_value, dtype=float)
         driven = points[:, count * size + n_state :].reshape(-1, count, width)
         self._made[count] = _Sized(
             known_points=points,
@@ -195,7 +189,8 @@ class FrozenResponse:
         joined = np.concatenate([inputs.known.ravel(), inputs.state, inputs.moments.ravel()])
         fixed = (sized.known_points @ joined).reshape(count, r, -1)
         guess = np.broadcast_to(inputs.remainder, fixed.shape)
-        found = self._iterate(sized, inputs, fixed, guess)
+        times = np.zeros((count, r))
+        found = fixed_point(self._law, sized.remainder_points, fixed, inputs.origin, times, guess)
         if found is None:
             return None
         remainder, changes = found
@@ -220,41 +215,3 @@ class FrozenResponse:
             remainder=remainder[-1, -1:],
             changes=tuple(changes),
         )
-
-    def _iterate(
-        self, sized: _Sized, inputs: BlockInputs, fixed: Array, remainder: Array
-    ) -> tuple[Array, list[float]] | None:
-        """The fixed point: what is left of the forces and how the points changed; None: none."""
-        matrix, d = sized.remainder_points, self._problem.scene.dimension
-        points = fixed + (matrix @ remainder.ravel()).reshape(fixed.shape)
-        origin = inputs.state[:d]
-        least = TOLERANCE * float(np.abs(points).max()) + 1e-16 * float(np.abs(origin).max())
-        changes: list[float] = []
-        for _ in range(ITERATION_LIMIT):
-            position = origin + points
-            remainder = self._potential.gradient(position) - position @ self._stiffness
-            moved = fixed + (matrix @ remainder.ravel()).reshape(fixed.shape)
-            change = float(np.abs(moved - points).max())
-            points = moved
-            changes.append(change)
-            if change <= least:
-                return remainder, changes
-            if len(changes) > 1:
-                # a Volterra equation contracts the better the longer it is iterated
-                rate = change / changes[-2]
-                if not rate <= 1.0:
-                    close = change <= ROUND_OFF / TOLERANCE * least
-                    return (remainder, changes) if close else None
-                if change * rate <= least:
-                    return remainder, changes
-            elif not math.isfinite(change):
-                return None
-        return None
-
-
-def frozen_stiffness(potential: Potential, position: Array) -> Array:
-    """Second derivatives of a potential, symmetric; zero where they are no numbers."""
-    stiffness = potential.hessian(position)
-    if not np.isfinite(stiffness).all():
-        stiffness = np.zeros_like(stiffness)
-    return np.asarray(0.5 * (stiffness + stiffness.T))

@@ -9,10 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.potential import Potential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import advanced
-from fvi_cli.integrator.blocks.frozen_response import BlockInputs, FrozenResponse, frozen_stiffness
+from fvi_cli.integrator.blocks.frozen_response import BlockInputs, FrozenResponse
 from fvi_cli.integrator.blocks.history import (
     BatchedChannel,
     GroupHistory,
@@ -22,24 +21,21 @@ from fvi_cli.integrator.blocks.history import (
 from fvi_cli.integrator.blocks.linear import known_moments
 from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem, noted
 from fvi_cli.integrator.equal_steps.stepping import Stepper
+from fvi_cli.integrator.steps.block_lengths import (
+    LARGEST_BLOCK,
+    LARGEST_DENSE,
+    LEAST_BLOCK,
+    LEAST_BLOCKS,
+    BlockLengths,
+)
+from fvi_cli.integrator.steps.dynamics import dynamics_of
+from fvi_cli.integrator.steps.newton_blocks import frozen_law
 from fvi_cli.integrator.steps.step import StepFailedError
 from fvi_cli.integrator.trajectory import NewtonRecord
 
 Array = NDArray[np.float64]
 
-LARGEST_BLOCK = 64
-LEAST_BLOCK = 4
-LARGEST_DENSE = 512
-"""Block times samples times components, at most."""
-LEAST_BLOCKS = 16
-"""Largest blocks in a run, at least."""
 BLOCKS_PER_GROUP = 8
-GROWING_ITERATIONS = 12
-"""After a block with at most as many the next one is twice as long."""
-PATIENCE = 16
-"""Blocks before a size that has failed is tried again."""
-REFRESH_AFTER = 150
-"""Iterations beyond four per block that pay for a new linear response."""
 
 
 def group_operations(place: int, count: int, memory: int) -> int:
@@ -87,17 +83,16 @@ def run_newton_blocks(problem: StepProblem) -> Stepped | None:
     """
     samples = problem.tables.sample_points.size
     largest = newton_block(problem.scene, samples, problem.n_steps)
-    potential = problem.scene.potential
-    if problem.scene.is_linear or potential is None or largest is None:
+    if problem.scene.is_linear or largest is None:
         return None
-    return _NewtonBlocks(problem, potential, largest).run()
+    return _NewtonBlocks(problem, largest).run()
 
 
 class _NewtonBlocks:
     """State and matrices of one run."""
 
-    def __init__(self, problem: StepProblem, potential: Potential, largest: int) -> None:
-        self._problem, self._potential = problem, potential
+    def __init__(self, problem: StepProblem, largest: int) -> None:
+        self._problem = problem
         memory, d = problem.memory, problem.scene.dimension
         self._largest, self._group = largest, largest * BLOCKS_PER_GROUP
         self._d, self._m = d, problem.tables.sample_points.size
@@ -122,8 +117,7 @@ class _NewtonBlocks:
             [problem.position, problem.momentum, memory.first_offset.ravel(), [1.0]]
         )
         self._lost = np.zeros(2 * d)
-        self._count = self._ceiling = largest
-        self._waiting, self._quiet, self._patience = 0, 0, LEAST_BLOCK
+        self._lengths = BlockLengths(largest)
         self._newton = NewtonRecord()
         self._remainder = np.zeros((1, d))
         self.operations = 0
@@ -144,7 +138,7 @@ class _NewtonBlocks:
                 advanced(done, n_steps)
                 if done % self._group == 0:
                     self._begin_group(done)
-                count = self._next_size(done)
+                count = self._lengths.trial(min(n_steps - done, self._group - done % self._group))
                 if count and self._block(done, count, positions, momenta, forces):
                     done += count
                 elif not count:
@@ -167,34 +161,6 @@ class _NewtonBlocks:
                 place = done % self._group
                 self.operations += min(place, self._reaches - 1) * self._size**2
         return self._stepped(positions, momenta, forces, done, failure)
-
-    def _next_size(self, done: int) -> int:
-        """Steps in the next block: as many as contract and fit; 0: a single step."""
-        if self._waiting:
-            self._waiting -= 1
-            return 0
-        count = min(self._count, self._group - done % self._group)
-        left = self._problem.n_steps - done
-        while count > left:
-            count //= 2
-        return count if count >= LEAST_BLOCK else 0
-
-    def _judge(self, count: int, iterations: int) -> None:
-        """Choose the size of later blocks from how one of `count` steps went (0: it did not)."""
-        if iterations == 0:
-            self._count, self._ceiling, self._quiet = count // 2, count // 2, PATIENCE
-            if self._count < LEAST_BLOCK:
-                # single steps for a while, longer after every vain attempt
-                self._count = self._ceiling = LEAST_BLOCK
-                self._waiting = self._patience
-                self._patience = min(2 * self._patience, self._group)
-            return
-        self._patience = LEAST_BLOCK
-        self._quiet = max(0, self._quiet - 1)
-        if self._quiet == 0:
-            self._ceiling = self._largest
-        if iterations <= GROWING_ITERATIONS and count == self._count:
-            self._count = min(2 * count, self._ceiling)
 
     def _begin_group(self, done: int) -> None:
         problem = self._problem
@@ -227,15 +193,21 @@ class _NewtonBlocks:
 
     def _freeze(self) -> None:
         """Linear response with the second derivatives at the state that is reached."""
+        problem = self._problem
         self._frozen = FrozenResponse(
-            self._problem,
-            self._potential,
-            frozen_stiffness(self._potential, self._state[: self._d]),
+            problem,
+            frozen_law(
+                dynamics_of(problem.scene),
+                self._state[: self._d],
+                self._state[self._d : 2 * self._d],
+                0.0,
+                problem.scene.inertia.mass,
+            ),
             self._channels,
             self._largest,
             with_force=self._with_force,
         )
-        self._excess = 0
+        self._lengths.renewed()
 
     def _block(
         self, done: int, count: int, positions: Array, momenta: Array, forces: Array | None
@@ -245,13 +217,14 @@ class _NewtonBlocks:
         found = self._frozen.attempt(
             BlockInputs(
                 known=self._known(done, count),
-                state=self._state,
+                origin=self._state[:d],
+                state=np.concatenate([np.zeros(d), self._state[d:]]),
                 moments=self._group_moments[place : place + count],
                 remainder=self._remainder,
             )
         )
         if found is None:
-            self._judge(count, 0)
+            self._lengths.failed(count)
             return False
         positions[done + 1 : done + count + 1] = self._state[:d] + found.path
         momenta[done + 1 : done + count + 1] = self._state[d : 2 * d] + found.momentum_path
@@ -263,9 +236,8 @@ class _NewtonBlocks:
         self._remainder = found.remainder
         self._newton = noted(self._newton, done, found.changes)
         self._count_operations(place, count)
-        self._judge(count, len(found.changes))
-        self._excess += len(found.changes) - 4
-        if self._excess > REFRESH_AFTER:
+        self._lengths.contracted(count, len(found.changes))
+        if self._lengths.is_stale:
             self._freeze()
         return True
 

@@ -6,25 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.run.loop import Course, Marker, Stepper
+from fvi_cli.integrator.steps.block_lengths import (
+    LARGEST_BLOCK,
+    LARGEST_DENSE,
+    LEAST_BLOCK,
+    LEAST_BLOCKS,
+    BlockLengths,
+)
 from fvi_cli.integrator.steps.block_memory import BlockMemory
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.steps.newton_blocks import FrozenBlocks, frozen_law
 from fvi_cli.integrator.steps.step import StepFailedError
 
 Array = NDArray[np.float64]
-
-LARGEST_BLOCK = 64
-LEAST_BLOCK = 4
-LARGEST_DENSE = 512
-"""Steps of a block times stages times components, at most."""
-LEAST_BLOCKS = 16
-"""Largest blocks in a stretch, at least."""
-GROWING_ITERATIONS = 12
-"""After a block with at most as many the next one is twice as long."""
-PATIENCE = 16
-"""Blocks before a size that has failed is tried again."""
-REFRESH_AFTER = 150
-"""Iterations beyond four per block that pay for a new linear response."""
 
 
 def newton_block(stages: int, dimension: int, n_steps: int, *, general: bool) -> int:
@@ -96,15 +90,11 @@ class NewtonStretch:
         velocities = np.empty((count, r, d))
         frozen = self._freeze(marker)
         remainder = np.zeros(2 * d if isinstance(self._solver.dynamics, General) else d)
-        size = ceiling = self._block
-        quiet, waiting, patience, excess, done = 0, 0, LEAST_BLOCK, 0, 0
-        failure = ""
+        lengths, done, failure = BlockLengths(self._block), 0, ""
         while done < count and not failure:
-            trial = 0 if waiting or frozen is None else size
-            while trial > count - done:
-                trial //= 2
+            trial = 0 if frozen is None else lengths.trial(count - done)
             found = None
-            if frozen is not None and trial >= LEAST_BLOCK:
+            if frozen is not None and trial:
                 found = frozen.attempt(
                     begin + (first + done) * self._h,
                     marker.position.value,
@@ -115,14 +105,9 @@ class NewtonStretch:
                     trial,
                 )
                 if found is None:
-                    size, ceiling, quiet = trial // 2, max(trial // 2, LEAST_BLOCK), PATIENCE
-                    if size < LEAST_BLOCK:
-                        # single steps for a while, longer after every vain attempt
-                        size, waiting = LEAST_BLOCK, patience
-                        patience = min(2 * patience, 512)
+                    lengths.failed(trial)
                     continue
             if found is None:
-                waiting = max(0, waiting - 1)
                 own = None if loads is None else loads[done]
                 failure = self._single(marker, begin, first + done, own, course)
                 if not failure:
@@ -142,16 +127,12 @@ class NewtonStretch:
             marker.unknowns = None
             done += trial
             marker.time = begin + (first + done) * self._h
-            remainder, patience = found.remainder, LEAST_BLOCK
+            remainder = found.remainder
             course.note(found.changes)
-            quiet = max(0, quiet - 1)
-            if quiet == 0:
-                ceiling = self._block
-            if len(found.changes) <= GROWING_ITERATIONS and trial == size:
-                size = min(2 * size, ceiling)
-            excess += len(found.changes) - 4
-            if excess > REFRESH_AFTER:
-                frozen, excess = self._freeze(marker) or frozen, 0
+            lengths.contracted(trial, len(found.changes))
+            if lengths.is_stale:
+                frozen = self._freeze(marker) or frozen
+                lengths.renewed()
         return positions[:done], momenta[:done], velocities[:done], failure
 
     def _freeze(self, marker: Marker) -> FrozenBlocks | None:

@@ -303,7 +303,7 @@ class FrozenBlocks:
         fixed = (sized.points @ inputs).reshape(count, r, -1)
         times = time + self._h * (np.arange(count)[:, None] + self._tables.points)
         guess = np.broadcast_to(remainder, fixed.shape)
-        found = self._iterate(sized, fixed, position, times, guess)
+        found = fixed_point(self._law, sized.response, fixed, position, times, guess)
         if found is None:
             return None
         left, changes = found
@@ -320,38 +320,57 @@ class FrozenBlocks:
             changes=tuple(changes),
         )
 
-    def _iterate(
-        self, sized: _Sized, fixed: Array, origin: Array, times: Array, remainder: Array
-    ) -> tuple[Array, list[float]] | None:
-        """The fixed point: what is left, and how the points changed; None: it does not contract."""
-        d, matrix = self._d, sized.response
-        points = fixed + (matrix @ remainder.ravel()).reshape(fixed.shape)
-        way = float(np.abs(points[..., :d]).max())
-        smallest = TOLERANCE * (way + float(np.abs(origin).max()))
-        largest = ROUND_OFF * (way + float(np.abs(origin).max()))
-        span = self._h * fixed.shape[0]
-        changes: list[float] = []
-        for _ in range(ITERATION_LIMIT):
-            remainder = self._law.remainder(
-                origin, points[..., :d], points[..., d:], times, remainder
-            )
-            moved = fixed + (matrix @ remainder.ravel()).reshape(fixed.shape)
-            moves = np.abs(moved - points)
-            change = float(moves[..., :d].max())
-            if self._law.has_rates:
-                # over the whole block a velocity counts as the way that it makes
-                change = max(change, span * float(moves[..., d:].max()))
-            points = moved
-            changes.append(change)
-            if change <= smallest:
+
+def fixed_point(
+    law: FrozenLaw, matrix: Array, fixed: Array, origin: Array, times: Array, remainder: Array
+) -> tuple[Array, list[float]] | None:
+    """What is left of the forces of a block, and how its points changed in each iteration.
+
+    Parameters
+    ----------
+    law
+        The linear scene, and what the other is beyond it.
+    matrix
+        From what is left at the points to ways (and velocities, where it depends on these).
+    fixed
+        The points without it, shape ``(n, r, w)``.
+    origin
+        Position at the beginning, shape ``(d,)``.
+    times
+        Of the points, shape ``(n, r)``.
+    remainder
+        Guess of what is left, as `fixed`.
+
+    Returns
+    -------
+    tuple, or None
+        None where the iteration does not contract.
+    """
+    d = origin.size
+    points = fixed + (matrix @ remainder.ravel()).reshape(fixed.shape)
+    size = float(np.abs(points[..., :d]).max()) + float(np.abs(origin).max())
+    smallest, largest = TOLERANCE * size, ROUND_OFF * size
+    span = float(times[-1, -1] - times[0, 0])
+    changes: list[float] = []
+    for _ in range(ITERATION_LIMIT):
+        remainder = law.remainder(origin, points[..., :d], points[..., d:], times, remainder)
+        moved = fixed + (matrix @ remainder.ravel()).reshape(fixed.shape)
+        moves = np.abs(moved - points)
+        change = float(moves[..., :d].max())
+        if law.has_rates:
+            # over the whole block a velocity counts as the way that it makes
+            change = max(change, span * float(moves[..., d:].max()))
+        points = moved
+        changes.append(change)
+        if change <= smallest:
+            return remainder, changes
+        if not math.isfinite(change):
+            return None
+        if len(changes) > 1:
+            # a Volterra equation contracts the better the longer it is iterated
+            rate = change / changes[-2]
+            if not rate <= 1.0:
+                return (remainder, changes) if change <= largest else None
+            if change * rate <= 0.1 * smallest:
                 return remainder, changes
-            if not math.isfinite(change):
-                return None
-            if len(changes) > 1:
-                # a Volterra equation contracts the better the longer it is iterated
-                rate = change / changes[-2]
-                if not rate <= 1.0:
-                    return (remainder, changes) if change <= largest else None
-                if change * rate <= 0.1 * smallest:
-                    return remainder, changes
-        return None
+    return None
