@@ -104,7 +104,7 @@ def _groups(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[li
 def goes_together(scene: Scene, method: AnyMethod, n_steps: int) -> bool:
     """Whether a scene may be one of a batch."""
     if isinstance(method, Method) and method.is_runge_kutta:
-        return side_by_side(scene, method) is not None
+        return side_by_side(scene, method, n_steps) is not None
     if not isinstance(method, Method) or not scene.is_linear:
         return False
     if method.history not in ("auto", "fft"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from unittest.mock import patch
 
@@ -12,6 +12,10 @@ import pytest
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.laws.cole_cole import fractional_zener
+from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.laws.prony import prony
+from fvi_cli.effects.laws.tempered import tempered
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches import march as march_module
 from fvi_cli.integrator.batches import memory as memory_module
@@ -306,3 +310,50 @@ def test_who_goes_together() -> None:
     # a break point on the grid or not: the mesh is the same for all that have it
     forced = springs(4, 0.5, forcing=FORCE)
     assert companions(forced, GAUSS2, 41) == [4] * 4
+
+
+def with_laws(count: int, make: Callable[[float], Law], *orders: float) -> list[Scene]:
+    rng = np.random.default_rng(9)
+    return [replace(one, laws=(make(rng.uniform(0.2, 2.0)),)) for one in springs(count, *orders)]
+
+
+LAWS: dict[str, Callable[[float], Law]] = {
+    "zener": lambda c: fractional_zener(
+        order=0.6, time=0.2 + 0.1 * c, relaxed=0.5, unrelaxed=2.0, coefficient=c
+    ),
+    "narrow": lambda c: fractional_zener(
+        order=0.9, time=0.3, relaxed=0.5, unrelaxed=2.0, coefficient=c
+    ),
+    "prony": lambda c: prony(moduli=[1.0, c], times=[0.2, 2.0], coefficient=1.0),
+    "tempered": lambda c: tempered(order=0.4, rate=1.5, coefficient=c),
+}
+
+
+@pytest.mark.parametrize("name", ["zener", "narrow", "prony", "tempered"])
+@pytest.mark.parametrize("orders", [(), (0.5, 1.5)])
+def test_laws_stand_side_by_side(name: str, orders: tuple[float, ...]) -> None:
+    scenes = with_laws(6, LAWS[name], *orders)
+    assert companions(scenes, GRADED3, 24) == [6] * 6
+    found = integrate_members(scenes, GRADED3, 24)
+    for one, scene in zip(found, scenes, strict=True):
+        alone = integrate(scene, GRADED3, 24)
+        assert np.abs(one.position - alone.position).max() < 1e-12
+    # to the last bit, whatever others are beside it
+    fewer = integrate_members(scenes[:4], GRADED3, 24)
+    assert np.array_equal(fewer[1].position, found[1].position)
+
+
+def test_laws_side_by_side_with_nonlinear_springs() -> None:
+    scenes = [replace(one, laws=(LAWS["zener"](1.0),)) for one in swings(17, 0.5)]
+    assert companions(scenes, GRADED3, 24) == [17] * 17
+    found = integrate_members(scenes, GRADED3, 24)
+    for one, scene in list(zip(found, scenes, strict=True))[:3]:
+        assert np.abs(one.position - integrate(scene, GRADED3, 24).position).max() < 1e-12
+
+
+def test_laws_with_rates_of_their_own_stand_apart() -> None:
+    scenes = [
+        *with_laws(4, LAWS["prony"]),
+        *with_laws(4, lambda c: prony(moduli=[1.0], times=[0.7], coefficient=c)),
+    ]
+    assert companions(scenes, GRADED3, 24) == [4] * 8

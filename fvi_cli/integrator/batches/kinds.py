@@ -6,11 +6,13 @@ from collections.abc import Hashable, Sequence
 
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.batches.memory import rates_of
 from fvi_cli.integrator.batches.potentials import formulas_of
 from fvi_cli.integrator.convolution.damping import directions_of
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.runge_kutta import mesh_for
 from fvi_cli.integrator.run.setup import linear_decoupling
 
 LARGEST_STEP = 24
@@ -22,9 +24,9 @@ FEWEST_NONLINEAR, STEPS_FOR_ONE_MORE = (16, 64), 64
 how many steps one more is needed."""
 
 
-def side_by_side(scene: Scene, method: Method) -> Hashable | None:
+def side_by_side(scene: Scene, method: Method, n_steps: int) -> Hashable | None:
     """What scenes have in common that are taken side by side; None: this one stands alone."""
-    if scene.lagrangian is not None or scene.is_sparse or scene.active_laws:
+    if scene.lagrangian is not None or scene.is_sparse:
         return None
     width, formulas = 1, None
     if isinstance(scene.potential, ExpressionPotential):
@@ -36,13 +38,16 @@ def side_by_side(scene: Scene, method: Method) -> Hashable | None:
     powers = None
     if method.start == "graded":
         powers = tuple(start_power(scene, at_start=at_start) for at_start in (True, False))
-    slots = int(bool(scene.active_damping))
+    slots = int(bool(scene.active_forces))
     if slots and scene.dimension > width:
         slots = len(directions_of(scene))
-    has_memory = any(term.order != 1 for term in scene.active_damping)
+    has_memory = bool(scene.active_laws) or any(term.order != 1 for term in scene.active_damping)
+    rates = None
+    if scene.active_laws:
+        rates = rates_of(scene, mesh_for(scene, method, n_steps), method.stages)
     return (
         *(scene.dimension, width, scene.final_time, scene.break_points),
-        *(formulas, powers, slots, has_memory),
+        *(formulas, powers, slots, has_memory, rates),
     )
 
 
@@ -58,7 +63,7 @@ def kinds_of(scenes: Sequence[Scene], method: Method, n_steps: int) -> list[list
     """Places of the scenes that are taken side by side; one place where a scene stands alone."""
     found: dict[Hashable, list[int]] = {}
     for index, scene in enumerate(scenes):
-        kind = side_by_side(scene, method)
+        kind = side_by_side(scene, method, n_steps)
         found.setdefault(("alone", index) if kind is None else kind, []).append(index)
     kinds: list[list[int]] = []
     for places in found.values():

@@ -1,6 +1,7 @@
 r"""The damping of systems side by side.
 
-All systems share the rates of the sum of exponentials, whatever their orders are, and with them
+All systems share the rates of the sum of exponentials, whatever their orders are (laws with rates
+of their own stand beside laws with the same), and with them
 the tables of a block of steps: what they differ in is the weight of every state in their force.
 Within a block the force of its earlier steps comes of the lags of the convolution, behind it the
 states have what the block did.
@@ -16,9 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.batches.systems import Systems, Terms
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.batches.systems import Remembered, Systems, Terms, kernels_of
 from fvi_cli.integrator.convolution.kernel import Kernel, power_kernel
 from fvi_cli.integrator.convolution.stages import BlockKernel, StageOperator, StepKernel, block_of
+from fvi_cli.integrator.meshes.mesh import Mesh
 
 Array = NDArray[np.float64]
 
@@ -28,18 +31,35 @@ _EXTREME = 1.0 - 2.0**-40
 
 
 def rates_and_weights(
-    exponent: float, *, shortest_step: float, n_steps: float, final_time: float, stages: int
+    one: Remembered, *, shortest_step: float, n_steps: float, final_time: float, stages: int
 ) -> tuple[Array, Array]:
-    """Rates that are the same for all exponents, and the weights of one, each of shape ``(J,)``."""
+    """Rates that are the same for all exponents, and the weights of one, each of shape ``(J,)``.
+
+    Kernels of laws may have rates of their own, which are then those of the exponents beside them.
+    """
+    term, kernels = one
+    every = (-_EXTREME, *((term,) if isinstance(term, float) else ()), *kernels, _EXTREME)
     kernel = power_kernel(
-        (-_EXTREME, exponent, _EXTREME),
+        every,
         shortest_step=shortest_step,
         final_time=final_time,
         stages=stages,
         steps=n_steps,
         accuracy=1e-14,
     )
-    return kernel.rates, kernel.weights[1]
+    return kernel.rates, kernel.weights[every.index(term)]
+
+
+def rates_of(scene: Scene, mesh: Mesh, stages: int) -> bytes:
+    """What scenes with laws have in common that share their states: all rates on a mesh."""
+    rates, _ = rates_and_weights(
+        (_SOME_EXPONENT, kernels_of(scene)),
+        shortest_step=mesh.shortest_step,
+        n_steps=mesh.equivalent_steps,
+        final_time=scene.final_time,
+        stages=stages,
+    )
+    return rates.tobytes()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,17 +119,17 @@ class SideDamping:
         self._blocks: dict[tuple[float, int], BlockKernel] = {}
         if systems.has_memory:
             found = {
-                exponent: rates_and_weights(
-                    exponent,
+                one: rates_and_weights(
+                    one,
                     shortest_step=shortest_step,
                     n_steps=n_steps,
                     final_time=final_time,
                     stages=self._m,
                 )
-                for exponent in {term[0] for slot in systems.slots for term in slot.terms}
+                for one in {term[0] for slot in systems.slots for term in slot.terms}
             }
             rates = next(iter(found.values()))[0].copy()
-            weights = {exponent: one[1] for exponent, one in found.items()}
+            weights = {one: own for one, (_, own) in found.items()}
             self._kernel = Kernel(
                 terms=(_SOME_EXPONENT,), rates=rates, weights=np.ones((1, rates.size))
             )
@@ -124,10 +144,10 @@ class SideDamping:
         """Number J of rates."""
         return 0 if self._kernel is None else self._kernel.n_states
 
-    def _weights_of(self, terms: Terms, weights: dict[float, Array]) -> Array:
+    def _weights_of(self, terms: Terms, weights: dict[Remembered, Array]) -> Array:
         total = np.zeros((self.n_states, self._q))
-        for exponent, places, factors in terms:
-            total[:, places] += weights[exponent][:, None] * factors
+        for one, places, factors in terms:
+            total[:, places] += weights[one][:, None] * factors
         return total
 
     def tables(self, step_size: float) -> SideTables:
@@ -155,8 +175,11 @@ class SideDamping:
 
     def _local(self, terms: Terms, step_size: float) -> Array:
         total = np.zeros((self._m, self._m, self._q))
-        for exponent, places, factors in terms:
-            block = step_size**exponent * self._operator.local_block(exponent)
+        for (term, _), places, factors in terms:
+            if isinstance(term, float):
+                block = step_size**term * self._operator.local_block(term)
+            else:
+                block = self._operator.law_block(term, step_size)
             total[..., places] += block[:, :, None] * factors
         return total
 
@@ -236,4 +259,4 @@ def _along(values: Array, directions: Array) -> Array:
     return np.asarray((values[:, :, None] * matrices).sum(axis=1))
 
 
-__all__ = ["SideDamping", "SideTables", "rates_and_weights"]
+__all__ = ["SideDamping", "SideTables", "rates_and_weights", "rates_of"]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.kinds import decoupling_of
 from fvi_cli.integrator.batches.memory import rates_and_weights
+from fvi_cli.integrator.batches.systems import kernels_of
 from fvi_cli.integrator.convolution.damping import directions_of
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
@@ -52,11 +53,11 @@ def plan_side_by_side(scene: Scene, method: Method, n_steps: int) -> SidePlan:
     mesh, decoupling = mesh_for(scene, method, n_steps), decoupling_of(scene)
     directions = directions_of(scene)
     coupled = scene.dimension // decoupling.batch
-    exponents = [term for one in directions for term in one.terms if isinstance(term, float)]
+    terms = [term for one in directions for term in one.terms]
     n_states = 0
-    if exponents:
+    if terms:
         rates, _ = rates_and_weights(
-            exponents[0],
+            (terms[0], kernels_of(scene)),
             shortest_step=mesh.shortest_step,
             n_steps=mesh.equivalent_steps,
             final_time=scene.final_time,

@@ -8,17 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.potentials import SidePotentials
 from fvi_cli.integrator.convolution.damping import Direction, directions_of
+from fvi_cli.integrator.convolution.kernel import Term
 from fvi_cli.integrator.decoupling import Decoupling
 
 Array = NDArray[np.float64]
 
-Terms = tuple[tuple[float, NDArray[np.intp], Array], ...]
-"""For each exponent the systems that have it and their factors."""
+Remembered = tuple[Term, tuple[RelaxationKernel, ...]]
+"""An exponent, or the kernel of a law, and all kernels of its scene, which shape the rates."""
+
+Terms = tuple[tuple[Remembered, NDArray[np.intp], Array], ...]
+"""For each of them the systems that have it and their factors."""
 
 WIDTH = 8
 """The number of systems is filled up to a multiple of it: then what vector instructions and matrix
@@ -34,7 +39,7 @@ class Slot:
     direction
         D, shape ``(e, e, q)``; None: it is one, and its number is in the factors (e = 1).
     terms
-        For each exponent :math:`1 - \gamma` the systems that have it and their factors.
+        For each exponent :math:`1 - \gamma` and kernel the systems that have it, and factors.
     rate
         Coefficients of the terms of order 1, shape ``(q,)``.
     relative
@@ -85,8 +90,8 @@ class Systems:
         return any(slot.terms for slot in self.slots)
 
 
-_Found = dict[float, dict[int, float]]
-"""Factors by exponent and system."""
+_Found = dict[Remembered, dict[int, float]]
+"""Factors by what is remembered, and system."""
 
 
 def filled(members: int, width: int) -> NDArray[np.intp]:
@@ -161,10 +166,10 @@ def _slots(pairs: Sequence[tuple[Scene, Decoupling]], width: int) -> tuple[Slot,
                 matrix = dense(one.matrix)
                 direction[..., place] = matrix
                 rate[place] = one.rate
-                _note(found, one, place, 1.0)
+                _note(found, one, place, 1.0, kernels_of(scene))
                 if one.is_relative:
                     start[:, place] = scene.initial_velocity @ matrix
-                    _note(relative, one, place, 1.0)
+                    _note(relative, one, place, 1.0, kernels_of(scene))
         slots.append(
             Slot(
                 direction=direction,
@@ -191,9 +196,9 @@ def _number(
             numbers = own.matrices(dense(one.matrix))[:, 0, 0]
             rate[part] += one.rate * numbers
             for place, number in zip(range(part.start, part.stop), numbers, strict=True):
-                _note(found, one, place, float(number))
+                _note(found, one, place, float(number), kernels_of(scene))
                 if one.is_relative:
-                    _note(relative, one, place, float(number))
+                    _note(relative, one, place, float(number), kernels_of(scene))
         velocity[part] = own.positions(scene.initial_velocity)[:, 0]
     return Slot(
         direction=None,
@@ -204,16 +209,31 @@ def _number(
     )
 
 
-def _note(found: _Found, one: Direction, place: int, number: float) -> None:
-    for exponent, factor in zip(one.terms, one.factors, strict=True):
-        if not isinstance(exponent, float):
-            raise ValueError("laws: scenes with relaxation laws stand alone")
-        own = found.setdefault(exponent, {})
+def kernels_of(scene: Scene) -> tuple[RelaxationKernel, ...]:
+    """The kernels of the laws of a scene, each once."""
+    return tuple(dict.fromkeys(law.kernel for law in scene.active_laws))
+
+
+def _note(
+    found: _Found,
+    one: Direction,
+    place: int,
+    number: float,
+    kernels: tuple[RelaxationKernel, ...],
+) -> None:
+    for term, factor in zip(one.terms, one.factors, strict=True):
+        own = found.setdefault((term, kernels), {})
         own[place] = own.get(place, 0.0) + factor * number
 
 
 def _terms(found: _Found) -> Terms:
     return tuple(
-        (exponent, np.fromiter(own, dtype=np.intp), np.array(list(own.values())))
-        for exponent, own in sorted(found.items())
+        (one, np.fromiter(own, dtype=np.intp), np.array(list(own.values())))
+        for one, own in sorted(found.items(), key=_order)
     )
+
+
+def _order(item: tuple[Remembered, dict[int, float]]) -> tuple[bool, float, str]:
+    """Exponents by size, then laws: the same for a system, whatever others are beside it."""
+    (term, _), _ = item
+    return (False, term, "") if isinstance(term, float) else (True, 0.0, repr(term))

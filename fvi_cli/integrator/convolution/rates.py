@@ -17,6 +17,8 @@ _END_ERROR = 20.0
 # densities that are singular nearer to the real axis than this have nodes crowded around there
 _WIDE = 0.55 * math.pi
 _BESIDE_PEAK = 3.0
+# by so much at a time are ends moved for a peak: laws that differ a little have the same rates
+_ROOM = 2.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,10 +97,12 @@ def rate_rule(
     peaks
         Logarithms at which densities bend, and how far from the real axis they are singular there.
     """
-    first = min([first, *(place - _BESIDE_PEAK for place, _ in peaks)])
-    last = max([last, *(place + _BESIDE_PEAK for place, _ in peaks)])
+    below = max([0.0, *(first - place + _BESIDE_PEAK for place, _ in peaks)])
     # the rates themselves are a power of those beyond the shift from there on only
-    last = max(last, math.log(shift) + _BESIDE_PEAK) if shift else last
+    beyond = [place for place, _ in peaks] + ([math.log(shift)] if shift else [])
+    above = max([0.0, *(place + _BESIDE_PEAK - last for place in beyond)])
+    first -= _ROOM * math.ceil(below / _ROOM)
+    last += _ROOM * math.ceil(above / _ROOM)
     narrow = sorted({(place, size) for place, size in peaks if size < _WIDE})
     crowds = _Crowds(tuple((_u_of(place, first, last), size) for place, size in narrow))
     width = _width([1 - low for low, _ in ends], accuracy)
@@ -106,10 +110,10 @@ def rate_rule(
     cut = -math.log(accuracy) + 3.0
     tail = math.log(cut) + 0.5
     # the same for the powers of the density per logarithm, with two powers less above, merged
-    below = max(tail, math.log(cut / min(low for low, _ in ends)) + 0.5)
-    above = max(tail, math.log(cut / (2 - max(high for _, high in ends))) + 0.5)
+    under = max(tail, math.log(cut / min(low for low, _ in ends)) + 0.5)
+    over = max(tail, math.log(cut / (2 - max(high for _, high in ends))) + 0.5)
     origin, end = crowds.stretched(np.array([first - tail, last + tail]))
-    lowest, highest = crowds.stretched(np.array([first - below, last + above]))
+    lowest, highest = crowds.stretched(np.array([first - under, last + over]))
     n_below = math.ceil((origin - lowest) / width)
     n_middle = math.ceil((end - origin) / width)
     n_above = math.ceil((highest - end) / width)

@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 
 MATRICES_KEPT = 128
 """Step sizes whose matrices are kept; adaptive runs take a few dozen."""
+UNKNOWNS_KEPT = 2**20
+"""Unknowns of their steps, at most: factors of large structures take a kilobyte for each of them."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -103,13 +105,15 @@ class Stepper:
         tables = solver.tables
         self._basis = lobatto_basis(tables.degree)
         self._control = tables.control_points
+        size = tables.degree * solver.dynamics.dimension
+        self._most_kept = max(8, min(MATRICES_KEPT, UNKNOWNS_KEPT // size))
 
     def matrices(self, step_size: float) -> StepMatrices:
         """Matrices of a step size, made once while it is in use."""
         found = self._kept.get(step_size)
         if found is None:
             found = self._kept[step_size] = self.solver.matrices(step_size)
-            if len(self._kept) > MATRICES_KEPT:
+            if len(self._kept) > self._most_kept:
                 self._kept.popitem(last=False)
         else:
             self._kept.move_to_end(step_size)
