@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 MATRICES_KEPT = 128
 """Step sizes whose matrices are kept; adaptive runs take a few dozen."""
 UNKNOWNS_KEPT = 2**20
-"""Unknowns of their steps, at most: factors of large structures take a kilobyte for each of them."""
+"""Unknowns of their steps, at most: factors of large structures take a kilobyte for each."""
 
 
 @dataclass(kw_only=True, eq=False)
