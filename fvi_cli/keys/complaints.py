@@ -94,7 +94,11 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     """``; did you mean 'x'?`` for the nearest known word, or nothing."""
     names = list(known)
     by_case = {name.lower(): name for name in names}
-    nearest = difflib.get_close_matches(word.lower()[:LONGEST_EXCERPT], by_case, n=1)
+    short = word.lower()[:LONGEST_EXCERPT]
+    nearest = difflib.get_close_matches(short, by_case, n=1)
+    if not nearest and len(short) > 3:
+        # euler: explicit-euler
+        nearest = [name for name in by_case if short in name][:1]
     return f"; did you mean {by_case[nearest[0]]!r}?" if nearest else ""
 
 

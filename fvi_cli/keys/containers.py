@@ -29,11 +29,16 @@ class ListOf:
     def read(self, at: Cursor) -> Any:
         """A list."""
         if not isinstance(at.node, ListNode):
-            return at.needs(self.expected)
+            return at.needs(self.expected, self._meant(at))
         items = at.items()
         if not self.least <= len(items) <= self.most:
             return at.refuse(f"{len(items)} entries; there must be {self.least} to {self.most}")
         return [self.shape.read(item) for item in items]
+
+    def _meant(self, at: Cursor) -> str:
+        """How something that would do as an entry is written; else nothing."""
+        word = at.word_for(self.shape)
+        return f"; write [{word}]" if word and f"[{word}]" != self.example else ""
 
     def schema(self) -> Schema:
         """The shape in JSON schema."""

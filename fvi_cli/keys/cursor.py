@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from fvi_cli.keys.complaints import Complaints, KeyPath, excerpt
 from fvi_cli.keys.nodes import (
@@ -41,6 +43,13 @@ def is_complete(value: object) -> bool:
     return value is not INVALID
 
 
+class Readable(Protocol):
+    """What reads what stands at a place."""
+
+    def read(self, at: Cursor) -> Any:
+        """The value, or INVALID with complaints."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cursor:
     """A place in a tree.
@@ -74,9 +83,9 @@ class Cursor:
         self.complaints.add(place, (*self.path, name), message)
         return INVALID
 
-    def needs(self, expected: str) -> Missing:
-        """Complain that something else is needed."""
-        return self.refuse(needed(self.node, expected))
+    def needs(self, expected: str, hint: str = "") -> Missing:
+        """Complain that something else is needed, and how what stands here would be written."""
+        return self.refuse(f"{needed(self.node, expected)}{hint}")
 
     def items(self) -> list[Cursor]:
         """The entries of the list that stands here; none where there is no list."""
@@ -99,10 +108,38 @@ class Cursor:
         """Whether a mapping with this key stands here."""
         return isinstance(self.node, MappingNode) and name in self.node.entries
 
+    def word_for(self, shape: Readable) -> str:
+        """The number or word that stands here, where a shape takes it; else nothing."""
+        node, trial = self.node, replace(self, complaints=Complaints())
+        if not isinstance(node, ScalarNode) or node.value is None:
+            return ""
+        fits = shape.read(trial) is not INVALID and not len(trial.complaints)
+        return node.text if fits else ""
+
     @property
     def scalar(self) -> Any:
         """The value of a word, number or text; None for anything else."""
         return self.node.value if isinstance(self.node, ScalarNode) else None
+
+
+def _number_before(text: str) -> str:
+    """What to write for a fraction, a percentage, or a number with a unit."""
+    found = _WITH_MORE.fullmatch(text.strip())
+    if found is None:
+        return ""
+    number, over, unit = found.groups()
+    if over is not None:
+        return f"; write {float(number) / float(over):.15g}" if float(over) else ""
+    if unit == "%":
+        return f"; write {float(number) / 100:.15g}"
+    if unit in ("°", "deg"):
+        return f"; angles are in radians: write {math.radians(float(number)):.15g}"
+    return f"; numbers have no unit: write {number}"
+
+
+_WITH_MORE: Final = re.compile(
+    r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:/\s*(\d+\.?\d*)|(%|°|[a-zA-Zµ][\w/^*²³-]*))"
+)
 
 
 def needed(node: Node, expected: str) -> str:
@@ -119,6 +156,6 @@ def _number_meant(node: Node) -> str:
     bare = node.text.replace("_", "").replace(",", ".").strip()
     value = read_scalar(bare)
     if isinstance(value, bool) or not isinstance(value, int | float):
-        return ""
+        return _number_before(node.text)
     comma = " with a decimal point" if "," in node.text else ""
     return f"; as a number it is written {excerpt(bare)}{comma}"

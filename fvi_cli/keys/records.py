@@ -86,12 +86,12 @@ class Record:
     def read(self, at: Cursor) -> Any:
         """A dict with every key that is given or has a default."""
         if not isinstance(at.node, MappingNode):
-            return at.needs(self.expected)
+            return at.needs(self.expected, self._meant(at))
         for name, under in at.entries():
             if name not in self.names:
                 at.refuse_key(name, self._unknown(name, under, at.node))
         values: dict[str, Any] = {}
-        if self.declares:
+        if self.declares and at.has(self.declares):
             at = replace(at, names=tuple(name for name, _ in at.under(self.declares).entries()))
         for key in self.keys:
             if at.has(key.name):
@@ -102,6 +102,12 @@ class Record:
             elif key.default is not OPTIONAL:
                 values[key.name] = copied(key.default)
         return values
+
+    def _meant(self, at: Cursor) -> str:
+        """How a number or word is written where it fits under the first key; else nothing."""
+        first = self.keys[0]
+        word = at.word_for(first.shape)
+        return f"; write {{{first.name}: {word}}}" if word else ""
 
     def filled(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Plain values with the defaults of absent keys, in mappings below as well."""
@@ -208,7 +214,7 @@ class ByKind:
     def _of_any_kind(self) -> Record:
         """Every key of every kind, none of them required."""
         keys: dict[str, Key] = {}
-        refused: dict[str, Refusal] = {}
+        refused: dict[str, Refusal] = {"type": f"not a key: write {self.word}"}
         for record in self.kinds.values():
             refused.update(record.refused)
             for key in record.keys:

@@ -132,7 +132,8 @@ def panel_titles(experiments: Sequence[Experiment]) -> list[str]:
         if isinstance(problem, Problem) and problem.scene.laws:
             title = experiment.name
         elif isinstance(problem, Problem) and problem.scene.damping:
-            listed = ", ".join(fraction(term.order) for term in problem.scene.damping)
+            orders = dict.fromkeys(fraction(term.order) for term in problem.scene.damping)
+            listed = ", ".join(orders)
             title += rf", $\gamma = {listed}$"
         titles.append(title)
     return [

@@ -121,7 +121,9 @@ _KEYS: Final = (
 )
 _REFUSED: Final = {
     "methods": "not a key: write method",
-    "steps": "not a key: write ladder",
+    "steps": "not a key: write ladder: {steps: [16, 32, 64]}",
+    "tolerance": "not a key: write accuracy: {tolerance: 1e-8}",
+    "parameters": "not a key here: write it under problem",
     "plot": "not a key: write figures, such as figures: [convergence]",
     "plots": "not a key: write figures, such as figures: [convergence]",
     "figure": "not a key: write figures, such as figures: [convergence]",

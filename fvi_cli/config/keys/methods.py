@@ -127,7 +127,9 @@ _ENTRY: Final = Record(
         ),
     ),
     refused={
-        "order": "not a key: write bdf for the order of the BDF",
+        "order": "not a key: write bdf for the order of the BDF; Gauss of degree m has order 2 m",
+        "euler": "not a key: write baseline: explicit-euler or implicit-euler",
+        "gauss": "not a key: write rk: gauss, degree: 3",
         "cq": "not a key: write bdf: 1 to 6, or rk: gauss",
     },
 )

@@ -64,6 +64,7 @@ OUTPUT: Final = Key(
                 default=OPTIONAL,
             ),
         ),
+        refused=dict.fromkeys(("dt", "every", "interval"), "not a key: write step"),
     ),
     "Times at which a run is stored, whatever its steps: "
     f"{EXAMPLE}. Default: the points of the mesh. For Runge-Kutta methods.",
@@ -95,7 +96,8 @@ EVENTS: Final = Key(
                     default="any",
                 ),
                 Key("stop", Flag(), "End the run at the first of them.", default=False),
-            )
+            ),
+            refused={"terminal": "not a key: write stop", "function": "not a key: write when"},
         ),
         example="{rest: {when: vx, direction: falling}}",
     ),
@@ -119,7 +121,8 @@ IMPACTS: Final = Key(
                     "The velocity along the normal is reversed and multiplied by it, 0 to 1.",
                     default=1.0,
                 ),
-            )
+            ),
+            refused=dict.fromkeys(("e", "bounce"), "not a key: write restitution"),
         ),
         example="{floor: {when: x1, restitution: 0.8}}",
     ),
@@ -193,14 +196,16 @@ def read_observations(
             quantities[name] = found
     given_events = values.get("events")
     for name, one in given_events.items() if isinstance(given_events, Mapping) else ():
+        if not is_complete(one):
+            continue
         found = _expression(name, names, problem, at.under("events"), "when")
-        if found is not None and is_complete(one):
+        if found is not None:
             events[name] = Event(when=found, direction=one["direction"], stop=one["stop"])
     given_impacts = values.get("impacts")
     for name, one in given_impacts.items() if isinstance(given_impacts, Mapping) else ():
         under = at.under("impacts")
-        found = _expression(name, of_surfaces, problem, under, "when")
-        if found is None or not is_complete(one):
+        found = _expression(name, of_surfaces, problem, under, "when") if is_complete(one) else None
+        if found is None:
             continue
         if name in events:
             under.refuse_key(name, "is the name of an event already; take another")

@@ -11,6 +11,13 @@ from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 
 LONGEST_TEXT: Final = 10_000
 DEEPEST_NESTING: Final = 100
+_ADVICE: Final = {
+    "^²³": "; a power is written **, as in x**2",
+    "<>": "; what jumps is given in pieces, an event as a change of sign",
+    "=": "; give the difference of both sides",
+    "'": "; the velocity of x is vx, its acceleration ax",
+}
+"""By signs that people write."""
 _NO_OPERATOR: Final = re.compile(r"(?<![\w.])([\d.]+(?:[eE][-+]?\d+)?|\))\s*([A-Za-z_]\w*|\()")
 
 
@@ -27,7 +34,7 @@ def syntax_tree(text: str) -> ast.expr:
     if not text.strip():
         raise ExpressionError("empty; give a number or an expression")
     if forbidden := re.search(r"[^0-9A-Za-z_.+\-*/(),\s]", text, re.ASCII):
-        advice = "; a power is written **" if forbidden[0] == "^" else ""
+        advice = next((says for signs, says in _ADVICE.items() if forbidden[0] in signs), "")
         raise ExpressionError(f"{forbidden[0]!r} is not allowed{advice}", forbidden.start() + 1)
     nesting = 0
     for position, character in enumerate(text):
@@ -47,7 +54,9 @@ def syntax_tree(text: str) -> ast.expr:
             tree = ast.parse(source, mode="eval").body
     except SyntaxError as error:
         column = min(max((error.offset or 2) - 1, 1), len(text) + 1)
-        incomplete = ExpressionError("this is not a complete expression", column)
+        call = re.search(r"\b(sin|cos|tan|exp|log|sqrt)\s+(\w+)", text)
+        hint = f"; write {call[1]}({call[2]})" if call else ""
+        incomplete = ExpressionError(f"this is not a complete expression{hint}", column)
         raise _without_factor(text) or incomplete from None
     except (ValueError, RecursionError, MemoryError, OverflowError):
         raise ExpressionError("nested too deeply, or a number with too many digits") from None

@@ -24,6 +24,11 @@ _WRONG_AT_PROBLEM: Final[Mapping[str, Refusal]] = {
     "mu": "not a key: write damping: [{order: ..., coefficient: ...}]",
     "m": "not a key: write mass",
     "k": "not a key: write stiffness",
+    "T": "not a key: write final_time",
+    "end_time": "not a key: write final_time",
+    "initial_position": "not a key: write initial: {position: ...}",
+    "initial_velocity": "not a key: write initial: {velocity: ...}",
+    "force": "not a key: write forcing",
     "order": "not a key here: write damping: [{order: ..., coefficient: ...}]",
 }
 
