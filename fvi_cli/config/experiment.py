@@ -135,7 +135,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         members=() if members is None else members.members,
         accuracy=accuracy,
         fit=fit,
-        units=values["units"],
+        units=values.get("units", {}),
     )
     return ReadExperiment(resolved=resolved, experiment=experiment)
 

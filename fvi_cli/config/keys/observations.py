@@ -137,13 +137,13 @@ UNITS_KEY: Final = Key(
     Named(shape=Text(what="the name of a unit", longest=40), example="{length: mm, time: s}"),
     "Names of units that stand beside the axes of figures: of time, length, velocity, "
     "acceleration, momentum, energy, of coordinates and of quantities. Nothing is converted.",
-    default={},
+    default=OPTIONAL,
 )
 
 
 def check_units(values: Mapping[str, Any], problem: AnyProblem, at: Cursor) -> None:
     """Units must belong to something that is drawn."""
-    given, own = values["units"], values.get("quantities")
+    given, own = values.get("units"), values.get("quantities")
     coordinates = problem.coordinates if isinstance(problem, Problem) else ()
     known = (*UNITS, *coordinates, *(own if isinstance(own, Mapping) else ()))
     for name in given if isinstance(given, Mapping) else ():
