@@ -161,7 +161,7 @@ def forced_at_rest(random: Random) -> Drawn:
     )
 
     def known() -> Known:
-        times = scene.final_time * np.array([0.02, 0.11, 0.3])
+        times = scene.final_time * np.linspace(0.013, 0.4, 8)
         values = talbot_inverse(
             lambda s: (
                 frequency / ((s**2 + frequency**2) * (s**2 + coefficient * s**order + stiffness))

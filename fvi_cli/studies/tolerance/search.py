@@ -21,10 +21,17 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.studies.tolerance.differences import (
+    EPSILON,
+    FRACTIONAL,
+    NO_GAIN,
+    SAMPLED,
+    SMOOTH,
+    Gain,
     between_points,
     growth_of,
     on_other_mesh,
     on_same_mesh,
+    round_off,
 )
 from fvi_cli.studies.tolerance.runs import (
     MOST_KINKED_STEPS,
@@ -42,9 +49,9 @@ Array = NDArray[np.float64]
 MOST_ROUNDS: Final = 10
 FEW_DIGITS: Final = 5.0
 """Up to so many digits 6 stages are taken, 8 beyond."""
-LOOSE: Final = 50.0
+LOOSE: Final = 100.0
 POWER: Final = 1.3
-"""The error of the delivered run is about (local tolerance)^1.3 / 50, relative to the motion."""
+"""The error of the delivered run is below (local tolerance)^1.3 / 100, relative to the motion."""
 COARSEST: Final = 0.01
 """No local tolerance is larger than this share of the motion."""
 AIMED_AT: Final = 0.3
@@ -57,30 +64,31 @@ BY_ACCIDENT: Final = 0.2
 """Share of the tolerance that is demanded of an error that does not fall with the steps."""
 UNRELATED: Final = 0.3
 """Local tolerance of the run on an unrelated mesh, relative to the first one."""
-EPSILON: Final = float(np.finfo(float).eps)
 SENSITIVE: Final = 1e3
 """Differences that grow by more than this in a run make it unreliable."""
 MOST_PER_INTERVAL: Final = 64
+FAR: Final = 1e3
+"""Errors of so many tolerances are not mended by two stages more."""
+PER_HALVING: Final = 16.0
+"""What an error falls by when steps between samples are halved, after jumps of the slope."""
 SHORTER_START: Final = 1e-12
 """First step for motions that begin more steeply than usual, relative to T."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Round:
-    """A run with what another one says of its error: differences at times."""
+    """A run with what another one says of its error: differences at times, and shares of them."""
 
     run: Trajectory
     times: Array
     differences: Array
-    between: float
     line: str
+    at_points: float = math.inf
+    between: float = math.inf
 
     @property
     def estimate(self) -> float:
-        if self.run.status != "ok":
-            return math.inf
-        floor = 4 * EPSILON * self.amplitude
-        return max(float(self.differences.max()), self.between, floor)
+        return max(self.at_points, self.between) if self.run.status == "ok" else math.inf
 
     @property
     def amplitude(self) -> float:
@@ -226,8 +234,9 @@ class _Search:
         line = f"gauss{degree}, local tolerance {local:.2g}: {coarse.n_steps} steps"
         if coarse.status != "ok" or coarse.steps is None:
             return _failed(coarse, line)
+        gain = self._gain
         if forces.has_kinks:
-            fine = adaptive(degree + 2, UNRELATED * local)
+            fine, gain = adaptive(degree + 2, UNRELATED * local), NO_GAIN
             times, differences = on_other_mesh(coarse, fine)
             where = f"gauss{degree + 2} on {fine.n_steps} others"
         else:
@@ -236,26 +245,51 @@ class _Search:
             )
             times, differences = coarse.steps.time, on_same_mesh(coarse, fine)
             where = f"gauss{degree + 2} on the same"
-        if fine.status != "ok":
+        if fine.status != "ok" or fine.steps is None:
             return _failed(fine, line)
-        between = float(between_points(fine).max())
+        found = self._estimated(fine, times, differences, gain, f"{line}; {where}")
         doubts = (*coarse.doubts, *fine.doubts)
-        line += f"; {where} differs by {differences.max():.2g}, {between:.2g} between the points"
         if forces.is_steep and not forces.has_kinks:
             other = adaptive(degree + 1, UNRELATED * local)
             at, beside = on_other_mesh(other, fine)
             # neither is known to be the better one
             beside = 2.0 * beside
             doubts = (*doubts, *other.doubts)
-            line += f"; gauss{degree + 1} on {other.n_steps} others by {beside.max():.2g}"
+            line = f"{found.line}; gauss{degree + 1} on {other.n_steps} others: {beside.max():.2g}"
+            found = replace(found, line=line)
+            found = replace(found, at_points=max(found.at_points, float(beside.max())))
             if beside.max() > differences.max():
-                times, differences = at, beside
+                found = replace(found, times=at, differences=beside)
+        return replace(found, run=replace(fine, doubts=doubts, rejected=coarse.rejected))
+
+    @property
+    def _gain(self) -> Gain:
+        """What is known of two stages more on the same mesh."""
+        if knots_of(self.scene):
+            return SAMPLED
+        scene = self.scene
+        is_fractional = bool(scene.active_laws) or any(
+            not term.is_integer_order for term in scene.active_damping
+        )
+        return FRACTIONAL if is_fractional or scene.forcing is not None else SMOOTH
+
+    def _estimated(
+        self, fine: Trajectory, times: Array, differences: Array, gain: Gain, words: str
+    ) -> _Round:
+        """A run with its error by a worse one on the same mesh."""
+        if fine.steps is None:  # pragma: no cover - it was asked for
+            raise ValueError("tolerance: a run without its polynomials")
+        difference = float(differences.max())
+        at_points = max(gain.of(fine.steps) * difference, round_off(fine, difference))
+        between = float(between_points(self.scene, fine.steps).max())
+        told = f"{words} differs by {difference:.2g}: {at_points:.2g} at the points, "
         return _Round(
-            run=replace(fine, doubts=doubts, rejected=coarse.rejected),
+            run=fine,
             times=times,
             differences=differences,
+            at_points=at_points,
             between=between,
-            line=line,
+            line=f"{told}{between:.2g} between them",
         )
 
     def _on_samples(self, knots: tuple[float, ...]) -> Trajectory | None:
@@ -273,16 +307,11 @@ class _Search:
                 self._note(_failed(coarse, line))
                 return None
             fine = run_on(self.scene, degree + 2, mesh)
+            if fine.status != "ok":
+                return None
+            words = f"{line}; gauss{degree + 2} on the same"
             differences = on_same_mesh(coarse, fine)
-            between = float(between_points(fine).max())
-            line += f"; gauss{degree + 2} on the same differs by {differences.max():.2g}"
-            one = _Round(
-                run=fine,
-                times=coarse.steps.time,
-                differences=differences,
-                between=between,
-                line=f"{line}, {between:.2g} between the points",
-            )
+            one = self._estimated(fine, coarse.steps.time, differences, SAMPLED, words)
             self._note(one)
             if one.amplitude == 0.0 and self.relative is not None:
                 return self._ended(
@@ -293,10 +322,11 @@ class _Search:
             if one.estimate > STILL * before:
                 return None
             before = one.estimate
+            short = max(one.estimate / self.target(one.amplitude), 1.0)
             if degree < 6:
-                degree += 2
+                degree = min(6, degree + (2 if short < FAR else 4))
             else:
-                per_interval *= 2
+                per_interval *= 2 ** min(3, math.ceil(math.log(short, PER_HALVING)))
         return None
 
     def _given_up(self) -> Trajectory:
@@ -356,7 +386,6 @@ def _failed(run: Trajectory, line: str) -> _Round:
         run=run,
         times=np.zeros(1),
         differences=np.array([math.inf]),
-        between=math.inf,
         line=f"{line}; {run.status}: {run.message}",
     )
 
