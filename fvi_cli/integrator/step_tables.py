@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.lagrange import lobatto_basis
+from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
 
 Array = NDArray[np.float64]
 
@@ -58,6 +59,17 @@ class StepTables:
         full = np.einsum("i,ni,mi->nm", self.weights, self.slopes, self.slopes)
         return np.asarray(full[:-1, 1:])
 
+    @cached_property
+    def stage_basis(self) -> LagrangeBasis:
+        """The polynomials through values at two quadrature points or more."""
+        return LagrangeBasis(control_points=self.points)
+
+    @cached_property
+    def to_legendre(self) -> Array:
+        """From values at the quadrature points to Legendre coefficients, shape ``(r, r)``."""
+        legendre = np.polynomial.legendre.legvander(2.0 * self.points - 1.0, self.points.size - 1)
+        return np.asarray(np.linalg.inv(legendre))
+
     @property
     def test_weights(self) -> Array:
         r""":math:`b_i l_\nu(c_i)`, shape ``(s + 1, r)``."""
@@ -69,6 +81,7 @@ class StepTables:
         return self.sample_weights * self.sample_basis
 
 
+@lru_cache(maxsize=32)
 def step_tables(method: Method) -> StepTables:
     """Tables of `method`."""
     rule = method.rule.build()

@@ -13,7 +13,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.loads.panels import fine_rule, graded_edges, graded_rule
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables
-from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
+from fvi_cli.mathematics.lagrange import lobatto_basis
 
 Array = NDArray[np.float64]
 
@@ -59,9 +59,7 @@ class StepLoads:
         r = tables.points.size
         at_points = np.ones((1, method.degree + 1))
         if r > 1:
-            at_points = LagrangeBasis(control_points=tables.points).values(
-                self._basis.control_points
-            )
+            at_points = tables.stage_basis.values(self._basis.control_points)
         # from exact load vectors to those of the values of the L2 projection at the points
         self._projection = tables.test_weights @ (at_points / tables.weights[:, None])
 

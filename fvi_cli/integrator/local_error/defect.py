@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from fvi_cli.integrator.local_error.forces import PointForces, SceneForces
 from fvi_cli.integrator.local_error.stiff_modes import StiffModes
 from fvi_cli.integrator.step_tables import StepTables
-from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
+from fvi_cli.mathematics.lagrange import lobatto_basis
 
 Array = NDArray[np.float64]
 
@@ -81,9 +81,8 @@ class Between:
         self.places = np.sort(np.concatenate([stages, looked_at]))
         self._stages = np.searchsorted(self.places, stages)
         self._looked_at = np.searchsorted(self.places, looked_at)
-        self._from_stages = LagrangeBasis(control_points=stages).values(
-            self.places[self._looked_at]
-        )
+        self._from_stages = tables.stage_basis.values(self.places[self._looked_at])
+        self._through_stages = tables.stage_basis
         self._values = self._basis.values(self.places)[1:].T
         self._slopes = self._basis.derivatives(self.places)[1:].T
 
@@ -133,8 +132,7 @@ class Between:
 
     def interpolated(self, found: PointForces, places: Array) -> Array:
         """The polynomial through the forces at the stages, at other places, ``(n, d)``."""
-        basis = LagrangeBasis(control_points=self.places[self._stages])
-        return np.asarray(basis.values(places).T @ found.force[self._stages])
+        return np.asarray(self._through_stages.values(places).T @ found.force[self._stages])
 
     def mobility_of(self, path: StepPath) -> float:
         """Largest acceleration to forces that are 1 at most."""

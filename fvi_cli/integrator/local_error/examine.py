@@ -64,10 +64,8 @@ class Examiner:
     """
 
     def __init__(self, scene: Scene, tables: StepTables) -> None:
-        m = tables.points.size
-        values = np.polynomial.legendre.legvander(2.0 * tables.points - 1.0, m - 1)
         # Legendre coefficients of the velocity from U
-        self._tail = (np.linalg.inv(values) @ tables.slopes[1:].T)[-2:]
+        self._tail = (tables.to_legendre @ tables.slopes[1:].T)[-2:]
         self._forces = SceneForces(scene)
         self._stiff = stiff_modes(scene, m)
         self._between = Between(self._forces, tables, self._stiff)

@@ -34,7 +34,7 @@ from fvi_cli.integrator.run.runge_kutta import integrate_runge_kutta
 from fvi_cli.integrator.run.setup import RunSetup, prepare_run
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.steps.dynamics import General, dynamics_of
-from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
+from fvi_cli.mathematics.lagrange import lobatto_basis
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -168,11 +168,11 @@ class DenseMotion:
         total = np.zeros((steps.size, self.scene.dimension))
         if self.force is None:
             return total
-        points = self.shape.tables.points
-        if points.size == 1:
+        tables = self.shape.tables
+        if tables.points.size == 1:
             total -= self.force[steps, 0]
         else:
-            values = LagrangeBasis(control_points=points).values(tau)
+            values = tables.stage_basis.values(tau)
             total -= np.einsum("rk,krd->kd", values, self.force[steps])
         time = self.time(steps, tau)
         with np.errstate(all="ignore"):

@@ -85,6 +85,7 @@ def integrate_runge_kutta(
     diagnostics: Asked = NOTHING,
     with_steps: bool = False,
     checkpoints: RunKeeper | None = None,
+    prepared: RunSetup | None = None,
 ) -> Trajectory:
     """Integrate a scene over [0, T].
 
@@ -103,6 +104,9 @@ def integrate_runge_kutta(
     checkpoints
         Where the run may have a checkpoint, from which it goes on, and keeps one now and then;
         for steps on a given mesh.
+    prepared
+        What :func:`prepare_adaptive` gave for the same scene, method and first step: runs share
+        the matrices of step sizes that they have in common.
 
     Raises
     ------
@@ -114,7 +118,8 @@ def integrate_runge_kutta(
     keeps = with_steps or not diagnostics.is_empty
     sink = Sink(every=every, with_steps=keeps)
     if isinstance(steps, AdaptiveSteps):
-        setup, ended, finished, count = _adaptive(scene, method, steps, sink)
+        setup = prepared or prepare_adaptive(scene, method, steps)
+        ended, finished, count = _adaptive(setup, steps, sink)
         fresh_at = (0.0, *scene.break_points)
         ready = began
     else:
@@ -168,27 +173,43 @@ def _given(setup: RunSetup, mesh: Mesh, sink: Sink, checkpoints: RunKeeper | Non
     )
 
 
-def _adaptive(
-    scene: Scene, method: Method, steps: AdaptiveSteps, sink: Sink
-) -> tuple[RunSetup, _Ended, float, int]:
-    """Steps that are found on the way."""
+def prepare_adaptive(scene: Scene, method: Method, steps: AdaptiveSteps) -> RunSetup:
+    """What is ready before steps are found on the way, whatever their tolerance is.
+
+    Raises
+    ------
+    ValueError
+        If it is no Gauss method of degree 2 or more.
+    """
     if method.cq != "gauss" or method.degree < 2:
         raise ValueError(
             f"mesh: adaptive steps are for Gauss methods of degree 2 and more, not "
             f"for {method.case}"
         )
+    return prepare_run(
+        scene,
+        method,
+        shortest_step=_controller(scene, method, steps).shortest_step,
+        n_steps=MOST_SHORTEST,
+        bound=scene_bound(scene, scene.final_time / 1024),
+    )
+
+
+def _controller(scene: Scene, method: Method, steps: AdaptiveSteps) -> StepController:
     is_singular = start_power(scene, at_start=True) is not None
-    controller = StepController(
+    return StepController(
         steps,
         final_time=scene.final_time,
         breaks=scene.break_points,
         stages=method.degree,
         is_singular=is_singular or bool(scene.break_points),
     )
-    bound = scene_bound(scene, scene.final_time / 1024)
-    setup = prepare_run(
-        scene, method, shortest_step=controller.shortest_step, n_steps=MOST_SHORTEST, bound=bound
-    )
+
+
+def _adaptive(setup: RunSetup, steps: AdaptiveSteps, sink: Sink) -> tuple[_Ended, float, int]:
+    """Steps that are found on the way."""
+    scene = setup.scene
+    controller = _controller(scene, setup.method, steps)
     marker = first_marker(setup)
     sink.begin(0.0, marker.position.value, marker.momentum.value)
     course = march_adaptively(
@@ -197,7 +218,7 @@ def _adaptive(
         controller,
         Examiner(scene, setup.stepper.solver.tables),
         most_steps=steps.most_steps,
-        bound=bound,
+        bound=setup.bound,
     )
     count = len(course.sizes)
     if count:
@@ -219,7 +240,7 @@ def _adaptive(
         operations=count * per_step,
         doubts=tuple(course.doubts),
     )
-    return setup, ended, clock.perf_counter(), count
+    return ended, clock.perf_counter(), count
 
 
 def _trajectory(

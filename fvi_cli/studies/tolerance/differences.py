@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.mathematics.lagrange import LagrangeBasis
 
 Array = NDArray[np.float64]
 
@@ -51,9 +50,8 @@ def on_other_mesh(coarse: Trajectory, fine: Trajectory) -> tuple[Array, Array]:
 
 def between_points(scene: Scene, steps: RunSteps) -> Array:
     """Estimated largest error of the polynomial of every step of a run, a length."""
-    points, sizes = steps.tables.points, steps.step_size[:, None]
-    m = points.size
-    ends = LagrangeBasis(control_points=points).values([0.0, 1.0])
+    m, sizes = steps.tables.points.size, steps.step_size[:, None]
+    ends = steps.tables.stage_basis.values([0.0, 1.0])
     velocity = _velocity(scene, steps)
     reached = np.einsum("re,nrd->end", ends, steps.velocity)
     missed = np.stack([velocity[:-1], velocity[1:]]) - reached
@@ -66,7 +64,7 @@ def between_points(scene: Scene, steps: RunSteps) -> Array:
         # where the velocity is singular at an end, its value there says nothing
         fall = np.sqrt(np.minimum(1.0, np.where(before > 0, last / before, 1.0)))
     found = sizes * np.minimum(MEASURED * measured, last * fall / (2 * m + 1))
-    return np.where(np.isfinite(found), found, math.inf).max(axis=1)
+    return np.asarray(np.where(np.isfinite(found), found, math.inf).max(axis=1))
 
 
 @functools.cache
@@ -94,40 +92,21 @@ def _tails(steps: RunSteps) -> tuple[Array, Array]:
 
     They may fall unevenly, by parity above all, so that pairs are compared. Shapes ``(n, d)``.
     """
-    points = steps.tables.points
-    m = points.size
-    legendre = np.linalg.inv(np.polynomial.legendre.legvander(2.0 * points - 1.0, m - 1))
-    found = np.abs(np.einsum("kr,nrd->knd", legendre[-min(4, m) :], steps.velocity))
+    m = steps.tables.points.size
+    kept = steps.tables.to_legendre[-min(4, m) :]
+    found = np.abs(np.einsum("kr,nrd->knd", kept, steps.velocity))
     last = found[-2:].max(axis=0)
     return last, found[:-2].max(axis=0) if m > 2 else last
 
 
-@dataclass(frozen=True, kw_only=True)
-class Gain:
-    """By how much two stages more are better, at the points of a mesh.
-
-    Parameters
-    ----------
-    factor, least
-        The error falls to so many times the fall of the Legendre coefficients of the velocity, and
-        not below a share `least`; measured on random scenes.
-    """
-
-    factor: float
-    least: float
-
-    def of(self, steps: RunSteps) -> float:
-        """Share of the difference by which the better run may err."""
-        last, before = (one.max(axis=1) @ steps.step_size for one in _tails(steps))
-        fall = last / before if before > 0 else 1.0
-        return float(max(self.least, min(1.0, self.factor * fall)))
+def local_errors(steps: RunSteps) -> float:
+    """What all steps err by at their ends, but for a factor: the square of what is left out."""
+    last, _ = _tails(steps)
+    speed = np.abs(steps.velocity).max(axis=1) + 1e-300
+    return float(steps.step_size @ (last * np.minimum(1.0, last / speed)).max(axis=1)) + 1e-300
 
 
-NO_GAIN, SAMPLED = Gain(factor=1.0, least=1.0), Gain(factor=0.0, least=0.3)
-SMOOTH, FRACTIONAL = Gain(factor=2.0, least=0.03), Gain(factor=8.0, least=0.1)
-
-
-def round_off(run: Trajectory, difference: float) -> float:
+def round_off(run: Trajectory, difference: float, local: float) -> float:
     """What rounding in every step comes to at the end of a run, no more than the difference.
 
     It grows like the errors of the steps, the sum of which is compared with the difference of two
@@ -137,10 +116,7 @@ def round_off(run: Trajectory, difference: float) -> float:
     least = ROUNDED * EPSILON * amplitude
     if steps is None:
         return least
-    before = _tails(steps)[1].max(axis=1)
-    speed = np.abs(steps.velocity).max(axis=(1, 2)) + 1e-300
-    local = float(steps.step_size @ (before * np.minimum(1.0, before / speed)))
-    growth = max(1.0, AMPLIFIED * difference / (local + 1e-300))
+    growth = max(1.0, AMPLIFIED * difference / local)
     return max(least, min(difference, least * math.sqrt(steps.n_steps) * growth))
 
 

@@ -14,6 +14,8 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import ForcingQuadrature, Method
+from fvi_cli.integrator.run.runge_kutta import integrate_runge_kutta, prepare_adaptive
+from fvi_cli.integrator.run.setup import RunSetup
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.trajectory import Trajectory
 
@@ -35,20 +37,44 @@ def gauss(scene: Scene, degree: int) -> Method:
     return Method(cq="gauss", degree=degree, start="none", forcing_quadrature=rule)
 
 
-def adaptive_run(
-    scene: Scene,
-    degree: int,
-    local: float,
-    *,
-    points: tuple[float, ...] = (),
-    first_step: float | None = None,
-    most_steps: int = MOST_STEPS,
-) -> Trajectory:
-    """A run whose steps keep a local tolerance, a length, with its polynomials."""
-    steps = AdaptiveSteps(
-        tolerance=local, first_step=first_step, most_steps=most_steps, points=points
-    )
-    return integrate(scene, gauss(scene, degree), steps, with_steps=True)
+class AdaptiveRuns:
+    """Runs of one scene by one Gauss method, whose steps keep one local tolerance each.
+
+    Parameters
+    ----------
+    scene, degree
+        What is integrated, and the number of stages.
+    points
+        Further points of the mesh.
+    most_steps
+        A run with more steps than this fails.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        degree: int,
+        *,
+        points: tuple[float, ...] = (),
+        most_steps: int = MOST_STEPS,
+    ) -> None:
+        self._scene, self._method = scene, gauss(scene, degree)
+        self._points, self._most_steps = points, most_steps
+        self._prepared: dict[float | None, RunSetup] = {}
+
+    def run(self, local: float, first_step: float | None = None) -> Trajectory:
+        """A run with a local tolerance, a length, with its polynomials."""
+        steps = AdaptiveSteps(
+            tolerance=local,
+            first_step=first_step,
+            most_steps=self._most_steps,
+            points=self._points,
+        )
+        scene, method = self._scene, self._method
+        if first_step not in self._prepared:
+            self._prepared[first_step] = prepare_adaptive(scene, method, steps)
+        prepared = self._prepared[first_step]
+        return integrate_runge_kutta(scene, method, steps, with_steps=True, prepared=prepared)
 
 
 def run_on(scene: Scene, degree: int, mesh: Mesh) -> Trajectory:

@@ -8,7 +8,6 @@ mesh as well. Forces by samples have the samples as points of the mesh.
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -22,13 +21,9 @@ from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.studies.tolerance.differences import (
     EPSILON,
-    FRACTIONAL,
-    NO_GAIN,
-    SAMPLED,
-    SMOOTH,
-    Gain,
     between_points,
     growth_of,
+    local_errors,
     on_other_mesh,
     on_same_mesh,
     round_off,
@@ -36,10 +31,9 @@ from fvi_cli.studies.tolerance.differences import (
 from fvi_cli.studies.tolerance.runs import (
     MOST_KINKED_STEPS,
     MOST_STEPS,
-    adaptive_run,
+    AdaptiveRuns,
     knot_mesh,
     knots_of,
-    mesh_of_run,
     run_on,
 )
 from fvi_cli.studies.tolerance.scales import likely_amplitude
@@ -49,12 +43,22 @@ Array = NDArray[np.float64]
 MOST_ROUNDS: Final = 10
 FEW_DIGITS: Final = 5.0
 """Up to so many digits 6 stages are taken, 8 beyond."""
+ROUGHLY: Final = 100.0
+"""The first run aims at so many tolerances: it tells how loose the second one may be."""
+LEAST_GAIN: Final = 0.03
+"""Least share of a difference by which the better of two runs is thought to err."""
+SAMPLED_GAIN: Final = 0.3
+"""The same of two stages more on the samples of a record, where the slope of the force jumps."""
+CAUTION: Final = 10.0
+"""In what local errors tell of the errors of two runs."""
 LOOSE: Final = 100.0
 POWER: Final = 1.3
 """The error of the delivered run is below (local tolerance)^1.3 / 100, relative to the motion."""
 COARSEST: Final = 0.01
 """No local tolerance is larger than this share of the motion."""
-AIMED_AT: Final = 0.3
+STEEPNESS: Final = 1.25
+"""An error that is to fall by a factor takes a local tolerance smaller by this power of it."""
+AIMED_AT: Final = 0.2
 """Share of the tolerance at which a new local tolerance aims."""
 STILL: Final = 0.3
 """An error of more than this share of the one before has not fallen."""
@@ -80,9 +84,9 @@ class _Round:
     """A run with what another one says of its error: differences at times, and shares of them."""
 
     run: Trajectory
-    times: Array
-    differences: Array
     line: str
+    times: Array = field(default_factory=lambda: np.zeros(1))
+    differences: Array = field(default_factory=lambda: np.array([math.inf]))
     at_points: float = math.inf
     between: float = math.inf
 
@@ -148,6 +152,7 @@ class _Search:
     relative: float | None
     tell: Callable[[str], object]
     best: _Round | None = None
+    worst_since: float = 0.0
     lines: list[str] = field(default_factory=list)
     first_step: float | None = None
 
@@ -170,126 +175,86 @@ class _Search:
         self.lines.append(one.line)
         self.tell(one.line)
         if self.best is None or one.estimate < self.best.estimate:
-            self.best = one
+            self.best, self.worst_since = one, 0.0
+        elif one.run.status == "ok":
+            # a finer run that differs more tells that it was an accident
+            self.worst_since = max(self.worst_since, one.at_points)
 
     def _adaptively(self, forces: SceneForces, knots: tuple[float, ...]) -> Trajectory:
         guess = likely_amplitude(self.scene)
         target = self.target(guess)
         digits = math.log10(max(guess, 1e-300) / target) if target > 0 else 0.0
-        degree = 6 if digits <= FEW_DIGITS else 8
-        local = _first_local(target, guess)
+        degree = 8 if digits <= FEW_DIGITS else 10
+        local = _first_local(ROUGHLY * target, guess)
+        most_steps = MOST_KINKED_STEPS if forces.has_kinks else MOST_STEPS
+        runs = AdaptiveRuns(self.scene, degree, points=knots, most_steps=most_steps)
+        least_gain = 1.0 if forces.has_kinks or forces.is_steep else LEAST_GAIN
+        other: Trajectory | None = None
         before, still, failed, doubted = math.inf, 0, 0, False
         for _ in range(MOST_ROUNDS):
-            one = self._round(degree, local, forces, knots)
-            self._note(one)
-            amplitude = one.amplitude
-            if one.run.status != "ok":
+            run = runs.run(local, self.first_step)
+            words = f"gauss{degree}, local tolerance {local:.2g}: {run.n_steps} steps"
+            if run.status != "ok" or run.steps is None:
+                self._note(_Round(run=run, line=f"{words}; {run.status}: {run.message}"))
                 failed += 1
-                if failed > 2 or "most steps" in one.run.message:
+                if failed > 2 or "most steps" in run.message:
                     break
                 local *= 0.03
                 continue
+            one = self._compared(run, other, least_gain, words)
+            self._note(one)
+            amplitude = one.amplitude
             if amplitude == 0.0 and self.relative is not None:
                 return self._ended(
                     one, "refused", "relative: the motion stays at zero; give tolerance"
                 )
             target = self.target(amplitude)
-            if local > 2 * COARSEST * amplitude > 0:
-                local = COARSEST * amplitude
-                continue
-            if one.run.doubts and self.first_step is None and one.run.doubts[0][0] == 0.0:
+            if run.doubts and self.first_step is None and run.doubts[0][0] == 0.0:
                 self.first_step = SHORTER_START * self.scene.final_time
                 continue
             # what round-off makes of runs may agree by accident
             if one.estimate <= (target if still == 0 else BY_ACCIDENT * target):
-                if not one.run.doubts:
+                if not run.doubts:
                     return self._ended(one, "met", "")
                 if doubted:
                     break
                 doubted = True
-            factor = min(0.5, max(1e-5, (AIMED_AT * target / one.estimate) ** (1 / POWER)))
-            if one.estimate > STILL * before:
+            factor = max(1e-6, (AIMED_AT * target / max(one.between, 1e-300)) ** STEEPNESS)
+            if other is not None:
+                # the square of it, at the points
+                factor = min(factor, math.sqrt(AIMED_AT * target / max(one.at_points, 1e-300)))
+            if other is not None and one.estimate > STILL * before:
                 # a little may change nothing; what does not help either is round-off
                 still += 1
                 factor = min(factor, LEAP)
             if still > 2 or local <= 10 * EPSILON * amplitude:
                 break
-            before = one.estimate
-            local *= factor
+            before, other = one.estimate, run
+            local = min(UNRELATED * local, factor * local, COARSEST * amplitude or local)
         return self._given_up()
 
-    def _round(
-        self, degree: int, local: float, forces: SceneForces, knots: tuple[float, ...]
+    def _compared(
+        self, run: Trajectory, other: Trajectory | None, least_gain: float, words: str
     ) -> _Round:
-        """Runs for one local tolerance."""
-        most_steps = MOST_KINKED_STEPS if forces.has_kinks else MOST_STEPS
-        adaptive = functools.partial(
-            adaptive_run,
-            self.scene,
-            points=knots,
-            first_step=self.first_step,
-            most_steps=most_steps,
-        )
-        coarse = adaptive(degree, local)
-        line = f"gauss{degree}, local tolerance {local:.2g}: {coarse.n_steps} steps"
-        if coarse.status != "ok" or coarse.steps is None:
-            return _failed(coarse, line)
-        gain = self._gain
-        if forces.has_kinks:
-            fine, gain = adaptive(degree + 2, UNRELATED * local), NO_GAIN
-            times, differences = on_other_mesh(coarse, fine)
-            where = f"gauss{degree + 2} on {fine.n_steps} others"
-        else:
-            fine = run_on(
-                self.scene, degree + 2, mesh_of_run(coarse.steps, self.scene.break_points)
-            )
-            times, differences = coarse.steps.time, on_same_mesh(coarse, fine)
-            where = f"gauss{degree + 2} on the same"
-        if fine.status != "ok" or fine.steps is None:
-            return _failed(fine, line)
-        found = self._estimated(fine, times, differences, gain, f"{line}; {where}")
-        doubts = (*coarse.doubts, *fine.doubts)
-        if forces.is_steep and not forces.has_kinks:
-            other = adaptive(degree + 1, UNRELATED * local)
-            at, beside = on_other_mesh(other, fine)
-            # neither is known to be the better one
-            beside = 2.0 * beside
-            doubts = (*doubts, *other.doubts)
-            line = f"{found.line}; gauss{degree + 1} on {other.n_steps} others: {beside.max():.2g}"
-            found = replace(found, line=line)
-            found = replace(found, at_points=max(found.at_points, float(beside.max())))
-            if beside.max() > differences.max():
-                found = replace(found, times=at, differences=beside)
-        return replace(found, run=replace(fine, doubts=doubts, rejected=coarse.rejected))
-
-    @property
-    def _gain(self) -> Gain:
-        """What is known of two stages more on the same mesh."""
-        if knots_of(self.scene):
-            return SAMPLED
-        scene = self.scene
-        is_fractional = bool(scene.active_laws) or any(
-            not term.is_integer_order for term in scene.active_damping
-        )
-        return FRACTIONAL if is_fractional or scene.forcing is not None else SMOOTH
-
-    def _estimated(
-        self, fine: Trajectory, times: Array, differences: Array, gain: Gain, words: str
-    ) -> _Round:
-        """A run with its error by a worse one on the same mesh."""
-        if fine.steps is None:  # pragma: no cover - it was asked for
+        """A run with its error by a worse one on an unrelated mesh; None: there is none yet."""
+        if run.steps is None:  # pragma: no cover - it was asked for
             raise ValueError("tolerance: a run without its polynomials")
+        between = float(between_points(self.scene, run.steps).max())
+        if other is None or other.steps is None:
+            return _Round(run=run, between=between, line=f"{words}, {between:.2g} between points")
+        times, differences = on_other_mesh(other, run)
         difference = float(differences.max())
-        at_points = max(gain.of(fine.steps) * difference, round_off(fine, difference))
-        between = float(between_points(self.scene, fine.steps).max())
-        told = f"{words} differs by {difference:.2g}: {at_points:.2g} at the points, "
+        own, others = local_errors(run.steps), local_errors(other.steps)
+        gain = max(least_gain, min(1.0, CAUTION * own / others))
+        at_points = max(gain * difference, round_off(run, difference, others))
         return _Round(
-            run=fine,
+            run=run,
             times=times,
             differences=differences,
             at_points=at_points,
             between=between,
-            line=f"{told}{between:.2g} between them",
+            line=f"{words}, differs by {difference:.2g} from the one before: errs by "
+            f"{at_points:.2g} at points, {between:.2g} between them",
         )
 
     def _on_samples(self, knots: tuple[float, ...]) -> Trajectory | None:
@@ -304,14 +269,25 @@ class _Search:
             coarse = run_on(self.scene, degree, mesh)
             line = f"gauss{degree}, {mesh.n_steps} steps between the samples"
             if coarse.status != "ok" or coarse.steps is None:
-                self._note(_failed(coarse, line))
+                self._note(_Round(run=coarse, line=f"{line}; {coarse.status}: {coarse.message}"))
                 return None
             fine = run_on(self.scene, degree + 2, mesh)
-            if fine.status != "ok":
+            if fine.status != "ok" or fine.steps is None:
                 return None
-            words = f"{line}; gauss{degree + 2} on the same"
             differences = on_same_mesh(coarse, fine)
-            one = self._estimated(fine, coarse.steps.time, differences, SAMPLED, words)
+            difference = float(differences.max())
+            rounded = round_off(fine, difference, local_errors(coarse.steps))
+            at_points = max(SAMPLED_GAIN * difference, rounded)
+            between = float(between_points(self.scene, fine.steps).max())
+            one = _Round(
+                run=fine,
+                times=coarse.steps.time,
+                differences=differences,
+                at_points=at_points,
+                between=between,
+                line=f"{line}; gauss{degree + 2} on the same differs by {difference:.2g}: errs by "
+                f"{at_points:.2g} at points, {between:.2g} between them",
+            )
             self._note(one)
             if one.amplitude == 0.0 and self.relative is not None:
                 return self._ended(
@@ -338,6 +314,7 @@ class _Search:
         if run.status != "ok":
             return self._ended(one, "refused", run.message)
         target = self.target(one.amplitude)
+        one = replace(one, at_points=max(one.at_points, self.worst_since))
         if one.estimate <= target and run.doubts:
             time, why = run.doubts[0]
             return self._ended(one, "unreliable", f"{why} near t = {time:.6g}", time=time)
@@ -379,15 +356,6 @@ class _Search:
             attempts=tuple(self.lines),
         )
         return replace(one.run, assessment=assessment)
-
-
-def _failed(run: Trajectory, line: str) -> _Round:
-    return _Round(
-        run=run,
-        times=np.zeros(1),
-        differences=np.array([math.inf]),
-        line=f"{line}; {run.status}: {run.message}",
-    )
 
 
 def _first_local(target: float, amplitude: float) -> float:

@@ -35,7 +35,7 @@ def test_estimates_are_not_below_a_third_of_the_error(rows: Sequence[ToleranceRo
     known = [row for row in rows if row.error > 10 * row.reference_error]
     assert known
     assert min(row.estimate / row.error for row in known) >= 1 / 3
-    assert float(np.median([row.estimate / row.error for row in known])) <= 100
+    assert float(np.median([row.estimate / row.error for row in known])) <= 10
 
 
 def test_the_table_tells_of_what_is_wrong() -> None:
