@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,10 @@ Array = NDArray[np.float64]
 MEASURED = 3.0
 """The error of a polynomial is estimated by so many times what it is found to miss."""
 EPSILON = float(np.finfo(float).eps)
-ROUNDED = 4.0
-"""Round-off of a step, in units of :data:`EPSILON` times the position."""
-AMPLIFIED = 1e3
-"""Caution in what local errors are thought to grow by."""
+ROUNDED = 10.0
+"""Round-off at the start, in units of :data:`EPSILON` times the position."""
+SHIFT = 1e-6
+"""Relative change of the start that tells how round-off grows."""
 
 
 def on_same_mesh(one: Trajectory, other: Trajectory) -> Array:
@@ -106,18 +106,14 @@ def local_errors(steps: RunSteps) -> float:
     return float(steps.step_size @ (last * np.minimum(1.0, last / speed)).max(axis=1)) + 1e-300
 
 
-def round_off(run: Trajectory, difference: float, local: float) -> float:
-    """What rounding in every step comes to at the end of a run, no more than the difference.
-
-    It grows like the errors of the steps, the sum of which is compared with the difference of two
-    runs that it came to.
-    """
-    steps, amplitude = run.steps, float(np.abs(run.position).max())
-    least = ROUNDED * EPSILON * amplitude
-    if steps is None:
-        return least
-    growth = max(1.0, AMPLIFIED * difference / local)
-    return max(least, min(difference, least * math.sqrt(steps.n_steps) * growth))
+def shifted(scene: Scene, run: Trajectory) -> Scene:
+    """The scene with a start that is a little off: by :data:`SHIFT` of what the run reaches."""
+    speed = 0.0 if run.steps is None else float(np.abs(run.steps.velocity).max())
+    return replace(
+        scene,
+        initial_position=scene.initial_position + SHIFT * float(np.abs(run.position).max()),
+        initial_velocity=scene.initial_velocity + SHIFT * speed,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

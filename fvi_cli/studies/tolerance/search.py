@@ -8,6 +8,7 @@ mesh as well. Forces by samples have the samples as points of the mesh.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -21,13 +22,16 @@ from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.studies.tolerance.differences import (
     EPSILON,
+    ROUNDED,
+    SHIFT,
     between_points,
     growth_of,
     local_errors,
     on_other_mesh,
     on_same_mesh,
-    round_off,
+    shifted,
 )
+from fvi_cli.studies.tolerance.rounds import COARSEST, Round, amplitude_of, first_local
 from fvi_cli.studies.tolerance.runs import (
     MOST_KINKED_STEPS,
     MOST_STEPS,
@@ -49,13 +53,12 @@ LEAST_GAIN: Final = 0.03
 """Least share of a difference by which the better of two runs is thought to err."""
 SAMPLED_GAIN: Final = 0.3
 """The same of two stages more on the samples of a record, where the slope of the force jumps."""
+PROBED: Final = 1e-9
+"""For tolerances below this share of a nonlinear motion it is looked how round-off grows."""
+LOOSER: Final = 30.0
+"""Local tolerance of a run that is there to be compared with, relative to a better one at least."""
 CAUTION: Final = 10.0
 """In what local errors tell of the errors of two runs."""
-LOOSE: Final = 100.0
-POWER: Final = 1.3
-"""The error of the delivered run is below (local tolerance)^1.3 / 100, relative to the motion."""
-COARSEST: Final = 0.01
-"""No local tolerance is larger than this share of the motion."""
 STEEPNESS: Final = 1.25
 """An error that is to fall by a factor takes a local tolerance smaller by this power of it."""
 AIMED_AT: Final = 0.2
@@ -77,27 +80,6 @@ PER_HALVING: Final = 16.0
 """What an error falls by when steps between samples are halved, after jumps of the slope."""
 SHORTER_START: Final = 1e-12
 """First step for motions that begin more steeply than usual, relative to T."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Round:
-    """A run with what another one says of its error: differences at times, and shares of them."""
-
-    run: Trajectory
-    line: str
-    times: Array = field(default_factory=lambda: np.zeros(1))
-    differences: Array = field(default_factory=lambda: np.array([math.inf]))
-    at_points: float = math.inf
-    between: float = math.inf
-
-    @property
-    def estimate(self) -> float:
-        return max(self.at_points, self.between) if self.run.status == "ok" else math.inf
-
-    @property
-    def amplitude(self) -> float:
-        found = float(np.abs(self.run.position).max())
-        return found if math.isfinite(found) else 0.0
 
 
 def solve(
@@ -151,8 +133,9 @@ class _Search:
     tolerance: float | None
     relative: float | None
     tell: Callable[[str], object]
-    best: _Round | None = None
+    best: Round | None = None
     worst_since: float = 0.0
+    rounding: tuple[Array, Array] | None = None
     lines: list[str] = field(default_factory=list)
     first_step: float | None = None
 
@@ -171,7 +154,7 @@ class _Search:
             return self.tolerance
         return (self.relative or 0.0) * amplitude
 
-    def _note(self, one: _Round) -> None:
+    def _note(self, one: Round) -> None:
         self.lines.append(one.line)
         self.tell(one.line)
         if self.best is None or one.estimate < self.best.estimate:
@@ -184,24 +167,40 @@ class _Search:
         guess = likely_amplitude(self.scene)
         target = self.target(guess)
         digits = math.log10(max(guess, 1e-300) / target) if target > 0 else 0.0
-        degree = 8 if digits <= FEW_DIGITS else 10
-        local = _first_local(ROUGHLY * target, guess)
+        least = 6 if digits <= FEW_DIGITS else 8
+        local = first_local(ROUGHLY * target, guess)
         most_steps = MOST_KINKED_STEPS if forces.has_kinks else MOST_STEPS
-        runs = AdaptiveRuns(self.scene, degree, points=knots, most_steps=most_steps)
+        by_degree: dict[int, AdaptiveRuns] = {}
+        # errors of steps that two runs have in common show where their degrees differ
+        degrees = itertools.chain([least], itertools.cycle([least + 2, least + 1]))
         least_gain = 1.0 if forces.has_kinks or forces.is_steep else LEAST_GAIN
         other: Trajectory | None = None
-        before, still, failed, doubted = math.inf, 0, 0, False
-        for _ in range(MOST_ROUNDS):
-            run = runs.run(local, self.first_step)
+        before, still, failed, doubted, is_looser = math.inf, 0, 0, False, False
+        for degree in itertools.islice(degrees, MOST_ROUNDS):
+            if degree not in by_degree:
+                by_degree[degree] = AdaptiveRuns(
+                    self.scene, degree, points=knots, most_steps=most_steps
+                )
+            run = by_degree[degree].run(local, self.first_step)
             words = f"gauss{degree}, local tolerance {local:.2g}: {run.n_steps} steps"
             if run.status != "ok" or run.steps is None:
-                self._note(_Round(run=run, line=f"{words}; {run.status}: {run.message}"))
+                self._note(Round(run=run, line=f"{words}; {run.status}: {run.message}"))
                 failed += 1
                 if failed > 2 or "most steps" in run.message:
                     break
                 local *= 0.03
                 continue
-            one = self._compared(run, other, least_gain, words)
+            pair = (run, other)
+            if is_looser:
+                pair, is_looser = (other or run, run), False
+            is_probed = self.scene.is_linear or self.rounding is not None
+            if not is_probed and self.target(amplitude_of(run)) < PROBED * amplitude_of(run):
+                moved = AdaptiveRuns(
+                    shifted(self.scene, run), degree, points=knots, most_steps=most_steps
+                )
+                self.rounding = on_other_mesh(run, moved.run(local, self.first_step))
+            one = self._compared(*pair, least_gain, words)
+            run = one.run
             self._note(one)
             amplitude = one.amplitude
             if amplitude == 0.0 and self.relative is not None:
@@ -212,6 +211,8 @@ class _Search:
             if run.doubts and self.first_step is None and run.doubts[0][0] == 0.0:
                 self.first_step = SHORTER_START * self.scene.final_time
                 continue
+            if self.rounding is not None and other is not None and self._rounded(run) > target:
+                return self._ended_by_rounding(one, target)
             # what round-off makes of runs may agree by accident
             if one.estimate <= (target if still == 0 else BY_ACCIDENT * target):
                 if not run.doubts:
@@ -219,7 +220,13 @@ class _Search:
                 if doubted:
                     break
                 doubted = True
-            factor = max(1e-6, (AIMED_AT * target / max(one.between, 1e-300)) ** STEEPNESS)
+            if other is None and one.between <= AIMED_AT * target:
+                # good enough: the other one is there to be compared with
+                other, is_looser = run, True
+                looser = max(LOOSER * local, first_local(target, amplitude))
+                local = max(local, min(COARSEST * amplitude, looser))
+                continue
+            factor = max(1e-6, min(1.0, AIMED_AT * target / max(one.between, 1e-300)) ** STEEPNESS)
             if other is not None:
                 # the square of it, at the points
                 factor = min(factor, math.sqrt(AIMED_AT * target / max(one.at_points, 1e-300)))
@@ -235,19 +242,19 @@ class _Search:
 
     def _compared(
         self, run: Trajectory, other: Trajectory | None, least_gain: float, words: str
-    ) -> _Round:
+    ) -> Round:
         """A run with its error by a worse one on an unrelated mesh; None: there is none yet."""
         if run.steps is None:  # pragma: no cover - it was asked for
             raise ValueError("tolerance: a run without its polynomials")
         between = float(between_points(self.scene, run.steps).max())
         if other is None or other.steps is None:
-            return _Round(run=run, between=between, line=f"{words}, {between:.2g} between points")
+            return Round(run=run, between=between, line=f"{words}, {between:.2g} between points")
         times, differences = on_other_mesh(other, run)
         difference = float(differences.max())
         own, others = local_errors(run.steps), local_errors(other.steps)
         gain = max(least_gain, min(1.0, CAUTION * own / others))
-        at_points = max(gain * difference, round_off(run, difference, others))
-        return _Round(
+        at_points = max(gain * difference, self._rounded(run))
+        return Round(
             run=run,
             times=times,
             differences=differences,
@@ -256,6 +263,25 @@ class _Search:
             line=f"{words}, differs by {difference:.2g} from the one before: errs by "
             f"{at_points:.2g} at points, {between:.2g} between them",
         )
+
+    def _rounded(self, run: Trajectory) -> float:
+        """What round-off at the start comes to, a length."""
+        own = ROUNDED * EPSILON
+        grown = 0.0 if self.rounding is None else float(self.rounding[1].max()) / SHIFT
+        return own * max(amplitude_of(run), grown)
+
+    def _ended_by_rounding(self, one: Round, target: float) -> Trajectory:
+        times, differences = self.rounding or (one.times, one.differences)
+        lengths = ROUNDED * EPSILON / SHIFT * differences
+        growth = growth_of(one.run, times, lengths, target)
+        where = ", ".join(f"{x:.4g}" for x in growth.place)
+        reason = (
+            f"round-off alone is more than {target:.2g} from t = {growth.time:.6g} on, at "
+            f"[{where}]: "
+            f"a change of the start grows by a factor of {growth.factor:.1e} in the run; "
+            f"the error is about {one.estimate:.2g}"
+        )
+        return self._ended(one, "unreliable", reason, time=growth.time, place=growth.place)
 
     def _on_samples(self, knots: tuple[float, ...]) -> Trajectory | None:
         """Equal steps between samples; None where these do not do."""
@@ -269,17 +295,16 @@ class _Search:
             coarse = run_on(self.scene, degree, mesh)
             line = f"gauss{degree}, {mesh.n_steps} steps between the samples"
             if coarse.status != "ok" or coarse.steps is None:
-                self._note(_Round(run=coarse, line=f"{line}; {coarse.status}: {coarse.message}"))
+                self._note(Round(run=coarse, line=f"{line}; {coarse.status}: {coarse.message}"))
                 return None
             fine = run_on(self.scene, degree + 2, mesh)
             if fine.status != "ok" or fine.steps is None:
                 return None
             differences = on_same_mesh(coarse, fine)
             difference = float(differences.max())
-            rounded = round_off(fine, difference, local_errors(coarse.steps))
-            at_points = max(SAMPLED_GAIN * difference, rounded)
+            at_points = max(SAMPLED_GAIN * difference, self._rounded(fine))
             between = float(between_points(self.scene, fine.steps).max())
-            one = _Round(
+            one = Round(
                 run=fine,
                 times=coarse.steps.time,
                 differences=differences,
@@ -338,7 +363,7 @@ class _Search:
 
     def _ended(
         self,
-        one: _Round,
+        one: Round,
         outcome: Outcome,
         reason: str,
         *,
@@ -356,14 +381,3 @@ class _Search:
             attempts=tuple(self.lines),
         )
         return replace(one.run, assessment=assessment)
-
-
-def _first_local(target: float, amplitude: float) -> float:
-    """Local tolerance to begin with, a length."""
-    if target <= 0:
-        # nothing is known to move, in no unit of length
-        return 1.0
-    if amplitude <= 0:
-        return target
-    share = (LOOSE * target / amplitude) ** (1 / POWER)
-    return float(amplitude * min(COARSEST, share))
