@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -34,7 +35,12 @@ PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     "tolerances": (
         "Whether tolerances are kept",
         lambda asked: tolerance_table(
-            run_tolerances(asked.per_kind, by_hand_every=asked.by_hand_every)
+            run_tolerances(
+                asked.per_kind,
+                by_hand_every=asked.by_hand_every,
+                kept=asked.output / "tolerances.csv",
+                seconds=asked.seconds,
+            )
         ),
     ),
 }
@@ -77,6 +83,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         type=int,
         metavar="N",
         help="floors: measure at most so many cases that are not there yet",
+    )
+    parser.add_argument(
+        "--seconds",
+        type=float,
+        default=math.inf,
+        metavar="S",
+        help="tolerances: begin no more scenes after this time; the same command goes on from "
+        "tolerances.csv, which is to be removed where the program has changed",
     )
     parser.add_argument("--output", type=Path, default=Path("results"), help="folder of the page")
     asked = parser.parse_args(arguments)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 
 import numpy as np
 
@@ -77,15 +79,55 @@ class ToleranceRow:
 
 
 def run_tolerances(
-    per_kind: int = PER_KIND, *, seed: int = SEED, by_hand_every: int = BY_HAND_EVERY
+    per_kind: int = PER_KIND,
+    *,
+    by_hand_every: int = BY_HAND_EVERY,
+    kept: Path | None = None,
+    seconds: float = math.inf,
 ) -> list[ToleranceRow]:
-    """Solve random scenes of every kind, and compare."""
-    rows = []
-    for index in range(per_kind):
-        rows += run_index(
-            index, seed=seed, by_hand=by_hand_every > 0 and index % by_hand_every == 0
-        )
-    return rows
+    """Solve random scenes of every kind, and compare.
+
+    Parameters
+    ----------
+    per_kind
+        How many of each.
+    by_hand_every
+        One of so many is solved by hand as well; 0: none.
+    kept
+        Table of the rows that are finished, from which it goes on.
+    seconds
+        After this time no more scenes are begun.
+    """
+    began = time.monotonic()
+    rows = read_rows(kept) if kept is not None and kept.exists() else []
+    done = len(rows) // len(KINDS)
+    for index in range(done, per_kind):
+        if time.monotonic() - began > seconds:
+            break
+        rows += run_index(index, by_hand=by_hand_every > 0 and index % by_hand_every == 0)
+        if kept is not None:
+            write_rows(kept, rows)
+    return rows[: per_kind * len(KINDS)]
+
+
+def write_rows(path: Path, rows: Sequence[ToleranceRow]) -> None:
+    """Keep rows as CSV."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        table = csv.DictWriter(file, [field.name for field in fields(ToleranceRow)])
+        table.writeheader()
+        table.writerows(asdict(row) for row in rows)
+
+
+def read_rows(path: Path) -> list[ToleranceRow]:
+    """What :func:`write_rows` wrote."""
+    kinds = {field.name: field.type for field in fields(ToleranceRow)}
+    read = {"str": str, "int": int, "float": float}
+    with path.open(encoding="utf-8", newline="") as file:
+        return [
+            ToleranceRow(**{name: read[str(kinds[name])](text) for name, text in row.items()})
+            for row in csv.DictReader(file)
+        ]
 
 
 def run_index(index: int, *, seed: int = SEED, by_hand: bool = False) -> list[ToleranceRow]:
