@@ -67,7 +67,7 @@ class Examiner:
         # Legendre coefficients of the velocity from U
         self._tail = (tables.to_legendre @ tables.slopes[1:].T)[-2:]
         self._forces = SceneForces(scene)
-        self._stiff = stiff_modes(scene, m)
+        self._stiff = stiff_modes(scene, tables.points.size)
         self._between = Between(self._forces, tables, self._stiff)
         self._hidden = HiddenSearch(self._between)
         self._starts_on: int | None = None
