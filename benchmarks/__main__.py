@@ -14,6 +14,8 @@ from benchmarks.fits import N_FITS, run_fits
 from benchmarks.floors import floor_table, run_floors
 from benchmarks.many import many_table, run_many
 from benchmarks.memory import memory_table, run_memory
+from benchmarks.parts import parts_page
+from benchmarks.robustness import robustness_table, run_robustness
 from benchmarks.stepping import run_stepping, stepping_table
 from benchmarks.structures import run_structures, structures_table
 from benchmarks.tolerances import run_tolerances, tolerance_table
@@ -31,6 +33,11 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     "fits": ("What fits are worth", lambda asked: run_fits(asked.output, asked.fits)),
     "floors": ("What rounding leaves", lambda asked: floor_table(run_floors(asked.most))),
+    "parts": ("What a sweep in parts takes", lambda asked: parts_page(asked.members)),
+    "robustness": (
+        "What attacks leave",
+        lambda asked: robustness_table(run_robustness(asked.per_mille)),
+    ),
     "structures": ("What large structures take", lambda asked: structures_table(run_structures())),
     "tolerances": (
         "Whether tolerances are kept",
@@ -92,6 +99,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
         help="tolerances: begin no more scenes after this time; the same command goes on from "
         "tolerances.csv, which is to be removed where the program has changed",
     )
+    parser.add_argument(
+        "--per-mille",
+        type=int,
+        default=1000,
+        metavar="N",
+        help="robustness: so many thousandths of all attacks (default 1000)",
+    )
+    parser.add_argument(
+        "--members", type=int, default=100_000, metavar="N", help="parts: members of the sweep"
+    )
     parser.add_argument("--output", type=Path, default=Path("results"), help="folder of the page")
     asked = parser.parse_args(arguments)
     unknown = set(asked.sections) - {*SECTIONS, *PAGES}
@@ -101,6 +118,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for name in set(asked.sections) & set(PAGES):
         title, measure = PAGES[name]
         command = name
+        if name == "robustness":
+            command += f" --per-mille {asked.per_mille}"
+        if name == "parts":
+            command += f" --members {asked.members}"
         if name == "tolerances":
             command += f" --per-kind {asked.per_kind} --by-hand-every {asked.by_hand_every}"
         _write_page(asked.output / f"{name}.md", title, command, measure(asked))

@@ -5,7 +5,9 @@ The rest of the project is imported inside the commands, so that ``--help`` is q
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import warnings
 from typing import Annotated, NoReturn
 
@@ -70,10 +72,20 @@ for command in COMMANDS:
 
 def main() -> None:
     """Entry point of the command ``fvi``."""
+    _open_standard_streams()
     signal.signal(signal.SIGTERM, _interrupt)
     # what overflows on the way is told by the status of a run
     warnings.filterwarnings("ignore", category=RuntimeWarning)
     app(prog_name="fvi")
+
+
+def _open_standard_streams() -> None:
+    """Let what is said go nowhere where a standard stream is closed, and into no file."""
+    while (handle := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(handle)
+    sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)
 
 
 def _interrupt(signal_number: int, frame: object) -> NoReturn:

@@ -7,6 +7,7 @@ carries results, standard error everything else.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import logging
 import os
@@ -91,7 +92,8 @@ def _configure_logging(*, quiet: bool, verbose: bool) -> None:
 
 def _say(*lines: str) -> None:
     for line in lines:
-        print(line, file=sys.stderr)
+        with contextlib.suppress(OSError):
+            print(line, file=sys.stderr)
 
 
 def stops(settings: Settings, outcomes: Sequence[Outcome]) -> bool:

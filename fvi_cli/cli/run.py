@@ -74,9 +74,15 @@ def run(
         show_progress=not quiet,
         checkpoint_seconds=checkpoint_every,
         waits=wait,
+        keeps_motions=False,
         shard=shard_named(shard),
     )
-    requests = gather(configs, overrides or (), allow_unstable=allow_unstable)
+    requests = gather(
+        configs,
+        overrides or (),
+        allow_unstable=allow_unstable,
+        checks_member=settings.shard.checks_member,
+    )
     if dry_run and json:
         print(plans_as_json(plan_runs(requests, settings)))
         return DONE

@@ -13,7 +13,7 @@ from fvi_cli.config.keys.sweep import experiment_cursors, nodes_with_sweeps
 from fvi_cli.config.text.document import LARGEST_DOCUMENT, read_document
 from fvi_cli.config.text.overrides import apply_overrides
 from fvi_cli.errors import ConfigError
-from fvi_cli.keys.complaints import Complaints, SourcePosition, excerpt
+from fvi_cli.keys.complaints import ChecksMember, Complaints, SourcePosition, every_member, excerpt
 from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.nodes import MappingNode, Node, ScalarNode, describe
 from fvi_cli.studies.experiment import Experiment
@@ -48,7 +48,9 @@ class LoadedConfig:
     overrides: tuple[str, ...] = ()
 
 
-def load_config(path: Path, *, overrides: Sequence[str] = ()) -> LoadedConfig:
+def load_config(
+    path: Path, *, overrides: Sequence[str] = (), checks_member: ChecksMember = every_member
+) -> LoadedConfig:
     """Read and check a configuration file.
 
     Parameters
@@ -57,6 +59,8 @@ def load_config(path: Path, *, overrides: Sequence[str] = ()) -> LoadedConfig:
         YAML in UTF-8.
     overrides
         Changes ``key.path=value``, validated like the file.
+    checks_member
+        Says by its number whether a member of a sweep is checked.
 
     Raises
     ------
@@ -84,11 +88,18 @@ def load_config(path: Path, *, overrides: Sequence[str] = ()) -> LoadedConfig:
         raise ConfigError(
             f"{place}: not UTF-8 (byte 0x{content[error.start]:02x}); save the file as UTF-8"
         ) from None
-    return parse_config(text, str(path), base=path.parent, overrides=overrides)
+    return parse_config(
+        text, str(path), base=path.parent, overrides=overrides, checks_member=checks_member
+    )
 
 
 def parse_config(
-    text: str, source_name: str, *, base: Path | None = None, overrides: Sequence[str] = ()
+    text: str,
+    source_name: str,
+    *,
+    base: Path | None = None,
+    overrides: Sequence[str] = (),
+    checks_member: ChecksMember = every_member,
 ) -> LoadedConfig:
     """Check the text of a configuration and build its experiments.
 
@@ -102,13 +113,15 @@ def parse_config(
         Folder where relative paths in the text begin; None: the folder of the process.
     overrides
         Changes ``key.path=value``, validated like the text.
+    checks_member
+        Says by its number whether a member of a sweep is checked.
 
     Raises
     ------
     ConfigError
         Every mistake at once, each as ``file:line:column: key.path: message``.
     """
-    complaints = Complaints(folder=base)
+    complaints = Complaints(folder=base, checks_member=checks_member)
     start = SourcePosition(source=excerpt(source_name, 1000), line=1, column=1)
     root = read_document(text, start, complaints)
     if isinstance(root, ScalarNode) and root.value is None:

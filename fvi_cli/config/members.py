@@ -12,7 +12,7 @@ from fvi_cli.config.keys.sweep import BYTES_PER_RUN, PROBLEM, SWEEP, Sweep, read
 from fvi_cli.config.machine import machine_bytes
 from fvi_cli.config.memory import in_gigabytes
 from fvi_cli.config.problem import make_problem
-from fvi_cli.keys.complaints import Complaints, excerpt
+from fvi_cli.keys.complaints import excerpt
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import ListNode, with_node
 from fvi_cli.scenes import kinds
@@ -54,7 +54,7 @@ def make_members(template: Mapping[str, Any], at: Cursor, check: CheckMember) ->
         What else must hold for a member's mapping and problem, in a tree that has its values.
     """
     # the same mistake may have been noted before
-    own = Complaints(folder=at.complaints.folder)
+    own = at.complaints.apart()
     made = _made(template, replace(at, complaints=own), check)
     at.complaints.adopt(own)
     return None if len(own) else made
@@ -142,13 +142,15 @@ def _check_members(
     if len(members) >= MANY:
         _logger.info("checking %d members of a sweep", len(members))
     for member, combination in zip(members, sweep.combinations, strict=True):
+        if not at.complaints.checks_member(member.number):
+            continue
         specification = with_values(template, member.values)
-        own = Complaints(folder=at.complaints.folder)
+        own = at.complaints.apart()
         # the places are those of the first member; they matter only where something is wrong
         _check_member(specification, first, replace(at, complaints=own), check)
         if not len(own):
             continue
-        own = Complaints(folder=at.complaints.folder)
+        own = at.complaints.apart()
         tree = tree_of(sweep, at.node, combination)
         _check_member(specification, first, replace(at, node=tree, complaints=own), check)
         at.complaints.adopt(own, f" (member {member.number}: {excerpt(member.label, 200)})")

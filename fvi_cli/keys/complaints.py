@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from pathlib import Path
 
@@ -33,6 +33,19 @@ class SourcePosition:
         return SourcePosition(source=self.source, line=self.line, column=self.column + columns)
 
 
+ChecksMember = Callable[[int], bool]
+
+
+def every_member(number: int) -> bool:
+    """Check all members of a sweep."""
+    return True
+
+
+def no_member(number: int) -> bool:
+    """Check none: they were checked before."""
+    return False
+
+
 @dataclass(kw_only=True)
 class Complaints:
     """Collects complaints about one text; the same one counts once.
@@ -41,9 +54,13 @@ class Complaints:
     ----------
     folder
         Where relative paths in the text begin; None: in the folder of the process.
+    checks_member
+        Says by its number whether a member of a sweep is to be checked: another command, or an
+        earlier one, may do so for the others.
     """
 
     folder: Path | None = None
+    checks_member: ChecksMember = every_member
     _found: dict[tuple[SourcePosition, str], None] = field(default_factory=dict)
 
     def add(self, place: SourcePosition, path: KeyPath, message: str) -> None:
@@ -53,6 +70,10 @@ class Complaints:
 
     def __len__(self) -> int:
         return len(self._found)
+
+    def apart(self) -> Complaints:
+        """No complaints yet about the same text."""
+        return replace(self, _found={})
 
     def adopt(self, others: Complaints, addition: str = "") -> None:
         """Note what `others` have found, with more words behind it."""

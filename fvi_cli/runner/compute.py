@@ -10,7 +10,7 @@ from collections.abc import Callable, Hashable, Sequence
 from fvi_cli.runner.executors.batches import batches_of, execute_batch
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.executor import Batch, ComputeBatch, Watch, compute_batches
-from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
+from fvi_cli.runner.outcome import Outcome, is_unexpected_failure, without_motion
 from fvi_cli.runner.progress import RunBar, run_bar
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import FRESH, Known, Why, no_run, resumed_at
@@ -53,6 +53,7 @@ def compute_runs(
         Where runs keep their checkpoints, and may have some from before.
     """
     done: dict[Run, FinishedRun] = {}
+    kept = _whole if settings.keeps_motions else without_motion
     waiting: list[Run] = []
     listed = settings.shard.runs_of(experiments)
     for run in (run for runs in listed.values() for run in runs):
@@ -60,7 +61,7 @@ def compute_runs(
         if earlier is None:
             waiting.append(run)
         else:
-            done[run] = earlier
+            done[run] = kept(earlier)
     _logger.info("%s: %d runs, %d of them stored", title, len(done) + len(waiting), len(done))
     if why is not None:
         _tell_reasons(title, waiting, why)
@@ -91,7 +92,7 @@ def compute_runs(
             if keep is not None and batch.results:
                 keep(batch.results)
             for finished in batch.finished:
-                done[finished.run] = finished
+                done[finished.run] = kept(finished)
                 bar.finished(
                     _named(finished.run, title), batch.finished[0].run, finished.run.n_steps
                 )
@@ -103,6 +104,10 @@ def compute_runs(
         Outcome(experiment=experiment, finished=tuple(done[run] for run in runs if run in done))
         for experiment, runs in listed.items()
     ]
+
+
+def _whole(finished: FinishedRun) -> FinishedRun:
+    return finished
 
 
 def _watch(bar: RunBar, title: str) -> Watch | None:

@@ -7,11 +7,15 @@ import html
 import io
 import math
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
 DOTS_PER_INCH = 80
+_NO_TIMES, _NOWHERE = np.zeros(0), np.zeros((0, 1))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,6 +79,24 @@ class Outcome:
     def missing(self) -> int:
         """Number of runs that were not computed."""
         return len(self.experiment.searches() or self.experiment.runs()) - len(self.finished)
+
+
+def without_motion(finished: FinishedRun) -> FinishedRun:
+    """What is told of a member of a sweep in a summary, without the points of its motion."""
+    own = finished.trajectory
+    if finished.run.member is None or own.observed is not None:
+        return finished
+    brief = Trajectory(
+        time=_NO_TIMES,
+        position=_NOWHERE,
+        n_steps=own.n_steps,
+        step_size=own.step_size,
+        status=own.status,
+        message=own.message,
+        remarks=own.remarks,
+        stepping_seconds=own.stepping_seconds,
+    )
+    return replace(finished, trajectory=brief)
 
 
 def is_unexpected_failure(finished: FinishedRun) -> bool:

@@ -6,7 +6,7 @@ import logging
 import sys
 import time
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -25,8 +25,9 @@ class StandardErrorHandler(logging.Handler):
     """Writes to what ``sys.stderr`` is at that moment, so that a progress bar can step aside."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write one record as one line."""
-        print(self.format(record), file=sys.stderr)  # noqa: T201
+        """Write one record as one line; if nobody can be told, what is computed matters more."""
+        with suppress(OSError):
+            print(self.format(record), file=sys.stderr)  # noqa: T201
 
 
 def configure_logging(level: int) -> logging.Logger:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from fvi_cli.config import LoadedConfig, find_config, load_config, parse_config
 from fvi_cli.errors import RequestError
+from fvi_cli.keys.complaints import ChecksMember, every_member, no_member
 
 if TYPE_CHECKING:
     from fvi_cli.storage import StoredConfiguration
@@ -38,9 +39,16 @@ class Request:
 
 
 def gather(
-    sources: Sequence[str], overrides: Sequence[str] = (), *, allow_unstable: bool = False
+    sources: Sequence[str],
+    overrides: Sequence[str] = (),
+    *,
+    allow_unstable: bool = False,
+    checks_member: ChecksMember = every_member,
 ) -> list[Request]:
     """Read configurations given as files, as names of shipped ones, or as result files.
+
+    Members of a sweep are checked if `checks_member` says so, by their number; those of a result
+    file were checked before it was made.
 
     Raises
     ------
@@ -54,7 +62,9 @@ def gather(
     mistakes: list[str] = []
     for source in sources:
         try:
-            requests.append(_request(source, overrides, allow_unstable=allow_unstable))
+            requests.append(
+                _request(source, overrides, checks_member, allow_unstable=allow_unstable)
+            )
         except RequestError as error:
             mistakes.extend(error.complaints)
     if mistakes:
@@ -66,16 +76,23 @@ def gather(
     return requests
 
 
-def _request(source: str, overrides: Sequence[str], *, allow_unstable: bool) -> Request:
+def _request(
+    source: str, overrides: Sequence[str], checks_member: ChecksMember, *, allow_unstable: bool
+) -> Request:
     path = Path(source) if source.endswith(STORED_SUFFIX) else None
     if path is None:
-        loaded = load_config(find_config(source), overrides=overrides)
+        loaded = load_config(find_config(source), overrides=overrides, checks_member=checks_member)
     else:
         # most commands are given no result file, and reading one takes long to import
         from fvi_cli.storage import read_configuration
 
         # the file's own configuration, or with changes that of other runs in it
-        loaded = parse_config(_as_written(read_configuration(path)), source, overrides=overrides)
+        loaded = parse_config(
+            _as_written(read_configuration(path)),
+            source,
+            overrides=overrides,
+            checks_member=every_member if overrides else no_member,
+        )
     if allow_unstable:
         loaded = allowing_unstable(loaded)
     return Request(name=loaded.name, loaded=loaded, stored=path)

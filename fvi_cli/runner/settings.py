@@ -42,6 +42,9 @@ class Settings:
         Between two checkpoints of a run that takes longer than that.
     waits
         Where another command writes the same result file, wait until that has ended.
+    keeps_motions
+        Give the points of members of a sweep to who asked; a summary can do without them once they
+        are stored.
     shard
         Compute this part of every configuration alone, into a file of its own.
 
@@ -61,6 +64,7 @@ class Settings:
     keep: bool = True
     checkpoint_seconds: float = CHECKPOINT_SECONDS
     waits: bool = False
+    keeps_motions: bool = True
     shard: Shard = WHOLE
 
     def __post_init__(self) -> None:

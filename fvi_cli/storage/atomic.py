@@ -30,8 +30,35 @@ def replace_file(path: Path, content: bytes) -> None:
     OSError
         If the folder does not exist or cannot be written; nothing is left behind.
     """
+    _remove_abandoned(path)
     with replacement(path) as handle, os.fdopen(os.dup(handle), "wb") as stream:
+        # where there are no locks nobody can tell, and nothing is removed
+        with contextlib.suppress(OSError):
+            _hold(handle)
         stream.write(content)
+
+
+def _remove_abandoned(path: Path) -> None:
+    """Remove what processes that were killed have left of `path`; those alive hold theirs."""
+    for leftover in path.parent.glob(f".{path.name}.*{UNFINISHED}"):
+        with contextlib.suppress(OSError), leftover.open("rb+") as stream:
+            _hold(stream.fileno())
+            leftover.unlink()
+
+
+def _hold(handle: int) -> None:
+    """Hold a file as long as it is open.
+
+    Raises
+    ------
+    OSError
+        If another process does.
+    """
+    try:
+        import fcntl
+    except ModuleNotFoundError:  # Windows removes no file that is open
+        return
+    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 @contextlib.contextmanager

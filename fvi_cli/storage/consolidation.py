@@ -21,7 +21,7 @@ from fvi_cli.storage.provenance import (
 )
 from fvi_cli.storage.records import SWEPT, Record, group_path
 from fvi_cli.storage.snapshot import BLOCK_BYTES, VARIANT_MARK, Key, Location, Snapshot
-from fvi_cli.storage.writing import columns_of, write_convergence, write_group
+from fvi_cli.storage.writing import write_convergence, write_group
 
 Layout = Mapping[str, Sequence[tuple[Key, Location]]]
 """Runs by the path of the group that they belong to, with the key that they have there."""
@@ -131,7 +131,7 @@ def write_file(
 
 def _columns(runs: Sequence[tuple[Key, Location]], opened: Callable[[Path], Snapshot]) -> Columns:
     """The attributes of runs that share a group, under the name that they are asked for."""
-    columns = columns_of([_attributes(one, opened) for _, one in runs])
+    columns = _columns_of([one for _, one in runs], opened)
     experiment, case, n_steps, _ = runs[0][0][0]
     named: dict[str, Any] = {"experiment": experiment, "case": case, "n_steps": n_steps}
     if SWEPT in columns:
@@ -140,11 +140,21 @@ def _columns(runs: Sequence[tuple[Key, Location]], opened: Callable[[Path], Snap
     return columns | {name: [value] * len(runs) for name, value in named.items()}
 
 
-def _attributes(location: Location, opened: Callable[[Path], Snapshot]) -> dict[str, Any]:
-    attributes = opened(location.file).attributes(location)
-    if attributes["identity"] != location.identity:
-        raise StorageError(f"{location.file}: was replaced while it was read; begin again")
-    return attributes
+def _columns_of(locations: Sequence[Location], opened: Callable[[Path], Snapshot]) -> Columns:
+    """The attributes of runs by name; what a run does not have is an empty text."""
+    found: Columns = {}
+    done = 0
+    for (path, group), own in itertools.groupby(locations, key=lambda one: (one.file, one.group)):
+        stretch = list(own)
+        columns = opened(path).columns(group)
+        if any(columns["identity"][one.row] != one.identity for one in stretch):
+            raise StorageError(f"{path}: was replaced while it was read; begin again")
+        for name in dict.fromkeys([*found, *columns]):
+            values = columns.get(name)
+            column = found.setdefault(name, [""] * done)
+            column += [values[one.row] for one in stretch] if values else [""] * len(stretch)
+        done += len(stretch)
+    return found
 
 
 def _blocks(

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.storage.fields.observed import OCCURRENCE, ROOMS
-from fvi_cli.storage.provenance import CHECKSUM, canonical_json, checksum
+from fvi_cli.storage.provenance import CHECKSUM, checksum
 from fvi_cli.storage.records import (
     FIELDS,
     POINTS,
@@ -33,7 +33,6 @@ from fvi_cli.storage.records import (
     has_points,
     rows_of,
 )
-from fvi_cli.studies.members import with_values
 
 COMPLETE = "complete"
 """Attribute of a group that is written last."""
@@ -97,16 +96,13 @@ class StoredGroup:
 
     @cached_property
     def columns(self) -> Columns:
-        """The attributes of all runs, as they were given to :func:`write_group`."""
+        """The attributes of all runs, as they were given to :func:`write_group`.
+
+        The specification is what they have in common, swept values stand beside it.
+        """
         count = len(self)
         own = {name: [value] * count for name, value in self.attributes.items()}
-        own |= {name: v for name, v in self.by_member.items() if name not in self.keys}
-        if self.keys:
-            template = json.loads(self.attributes["specification"])
-            own["specification"] = [
-                canonical_json({**template, "problem": with_values(template["problem"], values)})
-                for values in self.values
-            ]
+        own |= self.by_member
         del own["shared_sha256"]
         return own
 
@@ -170,8 +166,11 @@ class StoredGroup:
 
     def rows_at_a_time(self, most_bytes: int) -> int:
         """How many runs are read at a time."""
-        size = sum(int(node.nbytes) for node in self.nodes.values())
-        return max(1, min(len(self), most_bytes * len(self) // max(size, 1)))
+        return max(1, min(len(self), most_bytes * len(self) // max(self._bytes, 1)))
+
+    @cached_property
+    def _bytes(self) -> int:
+        return sum(int(node.nbytes) for node in self.nodes.values())
 
 
 def children(group: h5py.Group) -> dict[str, Any]:

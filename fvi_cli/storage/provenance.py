@@ -49,7 +49,13 @@ def canonical_json(value: object) -> str:
 
 def checksum(said: Mapping[str, Any]) -> str:
     """SHA-256 of attributes and columns by name, whatever numbers they are."""
-    return sha256(json.dumps({name: plain(value) for name, value in said.items()}, sort_keys=True))
+    # JSON with sorted keys, one after the other: columns of many members are long
+    digest = hashlib.sha256(b"{")
+    for place, name in enumerate(sorted(said)):
+        value = json.dumps(plain(said[name]), sort_keys=True)
+        digest.update(f"{', ' if place else ''}{json.dumps(name)}: {value}".encode())
+    digest.update(b"}")
+    return digest.hexdigest()
 
 
 def plain(value: Any) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -32,7 +33,7 @@ from fvi_cli.storage.files import printable
 from fvi_cli.storage.provenance import SOLVER_VERSION, canonical_json, identity, origin
 from fvi_cli.studies.accuracy_settings import Assurance
 from fvi_cli.studies.experiment import FinishedRun, Run
-from fvi_cli.studies.members import without_values
+from fvi_cli.studies.members import value_at, without_values
 from fvi_cli.studies.order import damping_orders
 
 DIMENSIONS: Mapping[str, tuple[str, ...]] = {
@@ -104,7 +105,7 @@ class Record:
 def place_of(run: Run) -> Place:
     """Where a run belongs."""
     values = "" if run.member is None else canonical_json(dict(run.member.values))
-    return run.experiment.name, run.method.case, run.n_steps, values
+    return run.experiment.name, sys.intern(run.method.case), run.n_steps, values
 
 
 def form_of(place: Place) -> Form:
@@ -153,6 +154,7 @@ def record_of(finished: FinishedRun) -> Record:
     run, trajectory = finished.run, finished.trajectory
     experiment, method, newton = run.experiment, run.method, trajectory.newton
     columns: dict[str, str | int] = dict(method_columns(method))
+    specification = run.specification()
     if columns["degree"] != "-":
         columns["degree"] = int(columns["degree"])
     attributes: dict[str, Any] = {
@@ -181,7 +183,7 @@ def record_of(finished: FinishedRun) -> Record:
         "store_every": experiment.store_every,
         "identity": identity(run),
         "solver_version": SOLVER_VERSION,
-        "specification": canonical_json(run.specification()),
+        "specification": canonical_json(specification),
         **origin(),
     }
     if finished.assurance is not None:
@@ -214,7 +216,11 @@ def record_of(finished: FinishedRun) -> Record:
     points = datasets["time"].size
     if run.member is not None:
         points = _points_on_grid(run, datasets["time"])
-        attributes[SWEPT] = json.dumps(list(run.member.values))
+        # what members have in common is said once, what they differ in beside it
+        keys = tuple(run.member.values)
+        common = {**specification, "problem": without_values(specification["problem"], keys)}
+        attributes |= {SWEPT: json.dumps(keys), "specification": canonical_json(common)}
+        attributes |= {key: value_at(specification["problem"], key) for key in keys}
         datasets = {
             name: values[:points] if has_points(name) else values
             for name, values in datasets.items()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import sys
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -13,10 +14,11 @@ from typing import Any
 import h5py
 
 from fvi_cli.storage.files import damage_told, open_stored
-from fvi_cli.storage.groups import StoredGroup, run_groups
+from fvi_cli.storage.groups import Columns, StoredGroup, run_groups
 from fvi_cli.storage.provenance import canonical_json
 from fvi_cli.storage.records import Place, Record, group_path, place_of, variant_of
 from fvi_cli.studies.experiment import FinishedRun, Run
+from fvi_cli.studies.members import with_values
 
 VARIANT_MARK = "@"
 """Behind the name of an experiment in a group that holds runs of other values."""
@@ -31,7 +33,7 @@ Key = tuple[Place, str, str, bool]
 version of the program computes, or that is computed afresh, has the key of the earlier one."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, slots=True)
 class Location:
     """Where a complete run is stored, and which one it is.
 
@@ -101,9 +103,10 @@ class Snapshot:
         # a run that stands alone is verified when it is read
         a = group.group.attrs if not group.keys else group.attributes
         specification = json.loads(a["specification"])
-        variant = variant_of(specification, group.keys)
-        method = canonical_json(specification["method"])
-        names = (str(a["experiment"]), str(a["case"]), int(a["n_steps"]))
+        # one text for all runs that share it
+        variant = sys.intern(variant_of(specification, group.keys))
+        method = sys.intern(canonical_json(specification["method"]))
+        names = (sys.intern(str(a["experiment"])), sys.intern(str(a["case"])), int(a["n_steps"]))
         values = [canonical_json(one) for one in group.values] if group.keys else [""]
         columns = ("identity", "predicted", "status")
         rows = [group.by_member[n] if group.keys else [str(a[n])] for n in columns]
@@ -111,7 +114,12 @@ class Snapshot:
             refused = _is_refusal(status, predicted, specification)
             key = ((*names, own), variant, method, refused)
             yield Location(
-                file=self.path, group=path, row=row, key=key, identity=mine, predicted=predicted
+                file=self.path,
+                group=path,
+                row=row,
+                key=key,
+                identity=mine,
+                predicted=sys.intern(predicted),
             )
 
     def record(self, location: Location) -> Record:
@@ -132,8 +140,19 @@ class Snapshot:
     def attributes(self, location: Location) -> dict[str, Any]:
         """What is said of a run."""
         with damage_told(self.path):
-            columns = self._group(location.group).columns
-            return {name: values[location.row] for name, values in columns.items()}
+            group = self._group(location.group)
+            found = {name: values[location.row] for name, values in group.columns.items()}
+            values = {key: found.pop(key) for key in group.keys}
+            if values:
+                common = json.loads(found["specification"])
+                own = with_values(common["problem"], values)
+                found["specification"] = canonical_json({**common, "problem": own})
+            return found
+
+    def columns(self, group: str) -> Columns:
+        """What is said of the runs of a group, by name."""
+        with damage_told(self.path):
+            return self._group(group).columns
 
     def _group(self, path: str) -> StoredGroup:
         if path not in self._groups:
@@ -150,7 +169,8 @@ def key_of(run: Run) -> tuple[Place, str, str]:
     """Place, variant and method of a run: what tells it from others in a file."""
     specification = json.loads(canonical_json(run.specification()))
     keys = () if run.member is None else tuple(run.member.values)
-    return place_of(run), variant_of(specification, keys), canonical_json(specification["method"])
+    variant, method = variant_of(specification, keys), canonical_json(specification["method"])
+    return place_of(run), sys.intern(variant), sys.intern(method)
 
 
 def location_of(path: Path, row: int, finished: FinishedRun, record: Record) -> Location:
@@ -159,9 +179,9 @@ def location_of(path: Path, row: int, finished: FinishedRun, record: Record) -> 
     refusal = _is_refusal(finished.status, finished.predicted, run.specification())
     return Location(
         file=path,
-        group=group_path(own[0]),
+        group=sys.intern(group_path(own[0])),
         row=row,
         key=(*own, refusal),
         identity=str(record.attributes["identity"]),
-        predicted=finished.predicted,
+        predicted=sys.intern(finished.predicted),
     )

@@ -25,7 +25,6 @@ from fvi_cli.storage.records import (
     has_points,
     stored_kind,
 )
-from fvi_cli.studies.members import value_at, without_values
 from fvi_cli.studies.sweep_summary import counts_in_words
 
 ALWAYS_BY_MEMBER = (
@@ -82,7 +81,8 @@ def write_group(
     path
         Of the group.
     columns
-        Attributes of all runs; without :data:`SWEPT` there is one run.
+        Attributes of all runs; without :data:`SWEPT` there is one run, with it the specification
+        is what all have in common.
     blocks
         The runs in order, some at a time. The first block fixes the degrees of freedom.
     """
@@ -143,17 +143,10 @@ def _say(group: h5py.Group, columns: Columns) -> dict[str, Any]:
 
 def _say_of_members(group: h5py.Group, columns: Columns, keys: Sequence[str]) -> dict[str, Any]:
     """Write what is said of members; returns it as it is read."""
-    specifications = [json.loads(text) for text in columns["specification"]]
-    template = specifications[0]
-    shared_problem = without_values(template["problem"], tuple(keys))
-    said: dict[str, Any] = {
-        "specification": canonical_json({**template, "problem": shared_problem})
-    }
-    by_member: Columns = {
-        key: [value_at(one["problem"], key) for one in specifications] for key in keys
-    }
+    said: dict[str, Any] = {"specification": columns["specification"][0]}
+    by_member: Columns = {key: columns[key] for key in keys}
     for name, values in columns.items():
-        if name == "specification":
+        if name in said or name in by_member:
             continue
         differs = not all(_same(value, values[0]) for value in values)
         if not differs or name in _SUMMARIES:
@@ -163,7 +156,7 @@ def _say_of_members(group: h5py.Group, columns: Columns, keys: Sequence[str]) ->
             by_member[name] = values
     for name, value in said.items():
         group.attrs[name] = value
-    group.create_dataset(MEMBER, data=np.arange(len(specifications))).make_scale(MEMBER)
+    group.create_dataset(MEMBER, data=np.arange(len(columns["identity"]))).make_scale(MEMBER)
     group[MEMBER].attrs["long_name"] = MEANINGS[MEMBER]
     for name, values in by_member.items():
         write_column(group, name, values, coordinates=() if name in keys else keys)
@@ -292,8 +285,9 @@ def write_convergence(group: h5py.Group, ladder: Mapping[int, Columns]) -> None:
     values: list[list[Any]] = []
     rows: dict[int, list[int]] = {}
     for n_steps in ladder:
-        problems = [json.loads(text)["problem"] for text in ladder[n_steps]["specification"]]
-        own = [[value_at(problem, key) for key in keys] for problem in problems]
+        # without keys there is one run
+        own = [list(one) for one in zip(*(ladder[n_steps][key] for key in keys), strict=True)]
+        own = own or [[]]
         rows[n_steps] = [places.setdefault(canonical_json(one), len(places)) for one in own]
         for one, row in zip(own, rows[n_steps], strict=True):
             if row == len(values):

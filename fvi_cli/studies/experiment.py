@@ -158,7 +158,7 @@ def lookup_case(mapping: Mapping[str, T], method: AnyMethod) -> T | None:
     return None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, slots=True)
 class Run:
     """One method with one number of steps, and one member where there is a sweep."""
 
@@ -252,7 +252,7 @@ def _wanted(accuracy: Accuracy | None) -> dict[str, Any]:
     return {} if accuracy is None else {"accuracy": accuracy.specification()}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, slots=True)
 class FinishedRun:
     """A run with its trajectory and error.
 

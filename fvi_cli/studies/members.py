@@ -24,7 +24,7 @@ DOUBLES_PER_STEP = 60
 """What a degree of freedom takes in memory for every step, by the hungriest method."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, slots=True)
 class Member:
     """One choice of values for the keys that an experiment sweeps over.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
+import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -10,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, method_columns
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.scenes.registry import build_scene
@@ -20,7 +23,10 @@ from fvi_cli.studies.experiment import (
     Observed,
     Predicted,
 )
-from fvi_cli.studies.members import Member, values_in_words
+from fvi_cli.studies.members import Member, values_in_words, with_values
+
+WITHOUT_ORDERS = (".coefficient", ".stiffness", ".mass", ".position", ".velocity")
+"""Endings of keys of a problem that no order of its damping depends on."""
 
 NEAR_FLOOR = 1000.0
 """Errors within this factor of their floor are partly round-off, other digits on other machines."""
@@ -198,15 +204,24 @@ def order_table(experiment: Experiment, finished: Iterable[FinishedRun]) -> Orde
 def damping_orders(source: Experiment | Member) -> str:
     """Orders of the damping terms, joined by ``;``."""
     if isinstance(source, Member):
-        specification = source.specification
-        if specification["kind"] == "fractional-derivative":
-            return f"{specification['order']:.15g}"
-        # without the search for a closed form that comes with the problem
-        scene = build_scene(specification)
-    elif isinstance(source.problem, DerivativeProblem):
+        # most sweeps are over values that change no order: one scene tells for all members
+        values = {k: v for k, v in source.values.items() if not k.endswith(WITHOUT_ORDERS)}
+        return _orders_of_member(source.template, json.dumps(values))
+    if isinstance(source.problem, DerivativeProblem):
         return f"{source.problem.order:.15g}"
-    else:
-        scene = source.problem.scene
+    return _orders_of(source.problem.scene)
+
+
+@functools.lru_cache(maxsize=1024)
+def _orders_of_member(template: str, values: str) -> str:
+    specification = with_values(json.loads(template), json.loads(values))
+    if specification["kind"] == "fractional-derivative":
+        return f"{specification['order']:.15g}"
+    # without the search for a closed form that comes with the problem
+    return _orders_of(build_scene(specification))
+
+
+def _orders_of(scene: Scene) -> str:
     return ";".join(f"{term.order:.15g}" for term in scene.damping)
 
 

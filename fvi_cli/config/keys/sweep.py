@@ -79,7 +79,7 @@ class SweepShape:
 
     def read(self, at: Cursor) -> Any:
         """Plain values, ranges written out; what the values mean is read with the problem."""
-        own = Complaints(folder=at.complaints.folder)
+        own = at.complaints.apart()
         sweep = read_sweep(replace(at, complaints=own))
         at.complaints.adopt(own)
         if sweep is None or len(own):

@@ -11,6 +11,7 @@ from fvi_cli.runner.request import STORED_SUFFIX, gather
 from fvi_cli.storage import open_results, place_of, read_configuration, read_results
 from fvi_cli.storage.atomic import file_lock
 from fvi_cli.storage.records import Place
+from fvi_cli.studies.experiment import Run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,14 +65,9 @@ def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> 
             raise RequestError(
                 f"{path}: is of another configuration than {first}; `fvi show --config` prints them"
             )
-    (request,) = gather([str(first)])
-    runs = [run for one in request.loaded.experiments for run in one.runs()]
-    searches = [run for one in request.loaded.experiments for run in one.searches()]
-    numbers: dict[Place, int] = {
-        place_of(run): -1 if run.member is None else run.member.number for run in runs
-    }
-    target = output / f"{request.name}{STORED_SUFFIX}"
-    with open_results(output, request.name, waits=waits) as store:
+    name, numbers, searches = _asked_for(first)
+    target = output / f"{name}{STORED_SUFFIX}"
+    with open_results(output, name, waits=waits) as store:
         for path in paths:
             if target.exists() and path.samefile(target):
                 continue
@@ -82,3 +78,15 @@ def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> 
         missing = sum(place not in found for place in numbers)
         missing += sum(store.chosen(one) is None for one in searches)
     return Merged(path=target, runs=len(numbers) + len(searches), missing=missing)
+
+
+def _asked_for(path: Path) -> tuple[str, dict[Place, int], list[Run]]:
+    """Name of the configuration of a file, its runs with their place in a sweep, its searches."""
+    (request,) = gather([str(path)])
+    experiments = request.loaded.experiments
+    numbers = {
+        place_of(run): -1 if run.member is None else run.member.number
+        for one in experiments
+        for run in one.runs()
+    }
+    return request.name, numbers, [run for one in experiments for run in one.searches()]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fvi_cli.errors import RequestError
-from fvi_cli.runner.executors.batches import Pack, batches_of, pack_of
+from fvi_cli.runner.executors.batches import LARGEST_PACK, Pack, batches_of, pack_of
 from fvi_cli.runner.request import STORED_SUFFIX
 from fvi_cli.studies.experiment import Experiment, Run
 
@@ -41,6 +41,10 @@ class Shard:
         """``<name>.h5``, of a part ``<name>.shard-2-of-4.h5``."""
         part = "" if self.count == 1 else f".shard-{self.number}-of-{self.count}"
         return f"{name}{part}{STORED_SUFFIX}"
+
+    def checks_member(self, number: int) -> bool:
+        """Whether this part checks a member of a sweep: each is checked by one of them."""
+        return number // LARGEST_PACK % self.count == self.number - 1
 
     def runs_of(self, experiments: Sequence[Experiment]) -> dict[Experiment, list[Run]]:
         """The runs of this part, in the order of the experiments; none where steps are found."""

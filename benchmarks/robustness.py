@@ -1,0 +1,542 @@
+"""What kills, interrupts, strangers' files and a sweep in parts do to results.
+
+Every command runs in a process forked from this one, so that an attack costs no imports; it is a
+process like any other, and is ended by the same signals.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import importlib
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import h5py
+
+from benchmarks.measuring import table
+from fvi_cli.cli import app
+from fvi_cli.config import parse_config
+from fvi_cli.errors import FviError
+from fvi_cli.storage import list_runs
+from fvi_cli.storage.provenance import origin
+
+LADDER = """\
+name: quick
+problem:
+  kind: bagley-torvik
+  damping: [{order: 1.5, coefficient: 1.0}]
+  forcing: 15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5
+  initial: {position: 0.0, velocity: 0.0}
+  final_time: 1.0
+  exact: t**2.5
+method: {bdf: [1, 2, 3], sampling: nodes, degree: 1}
+ladder: {steps: [4, 8, 16, 24, 32, 48]}
+"""
+SWEEP = """\
+name: quick
+problem: {kind: damped-oscillator, damping: [{order: 0.5, coefficient: 0.1}],
+          initial: {position: 1.0}, final_time: 1.0, exact: none}
+method: {rk: gauss, degree: 2}
+ladder: {steps: [4]}
+sweep: {problem.stiffness: {from: 1.0, to: 4.0, number: 60}}
+"""
+LONG = SWEEP.replace("[4]", "[4000]").partition("sweep:")[0]
+HANG_SECONDS = 10.0
+"""A command on a file from a stranger is to be over by then."""
+
+Command = tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Attack:
+    """A command that is killed.
+
+    Parameters
+    ----------
+    name
+        In words.
+    config
+        Text of ``quick.yaml``.
+    before
+        Commands that are carried out first.
+    killed
+        The command that is killed, and then repeated to its end.
+    late
+        It is killed behind this part of the time that it takes undisturbed.
+    """
+
+    name: str
+    config: str
+    killed: Command
+    before: Sequence[Command] = ()
+    late: float = 0.0
+
+
+RUN = ("run", "quick.yaml", "-q")
+MERGED = ("results/quick.shard-1-of-2.h5", "results/quick.shard-2-of-2.h5")
+CLUSTER = "--dask={address}"
+ATTACKS = (
+    Attack(name="run", config=LADDER, killed=RUN),
+    Attack(name="sweep", config=SWEEP, killed=RUN),
+    Attack(name="two workers", config=SWEEP, killed=(*RUN, "--workers", "2")),
+    Attack(name="cluster", config=SWEEP, killed=(*RUN, CLUSTER)),
+    Attack(name="run with checkpoints", config=LONG, killed=(*RUN, "--checkpoint-every", "0")),
+    Attack(name="consolidation", config=LADDER, killed=RUN, late=0.85),
+    Attack(
+        name="merge",
+        config=SWEEP,
+        before=[(*RUN, "--shard", "1/2"), (*RUN, "--shard", "2/2")],
+        killed=("merge", *MERGED),
+    ),
+    Attack(name="convergence", config=LADDER, before=[RUN], killed=("convergence", *RUN[1:])),
+    Attack(name="plot", config=LADDER, before=[RUN], killed=("plot", *RUN[1:])),
+    Attack(
+        name="export",
+        config=LADDER,
+        before=[RUN],
+        killed=("export", "results/quick.h5", "--to", "csv"),
+    ),
+)
+
+
+def begin(folder: Path, command: Command) -> int:
+    """Begin a command in a process of its own; what it prints goes to a file."""
+    process = os.fork()
+    if process:
+        return process
+    try:
+        os.setsid()
+        os.chdir(folder)
+        log = os.open("log", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        for number in (1, 2):
+            os.dup2(log, number)
+        sys.argv = ["fvi", *command]
+        app.main()
+    except SystemExit as ended:
+        sys.stdout.flush()
+        os._exit(int(ended.code or 0))
+    except BaseException:
+        traceback.print_exc()
+    os._exit(70)
+
+
+def end(process: int, seconds: float = 600.0) -> int | None:
+    """The exit code of a process, negative for a signal; None if it had to be ended."""
+    limit = time.monotonic() + seconds
+    while True:
+        found, status = os.waitpid(process, os.WNOHANG)
+        if found:
+            return os.waitstatus_to_exitcode(status)
+        if time.monotonic() > limit:
+            os.killpg(process, signal.SIGKILL)
+            os.waitpid(process, 0)
+            return None
+        time.sleep(0.002)
+
+
+def done(folder: Path, command: Command) -> float:
+    """Carry a command out; returns how long it took.
+
+    Raises
+    ------
+    RuntimeError
+        If it does not succeed.
+    """
+    began = time.monotonic()
+    code = end(begin(folder, command))
+    if code != 0:
+        raise RuntimeError(f"{' '.join(command)}: exit code {code}: {said(folder)}")
+    return time.monotonic() - began
+
+
+def said(folder: Path) -> str:
+    """What the last command printed."""
+    return (folder / "log").read_text(encoding="utf-8", errors="replace")
+
+
+def stored(folder: Path) -> set[str]:
+    """Every complete run in the files of `folder`, which must all be whole.
+
+    Raises
+    ------
+    FviError
+        If one is not.
+    """
+    found: set[str] = set()
+    for path in sorted(folder.rglob("*.h5")):
+        if path.name.startswith("."):
+            continue
+        # a part has no configuration and so no listing
+        with h5py.File(path, "r") as file:
+            groups = [g for e in file.values() for c in e.values() for g in c.values()]
+            found |= {
+                one for group in groups if "complete" in group.attrs for one in _identities(group)
+            }
+        if path.parent == folder / "results":
+            list_runs(path)
+    return found
+
+
+def _identities(group: h5py.Group) -> list[str]:
+    if "identity" in group:
+        return [str(one) for one in group["identity"].asstr()[()]]
+    return [str(group.attrs["identity"])]
+
+
+def files_of(folder: Path) -> set[str]:
+    """Names of all files, but those of locks."""
+    return {
+        path.relative_to(folder).as_posix()
+        for path in folder.rglob("*")
+        if path.is_file() and path.suffix != ".lock"
+    }
+
+
+@dataclass(kw_only=True)
+class Tally:
+    """How often something was done, and what went wrong.
+
+    Parameters
+    ----------
+    name, count
+        What, and how often.
+    wrong
+        A line for everything that is not as it should be.
+    remark
+        What else there is to say.
+    """
+
+    name: str
+    count: int = 0
+    wrong: list[str] = field(default_factory=list)
+    remark: str = ""
+
+
+def run_robustness(count: int, seed: int = 0) -> list[Tally]:
+    """Attack with `count` in a thousand of the full numbers."""
+
+    def share(full: int) -> int:
+        return max(1, full * count // 1000)
+
+    preload()
+    tallies: list[Tally] = []
+    with tempfile.TemporaryDirectory(prefix="fvi-robustness-") as name, _scheduler() as address:
+        folder = Path(name)
+        trials: list[Callable[[], Tally]] = [
+            *(functools.partial(try_kills, folder, a, share(20), address, seed) for a in ATTACKS),
+            functools.partial(try_interrupts, folder, share(50), seed),
+            functools.partial(try_reads, folder, share(1000)),
+            functools.partial(try_configurations, share(20_000), seed),
+            functools.partial(try_files, folder, share(2000), seed),
+        ]
+        for trial in trials:
+            tallies.append(trial())
+            last = tallies[-1]
+            print(last.name, last.count, last.remark, *last.wrong, sep="\n  ", file=sys.stderr)
+    return tallies
+
+
+def preload() -> None:
+    """Import what the commands import, once for all of them."""
+    for name in (
+        "distributed",
+        "fvi_cli.plotting",
+        "fvi_cli.render.figures",
+        "fvi_cli.render.json",
+        "fvi_cli.render.plans",
+        "fvi_cli.render.results",
+        "fvi_cli.runner.parts.merge",
+        "fvi_cli.runner.run",
+        "fvi_cli.storage.export",
+        "matplotlib.backends.backend_agg",
+        "matplotlib.backends.backend_pdf",
+        "matplotlib.pyplot",
+        "rich.table",
+    ):
+        importlib.import_module(name)
+    origin()
+
+
+def robustness_table(tallies: Sequence[Tally]) -> str:
+    """The table, and below it what went wrong."""
+    rows = [(one.name, str(one.count), str(len(one.wrong)), one.remark) for one in tallies]
+    wrong = [f"- {one.name}: {line}" for one in tallies for line in one.wrong]
+    heading = "Wrong: something lost, torn, left over, mixed, a traceback, or more than 10 s."
+    return "\n".join(
+        [
+            table(heading, ("what", "times", "wrong", "remark"), rows),
+            *wrong,
+            *([""] if wrong else []),
+        ]
+    )
+
+
+# --- kills and interrupts -------------------------------------------------------------------------
+
+
+def _fresh(folder: Path, config: str) -> Path:
+    shutil.rmtree(folder / "attacked", ignore_errors=True)
+    own = folder / "attacked"
+    own.mkdir()
+    (own / "quick.yaml").write_text(config, encoding="utf-8")
+    return own
+
+
+def try_kills(folder: Path, attack: Attack, times: int, address: str, seed: int) -> Tally:
+    """Kill a command at random moments and repeat it: nothing is lost, torn or left over."""
+    tally = Tally(name=f"kill: {attack.name}")
+    chance = random.Random(f"{attack.name} {seed}")  # noqa: S311
+    killed = tuple(word.format(address=address) for word in attack.killed)
+    own = _fresh(folder, attack.config)
+    for command in attack.before:
+        done(own, command)
+    seconds = done(own, killed)
+    expected = files_of(own), stored(own)
+    interrupted = kept = 0
+    while tally.count < times:
+        own = _fresh(folder, attack.config)
+        for command in attack.before:
+            done(own, command)
+        before = stored(own)
+        process = begin(own, killed)
+        time.sleep(seconds * chance.uniform(attack.late, 1.0))
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)
+        interrupted += end(process) == -signal.SIGKILL
+        tally.count += 1
+        try:
+            between = stored(own)
+            done(own, killed)
+            after = stored(own)
+        except (FviError, OSError, RuntimeError, KeyError) as error:
+            tally.wrong.append(str(error))
+            continue
+        kept += len(between - before)
+        if not before <= between <= after:
+            tally.wrong.append("runs that were stored are lost")
+        if (files_of(own), after) != expected:
+            odd = sorted(files_of(own) ^ expected[0])
+            tally.wrong.append(f"not what it is undisturbed: {', '.join(odd) or 'other runs'}")
+    tally.remark = f"{interrupted} in the midst; {kept} runs found stored after them"
+    return tally
+
+
+def try_interrupts(folder: Path, times: int, seed: int) -> Tally:
+    """Interrupt ``run --fresh`` where all runs are stored: none is lost."""
+    tally = Tally(name="Ctrl-C in `run --fresh`")
+    chance = random.Random(seed)  # noqa: S311
+    own = _fresh(folder, LADDER)
+    done(own, RUN)
+    seconds = done(own, (*RUN, "--fresh"))
+    expected, names = stored(own), files_of(own)
+    codes = []
+    while tally.count < times:
+        process = begin(own, (*RUN, "--fresh"))
+        time.sleep(seconds * chance.uniform(0.0, 1.0))
+        os.kill(process, signal.SIGINT)
+        codes.append(end(process))
+        tally.count += 1
+        if stored(own) != expected or files_of(own) != names:
+            tally.wrong.append(f"{len(expected - stored(own))} runs lost")
+        if "Traceback" in said(own):
+            tally.wrong.append(said(own).strip().splitlines()[-1])
+    tally.remark = f"{codes.count(130)} ended with 130, {codes.count(0)} were over"
+    return tally
+
+
+# --- readers beside writers -----------------------------------------------------------------------
+
+
+def try_reads(folder: Path, times: int) -> Tally:
+    """Read tables of orders beside two writers that alternate two problems in one file."""
+    tally = Tally(name="read beside two writers")
+    own = _fresh(folder, LADDER.replace("[4, 8, 16, 24, 32, 48]", "[4, 8, 16]"))
+    variants = [("--set", f"report.norm={norm}", "--fresh") for norm in ("max", "final")]
+    done(own, (*RUN, *variants[0][:2]))
+    writers = [
+        _repeated(own, [(*RUN, "--wait", *variants[(k + j) % 2]) for j in (0, 1)]) for k in (0, 1)
+    ]
+    try:
+        norms = set()
+        while tally.count < times:
+            place = own / f"reader-{tally.count % 2}"
+            place.mkdir(exist_ok=True)
+            source = own / "results" / "quick.h5"
+            code = end(begin(place, ("convergence", str(source), "-q", "-o", "out")), HANG_SECONDS)
+            tally.count += 1
+            csv = place / "out" / "tables" / "quick.csv"
+            if code != 0 or not csv.exists():
+                tally.wrong.append(f"exit code {code}: {said(place)[:200]}")
+                continue
+            lines = csv.read_text(encoding="utf-8").splitlines()
+            column = lines[0].split(",").index("norm")
+            found = {line.split(",")[column] for line in lines[1:]}
+            norms |= found
+            if len(found) != 1 or len(lines) != 1 + 9:
+                tally.wrong.append(f"{len(lines) - 1} rows of {', '.join(sorted(found))}")
+            csv.unlink()
+    finally:
+        for process in writers:
+            os.killpg(process, signal.SIGKILL)
+            os.waitpid(process, 0)
+    tally.remark = f"norms seen: {', '.join(sorted(norms))}"
+    return tally
+
+
+def _repeated(folder: Path, commands: Sequence[Command]) -> int:
+    """A process that carries out commands for ever."""
+    process = os.fork()
+    if process:
+        return process
+    os.setsid()
+    while True:
+        for command in commands:
+            end(begin(folder, command))
+
+
+# --- strangers ------------------------------------------------------------------------------------
+
+
+def try_configurations(times: int, seed: int) -> Tally:
+    """Check configurations with changes at random: a complaint or none, nothing else."""
+    tally = Tally(name="hostile configurations")
+    chance = random.Random(seed)  # noqa: S311
+    refused = 0
+    slowest = 0.0
+    while tally.count < times:
+        text = _mutated(chance.choice((LADDER, SWEEP, LONG)), chance)
+        began = time.process_time()
+        try:
+            with _alarm(HANG_SECONDS):
+                parse_config(text, "f.yaml")
+        except FviError as error:
+            refused += 1
+            if not str(error).isprintable() and "\n" not in str(error):
+                tally.wrong.append(f"unprintable: {error!r}")
+        except Exception as error:
+            tally.wrong.append(f"{type(error).__name__}: {error}: {text!r}")
+        slowest = max(slowest, time.process_time() - began)
+        tally.count += 1
+    tally.remark = f"{refused} refused; the slowest took {slowest:.1f} s of processor time"
+    return tally
+
+
+_WORDS = """
+? ! | > & * - : {} [] [[ }} # % @ ` ' " !!python/object:os.system <<: *a &a null true nan .inf 1e999
+-1 0 1e-320 1e308 99999999999999999999 __import__('os') ${HOME} ../../etc/passwd /dev/zero é
+problem ladder method sweep experiments accuracy tolerance steps order damping file forcing exact
+"""
+WORDS = [*_WORDS.split(), "\x00", "\u2028", "\ufeff"]
+
+
+def _mutated(text: str, chance: random.Random) -> str:
+    for _ in range(chance.choice((1, 1, 2, 4))):
+        begin = chance.randrange(len(text) + 1)
+        finish = min(len(text), begin + chance.choice((0, 1, 3, 10, 40)))
+        new = chance.choice(
+            (
+                "",
+                text[begin:finish] * 2,
+                chance.choice(WORDS),
+                " ".join(chance.choice(WORDS) for _ in range(3)),
+                chance.choice(("\n", "\n  ", "\t", ": ", ", ")),
+            )
+        )
+        text = text[:begin] + new + text[finish:]
+    return text
+
+
+def try_files(folder: Path, times: int, seed: int) -> Tally:
+    """Show, tabulate, export and reuse result files with damage."""
+    tally = Tally(name="hostile result files")
+    chance = random.Random(seed)  # noqa: S311
+    own = _fresh(folder, LADDER.replace("[4, 8, 16, 24, 32, 48]", "[4, 8]"))
+    done(own, RUN)
+    path = own / "results" / "quick.h5"
+    content = path.read_bytes()
+    commands = (
+        ("show", "results/quick.h5"),
+        ("convergence", "results/quick.h5", "-q"),
+        ("export", "results/quick.h5", "--to", "npz"),
+        ("merge", "results/quick.h5", "-o", "merged"),
+        ("run", "quick.yaml", "-q"),
+    )
+    codes = []
+    while tally.count < times:
+        path.write_bytes(_damaged(content, chance))
+        command = chance.choice(commands)
+        codes.append(end(begin(own, command), HANG_SECONDS))
+        tally.count += 1
+        told = said(own)
+        if codes[-1] not in (0, 2) or "Traceback" in told or "unexpected" in told:
+            tally.wrong.append(f"{command[0]}: exit code {codes[-1]}: {told[-200:]}")
+        for name in ("merged", "export", "results/tables"):
+            shutil.rmtree(own / name, ignore_errors=True)
+    tally.remark = f"{codes.count(2)} refused"
+    return tally
+
+
+def _damaged(content: bytes, chance: random.Random) -> bytes:
+    changed = bytearray(content)
+    how = chance.randrange(4)
+    if how == 0:
+        return bytes(changed[: chance.randrange(len(changed))])
+    if how == 1:
+        # without the seal every structure of the format is open to attack
+        del changed[changed.rfind(b"fvi-cli sha256 seal:") :]
+    for _ in range(chance.choice((1, 2, 8, 64))):
+        changed[chance.randrange(len(changed))] ^= 1 << chance.randrange(8)
+    return bytes(changed)
+
+
+@contextlib.contextmanager
+def _alarm(seconds: float) -> Iterator[None]:
+    def too_long(number: int, frame: object) -> None:
+        raise TimeoutError(f"more than {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, too_long)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@contextlib.contextmanager
+def _scheduler() -> Iterator[str]:
+    """A Dask cluster of two workers in processes of its own."""
+    script = (
+        "import sys; from distributed import LocalCluster\n"
+        "if __name__ == '__main__':\n"
+        "    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=':0',\n"
+        "                      silence_logs=50) as c:\n"
+        "        print(c.scheduler_address, flush=True); sys.stdin.read()\n"
+    )
+    with tempfile.NamedTemporaryFile("w", suffix=".py") as file:
+        file.write(script)
+        file.flush()
+        process = subprocess.Popen(  # noqa: S603
+            [sys.executable, file.name],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        with process:
+            if process.stdout is None or process.stdin is None:
+                raise RuntimeError("no pipes")
+            yield process.stdout.readline().strip()
+            process.stdin.close()
+            process.wait(60)
