@@ -241,7 +241,10 @@ def run_robustness(count: int, seed: int = 0) -> list[Tally]:
             functools.partial(try_files, folder, share(2000), seed),
         ]
         for trial in trials:
-            tallies.append(trial())
+            try:
+                tallies.append(trial())
+            except KeyboardInterrupt:
+                break
             last = tallies[-1]
             print(last.name, last.count, last.remark, *last.wrong, sep="\n  ", file=sys.stderr)
     return tallies

@@ -1,6 +1,7 @@
 """What the command line promises: results on stdout, talk on stderr, exit codes, no tracebacks."""
 
 import csv
+import dataclasses
 import json
 import os
 import re
@@ -18,6 +19,7 @@ import fvi_cli
 from fvi_cli.cli.app import app
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.runner import request
+from fvi_cli.storage.code import own_code
 from fvi_cli.storage.provenance import SOLVER_VERSION
 
 QUICK = """\
@@ -377,6 +379,27 @@ def test_a_dry_run_tells_half_runs_older_solvers_and_refusals(folder, monkeypatc
     found = reasons(fvi("run", "diverging.yaml", "--dry-run"))
     assert [action for action, _ in found] == 2 * ["refuse"] + 2 * ["compute"]
     assert all(reason.startswith("refused: ") for _, reason in found[:2])
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"numpy": "9.9"}, "numpy 9.9 in place of "),
+        ({"scipy": "9.9"}, "scipy 9.9 in place of "),
+        ({"sources": "0" * 64}, "other source files of fvi "),
+    ],
+)
+def test_what_other_code_has_computed_is_computed_again(folder, monkeypatch, change, reason):
+    few = ("run", "quick.yaml", "--set", "ladder.steps=[4]")
+    fvi(*few, "-q")
+    other = dataclasses.replace(own_code(), **change)
+    for module in ("provenance", "records", "comparison.reasons"):
+        monkeypatch.setattr(f"fvi_cli.storage.{module}.own_code", lambda: other)
+    found = reasons(fvi(*few, "--dry-run"))
+    assert all(action == "compute" and why.startswith(reason) for action, why in found)
+    assert found
+    fvi(*few, "-q")
+    assert {action for action, _ in reasons(fvi(*few, "--dry-run"))} == {"reuse"}
 
 
 def test_allowing_what_is_stable_anyway_computes_nothing_again(folder):

@@ -19,6 +19,7 @@ command             call
 ``fvi fit``         :func:`fit`
 ``fvi hard-cases``  :func:`hard_cases`
 ``fvi export``      :func:`export`
+``fvi merge``       :func:`merge_files`
 ``fvi forget``      :func:`forget`
 ``fvi new``         :func:`starter_config`
 ``fvi schema``      :func:`json_schema`
@@ -101,6 +102,7 @@ from fvi_cli.integrator.stability.prediction import StabilityPrediction
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.render.results import as_text, compare, figures, order_tables, write
 from fvi_cli.runner.outcome import Outcome
+from fvi_cli.runner.parts.merge import merge_files
 from fvi_cli.runner.plan import PlannedRun
 from fvi_cli.runner.scenes import integrate, integrate_members, integrate_part, predict_stability
 from fvi_cli.scenes.lagrangian import lagrangian_scene
@@ -183,6 +185,7 @@ __all__ = [
     "lagrangian_scene",
     "linear_oscillator",
     "load",
+    "merge_files",
     "mesh_of",
     "method_named",
     "misfit",

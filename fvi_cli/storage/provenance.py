@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 import fvi_cli
+from fvi_cli.storage.code import own_code
 from fvi_cli.studies.experiment import Run
 
 FORMAT = 2
@@ -71,12 +72,15 @@ def sha256(text: str) -> str:
 
 
 def identity(run: Run) -> str:
-    """SHA-256 of what determines the numbers of a run, with format and version of the solver.
+    """SHA-256 of what determines the numbers of a run: its values, and by which code they are made.
 
-    Whether it may be unstable is no part of that.
+    That is the format, the version of the solver, its sources, NumPy and SciPy. Whether it may be
+    unstable is no part of that.
     """
     specification = {k: v for k, v in run.specification().items() if k != "allow_unstable"}
-    described = {"format": FORMAT, "solver": SOLVER_VERSION, "run": specification}
+    code = own_code()
+    solver = [SOLVER_VERSION, code.sources, code.numpy, code.scipy]
+    described = {"format": FORMAT, "solver": solver, "run": specification}
     return sha256(canonical_json(described))
 
 

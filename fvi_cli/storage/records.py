@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from fvi_cli.integrator.method import method_columns
 from fvi_cli.integrator.trajectory import NewtonRecord, Outcome, Trajectory
 from fvi_cli.scenes.problem import Problem
+from fvi_cli.storage.code import own_code
 from fvi_cli.storage.fields.diagnostics import (
     DIAGNOSTIC_DIMENSIONS,
     DIAGNOSTIC_NAMES,
@@ -183,6 +184,7 @@ def record_of(finished: FinishedRun) -> Record:
         "store_every": experiment.store_every,
         "identity": identity(run),
         "solver_version": SOLVER_VERSION,
+        "code": own_code().text,
         "specification": canonical_json(specification),
         **origin(),
     }

@@ -24,8 +24,8 @@ from fvi_cli.errors import ExecutorError
 from fvi_cli.runner.executors import executor as executor_module
 from fvi_cli.runner.executors.batches import execute_batch
 from fvi_cli.runner.executors.cluster import DaskCluster
-from fvi_cli.runner.executors.code import own_code
 from fvi_cli.runner.executors.executor import InProcess, compute_batches
+from fvi_cli.storage.code import own_code
 
 # the workers have the package, but not the tests
 cloudpickle.register_pickle_by_value(local)

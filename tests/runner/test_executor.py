@@ -20,10 +20,10 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.runner.executors import executor as executor_module
 from fvi_cli.runner.executors.batches import execute_batch
-from fvi_cli.runner.executors.code import own_code
 from fvi_cli.runner.executors.executor import InProcess, compute_batches
 from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.scenes.registry import build_problem
+from fvi_cli.storage.code import own_code
 from fvi_cli.studies.experiment import Experiment
 
 pytestmark = pytest.mark.processes

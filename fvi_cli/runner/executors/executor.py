@@ -18,9 +18,9 @@ import fvi_cli
 from fvi_cli.errors import ExecutorError
 from fvi_cli.integrator.advance import Watcher, watched
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.runner.executors.code import Code, own_code
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
+from fvi_cli.storage.code import Code, own_code
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 
 _logger = logging.getLogger(__name__)

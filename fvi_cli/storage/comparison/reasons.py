@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from fvi_cli.storage.code import Code, own_code
 from fvi_cli.storage.comparison.differences import changed_keys
 from fvi_cli.storage.provenance import SOLVER_VERSION, canonical_json
 from fvi_cli.storage.records import Place, group_path, place_of
@@ -45,6 +46,7 @@ class Reasons:
         str
             ``new``: there is none in its place; ``incomplete``: it is only half there;
             ``older solver``: a version of the program that gave other numbers made it;
+            ``numpy 2.4.1 in place of 2.4.0``, ``other source files of fvi 0.2.0``: other code did;
             ``changed: problem.stiffness, ...``: these keys of the configuration are not what they
             were. Where there is none in its place, but a run of the same experiment and number of
             steps is stored that is not asked for any more and differs in keys of the method
@@ -70,6 +72,8 @@ class Reasons:
         version = int(attributes["solver_version"])
         if version != SOLVER_VERSION:
             reasons.append(OLDER_SOLVER if version < SOLVER_VERSION else OTHER_SOLVER)
+        elif not changed and "code" in attributes:
+            reasons.append(Code(**json.loads(attributes["code"])).differences(own_code()))
         return "; ".join(reasons) or "older format"
 
     def _replaced(self, place: Place, specification: Mapping[str, Any]) -> str:
