@@ -403,9 +403,11 @@ def _repeated(folder: Path, commands: Sequence[Command]) -> int:
     if process:
         return process
     os.setsid()
-    while True:
+    parent = os.getppid()
+    while os.getppid() == parent:
         for command in commands:
             end(begin(folder, command))
+    os._exit(0)
 
 
 # --- strangers ------------------------------------------------------------------------------------

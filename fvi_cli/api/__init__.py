@@ -22,6 +22,7 @@ command             call
 ``fvi merge``       :func:`merge_files`
 ``fvi forget``      :func:`forget`
 ``fvi new``         :func:`starter_config`
+``fvi guide``       ``fvi_cli.config.guide_page``
 ``fvi schema``      :func:`json_schema`
 =================== ===========================================================================
 
