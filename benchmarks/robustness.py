@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -52,6 +52,7 @@ ladder: {steps: [4]}
 sweep: {problem.stiffness: {from: 1.0, to: 4.0, number: 60}}
 """
 LONG = SWEEP.replace("[4]", "[4000]").partition("sweep:")[0]
+LONGEST_SECONDS = 120.0
 HANG_SECONDS = 10.0
 """A command on a file from a stranger is to be over by then."""
 
@@ -154,7 +155,7 @@ def done(folder: Path, command: Command) -> float:
         If it does not succeed.
     """
     began = time.monotonic()
-    code = end(begin(folder, command))
+    code = end(begin(folder, command), LONGEST_SECONDS)
     if code != 0:
         raise RuntimeError(f"{' '.join(command)}: exit code {code}: {said(folder)}")
     return time.monotonic() - began
@@ -233,7 +234,7 @@ def run_robustness(count: int, seed: int = 0) -> list[Tally]:
     tallies: list[Tally] = []
     with tempfile.TemporaryDirectory(prefix="fvi-robustness-") as name, _scheduler() as address:
         folder = Path(name)
-        trials: list[Callable[[], Tally]] = [
+        trials: list[functools.partial[Tally]] = [
             *(functools.partial(try_kills, folder, a, share(20), address, seed) for a in ATTACKS),
             functools.partial(try_interrupts, folder, share(50), seed),
             functools.partial(try_reads, folder, share(1000)),
@@ -245,6 +246,9 @@ def run_robustness(count: int, seed: int = 0) -> list[Tally]:
                 tallies.append(trial())
             except KeyboardInterrupt:
                 break
+            except RuntimeError as error:
+                name = str(trial.args[1].name) if len(trial.args) == 5 else trial.func.__name__
+                tallies.append(Tally(name=name, wrong=[f"could not be tried: {error}"]))
             last = tallies[-1]
             print(last.name, last.count, last.remark, *last.wrong, sep="\n  ", file=sys.stderr)
     return tallies
@@ -253,7 +257,6 @@ def run_robustness(count: int, seed: int = 0) -> list[Tally]:
 def preload() -> None:
     """Import what the commands import, once for all of them."""
     for name in (
-        "distributed",
         "fvi_cli.plotting",
         "fvi_cli.render.figures",
         "fvi_cli.render.json",
@@ -523,10 +526,12 @@ def _alarm(seconds: float) -> Iterator[None]:
 def _scheduler() -> Iterator[str]:
     """A Dask cluster of two workers in processes of its own."""
     script = (
-        "import sys; from distributed import LocalCluster\n"
+        "import sys; from distributed import Client, LocalCluster\n"
         "if __name__ == '__main__':\n"
         "    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=':0',\n"
         "                      silence_logs=50) as c:\n"
+        "        with Client(c) as client:\n"
+        "            client.wait_for_workers(2, timeout=120)\n"
         "        print(c.scheduler_address, flush=True); sys.stdin.read()\n"
     )
     with tempfile.NamedTemporaryFile("w", suffix=".py") as file:
