@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.kinds import kinds_of, side_by_side
 from fvi_cli.integrator.batches.run import integrate_side_by_side
@@ -24,8 +23,8 @@ from fvi_cli.integrator.blocks.linear import (
 )
 from fvi_cli.integrator.blocks.response import LinearSystem
 from fvi_cli.integrator.counts import check_counts
-from fvi_cli.integrator.decoupling import Decoupling, decouple_forms
-from fvi_cli.integrator.equal_steps.routes import LEAST_BLOCK_STEPS
+from fvi_cli.integrator.decoupling import Decoupling
+from fvi_cli.integrator.equal_steps.routes import LEAST_BLOCK_STEPS, scene_decoupling
 from fvi_cli.integrator.equal_steps.run import Prepared, bounded, finished_trajectory, prepare
 from fvi_cli.integrator.equal_steps.weights import shared_channels
 from fvi_cli.integrator.growth_bound import GrowthBound, cut_at_bound
@@ -153,10 +152,10 @@ def _integrate_batch(
     members = []
     for scene in scenes:
         prepared, bound = bounded(prepare(scene, method, n_steps, source))
-        potential = scene.potential
-        stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
         directions = [channel.direction for channel in prepared.problem.memory.channels]
-        decoupling = decouple_forms(scene.inertia.mass, stiffness, directions)
+        decoupling = scene_decoupling(scene, directions)
+        if decoupling is None:  # pragma: no cover - only linear scenes go together
+            return None
         members.append(_Ready(prepared=prepared, bound=bound, decoupling=decoupling))
     # members with modes are as many systems as they have degrees of freedom
     widths = [member.decoupling.batch for member in members]

@@ -11,7 +11,7 @@ from written_out import integrate_written_out, left_operator_rk
 
 from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
-from fvi_cli.integrator.equal_steps import increments as increments_module
+from fvi_cli.integrator.equal_steps import routes
 from fvi_cli.integrator.equal_steps import run as integrating
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
@@ -373,7 +373,7 @@ def test_asking_for_a_balance_takes_no_single_steps(monkeypatch):
     def refuse(*arguments, **options):
         raise AssertionError("steps one after the other")
 
-    monkeypatch.setattr(increments_module, "run_steps", refuse)
+    monkeypatch.setattr(routes, "run_steps", refuse)
     for method in (GAUSS2, NODES, POINTS):
         for scene in (oscillator(0.5), two_masses(), pendulum(), kepler(0.0)):
             asked = integrate(scene, method, 200, diagnostics=Asked(energy_balance=True))

@@ -10,20 +10,12 @@ at once:
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.potential import Potential, QuadraticPotential
-from fvi_cli.integrator.blocks.linear import run_linear_blocks
-from fvi_cli.integrator.blocks.newton import run_newton_blocks
-from fvi_cli.integrator.blocks.stepped_history import SteppedHistory
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem
-from fvi_cli.integrator.equal_steps.routes import choose_route, scene_decoupling, sums_directly
-from fvi_cli.integrator.equal_steps.stepping import run_steps
-from fvi_cli.integrator.method import Method
 
 Array = NDArray[np.float64]
 
@@ -32,46 +24,6 @@ NEWTON_LIMIT = 50
 
 CHUNK = 2048
 """Steps whose equations are solved at a time."""
-
-
-def run_with_increments(problem: StepProblem, method: Method) -> Stepped:
-    """All steps with their increments: in blocks, but for general Lagrangians.
-
-    Parameters
-    ----------
-    problem
-        Everything that the steps need.
-    method
-        Its history says whether every sum of the memory is written out.
-    """
-    scene, memory, n_steps = problem.scene, problem.memory, problem.n_steps
-    if not sums_directly(method.history, n_steps):
-        decoupling = scene_decoupling(scene, [channel.direction for channel in memory.channels])
-        samples, damped = memory.sample_matrix.shape[1], bool(memory.channels)
-        route = choose_route(scene, method.history, n_steps, samples, decoupling, damped=damped)
-        if route == "linear blocks" and decoupling is not None:
-            stepped = run_linear_blocks(replace(problem, keep_force=True), decoupling)
-            if stepped is not None:
-                found = linear_increments(problem, decoupling, stepped)
-                return _kept(stepped, found)
-        if route == "newton blocks" and scene.potential is not None:
-            stepped = run_newton_blocks(replace(problem, keep_force=True))
-            if stepped is not None:
-                solved = nonlinear_increments(problem, scene.potential, stepped)
-                if solved is not None:
-                    return _kept(stepped, solved)
-    history = None
-    if memory.channels and method.history != "direct":
-        history = SteppedHistory(memory, n_steps, scene.dimension)
-    return run_steps(problem, history, keep_increments=True)
-
-
-def _kept(stepped: Stepped, increments: Array) -> Stepped:
-    """What the steps gave with their increments, and no force where nothing is damped."""
-    force = stepped.end_force
-    if not force.shape[0]:
-        force = np.zeros((stepped.position.shape[0], *force.shape[1:]))
-    return replace(stepped, increments=increments, end_force=force)
 
 
 def linear_increments(problem: StepProblem, decoupling: Decoupling, stepped: Stepped) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -15,6 +16,7 @@ from fvi_cli.integrator.blocks.newton import newton_block, run_newton_blocks
 from fvi_cli.integrator.blocks.sizes import batch_sizes
 from fvi_cli.integrator.blocks.stepped_history import SteppedHistory
 from fvi_cli.integrator.decoupling import Decoupling, decouple_forms
+from fvi_cli.integrator.equal_steps.increments import linear_increments, nonlinear_increments
 from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem
 from fvi_cli.integrator.equal_steps.stepping import run_steps
 from fvi_cli.integrator.method import History
@@ -75,7 +77,7 @@ def scene_decoupling(scene: Scene, directions: Sequence[Array]) -> Decoupling | 
     return decouple_forms(scene.inertia.mass, stiffness, directions)
 
 
-def run(problem: StepProblem, history: History) -> Stepped:
+def run(problem: StepProblem, history: History, *, with_increments: bool = False) -> Stepped:
     """All steps by the route that `history` asks for.
 
     Parameters
@@ -85,13 +87,16 @@ def run(problem: StepProblem, history: History) -> Stepped:
     history
         ``direct``: one step after the other, every sum written out; ``fft``: block by block,
         finished blocks convolved into the future by FFT; ``auto``: the quicker one.
+    with_increments
+        Whether the increments of every step are wanted, and with them the damping force.
 
     Returns
     -------
     Stepped
-        The same to round-off by every route.
+        The same to round-off by every route, and to the last bit with increments or without.
     """
     scene, memory, n_steps = problem.scene, problem.memory, problem.n_steps
+    problem = replace(problem, keep_force=with_increments)
     decoupling = None
     if not sums_directly(history, n_steps):
         decoupling = scene_decoupling(scene, [channel.direction for channel in memory.channels])
@@ -100,8 +105,24 @@ def run(problem: StepProblem, history: History) -> Stepped:
     finished: Stepped | None = None
     if route == "linear blocks" and decoupling is not None:
         finished = run_linear_blocks(problem, decoupling)
+        if finished is not None and with_increments:
+            return _kept(finished, linear_increments(problem, decoupling, finished))
     elif route == "newton blocks":
         finished = run_newton_blocks(problem)
-    elif route == "stepped":
-        finished = run_steps(problem, SteppedHistory(memory, n_steps, scene.dimension))
-    return run_steps(problem) if finished is None else finished
+        if finished is not None and with_increments and scene.potential is not None:
+            increments = nonlinear_increments(problem, scene.potential, finished)
+            finished = None if increments is None else _kept(finished, increments)
+    if finished is not None:
+        return finished
+    sums = None
+    if memory.channels and route != "direct steps":
+        sums = SteppedHistory(memory, n_steps, scene.dimension)
+    return run_steps(problem, sums, keep_increments=with_increments)
+
+
+def _kept(stepped: Stepped, increments: Array) -> Stepped:
+    """What the steps gave with their increments, and no force where nothing is damped."""
+    force = stepped.end_force
+    if not force.shape[0]:
+        force = np.zeros((stepped.position.shape[0], *force.shape[1:]))
+    return replace(stepped, increments=increments, end_force=force)

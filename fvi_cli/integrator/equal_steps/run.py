@@ -12,7 +12,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import Asked, diagnose
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.equal_steps.balance_data import Motion
-from fvi_cli.integrator.equal_steps.increments import run_with_increments
 from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem
 from fvi_cli.integrator.equal_steps.routes import run
 from fvi_cli.integrator.equal_steps.weights import ChannelSource, build_memory
@@ -59,10 +58,7 @@ def _integrate(scene: Scene, method: Method, n_steps: int, asked: Asked) -> Traj
     prepared, bound = bounded(prepared)
     problem = prepared.problem
     ready = time.perf_counter()
-    if asked.is_empty:
-        stepped = run(problem, method.history)
-    else:
-        stepped = run_with_increments(problem, method)
+    stepped = run(problem, method.history, with_increments=not asked.is_empty)
     stepped = cut_at_bound(problem, stepped, bound)
     seconds = (ready - began, time.perf_counter() - ready)
     trajectory = finished_trajectory(method, prepared, stepped, seconds)
