@@ -1,18 +1,19 @@
-"""A force that is known at samples only, and what lies between them."""
+"""Forces that are no formulas: known at samples only, or computed by a program."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Final, Literal, TypeVar, cast
+from typing import Final, Literal, Self, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.effects.matrices import Array
-from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.series.power_series import PowerSeries
+from fvi_cli.mathematics.series.taylor import SeriesError
 
 T = TypeVar("T")
 Interpolation = Literal["linear", "cubic"]
@@ -22,7 +23,24 @@ INTERPOLATION_ORDERS: Final[Mapping[str, int]] = {"linear": 2, "cubic": 4}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SampledForce:
+class _WithFormula:
+    """A component of a force to which an expression in t may be added."""
+
+    formula: Expression | None = None
+
+    def plus(self, formula: Expression) -> Self:
+        """The force plus an expression in t."""
+        if self.formula is not None:
+            formula = Expression.parse(f"({self.formula.text}) + ({formula.text})", ("t",))
+        return replace(self, formula=formula)
+
+    def _formula_times(self, factor: float) -> Expression | None:
+        own = self.formula
+        return own and Expression.parse(f"({factor!r})*({own.text})", own.variables)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SampledForce(_WithFormula):
     r"""One component of a force as a piecewise polynomial through samples.
 
     .. math:: f(t) = \sum_{j=0}^{p-1} c_{jk} (t - t_k)^{p-1-j}, \qquad t_k \le t \le t_{k+1}
@@ -47,7 +65,6 @@ class SampledForce:
     knots: Array
     coefficients: Array
     source: str = "samples"
-    formula: Expression | None = None
 
     def __post_init__(self) -> None:
         for name in ("knots", "coefficients"):
@@ -122,16 +139,11 @@ class SampledForce:
 
     def scaled(self, factor: float) -> SampledForce:
         """The force times a number."""
-        formula = self.formula
-        if formula is not None:
-            formula = Expression.parse(f"({factor!r})*({formula.text})", formula.variables)
-        return replace(self, coefficients=factor * self.coefficients, formula=formula)
-
-    def plus(self, formula: Expression) -> SampledForce:
-        """The force plus an expression in t."""
-        if self.formula is not None:
-            formula = Expression.parse(f"({self.formula.text}) + ({formula.text})", ("t",))
-        return replace(self, formula=formula)
+        return replace(
+            self,
+            coefficients=factor * self.coefficients,
+            formula=self._formula_times(factor),
+        )
 
     def evaluate(
         self, names: Mapping[str, T | float], functions: Mapping[str, Callable[..., T]]
@@ -185,3 +197,63 @@ class SampledForce:
         """Which polynomial holds at `time`; at a knot the later one."""
         found = np.searchsorted(self.knots, time, side="right") - 1
         return np.asarray(np.clip(found, 0, self.coefficients.shape[1] - 1))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FunctionForce(_WithFormula):
+    """One component of a force as a function of the time, with an expression in t added.
+
+    Parameters
+    ----------
+    function
+        Times of any shape to the force at them, in the same shape; smooth between the break points
+        that its piece of the forcing has.
+    factor
+        What it is multiplied by.
+    formula
+        An expression in t that is added; None: nothing.
+    """
+
+    function: Callable[[Array], Array]
+    factor: float = 1.0
+
+    @property
+    def text(self) -> str:
+        """What the component is called in messages."""
+        return str(getattr(self.function, "__name__", "a function"))
+
+    @property
+    def is_constant(self) -> bool:
+        """Nothing is known of it."""
+        return False
+
+    def scaled(self, factor: float) -> FunctionForce:
+        """The force times a number."""
+        return replace(self, factor=factor * self.factor, formula=self._formula_times(factor))
+
+    def evaluate(
+        self, names: Mapping[str, T | float], functions: Mapping[str, Callable[..., T]]
+    ) -> T | float:
+        """The force at the times under ``t``.
+
+        Raises
+        ------
+        SeriesError
+            On any other algebra than floating-point numbers.
+        ExpressionError
+            Where the function gives another shape, or no real numbers.
+        """
+        time = names["t"]
+        if not isinstance(time, np.ndarray | float | int):
+            raise SeriesError(f"{self.text}: a function is not a formula")
+        times = np.asarray(time, dtype=float)
+        values = np.asarray(self.function(times))
+        if values.shape not in (times.shape, ()) or values.dtype.kind not in "fiu":
+            raise ExpressionError(
+                f"{self.text}: it gives {values.dtype} of shape {values.shape} for times of shape "
+                f"{times.shape}; it must give a number for each"
+            )
+        found = self.factor * np.broadcast_to(values.astype(float), times.shape)
+        if self.formula is not None:
+            found = found + self.formula.evaluate({"t": times}, NUMPY_FUNCTIONS)
+        return cast(T, found)

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.forcing import ForcingPiece
-from fvi_cli.effects.function_force import FunctionForce
 from fvi_cli.effects.matrices import diagonal
 from fvi_cli.effects.potential import ExpressionPotential
+from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
