@@ -10,7 +10,7 @@ from pathlib import Path
 
 from benchmarks.accuracy import accuracy_table, run_accuracy
 from benchmarks.adaptive import adaptive_table, run_adaptive
-from benchmarks.fits import N_FITS, run_fits
+from benchmarks.fits import N_FITS, N_STARTS, run_fits
 from benchmarks.floors import floor_table, run_floors
 from benchmarks.many import many_table, run_many
 from benchmarks.memory import memory_table, run_memory
@@ -31,7 +31,7 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 
 
 PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
-    "fits": ("What fits are worth", lambda asked: run_fits(asked.output, asked.fits)),
+    "fits": ("What fits are worth", lambda asked: run_fits(asked.output, asked.fits, asked.starts)),
     "floors": ("What rounding leaves", lambda asked: floor_table(run_floors(asked.most))),
     "parts": ("What a sweep in parts takes", lambda asked: parts_page(asked.members)),
     "robustness": (
@@ -109,6 +109,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--members", type=int, default=100_000, metavar="N", help="parts: members of the sweep"
     )
+    parser.add_argument(
+        "--starts", type=int, default=N_STARTS, metavar="N", help="fits: fits from bad starts"
+    )
     parser.add_argument("--output", type=Path, default=Path("results"), help="folder of the page")
     asked = parser.parse_args(arguments)
     unknown = set(asked.sections) - {*SECTIONS, *PAGES}
@@ -118,6 +121,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for name in set(asked.sections) & set(PAGES):
         title, measure = PAGES[name]
         command = name
+        if name == "fits":
+            command += f" --fits {asked.fits} --starts {asked.starts}"
         if name == "robustness":
             command += f" --per-mille {asked.per_mille}"
         if name == "parts":

@@ -13,7 +13,7 @@ from fvi_cli.errors import RequestError
 from fvi_cli.studies.fits.model import Evaluation, MotionModel, rms, series_of
 from fvi_cli.studies.fits.profile import Side, profile_side, quantile
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit, SeriesFit
-from fvi_cli.studies.fits.search import Found, distinct, least_squares_from, search
+from fvi_cli.studies.fits.search import HOPELESS, Found, distinct, least_squares_from, search
 from fvi_cli.studies.fits.settings import FitModel, FitSettings, Series
 from fvi_cli.studies.fits.statistics import ROUND_OFF, covariance, criterion, whiteness
 
@@ -26,6 +26,8 @@ DISCRETISATION = 0.01
 LOOSE = 1e-4
 """Tolerance of a step while the minimum is looked for, relative to the size of the motion."""
 MOST_REWEIGHTINGS = 6
+MOST_OTHERS = 3
+"""Minima beside the best that are looked at closely."""
 APART = 10.0
 """Standard deviations by which the misfit of another minimum should be larger."""
 NO_INFLUENCE = 1e-10
@@ -120,7 +122,14 @@ def fit_model(settings: FitSettings, described: FitModel, *, with_scan: bool = T
             model.meshes = used
             break
         tolerance = max(LAST_TOLERANCE, 1e-4 * tolerance)
-    return _result(model, best, at_best, others, deviations, ratio, bounds, is_known=is_known)
+    close = [one for one in others if one.cost <= HOPELESS * found[0].cost][:MOST_OTHERS]
+    polished = distinct(
+        least_squares_from(
+            model, one.point, next(b for b in _regions(model) if _holds(b, one.point))
+        )
+        for one in close
+    )
+    return _result(model, best, at_best, polished, deviations, ratio, bounds, is_known=is_known)
 
 
 def _nested(settings: FitSettings, deviations: Sequence[float]) -> list[list[float]]:

@@ -23,7 +23,8 @@ from fvi_cli.studies.tolerance.runs import mesh_of_run
 
 Array = NDArray[np.float64]
 
-MOST_STEPS = 20_000
+MOST_STEPS, MORE_STEPS = 20_000, 100
+"""Of a run; and while parameters are looked for, beyond two for every measurement."""
 COARSE = 64
 """Steps with which the size of a motion is found where no position was measured."""
 LEAST_SHARE = 1e-12
@@ -235,9 +236,17 @@ class MotionModel:
         return max((float(np.abs(one.position).max()) for one in runs), default=0.0)
 
     def loosen(self, tolerance: float) -> None:
-        """Choose the steps of every run on its own from now on."""
-        steps = AdaptiveSteps(tolerance=tolerance, most_steps=MOST_STEPS)
-        self.meshes = [steps for _ in self.data]
+        """Choose the steps of every run on its own from now on.
+
+        A motion that needs far more steps than there are measurements is not the one measured.
+        """
+        self.meshes = [
+            AdaptiveSteps(
+                tolerance=tolerance,
+                most_steps=MORE_STEPS + 2 * max(one.times.size for one in data.series),
+            )
+            for data in self.data
+        ]
 
     def evaluate(self, inner: Array, *, with_jacobian: bool = True) -> Evaluation:
         """Residuals, and their derivatives, on the steps chosen last.

@@ -21,10 +21,10 @@ def test_the_data_are_those_of_the_problem() -> None:
 
 def test_shares_and_failures_are_counted() -> None:
     held = [(True, True, False), (True, False, False), (True, True, True), (True, True, True)]
-    timed = TimedFit(name="three", seconds=1.25, runs=20, worst=1.5)
+    timed = TimedFit(name="three", seconds=1.25, runs=20, worst=1.5, transform=0.014)
     page = fits_page({"order 1": 3e-12}, held, [(False,), (True,), (False,)], [timed])
     assert "100.0 % (stiffness), 75.0 % (coefficient) and 50.0 % (order)" in page
     assert "From 3 random starts" in page
     assert "1 fits failed" in page
-    assert "| three | 1.2 | 20 | 1.5 |" in page
+    assert "| three | 1.2 | 0.014 | 20 | 1.5 |" in page
     assert "| order 1 | 3e-12 |" in page

@@ -1,0 +1,143 @@
+"""Bounds, ties, own and shared parameters, and what is told of doubtful fits: on responses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fvi_cli.studies.fits.fitting import fit_model
+from fvi_cli.studies.fits.result import ModelFit
+from fvi_cli.studies.fits.settings import (
+    Amplitude,
+    DataSet,
+    FitModel,
+    FitParameter,
+    FitSettings,
+    Series,
+)
+
+WIDE = np.geomspace(0.05, 3.0, 40)
+
+
+def receptance(hertz: Any, stiffness: float, *terms: tuple[float, float], mass: float = 1.0) -> Any:
+    """Amplitude of x under a force of 1, by hand."""
+    s = 2j * np.pi * hertz
+    return 1.0 / (mass * s**2 + stiffness + sum(c * s**g for g, c in terms))
+
+
+def measured(name: str, hertz: Any, values: Any, noise: float = 0.0, **changes: float) -> DataSet:
+    drawn = np.random.default_rng([7, len(name)]).standard_normal((2, hertz.size))
+    series = tuple(
+        Series(
+            name=part,
+            column=part,
+            times=hertz,
+            values=column + noise * draw,
+            amplitude=Amplitude(row=np.ones(1), rate=0, part=part),
+        )
+        for part, column, draw in zip(
+            ("real", "imaginary"), (values.real, values.imag), drawn, strict=True
+        )
+    )
+    return DataSet(
+        name=name,
+        series=series,
+        forces=("x",),
+        coordinates=("x",),
+        changes={f"problem.{key}": value for key, value in changes.items()},
+    )
+
+
+def fitted(data: list[DataSet], *parameters: FitParameter, terms: int = 1) -> ModelFit:
+    specification = {
+        "kind": "damped-oscillator",
+        "mass": 1.0,
+        "stiffness": 7.0,
+        "damping": [{"order": 0.9, "coefficient": 0.4}, {"order": 0.4, "coefficient": 0.9}][:terms],
+        "initial": {"position": 0.0, "velocity": 0.0},
+        "final_time": 1.0,
+    }
+    model = FitModel(name="", specification=specification, parameters=parameters)
+    return fit_model(FitSettings(data=tuple(data), models=()), model)
+
+
+def parameter(key: str, start: float, **more: Any) -> FitParameter:
+    least = 0.05 if key.endswith("order") else 0.0
+    return FitParameter(key=f"problem.{key}", start=start, **{"low": least, **more})
+
+
+STIFFNESS = parameter("stiffness", 7.0)
+ORDER = parameter("damping.0.order", 0.9, high=1.95)
+COEFFICIENT = parameter("damping.0.coefficient", 0.4)
+
+
+def test_experiments_share_what_is_not_their_own() -> None:
+    values = [receptance(WIDE, k, (0.6, 0.5), mass=m) for k, m in ((5.0, 1.0), (11.0, 2.0))]
+    data = [measured("one", WIDE, values[0]), measured("other", WIDE, values[1], mass=2.0)]
+    own = parameter("stiffness", 7.0, is_own=True)
+    found = fitted(data, own, ORDER, COEFFICIENT)
+    assert [one.name.partition("@")[2] for one in found.estimates] == ["one", "other", "", ""]
+    np.testing.assert_allclose([o.value for o in found.estimates], [5, 11, 0.6, 0.5], rtol=1e-8)
+    first, second = found.assignments
+    assert (first["problem.stiffness"], second["problem.stiffness"]) == (
+        found.estimates[0].value,
+        found.estimates[1].value,
+    )
+    assert second["problem.mass"] == 2.0
+
+
+def test_a_tied_parameter_follows() -> None:
+    data = [measured("a", WIDE, receptance(WIDE, 5.0, (0.6, 0.5), (1.2, 0.25)))]
+    tied = parameter(
+        "damping.1.coefficient", 0.0, tied_to="problem.damping.0.coefficient", factor=0.5
+    )
+    twice = parameter("damping.1.order", 0.0, tied_to="problem.damping.0.order", factor=2.0)
+    found = fitted(data, STIFFNESS, ORDER, COEFFICIENT, tied, twice, terms=2)
+    np.testing.assert_allclose([o.value for o in found.estimates], [5, 0.6, 0.5], rtol=1e-8)
+    assert found.assignments[0]["problem.damping.1.order"] == pytest.approx(1.2)
+    assert found.assignments[0]["problem.damping.1.coefficient"] == pytest.approx(0.25)
+
+
+def test_bounds_hold_and_are_told() -> None:
+    data = [measured("a", WIDE, receptance(WIDE, 5.0, (0.6, 0.5)), 0.002)]
+    bounded = parameter("damping.0.order", 0.8, low=0.7, high=1.5)
+    found = fitted(data, STIFFNESS, bounded, COEFFICIENT)
+    order = found.estimates[1]
+    assert order.value == pytest.approx(0.7, abs=1e-6)
+    assert order.low >= 0.7
+    assert order.at_bound == "low"
+    assert f"{order.name}: the interval ends at a bound (low)" in found.warnings
+    # the others have intervals as if the order were known to lie there
+    for one in (found.estimates[0], found.estimates[2]):
+        assert one.low < one.value - one.standard_error / 100 < one.high
+
+
+def test_order_and_coefficient_in_a_narrow_band_are_told_with_the_number() -> None:
+    narrow = np.linspace(0.30, 0.36, 40)
+    data = [measured("a", narrow, receptance(narrow, 5.0, (0.6, 0.5)), 0.001)]
+    found = fitted(data, parameter("stiffness", 5.0), ORDER, COEFFICIENT)
+    correlation = found.correlations[1, 2]
+    assert abs(correlation) > 0.99
+    (said,) = [one for one in found.warnings if "order and problem.damping.0.coeff" in one]
+    assert f"cannot be told apart well by these data: correlation {correlation:+.4f}" in said
+
+
+def test_several_minima_that_fit_alike_are_told() -> None:
+    # two springpots in either order
+    data = [measured("a", WIDE, receptance(WIDE, 5.0, (0.4, 0.9), (1.5, 0.3)), 1e-4)]
+    second = parameter("damping.1.order", 0.4, high=1.95)
+    found = fitted(
+        data,
+        parameter("damping.0.order", 0.9, high=1.95),
+        second,
+        COEFFICIENT,
+        parameter("damping.1.coefficient", 0.9),
+        parameter("stiffness", 5.0),
+        terms=2,
+    )
+    here = np.array([one.value for one in found.estimates])
+    np.testing.assert_allclose(sorted(here[:2]), [0.4, 1.5], atol=0.02)
+    assert any("another minimum fits alike" in one for one in found.warnings)
+    np.testing.assert_allclose(found.others[0], here[[1, 0, 3, 2, 4]], rtol=1e-2)
