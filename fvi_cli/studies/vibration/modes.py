@@ -69,12 +69,12 @@ class Mode:
     @property
     def damping_ratio(self) -> float:
         r""":math:`-\mathrm{Re}\, s / |s|`."""
-        return -self.frequency.real / abs(self.frequency)
+        return (0.0 - self.frequency.real) / abs(self.frequency)
 
     @property
     def loss_factor(self) -> float:
         r""":math:`\eta` of :math:`-s^2 = \Omega^2 (1 + i \eta)`."""
-        square = -(self.frequency**2)
+        square = 0.0 - self.frequency**2
         return square.imag / square.real if square.real else math.inf
 
 
@@ -171,12 +171,13 @@ def refine(stiffness: DynamicStiffness, s: complex, vector: ComplexArray) -> Mod
             break
     if best is None or best.residual > RESIDUAL_LIMIT:
         return None
-    if best.frequency.imag < 0:
-        best = Mode(
-            frequency=best.frequency.conjugate(),
-            shape=best.shape.conj(),
-            residual=best.residual,
-        )
+    real, imaginary = best.frequency.real, best.frequency.imag
+    best = Mode(
+        # what is less than the last digit is no damping
+        frequency=complex(real if abs(real) > CONVERGED * abs(imaginary) else 0.0, abs(imaginary)),
+        shape=best.shape.conj() if imaginary < 0 else best.shape,
+        residual=best.residual,
+    )
     return best if best.frequency.imag > SAME * abs(best.frequency) else None
 
 
