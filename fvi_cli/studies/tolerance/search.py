@@ -350,7 +350,7 @@ class _Search:
             )
             return self._ended(one, "refused", reason)
         growth = growth_of(run, one.times, one.differences, target)
-        reached = f"the best error reached is {one.estimate:.2g}"
+        reached = f"the best error reached is {one.estimate:.2g}, ask for no less"
         if growth.factor > SENSITIVE and float(one.differences.max()) > target:
             where = ", ".join(f"{x:.4g}" for x in growth.place)
             reason = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.nonlinear import kepler
 
 Array = np.ndarray
+CONFIGS = Path(__file__).parents[3] / "configs"
 
 
 def damping(order: float, coefficient: float) -> list[fvi.FractionalDamping]:
@@ -191,6 +193,16 @@ def test_what_never_moves() -> None:
     assert "stays at zero" in refused.assessment.reason
 
 
+@pytest.mark.parametrize("given", [{"tolerance": 1e-18}, {"relative": 1e-16}])
+def test_tolerances_below_the_floor_say_what_is_reached(given: dict[str, float]) -> None:
+    scene = fvi.linear_oscillator(damping=damping(0.5, 0.3), initial_position=1.0, final_time=5.0)
+    run = fvi.solve(scene, **given)
+    assert run.outcome == "refused"
+    assert run.assessment is not None
+    assert "out of reach: the best error reached is" in run.assessment.reason
+    assert error(run, exact(scene)) <= 3.0 * run.error_estimate <= 1e-13
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [
@@ -232,26 +244,27 @@ def test_samples_are_points_of_the_mesh() -> None:
     assert np.abs(run(times)[:, 0] - total).max() <= 1e-7 * amplitude
 
 
-def test_a_record_on_a_frame_takes_no_more_than_its_samples() -> None:
-    """As many steps as the one run on the samples that happens to fit, and no search."""
-    random = np.random.default_rng(1)
-    times = 0.01 * np.arange(400)
-    shaking = np.convolve(random.standard_normal(400), np.ones(5) / 5, "same")
-    force = fvi.SampledForce.through(times, shaking, "linear")
-    chain = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
-    scene = fvi.linear_oscillator(
-        mass=np.eye(3),
-        stiffness=400.0 * chain,
-        damping=[fvi.FractionalDamping(order=0.6, coefficient=2.0 * chain)],
-        forcing=fvi.Forcing(pieces=(fvi.ForcingPiece(components=(force, force, force)),)),
-        final_time=3.99,
-    )
+def test_a_record_of_2000_samples_on_the_shipped_frame(tmp_path: Path) -> None:
+    """Two runs on the samples, of which one would have done: no search."""
+    times = 0.01 * np.arange(2000)
+    shaking = np.random.default_rng(1).standard_normal(2004)
+    shaking = np.convolve(shaking, np.ones(5) / 5, "valid")
+    rows = [f"{t!r},{a!r}" for t, a in zip(times.tolist(), shaking.tolist(), strict=True)]
+    (tmp_path / "record.csv").write_text("\n".join(["t,a", *rows]))
+    frame = (CONFIGS / "frame-quake.yaml").read_text().replace("ground-motion.csv", "record.csv")
+    frame = frame[: frame.index("method:")].replace("final_time: 8.0", "final_time: 19.99")
+    (tmp_path / "frame.yaml").write_text(f"{frame}accuracy: {{relative: 1e-6}}\n")
+    (experiment,) = fvi.load(tmp_path / "frame.yaml").experiments
+    scene = experiment.problem.scene
     run = fvi.solve(scene, relative=1e-6)
     assert run.outcome == "met"
-    assert run.n_steps <= 399 + 30
     assert run.assessment is not None
-    assert len(run.assessment.attempts) == 1
-    by_hand = fvi.integrate(scene, "gauss4-graded", 798)
+    (attempt,) = run.assessment.attempts
+    assert attempt.startswith("gauss3, ")
+    assert "gauss5 on the same" in attempt
+    by_hand = fvi.integrate(scene, "gauss3-graded", 1999)
+    # stages of both runs
+    assert (3 + 5) * run.n_steps <= 3 * 3 * by_hand.n_steps
     assert np.abs(run(by_hand.time) - by_hand.position).max() <= run.assessment.tolerance
 
 
