@@ -17,6 +17,7 @@ from fvi_cli.integrator.blocks.history import (
 )
 from fvi_cli.integrator.blocks.response import LinearSystem, block_response
 from fvi_cli.integrator.blocks.sizes import BlockSizes, batch_sizes
+from fvi_cli.integrator.compensated import CompensatedSum
 
 Array = NDArray[np.float64]
 
@@ -200,7 +201,7 @@ class _Blocks:
         state[:, 2 * e : -1] = problem.first_offset.reshape(q, -1)
         state[:, -1] = 1.0
         self._state = state
-        self._lost = np.zeros((q, 2 * e))
+        self._sum = CompensatedSum(state[:, : 2 * e])
         self._direct = 0
 
     @property
@@ -331,11 +332,8 @@ class _Blocks:
 
     def _move(self, change: Array, e: int) -> None:
         """Compensated sums of position and momentum; the carry is new."""
-        value = self._state[:, : 2 * e]
-        corrected = change[:, : 2 * e] - self._lost
-        total = value + corrected
-        self._lost = (total - value) - corrected
-        self._state[:, : 2 * e] = total
+        self._sum.add(change[:, : 2 * e])
+        self._state[:, : 2 * e] = self._sum.value
         self._state[:, 2 * e : -1] = change[:, 2 * e :]
 
     def _moments(self, first: int, count: int) -> Array:

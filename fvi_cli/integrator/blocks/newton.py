@@ -19,6 +19,7 @@ from fvi_cli.integrator.blocks.history import (
     reversed_strip,
 )
 from fvi_cli.integrator.blocks.linear import known_moments
+from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem, noted
 from fvi_cli.integrator.equal_steps.stepping import Stepper
 from fvi_cli.integrator.steps.block_lengths import (
@@ -116,7 +117,7 @@ class _NewtonBlocks:
         self._state = np.concatenate(
             [problem.position, problem.momentum, memory.first_offset.ravel(), [1.0]]
         )
-        self._lost = np.zeros(2 * d)
+        self._sum = CompensatedSum(self._state[: 2 * d])
         self._lengths = BlockLengths(largest)
         self._newton = NewtonRecord()
         self._remainder = np.zeros((1, d))
@@ -242,11 +243,8 @@ class _NewtonBlocks:
         return True
 
     def _move(self, change: Array) -> None:
-        value = self._state[: 2 * self._d]
-        corrected = change - self._lost
-        total = value + corrected
-        self._lost = (total - value) - corrected
-        self._state[: 2 * self._d] = total
+        self._sum.add(change)
+        self._state[: 2 * self._d] = self._sum.value
 
     def _step(self, done: int, positions: Array, momenta: Array, forces: Array | None) -> str:
         """One step with its own Jacobian; in words what went wrong, if anything."""
