@@ -56,6 +56,7 @@ def test_the_peaks_on_the_page_are_those_of_the_building() -> None:
         assert np.abs(fine.quantities["base_shear"] - taken).max() < 1e-9 * np.abs(taken).max()
 
 
+@pytest.mark.processes
 def test_the_table_of_a_problem_of_ones_own_compiles_in_a_paper(tmp_path: Path) -> None:
     changes = ["ladder.steps=[16, 32, 64]", "problem.final_time=2.0"]
     changes += ["method={rk: gauss, degree: [2, 3]}"]

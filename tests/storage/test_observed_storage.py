@@ -140,7 +140,7 @@ def test_members_of_a_sweep_keep_their_quantities(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["frame-forces", "ball-on-a-table"])
 def test_what_is_shipped_runs(name: str) -> None:
-    for outcome in fvi.run(name):
+    for outcome in fvi.run(fvi.load(name, overrides=["ladder.steps=[60]"])):
         for one in outcome.finished:
             assert one.status == "ok"
             assert one.trajectory.observed is not None

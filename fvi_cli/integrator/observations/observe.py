@@ -21,8 +21,8 @@ from fvi_cli.integrator.observations.pieces import (
     Along,
     event_places,
     may_exceed,
-    mean_of,
     pieces_of,
+    square_of,
     stations,
 )
 from fvi_cli.integrator.run.runge_kutta import AnySteps
@@ -267,14 +267,14 @@ def extent_of(motion: DenseMotion, along: Along, end: float) -> Extent:
     at = {"least": 0.0, "greatest": 0.0}
     size = motion.steps.step_size
 
-    def squared(steps: Places, tau: Array) -> Array:
-        return np.asarray(along(steps, tau) ** 2)
-
     count = _steps_until(motion, end)
     last_place = 1.0
     if count and motion.steps.time[count] > end:
         last_place = float((end - motion.steps.time[count - 1]) / size[count - 1])
     for found in pieces_of(along, count):
+        kept = (found.step < count - 1) | (found.end <= last_place)
+        square += float((size[found.step] * square_of(found))[kept].sum())
+        length += float((size[found.step] * (found.end - found.begin))[kept].sum())
         seen = found.values[np.isfinite(found.values)]
         low = min(least, float(seen.min(initial=math.inf)))
         high = max(greatest, float(seen.max(initial=-math.inf)))
@@ -292,10 +292,6 @@ def extent_of(motion: DenseMotion, along: Along, end: float) -> Extent:
             least, at["least"] = float(values[lowest]), float(time[lowest])
         if values[highest] > greatest:
             greatest, at["greatest"] = float(values[highest]), float(time[highest])
-    for found in pieces_of(squared, count):
-        kept = (found.step < count - 1) | (found.end <= last_place)
-        square += float((size[found.step] * mean_of(found))[kept].sum())
-        length += float((size[found.step] * (found.end - found.begin))[kept].sum())
     if not math.isfinite(least):
         return Extent(
             peak=math.nan, peak_time=math.nan, least=math.nan, greatest=math.nan, rms=math.nan

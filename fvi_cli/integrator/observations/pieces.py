@@ -55,7 +55,12 @@ class Pieces:
 _NODES = -np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))
 _TO_COEFFICIENTS = np.linalg.inv(chebyshev.chebvander(_NODES, POINTS - 1)).T
 _SLOPES = chebyshev.chebder(np.eye(POINTS), axis=0).T
-_WEIGHTS = np.array([0.0 if k % 2 else 2.0 / (1.0 - k * k) for k in range(POINTS)])
+_INTEGRALS = np.array([0.0 if k % 2 else 2.0 / (1.0 - k * k) for k in range(2 * POINTS)])
+_DEGREES = np.arange(POINTS)
+# integrals of products of two Chebyshev polynomials
+_PRODUCTS = 0.5 * (
+    _INTEGRALS[_DEGREES[:, None] + _DEGREES] + _INTEGRALS[np.abs(_DEGREES[:, None] - _DEGREES)]
+)
 
 
 def pieces_of(along: Along, n_steps: int) -> Iterator[Pieces]:
@@ -157,9 +162,10 @@ def _roots(coefficients: Array) -> tuple[Places, Array]:
     return np.concatenate(owners), np.concatenate(roots)
 
 
-def mean_of(found: Pieces) -> Array:
-    """Integral of the polynomial of every piece over it, in parts of a step, shape ``(n,)``."""
-    return np.asarray(0.5 * (found.end - found.begin) * (found.coefficients @ _WEIGHTS))
+def square_of(found: Pieces) -> Array:
+    """Integral of the squared polynomial of every piece, in parts of a step, shape ``(n,)``."""
+    product = np.einsum("nk,kl,nl->n", found.coefficients, _PRODUCTS, found.coefficients)
+    return np.asarray(0.5 * (found.end - found.begin) * product)
 
 
 def bracketed_roots(
