@@ -16,6 +16,7 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.measuring import yardstick_seconds
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.fits.fitting import fit_model
 from fvi_cli.studies.fits.result import ModelFit
@@ -235,17 +236,8 @@ def _timed(name: str, given: FitSettings, model: FitModel, truth: Sequence[float
         seconds=seconds,
         runs=fitted.evaluations,
         worst=_worst(fitted, truth),
-        transform=_transform_seconds(),
+        transform=yardstick_seconds(2**19),
     )
-
-
-def _transform_seconds() -> float:
-    numbers, found = np.random.default_rng(0).standard_normal(2**20), []
-    for _ in range(5):
-        began = time.process_time()
-        np.fft.rfft(numbers)
-        found.append(time.process_time() - began)
-    return min(found)
 
 
 def _worst(fitted: ModelFit, truth: Sequence[float]) -> float:

@@ -429,6 +429,26 @@ def test_what_has_no_derivatives() -> None:
         position_at(float("nan"))
 
 
+def test_a_smoothed_peak() -> None:
+    """The largest angle of a pendulum, by its times and exponentials, against differences."""
+    times, method = np.linspace(0.0, 6.0, 61), Method(cq="gauss", degree=3, start="none")
+
+    def peak(position: Any, velocity: Any) -> Any:
+        return np.log(np.exp(20.0 * position).sum()) / 20.0
+
+    quantity, mesh = Quantity(times=times, value=peak), graded_mesh(6.0, 12, 2.0)
+    found = gradient_of(pendulum(PENDULUM), method, mesh, quantity, variations(pendulum, PENDULUM))
+    for one, (what, at) in zip(found.derivatives, PENDULUM.items(), strict=True):
+        h = 1e-3 * at
+        sides = [
+            peak(run_steps(pendulum({**PENDULUM, what: at + k * h}), method, mesh)(times), None)
+            for k in (-2, -1, 1, 2)
+        ]
+        expected = (sides[0] - 8 * sides[1] + 8 * sides[2] - sides[3]) / (12 * h)
+        assert one == pytest.approx(expected, rel=1e-8), what
+    assert found.step_solves == found.n_steps
+
+
 @pytest.mark.parametrize("name", ["riemann-liouville", "zener"])
 def test_linear_runs_by_their_linearised_equations(name: str) -> None:
     family, values = SCENES[name]
