@@ -10,6 +10,7 @@ from pathlib import Path
 
 from benchmarks.accuracy import accuracy_table, run_accuracy
 from benchmarks.adaptive import adaptive_table, run_adaptive
+from benchmarks.executors import executor_table, run_executors
 from benchmarks.fits import N_FITS, N_STARTS, run_fits
 from benchmarks.floors import floor_table, run_floors
 from benchmarks.many import many_table, run_many
@@ -32,6 +33,8 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 
 PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     "fits": ("What fits are worth", lambda asked: run_fits(asked.output, asked.fits, asked.starts)),
+    "executors": ("Who computes side by side", lambda asked: executor_table(run_executors())),
+    "fits": ("What fits are worth", lambda asked: run_fits(asked.output, asked.fits)),
     "floors": ("What rounding leaves", lambda asked: floor_table(run_floors(asked.most))),
     "parts": ("What a sweep in parts takes", lambda asked: parts_page(asked.members)),
     "robustness": (

@@ -5,9 +5,11 @@ The rest of the project is imported inside the commands, so that ``--help`` is q
 
 from __future__ import annotations
 
+import _thread
 import os
 import signal
 import sys
+import threading
 import warnings
 from typing import Annotated, NoReturn
 
@@ -73,6 +75,7 @@ for command in COMMANDS:
 def main() -> None:
     """Entry point of the command ``fvi``."""
     _open_standard_streams()
+    sys.unraisablehook = _not_ignored
     signal.signal(signal.SIGTERM, _interrupt)
     # what overflows on the way is told by the status of a run
     warnings.filterwarnings("ignore", category=RuntimeWarning)
@@ -86,6 +89,14 @@ def _open_standard_streams() -> None:
     os.close(handle)
     sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
     sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)
+
+
+def _not_ignored(unraisable: sys.UnraisableHookArgs) -> None:
+    """Interrupt once more where a Ctrl-C fell into a callback, whose exceptions Python ignores."""
+    if unraisable.exc_type is KeyboardInterrupt:
+        threading.Timer(0.01, _thread.interrupt_main).start()
+    else:
+        sys.__unraisablehook__(unraisable)
 
 
 def _interrupt(signal_number: int, frame: object) -> NoReturn:

@@ -10,7 +10,8 @@ from typing import Any
 import h5py
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.files import replacing
+from fvi_cli.storage.contents import LISTING, listing_of
+from fvi_cli.storage.files import replacing, say_also
 from fvi_cli.storage.groups import CONVERGENCE, Columns
 from fvi_cli.storage.provenance import (
     canonical_json,
@@ -21,7 +22,7 @@ from fvi_cli.storage.provenance import (
 )
 from fvi_cli.storage.records import SWEPT, Record, group_path
 from fvi_cli.storage.snapshot import BLOCK_BYTES, VARIANT_MARK, Key, Location, Snapshot
-from fvi_cli.storage.writing import write_convergence, write_group
+from fvi_cli.storage.writing import WrittenGroup, write_convergence, write_group
 
 Layout = Mapping[str, Sequence[tuple[Key, Location]]]
 """Runs by the path of the group that they belong to, with the key that they have there."""
@@ -114,9 +115,11 @@ def write_file(
     }
     with replacing(path, root) as new:
         ladders: dict[str, dict[int, Columns]] = {}
+        written: list[tuple[str, WrittenGroup]] = []
         for group, runs in layout.items():
             columns = _columns(runs, opened)
-            write_group(new.file, group, columns, _blocks([one for _, one in runs], opened))
+            blocks = _blocks([one for _, one in runs], opened)
+            written.append((group.split("/")[1], write_group(new.file, group, columns, blocks)))
             new.check()
             ladder = ladders.setdefault(group.rpartition("/")[0], {})
             held = ladder.setdefault(int(columns["n_steps"][0]), {})
@@ -125,6 +128,7 @@ def write_file(
         for case, ladder in ladders.items():
             group = new.file.create_group(f"{case}/{CONVERGENCE}", track_order=True)
             write_convergence(group, ladder)
+        say_also(new.file, LISTING, listing_of(written))
         new.check()
         done()
 

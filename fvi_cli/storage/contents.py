@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from fvi_cli.integrator.observations.observe import Extent
 from fvi_cli.storage.comparison.differences import difference_in_words
-from fvi_cli.storage.fields.observed import NOTHING_OBSERVED, ObservedSummary, observed_summary
+from fvi_cli.storage.fields.observed import (
+    NOTHING_OBSERVED,
+    ObservedSummary,
+    observed_summary,
+)
 from fvi_cli.storage.files import printable, reading, root_attributes
-from fvi_cli.storage.groups import StoredGroup, run_groups
+from fvi_cli.storage.groups import Columns, run_groups
 from fvi_cli.storage.provenance import canonical_json, sha256
 from fvi_cli.storage.records import RUN_KEYS
+from fvi_cli.storage.stream import read_seal
 from fvi_cli.studies.members import value_in_words
 
 MOST_VALUES = 6
@@ -24,6 +30,33 @@ MOST_VALUES = 6
 RESOLVED = "resolved_config_sha256"
 CONFIGURATION = ("config", "config_overrides", "resolved_config", RESOLVED)
 """Attributes of the root that tell of the configuration."""
+
+
+LISTING = "listing"
+"""Attribute of the root: what a list of the runs says, as JSON."""
+
+
+class ListedGroup(Protocol):
+    """Runs of a group, read or just written."""
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """What they have in common."""
+
+    @property
+    def by_member(self) -> Columns:
+        """What members differ in."""
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """What is swept."""
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all is there."""
+
+    def __len__(self) -> int:
+        """Number of runs."""
 
 
 class Configuration(Protocol):
@@ -162,24 +195,56 @@ def list_runs(path: Path) -> StoredFile:
         If the file cannot be read or is not ours.
     """
     with reading(path) as file:
+        root = root_attributes(file)
         provenance = {
             printable(name): printable(str(value))
-            for name, value in root_attributes(file).items()
-            if name not in CONFIGURATION[:3]
+            for name, value in root.items()
+            if name not in (*CONFIGURATION[:3], LISTING)
         }
-        found = [(experiment, group) for experiment, _, group in run_groups(file)]
-        specifications = [json.loads(group.attributes["specification"]) for _, group in found]
-        own: dict[str, Any] = {}
-        for (name, _), specification in zip(found, specifications, strict=True):
-            own.setdefault(name, specification)
-        runs = []
-        for (name, group), specification in zip(found, specifications, strict=True):
-            experiment = str(group.attributes["experiment"])
-            variant = ""
-            if name != experiment:
-                variant = _difference(own.get(experiment), specification) or name
-            runs.append(_stored_run(group, variant))
+        # what no other program has touched is listed as it was written, whatever there is of it
+        if LISTING in root and read_seal(path) is not None:
+            runs = [_listed(one) for one in json.loads(root[LISTING])]
+        else:
+            runs = _runs_of([(experiment, group) for experiment, _, group in run_groups(file)])
         return StoredFile(provenance=provenance, runs=tuple(runs))
+
+
+def listing_of(groups: Sequence[tuple[str, ListedGroup]]) -> str:
+    """The runs of a file as the JSON text that is kept in it, so that a list opens no group.
+
+    Parameters
+    ----------
+    groups
+        All that were written, with the name of the outermost group that each lies in.
+    """
+    rows = [asdict(run) for run in _runs_of(groups)]
+    nothing = asdict(NOTHING_OBSERVED)
+    return json.dumps([{k: v for k, v in row.items() if v != nothing} for row in rows])
+
+
+def _listed(row: dict[str, Any]) -> StoredRun:
+    words: dict[str, Any] = {k: printable(v) if isinstance(v, str) else v for k, v in row.items()}
+    own = row.get("observed")
+    if own is not None:
+        extents = {name: Extent(**one) for name, one in own["extents"].items()}
+        words["observed"] = ObservedSummary(**{**own, "extents": extents})
+    return StoredRun(**words)
+
+
+def _runs_of(found: Sequence[tuple[str, ListedGroup]]) -> list[StoredRun]:
+    """A line for every group; those of other values say which."""
+    specifications = [json.loads(group.attributes["specification"]) for _, group in found]
+    own: dict[str, Any] = {}
+    for (name, _), specification in zip(found, specifications, strict=True):
+        own.setdefault(name, specification)
+    runs = []
+    for (name, group), specification in zip(found, specifications, strict=True):
+        experiment = str(group.attributes["experiment"])
+        variant = ""
+        if name != experiment:
+            variant = _difference(own.get(experiment), specification) or name
+        runs.append(_stored_run(group, variant))
+    return runs
 
 
 def _difference(base: dict[str, Any] | None, own: dict[str, Any]) -> str:
@@ -193,7 +258,7 @@ def _difference(base: dict[str, Any] | None, own: dict[str, Any]) -> str:
     )
 
 
-def _stored_run(group: StoredGroup, variant: str) -> StoredRun:
+def _stored_run(group: ListedGroup, variant: str) -> StoredRun:
     a = group.attributes
     of_several: dict[str, Any] = (
         _of_members(group)
@@ -213,7 +278,7 @@ def _stored_run(group: StoredGroup, variant: str) -> StoredRun:
     )
 
 
-def _of_members(group: StoredGroup) -> dict[str, Any]:
+def _of_members(group: ListedGroup) -> dict[str, Any]:
     """What a line on members says beside what it says of any run."""
     errors = np.asarray(group.by_member["error"])
     return {

@@ -98,6 +98,13 @@ def _refuse_strangers(file: h5py.File, path: Path) -> None:
         )
 
 
+def say_also(file: h5py.File, name: str, value: str) -> None:
+    """Say more of a file that is being written."""
+    said = {known: value for known, value in file.attrs.items() if known != CHECKSUM}
+    file.attrs[name] = value
+    file.attrs[CHECKSUM] = checksum({**said, name: value})
+
+
 def root_attributes(file: h5py.File) -> dict[str, Any]:
     """What the root says, verified.
 

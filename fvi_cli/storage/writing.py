@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import h5py
@@ -61,6 +62,28 @@ _SUMMARIES: Mapping[str, Any] = {
     "gamma": lambda values: "swept",
 }
 _TEXT = h5py.string_dtype()
+_OF_MEMBER = "[member]"
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrittenGroup:
+    """What is said of the runs of a group that has just been written.
+
+    Parameters
+    ----------
+    attributes, by_member, keys, count
+        As of a :class:`fvi_cli.storage.groups.StoredGroup`.
+    """
+
+    attributes: dict[str, Any]
+    by_member: Columns
+    keys: tuple[str, ...]
+    count: int
+    is_complete: bool = True
+
+    def __len__(self) -> int:
+        """Number of runs."""
+        return self.count
 
 
 def columns_of(attributes: Sequence[Mapping[str, Any]]) -> Columns:
@@ -71,7 +94,7 @@ def columns_of(attributes: Sequence[Mapping[str, Any]]) -> Columns:
 
 def write_group(
     file: h5py.File, path: str, columns: Columns, blocks: Iterable[Sequence[Record]]
-) -> None:
+) -> WrittenGroup:
     """Write a run, or members of a sweep, into one group.
 
     Parameters
@@ -121,6 +144,17 @@ def write_group(
     said["shared_sha256"] = group.attrs["shared_sha256"] = digest_of(shared)
     group.attrs[CHECKSUM] = checksum(said)
     group.attrs[COMPLETE] = np.int64(1)
+    is_of_member = {name: name.endswith(_OF_MEMBER) for name in said}
+    return WrittenGroup(
+        attributes={name: value for name, value in said.items() if not is_of_member[name]},
+        by_member={
+            name.removesuffix(_OF_MEMBER): value
+            for name, value in said.items()
+            if is_of_member[name]
+        },
+        keys=tuple(keys),
+        count=count,
+    )
 
 
 def _label_occurrences(group: h5py.Group, name: str, columns: Columns) -> int:
@@ -160,7 +194,7 @@ def _say_of_members(group: h5py.Group, columns: Columns, keys: Sequence[str]) ->
     group[MEMBER].attrs["long_name"] = MEANINGS[MEMBER]
     for name, values in by_member.items():
         write_column(group, name, values, coordinates=() if name in keys else keys)
-    return said | {f"{name}[member]": values for name, values in by_member.items()}
+    return said | {f"{name}{_OF_MEMBER}": values for name, values in by_member.items()}
 
 
 def _same(one: Any, other: Any) -> bool:

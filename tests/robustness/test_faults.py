@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import pytest
@@ -28,10 +29,12 @@ from commands import (
 )
 from typer.testing import CliRunner
 
+from fvi_cli.cli import app as app_module
 from fvi_cli.cli.app import app
 from fvi_cli.config import load_config
 from fvi_cli.config.memory import run_bytes
 from fvi_cli.runner.executors.batches import execute_batch
+from fvi_cli.storage.atomic import replace_file
 
 fcntl = pytest.importorskip("fcntl", reason="limits and locks of Unix")
 resource = pytest.importorskip("resource", reason="limits and locks of Unix")
@@ -272,6 +275,35 @@ def test_in_a_folder_of_somebody_else_it_says_so(folder):
     done = fvi(folder, "run", "quick.yaml", "--output", "there")
     assert done.returncode == 2
     assert "cannot be written: Permission denied" in done.stderr
+
+
+@pytest.mark.parametrize("redirection", ["2>&-", "2>/dev/full"])
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is full")
+def test_where_nobody_can_be_told_the_runs_are_computed(folder, redirection):
+    command = f"{sys.executable} -m fvi_cli run quick.yaml {redirection}"
+    done = subprocess.run(
+        ["sh", "-c", command], cwd=folder, env=environment(), capture_output=True, check=False
+    )
+    assert done.returncode == 0
+    assert len(complete_runs(folder / "results" / "quick.h5")) == N_RUNS
+    assert len(done.stdout.splitlines()) == N_RUNS + 2
+
+
+def test_what_a_killed_process_left_of_a_table_goes_with_the_next_one(folder):
+    abandoned, alive = folder / ".a.md.x.part", folder / ".a.md.y.part"
+    abandoned.write_text("half")
+    with alive.open("w") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        replace_file(folder / "a.md", b"whole")
+        assert not abandoned.exists()
+        assert alive.exists()
+    assert (folder / "a.md").read_bytes() == b"whole"
+
+
+def test_an_interrupt_that_falls_into_a_callback_is_not_lost():
+    with pytest.raises(KeyboardInterrupt):
+        app_module._not_ignored(SimpleNamespace(exc_type=KeyboardInterrupt))
+        time.sleep(10)
 
 
 # --- two at a time --------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import pytest
 
 from fvi_cli.config import parse_config
 from fvi_cli.runner.executors.batches import batches_of, execute_batch
-from fvi_cli.runner.executors.executor import InProcess, compute_batches
+from fvi_cli.runner.executors.executor import InProcess, compute_batches, longest_first
 from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.studies import members as members_module
 from fvi_cli.studies.reference import find_reference, find_references
@@ -93,6 +93,16 @@ def test_members_are_dealt_into_sixteen_packs_or_more(number, sizes):
     assert {len(batch) for batch in batches} == sizes
     # by two numbers of steps
     assert len(batches) >= min(2 * 16, 2 * 3 * number // 8)
+
+
+def test_two_workers_share_a_thousand_equal_members():
+    override = "sweep.problem.omega={from: 1, to: 2, number: 1000}"
+    one = ("sweep.problem.initial.position=[1.0]", "ladder.steps=[16]", override)
+    loads = [0, 0]
+    for batch in longest_first(batches_of(experiment(PENDULUMS, *one).runs())):
+        loads[loads.index(min(loads))] += len(batch)
+    assert sum(loads) == 1000
+    assert 1000 / max(loads) > 1.95
 
 
 def test_runs_without_a_sweep_stand_alone_in_their_order():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 
 import h5py
@@ -14,7 +15,7 @@ from typer.testing import CliRunner
 
 from fvi_cli.cli.app import app
 from fvi_cli.errors import StorageError
-from fvi_cli.storage import list_runs
+from fvi_cli.storage import contents, list_runs
 from fvi_cli.storage import stream as seal
 from fvi_cli.storage.stream import SealedStream
 
@@ -235,9 +236,23 @@ def test_a_listing_of_a_large_file_does_not_read_all_of_it(monkeypatch: pytest.M
     assert len(looked_at) == blocks
 
 
+def test_a_listing_opens_no_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = asdict(list_runs(Path(FILE)))
+    assert len(whole["runs"]) > 1
+    with monkeypatch.context() as patch:
+        patch.setattr(contents, "run_groups", lambda file: ())
+        assert asdict(list_runs(Path(FILE))) == whole
+    # control: where another program was at work every group is looked at, and says the same
+    with h5py.File(FILE, "r+") as file:
+        file.attrs.modify("format", file.attrs["format"])
+    assert asdict(list_runs(Path(FILE))) == whole
+    monkeypatch.setattr(contents, "run_groups", lambda file: ())
+    assert not list_runs(Path(FILE)).runs
+
+
 def test_a_listing_tells_of_a_damaged_block(tmp_path: Path) -> None:
     content = bytearray(Path(FILE).read_bytes())
-    content[content.index(b"bdf2-nodes")] ^= 1
+    content[content.index(b'"case": "') + 9] ^= 1
     Path(FILE).write_bytes(content)
     with pytest.raises(StorageError, match="its bytes are not those that were written"):
         list_runs(Path(FILE))

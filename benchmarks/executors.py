@@ -1,0 +1,214 @@
+"""Processes of one machine by three engines: start, memory, a worker that dies, Ctrl-C."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.measuring import table
+from fvi_cli.config import parse_config
+from fvi_cli.runner.executors.batches import execute_batch
+from fvi_cli.runner.executors.cluster import DaskCluster
+from fvi_cli.runner.executors.executor import (
+    Batch,
+    ComputeBatch,
+    FinishedBatch,
+    compute_portable,
+    portable_batch,
+    returned_batch,
+)
+from fvi_cli.runner.executors.processes import LocalProcesses
+from fvi_cli.studies.experiment import FinishedRun
+
+CONFIG = """\
+name: quick
+problem: {kind: damped-oscillator, initial: {position: 1.0}, final_time: 1.0}
+method: {bdf: 1, sampling: nodes}
+ladder: {steps: [4, 5, 6, 7, 8, 9, 10, 11]}
+"""
+WORKERS = 2
+DEADLY = 8
+
+
+def dies_of_eight(batch: Batch) -> list[FinishedRun]:
+    """No worker survives N = 8."""
+    if any(run.n_steps == DEADLY for run in batch):
+        os.kill(os.getpid(), signal.SIGKILL)
+    return execute_batch(batch)
+
+
+def takes_minutes(batch: Batch) -> list[FinishedRun]:
+    """Nobody waits for that."""
+    time.sleep(120)
+    return execute_batch(batch)
+
+
+def _by_processes(batches: Sequence[Batch], compute: ComputeBatch) -> Iterator[FinishedBatch]:
+    return LocalProcesses(workers=WORKERS).compute(batches, compute)
+
+
+def _by_dask(batches: Sequence[Batch], compute: ComputeBatch) -> Iterator[FinishedBatch]:
+    from distributed import LocalCluster
+
+    with LocalCluster(
+        n_workers=WORKERS, threads_per_worker=1, dashboard_address=":0", silence_logs=50
+    ) as cluster:
+        yield from DaskCluster(address=cluster.scheduler_address).compute(batches, compute)
+
+
+def _by_loky(batches: Sequence[Batch], compute: ComputeBatch) -> Iterator[FinishedBatch]:
+    loky = importlib.import_module("loky")
+    with loky.ProcessPoolExecutor(max_workers=WORKERS) as executor:
+        waiting = [executor.submit(compute_portable, compute, portable_batch(b)) for b in batches]
+        for future, batch in zip(waiting, batches, strict=True):
+            # one death breaks the whole executor
+            with contextlib.suppress(RuntimeError):
+                yield returned_batch(batch, future.result())
+
+
+ENGINES: dict[str, Callable[[Sequence[Batch], ComputeBatch], Iterator[FinishedBatch]]] = {
+    "own processes (`--workers`)": _by_processes,
+    "distributed.LocalCluster": _by_dask,
+    "loky": _by_loky,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judged:
+    """What one engine does with two workers.
+
+    Parameters
+    ----------
+    name
+        The engine.
+    seconds
+        From nothing to the last of eight short runs.
+    megabytes
+        Resident memory of all of its processes then, the asking one included.
+    survivors
+        Runs that are finished where one of eight ends its worker.
+    ended_after
+        Seconds from Ctrl-C to the end of the command.
+    left_over
+        Processes that are there two seconds later.
+    """
+
+    name: str
+    seconds: float
+    megabytes: float
+    survivors: int
+    ended_after: float
+    left_over: int
+
+
+def run_executors() -> list[Judged]:
+    """Judge every engine that is installed."""
+    found = []
+    for name in ENGINES:
+        if name == "loky" and importlib.util.find_spec("loky") is None:
+            continue
+        started = json.loads(_child(name, "start").communicate()[0])
+        died = json.loads(_child(name, "death").communicate()[0])
+        process = _child(name, "interrupt")
+        with process:
+            if process.stdout is None:
+                raise RuntimeError("no pipe")
+            process.stdout.readline()
+            time.sleep(15)
+            began = time.monotonic()
+            os.killpg(process.pid, signal.SIGINT)
+            process.wait(60)
+            ended_after = time.monotonic() - began
+            time.sleep(2)
+            left_over = _of_session(process.pid)
+            for one in left_over:
+                os.kill(one, signal.SIGKILL)
+        found.append(
+            Judged(
+                name=name,
+                seconds=started["seconds"],
+                megabytes=started["megabytes"],
+                survivors=died["finished"],
+                ended_after=ended_after,
+                left_over=len(left_over),
+            )
+        )
+    return found
+
+
+def executor_table(rows: Sequence[Judged]) -> str:
+    """The table."""
+    return table(
+        "Two workers, eight short runs; one of them ends its worker in the third column. "
+        "Times are of the clock, of one measurement each, beside other work on the machine.",
+        ("engine", "s to the last result", "MB", "finished of 7", "s after Ctrl-C", "left over"),
+        [
+            (
+                row.name,
+                f"{row.seconds:.1f}",
+                f"{row.megabytes:.0f}",
+                str(row.survivors),
+                f"{row.ended_after:.1f}",
+                str(row.left_over),
+            )
+            for row in rows
+        ],
+    )
+
+
+def _child(name: str, mode: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(  # noqa: S603
+        [sys.executable, "-m", "benchmarks.executors", name, mode],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def _of_session(leader: int) -> list[int]:
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            fields = (entry / "stat").read_text().rpartition(")")[2].split()
+            if int(fields[3]) == leader and fields[0] != "Z":
+                found.append(int(entry.name))
+    return found
+
+
+def _megabytes(leader: int) -> float:
+    total = 0
+    for one in _of_session(leader):
+        with contextlib.suppress(OSError, StopIteration):
+            lines = Path(f"/proc/{one}/status").read_text().splitlines()
+            total += int(next(line for line in lines if line.startswith("VmRSS")).split()[1])
+    return total / 1e3
+
+
+def _judge(name: str, mode: str) -> dict[str, float]:
+    runs = parse_config(CONFIG, "quick.yaml").experiments[0].runs()
+    batches: list[Batch] = [(run,) for run in runs]
+    if mode == "interrupt":
+        print("begun", flush=True)
+        list(ENGINES[name](batches, takes_minutes))
+    compute: ComputeBatch = dies_of_eight if mode == "death" else execute_batch
+    began = time.monotonic()
+    finished, megabytes = 0, 0.0
+    for batch in ENGINES[name](batches, compute):
+        finished += len(batch.results)
+        seconds = time.monotonic() - began
+        megabytes = max(megabytes, _megabytes(os.getpid()))
+    return {"finished": finished, "seconds": seconds if finished else 0.0, "megabytes": megabytes}
+
+
+if __name__ == "__main__":
+    print(json.dumps(_judge(*sys.argv[1:])))
