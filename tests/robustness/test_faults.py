@@ -301,8 +301,8 @@ def test_what_a_killed_process_left_of_a_table_goes_with_the_next_one(folder):
 
 
 def test_an_interrupt_that_falls_into_a_callback_is_not_lost():
+    app_module._not_ignored(SimpleNamespace(exc_type=KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
-        app_module._not_ignored(SimpleNamespace(exc_type=KeyboardInterrupt))
         time.sleep(10)
 
 
