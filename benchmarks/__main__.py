@@ -34,7 +34,6 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     "fits": ("What fits are worth", lambda asked: run_fits(asked.output, asked.fits, asked.starts)),
     "executors": ("Who computes side by side", lambda asked: executor_table(run_executors())),
-    "fits": ("What fits are worth", lambda asked: run_fits(asked.output, asked.fits)),
     "floors": ("What rounding leaves", lambda asked: floor_table(run_floors(asked.most))),
     "parts": ("What a sweep in parts takes", lambda asked: parts_page(asked.members)),
     "robustness": (
