@@ -113,10 +113,12 @@ def run_tolerances(
 def write_rows(path: Path, rows: Sequence[ToleranceRow]) -> None:
     """Keep rows as CSV."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", encoding="utf-8", newline="") as file:
+    part = path.with_suffix(".part")
+    with part.open("w", encoding="utf-8", newline="") as file:
         table = csv.DictWriter(file, [field.name for field in fields(ToleranceRow)])
         table.writeheader()
         table.writerows(asdict(row) for row in rows)
+    part.replace(path)
 
 
 def read_rows(path: Path) -> list[ToleranceRow]:

@@ -5,11 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.tolerances import ToleranceRow, run_index, tolerance_table
+from benchmarks.tolerances import (
+    ToleranceRow,
+    read_rows,
+    run_index,
+    run_tolerances,
+    tolerance_table,
+    write_rows,
+)
 
 INDICES = (1, 2)
 
@@ -61,3 +69,11 @@ def test_the_table_tells_of_what_is_wrong() -> None:
     (line,) = (line for line in text.splitlines() if line.startswith("| all |"))
     assert "| 4 | 2 | 1 | 1 | 1 of 2 judged | 2 |" in line
     assert "refused, out of reach" in text
+
+
+def test_what_is_kept_is_read_again(rows: Sequence[ToleranceRow], tmp_path: Path) -> None:
+    write_rows(tmp_path / "kept" / "tolerances.csv", rows)
+    assert str(read_rows(tmp_path / "kept" / "tolerances.csv")) == str(list(rows))
+    (only,) = (tmp_path / "kept").iterdir()
+    # enough is there: nothing is computed
+    assert str(run_tolerances(1, kept=only)) == str(list(rows[:10]))
