@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.matrices import Form, Solve, as_csr, times
+from fvi_cli.effects.matrices import Form, Solve, as_csr, times, touched
 
 Array = NDArray[np.float64]
 
@@ -15,6 +15,8 @@ LARGEST_INVERSE = 200
 """Unknowns up to which a system is inverted: a product is quicker than two triangular solves."""
 
 
+FEW = 32
+"""Components up to which a matrix that acts on no others is taken as dense on these."""
 LARGEST_BESIDE = 1e-12
 """Entries beside the diagonal, relative to those on it, that are round-off."""
 
@@ -112,6 +114,14 @@ def _stagewise(parts: list[tuple[Array, Form]]) -> Solve | None:
         except RuntimeError as error:
             raise np.linalg.LinAlgError(str(error)) from error
 
+    whole_ones, few = [], []
+    for small, large in parts:
+        places = np.flatnonzero(touched(large))
+        if places.size > FEW:
+            whole_ones.append((small, large))
+        else:
+            few.append((small, places, as_csr(large)[places][:, places].toarray()))
+
     def solved(right: Array) -> Array:
         given = into @ right
         found = np.stack([one.solve(row) for one, row in zip(factors, given, strict=True)])
@@ -121,8 +131,10 @@ def _stagewise(parts: list[tuple[Array, Form]]) -> Solve | None:
         rows = right.reshape(s, d)
         found = solved(rows)
         left = rows.copy()
-        for small, large in parts:
+        for small, large in whole_ones:
             left -= small @ times(found, large)
+        for small, places, inner in few:
+            left[:, places] -= small @ (found[:, places] @ inner)
         # eigenvectors of many stages lose digits, which refinement gives back
         return np.asarray((found + solved(left)).ravel())
 
