@@ -59,7 +59,8 @@ def cost_figure(table: CostTable) -> Figure:
 
     Accuracy grows to the right. The strip on top of the panel of times names the cheapest method
     at every accuracy, and the broad line behind the curves follows it. Baselines are grey. Where
-    no method sums over the past there is no panel of work. A method that has nothing but round-off
+    no method sums over the past there is no panel of work. Stars are searches for a tolerance, all
+    runs of them. A method that has nothing but round-off
     from the coarsest step on is exact by chance; it is named and not drawn.
     """
     with journal_style():
@@ -78,9 +79,10 @@ def cost_figure(table: CostTable) -> Figure:
         if table.has_memory:
             _draw(panels[1], curves, styles, lambda point: float(point.row.history_operations))
             panels[1].set_ylabel("multiply-adds on the history")
+        asked_for = _draw_asked_for(panels[0], table)
         panels[-1].set_xlabel("error (more accurate to the right)")
         chance = [curve for curve in everything if curve.is_exact_by_chance]
-        _legend(figure, styles, _labels(table, chance))
+        _legend(figure, styles, _labels(table, chance), asked_for)
         figure.draw_without_rendering()
         _draw_bands(panels[0], bands, styles)
     return figure
@@ -147,6 +149,29 @@ def _draw(
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_major_locator(LogLocator(numticks=9))
     axes.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _draw_asked_for(axes: Axes, table: CostTable) -> list[Line2D]:
+    """Searches for a tolerance, at the errors that they came to."""
+    met = [row for row in table.by_tolerance if row.outcome == "met" and row.error > 0]
+    if not met:
+        return []
+    seconds = [row.seconds for row in met]
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, min(seconds) / 1.8), max(high, max(seconds) * 1.8))
+    errors = [max(row.error, _FINEST) for row in met]
+    axes.set_xlim(None, min(axes.get_xlim()[1], min(errors) / 3))
+    return axes.plot(
+        errors,
+        seconds,
+        color=INK,
+        marker="*",
+        markersize=5,
+        linestyle=(0, (1, 1)),
+        linewidth=0.8,
+        label="by tolerance",
+        zorder=4,
+    )
 
 
 def _draw_front(axes: Axes, bands: Sequence[Band]) -> None:
@@ -242,10 +267,16 @@ def _draw_bands(axes: Axes, bands: Sequence[Band], styles: Mapping[str, SeriesSt
     axes.yaxis.set_minor_locator(NullLocator())
 
 
-def _legend(figure: Figure, styles: Mapping[str, SeriesStyle], chance: Sequence[str]) -> None:
+def _legend(
+    figure: Figure,
+    styles: Mapping[str, SeriesStyle],
+    chance: Sequence[str],
+    asked_for: Sequence[Line2D],
+) -> None:
     handles = [
         Line2D([], [], label=style.label, **style.line_properties()) for style in styles.values()
     ]
+    handles += asked_for
     handles.append(Line2D([], [], color=FRONT_COLOUR, linewidth=6, alpha=0.75, label="cheapest"))
     labels = [str(handle.get_label()) for handle in handles]
     figure.legend(

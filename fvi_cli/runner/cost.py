@@ -21,6 +21,7 @@ from fvi_cli.scenes.problem import Problem
 from fvi_cli.storage import open_results
 from fvi_cli.studies.cost import CostTable, cost_table, measure_costs
 from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment, Run, lookup_case
+from fvi_cli.studies.tolerance.price import TOLERANCES, measure_tolerance
 
 _logger = logging.getLogger(__name__)
 
@@ -100,7 +101,7 @@ def measure_request(request: Request, settings: Settings) -> list[CostTable]:
     Writing is measured on a result file in a temporary folder.
     """
     experiments = request.loaded.experiments
-    total = sum(len(experiment.runs()) for experiment in experiments)
+    total = sum(len(experiment.runs()) + len(TOLERANCES) for experiment in experiments)
     tables = []
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -115,7 +116,15 @@ def measure_request(request: Request, settings: Settings) -> list[CostTable]:
                 rows.append(row)
                 advance(run.title)
                 _logger.debug("%s: %s, %.3g s", run.title, row.status, row.seconds)
-            tables.append(cost_table(experiment, rows))
+            asked_for = []
+            for tolerance in TOLERANCES:
+                try:
+                    asked_for.append(measure_tolerance(experiment, tolerance))
+                except Exception as error:
+                    found = crash(error)
+                    _logger.warning("%s to %g: %s", experiment.name, tolerance, found.message)
+                advance(f"{experiment.name} to {tolerance:g}")
+            tables.append(cost_table(experiment, rows, asked_for))
     return tables
 
 

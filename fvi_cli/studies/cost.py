@@ -15,12 +15,12 @@ import statistics
 import sys
 import time
 import tracemalloc
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod
-from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.integrator.trajectory import Outcome, Trajectory
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Norm, Observed, Run
 from fvi_cli.studies.study import execute, reference_of
@@ -98,6 +98,38 @@ class CostCase:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ToleranceRow:
+    """An accuracy that is asked for by tolerance, search and all.
+
+    Parameters
+    ----------
+    tolerance
+        What was asked for: the largest error of the position at any time, in its unit.
+    outcome
+        ``met``, ``unreliable`` or ``refused``.
+    error
+        At the points of the finest ladder, in the experiment's norm.
+    estimate
+        What the search says of the error at any time.
+    n_steps, degree
+        Steps and stages of the run that was delivered.
+    rounds
+        Runs of the search.
+    seconds
+        Of the whole search, from a cold start; least of the repeats.
+    """
+
+    tolerance: float
+    outcome: Outcome
+    error: float
+    estimate: float
+    n_steps: int
+    degree: int
+    rounds: int
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class CostTable:
     """What the methods of one experiment cost.
 
@@ -113,6 +145,8 @@ class CostTable:
         T.
     cases
         One per method, in the order of the configuration.
+    by_tolerance
+        Accuracies that were asked for by tolerance, beside the ladders.
     """
 
     experiment: str
@@ -122,6 +156,7 @@ class CostTable:
     norm: Norm
     final_time: float
     cases: tuple[CostCase, ...]
+    by_tolerance: tuple[ToleranceRow, ...] = ()
 
     @property
     def has_memory(self) -> bool:
@@ -234,8 +269,10 @@ def measure_cost(run: Run, store: Store | None = None) -> CostRow:
     )
 
 
-def cost_table(experiment: Experiment, rows: list[CostRow]) -> CostTable:
-    """The rows of :func:`measure_costs` by method."""
+def cost_table(
+    experiment: Experiment, rows: list[CostRow], by_tolerance: Sequence[ToleranceRow] = ()
+) -> CostTable:
+    """The rows of :func:`measure_costs` by method, and those that a tolerance came to."""
     problem = experiment.problem
     orders: tuple[float, ...] = ()
     if isinstance(problem, Problem):
@@ -252,6 +289,7 @@ def cost_table(experiment: Experiment, rows: list[CostRow]) -> CostTable:
             CostCase(method=method, rows=tuple(rows[k * count : (k + 1) * count]))
             for k, method in enumerate(experiment.methods)
         ),
+        by_tolerance=tuple(by_tolerance),
     )
 
 

@@ -212,6 +212,7 @@ class TestCommand:
         assert {name for name in written if name.startswith("tables/")} == {
             *(f"tables/small-cost.{suffix}" for suffix in ("csv", "md", "tex", "json")),
             "tables/small-cost-summary.csv",
+            "tables/small-cost-tolerances.csv",
         }
         assert {name for name in written if name.startswith("figures/")} == {
             f"figures/small-cost.{suffix}" for suffix in ("pdf", "png", "json")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 
 import pytest
@@ -11,6 +13,9 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.quadrature import gauss_rule
+from fvi_cli.plotting.cost import cost_figure
+from fvi_cli.reports import rendered
+from fvi_cli.reports.kinds.cost import cost_report
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies import cost
 from fvi_cli.studies.cost import (
@@ -22,6 +27,7 @@ from fvi_cli.studies.cost import (
     timed_run,
 )
 from fvi_cli.studies.experiment import Experiment
+from fvi_cli.studies.tolerance import price
 
 TEXT = """\
 name: small
@@ -141,3 +147,27 @@ ladder: {steps: [4]}
 """
     with pytest.raises(ValueError, match="not of a derivative"):
         next(measure_costs(experiment(text)))
+
+
+def test_what_a_tolerance_comes_to_is_measured_beside_the_ladder():
+    one = experiment()
+    rows = [price.measure_tolerance(one, tolerance) for tolerance in (1e-4, 1e-9)]
+    table = cost_table(one, list(measure_costs(one)), rows)
+    assert [row.outcome for row in table.by_tolerance] == ["met", "met"]
+    for row in rows:
+        assert 0 <= row.error <= row.tolerance
+        assert 0 < row.estimate <= row.tolerance
+        assert 0 < row.seconds < math.inf
+        assert row.n_steps >= 1
+    sheet = rendered(cost_report("small", [table]))["small-cost-tolerances.csv"]
+    lines = list(csv.DictReader(io.StringIO(sheet)))
+    assert [float(line["tolerance"]) for line in lines] == [1e-4, 1e-9]
+    figure = cost_figure(table)
+    (drawn,) = (line for line in figure.axes[0].lines if "by tolerance" in str(line.get_label()))
+    assert len(drawn.get_xdata()) == 2
+
+
+def test_ladders_alone_have_no_file_of_tolerances():
+    one = experiment()
+    names = rendered(cost_report("small", [cost_table(one, list(measure_costs(one)))]))
+    assert not [name for name in names if "tolerance" in name]

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from fvi_cli.integrator.baselines.peers import PEER_LIMITS
 from fvi_cli.integrator.method import PEER_NAMES, AnyMethod, Baseline
-from fvi_cli.reports.document import Block, Bullets, Equation, Grid, Heading, Paragraph
+from fvi_cli.reports.document import Block, Bullets, Code, Equation, Grid, Heading, Paragraph
 from fvi_cli.reports.naming import MethodName, method_names, number
 from fvi_cli.reports.table import Column, Report, Sheet, Value
 from fvi_cli.studies.cost import CostTable
@@ -84,6 +84,24 @@ CHEAPEST_COLUMNS = (
     Column("method", "name of the method"),
     Column("seconds", "its set-up plus stepping"),
 )
+TOLERANCE_COLUMNS = (
+    Column("experiment", "name of the experiment"),
+    Column("tolerance", "error that was asked for, at any time", title="asked for", form=".0e"),
+    Column("outcome", "met, unreliable or refused", title="outcome"),
+    Column("error", "error at the points of the finest ladder", title="error", form=".1e"),
+    Column("estimate", "estimated error at any time", title="estimate", form=".1e"),
+    Column("n_steps", "steps of the run that was delivered", title="steps"),
+    Column("degree", "its stages", title="stages"),
+    Column("rounds", "runs of the search", title="runs"),
+    Column("seconds", "of the whole search, from a cold start", title="seconds", form=".2g"),
+    Column(
+        "on_a_ladder",
+        "least seconds of any method on equal steps to the same error",
+        form=".2g",
+        title="on a ladder, s",
+    ),
+    Column("case", "that method", title="by"),
+)
 FRONT_COLUMNS = (
     Column("experiment", "name of the experiment"),
     Column("case", "method of a run that no other beats in both error and time"),
@@ -115,6 +133,7 @@ def cost_report(name: str, tables: Sequence[CostTable]) -> Report:
                 keys=("experiment", "error"),
                 is_file=False,
             ),
+            _tolerance_sheet(tables),
             Sheet(
                 name="pareto_front",
                 columns=FRONT_COLUMNS,
@@ -147,6 +166,33 @@ def _sheet(tables: Sequence[CostTable]) -> Sheet:
             rows += [words | {name: getattr(row, name) for name in own} for row in case.rows]
     keys = ("experiment", "case", "n_steps")
     return Sheet(name="runs", columns=RUN_COLUMNS, rows=tuple(rows), keys=keys)
+
+
+def _tolerance_sheet(tables: Sequence[CostTable]) -> Sheet:
+    rows: list[dict[str, Value]] = []
+    own = ("tolerance", "outcome", "error", "estimate", "n_steps", "degree", "rounds", "seconds")
+    for table in tables:
+        names = _names(table)
+        curves = [curve for curve in cost_curves(table) if not curve.is_exact_by_chance]
+        for row in table.by_tolerance:
+            times = {curve.key: curve.seconds_to(row.error) for curve in curves}
+            reached = [curve for curve in curves if not math.isnan(times[curve.key])]
+            best = min(reached, key=lambda curve: times[curve.key], default=None)
+            rows.append(
+                {
+                    "experiment": table.experiment,
+                    **{name: getattr(row, name) for name in own},
+                    "on_a_ladder": math.nan if best is None else times[best.key],
+                    "case": "-" if best is None else curve_name(best, names),
+                }
+            )
+    return Sheet(
+        name="tolerances",
+        columns=TOLERANCE_COLUMNS,
+        rows=tuple(rows),
+        keys=("experiment", "tolerance"),
+        is_file=bool(rows),
+    )
 
 
 def _prices(table: CostTable) -> Iterator[dict[str, Value]]:
@@ -252,6 +298,7 @@ def _summary(table: CostTable, level: int) -> list[Block]:
             summary_rows=(("cheapest", "", "", "", *last),),
         ),
         *_exact_methods(curves, names),
+        *_asked_for(table),
         Paragraph(words="Cheapest by accuracy:"),
         Bullets(
             items=tuple(
@@ -261,6 +308,23 @@ def _summary(table: CostTable, level: int) -> list[Block]:
             )
             or ("no method reached 1",)
         ),
+    ]
+
+
+def _asked_for(table: CostTable) -> list[Block]:
+    """What accuracies took that were asked for by tolerance."""
+    if not table.by_tolerance:
+        return []
+    return [
+        Paragraph(
+            words=(
+                "Asked for by tolerance (",
+                Code("accuracy: {tolerance: ...}"),
+                "), search and all, beside the quickest run on equal steps to the same error, "
+                "which nobody knows beforehand:",
+            )
+        ),
+        _tolerance_sheet([table]).grid(key_columns=1),
     ]
 
 
