@@ -17,10 +17,11 @@ from typer.testing import CliRunner
 
 import fvi_cli
 from fvi_cli.cli.app import app
-from fvi_cli.integrator.integrate import integrate
 from fvi_cli.runner import request
 from fvi_cli.storage.code import own_code
 from fvi_cli.storage.provenance import SOLVER_VERSION
+from fvi_cli.studies import study
+from fvi_cli.studies.tolerance import runs as tolerance_runs
 
 QUICK = """\
 name: quick
@@ -159,13 +160,16 @@ experiments:
 
 @pytest.mark.parametrize("key", ["ladder: {steps: [4, 8]}", "accuracy: {tolerance: 1e-3}"])
 def test_a_mistake_of_the_program_costs_the_run_that_it_happens_in(folder, monkeypatch, key):
-    def mistaken(scene, *arguments, **options):
-        if scene.initial_position.max() > 10:
-            raise ZeroDivisionError("made up")
-        return integrate(scene, *arguments, **options)
+    def mistaken(usual):
+        def made_up(scene, *arguments, **options):
+            if scene.initial_position.max() > 10:
+                raise ZeroDivisionError("made up")
+            return usual(scene, *arguments, **options)
 
-    for module in ("study", "accuracy", "tolerance.runs"):
-        monkeypatch.setattr(f"fvi_cli.studies.{module}.integrate", mistaken)
+        return made_up
+
+    for module, name in ((study, "integrate"), (tolerance_runs, "prepare_adaptive")):
+        monkeypatch.setattr(module, name, mistaken(getattr(module, name)))
     (folder / "mistaken.yaml").write_text(MISTAKEN.replace("ladder: {steps: [4, 8]}", key, 1))
     result = fvi("run", "mistaken.yaml")
     assert result.exit_code == 1

@@ -28,7 +28,7 @@ Array = np.ndarray
 
 POINTS_PER_WEIGHT = 16
 """Points of the circle for each weight: the radius is that root of the round-off."""
-NEWTON_LIMIT = 50
+NEWTON_LIMIT = 40
 
 
 def power_weights(method: ButcherTableau, theta: float, count: int) -> Array:

@@ -173,7 +173,8 @@ def test_figures_have_lines_for_a_few_members_and_bands_for_many(study, labels, 
     figures = figures_for([(experiment, finished)], name="many")
     assert list(figures) == ["many-convergence", "many-trajectory"]
     assert left_out([(experiment, finished)]) == [
-        "many: no energy figure, since of a sweep there are convergence, trajectory and spectrum"
+        "many: no energy figure, since of a sweep there are convergence, trajectory, quantities, "
+        "section and spectrum"
     ]
     drawn = drawn_data(figures["many-convergence"])
     assert len(drawn["legend"]) == labels
