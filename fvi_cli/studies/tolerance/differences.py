@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 MEASURED = 3.0
 """The error of a polynomial is estimated by so many times what it is found to miss."""
 EPSILON = float(np.finfo(float).eps)
+HARDLY = 0.01
+"""Coefficients below this share of their neighbours belong to a parity that is hardly there."""
 ROUNDED = 10.0
 """Round-off at the start, in units of :data:`EPSILON` times the position."""
 SHIFT = 1e-6
@@ -59,11 +61,9 @@ def between_points(scene: Scene, steps: RunSteps) -> Array:
     left, right = (-1.0) ** m * missed[0], missed[1]
     shares = np.abs(np.stack([0.5 * (right + left), 0.5 * (right - left)]))
     measured = np.einsum("c,cnd->nd", _reaches(m), shares)
-    last, before = _tails(steps)
-    with np.errstate(all="ignore"):
-        # where the velocity is singular at an end, its value there says nothing
-        fall = np.sqrt(np.minimum(1.0, np.where(before > 0, last / before, 1.0)))
-    found = sizes * np.minimum(MEASURED * measured, last * fall / (2 * m + 1))
+    last, fall = _tails(steps)
+    # where the velocity is singular at an end, its value there says nothing
+    found = sizes * np.minimum(MEASURED * measured, last * np.sqrt(fall) / (2 * m + 1))
     return np.asarray(np.where(np.isfinite(found), found, math.inf).max(axis=1))
 
 
@@ -88,15 +88,21 @@ def _velocity(scene: Scene, steps: RunSteps) -> Array:
 
 
 def _tails(steps: RunSteps) -> tuple[Array, Array]:
-    """Larger one of the last two Legendre coefficients of velocities, and of those before.
+    """Larger one of the last two Legendre coefficients of velocities, and what they fall by.
 
-    They may fall unevenly, by parity above all, so that pairs are compared. Shapes ``(n, d)``.
+    They may fall unevenly, by parity above all, so that each is compared with the one two before
+    it; coefficients of a parity that is hardly there say nothing. Where a coefficient is larger
+    than that, what is left does not fall. Shapes ``(n, d)``.
     """
     m = steps.tables.points.size
     kept = steps.tables.to_legendre[-min(4, m) :]
     found = np.abs(np.einsum("kr,nrd->knd", kept, steps.velocity))
     last = found[-2:].max(axis=0)
-    return last, found[:-2].max(axis=0) if m > 2 else last
+    if m < 4:
+        before = found[:-2].max(axis=0) if m > 2 else last
+        return last, np.minimum(1.0, last / np.maximum(before, 1e-300))
+    ratios = np.minimum(1.0, found[-2:] / np.maximum(found[:-2], 1e-300))
+    return last, np.where(found[-2:] >= HARDLY * last, ratios, 0.0).max(axis=0)
 
 
 def local_errors(steps: RunSteps) -> float:
