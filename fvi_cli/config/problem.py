@@ -91,7 +91,7 @@ def make_problem(
     at
         Where it stands; receives what is wrong between the keys.
     search
-        Look for a closed form of the solution, which takes long and finds no mistake.
+        Look for the exact solution, which takes long and finds no mistake.
     """
     before = len(at.complaints)
     _check_sizes(problem, at)

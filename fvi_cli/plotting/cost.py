@@ -58,10 +58,10 @@ def cost_figure(table: CostTable) -> Figure:
     """Set-up plus stepping time, and history operations, against the error reached.
 
     Accuracy grows to the right. The strip on top of the panel of times names the cheapest method
-    at every accuracy, and the broad line behind the curves follows it. Baselines are grey. Where
-    no method sums over the past there is no panel of work. Stars are searches for a tolerance, all
-    runs of them. A method that has nothing but round-off
-    from the coarsest step on is exact by chance; it is named and not drawn.
+    at every accuracy, and the broad line behind the curves follows it. Baselines are grey. Stars
+    are searches for a tolerance with all their runs. Where no method sums over the past there is no
+    panel of work. A method that has nothing but round-off from the coarsest step on is exact by
+    chance; it is named and not drawn.
     """
     with journal_style():
         everything = cost_curves(table)

@@ -27,7 +27,7 @@ class Problem:
     exact
         Position at times of shape ``(n,)`` as ``(n, d)``; None when it is not known.
     exact_source
-        Where `exact` comes from: ``expression``, ``closed form``, or ``unknown``.
+        Where `exact` comes from, such as ``expression``, ``closed form`` or ``unknown``.
     equation
         The equation of motion in plain text.
     coordinates

@@ -19,7 +19,7 @@ def build_problem(specification: Mapping[str, Any], *, search: bool = True) -> A
         JSON values under the keys of the configuration's ``problem``; absent keys have their
         defaults.
     search
-        Look for a closed form of the solution where none is given, which takes long.
+        Look for the exact solution where none is given, which takes long.
 
     Raises
     ------

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from fvi_cli.plotting.style import (
     COLOURS,
@@ -106,6 +106,9 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
                 is_wide = shown.series.times[-1] > WIDE * shown.series.times[0]
                 for axes in (upper, lower) if is_wide else ():
                     axes.set_xscale("log")
+                    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+                    axes.xaxis.set_minor_formatter(NullFormatter())
                 if amplitude.part == "magnitude":
                     upper.set_yscale("log")
         legend_above(figure, grid[0, 0])

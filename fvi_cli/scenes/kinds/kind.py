@@ -88,7 +88,7 @@ class Kind(ABC):
         values
             With all defaults.
         search
-            Look for a closed form of the solution where none is given, which takes long.
+            Look for the exact solution where none is given, which takes long.
 
         Raises
         ------
@@ -212,7 +212,7 @@ class SceneKind(Kind):
             if said := objection(exact, scene):
                 raise ValueError(f"exact: {said}")
         elif search and scene.is_linear:
-            # closed forms call for special functions, which take long to import
+            # looking for it takes long to import
             from fvi_cli.scenes.linear_response import match_scene
 
             solution = match_scene(scene)

@@ -91,8 +91,8 @@ _EXACT: Final = Key(
         single=Formula(words=("auto", "none")),
         several=ListOf(shape=Formula(), example="[cos(t), 0]"),
     ),
-    "Exact position: expression in t, one per coordinate, or auto: a closed form where one is "
-    "known, otherwise a refined run; none: no reference and no errors.",
+    "Exact position: expression in t, one per coordinate, or auto: that of linear scenes where it "
+    "is known, otherwise a refined run; none: no reference and no errors.",
     default="auto",
 )
 
