@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvi_cli.cli.completion import shipped_names
 from fvi_cli.cli.exits import DONE, RUN_FAILED, guarded
 from fvi_cli.cli.options import (
     RESULTS,
@@ -17,8 +16,10 @@ from fvi_cli.cli.options import (
     Output,
     Overrides,
     Quiet,
+    UsualConfigs,
     Verbose,
 )
+from fvi_cli.cli.runs import tell
 
 if TYPE_CHECKING:
     from fvi_cli.studies.cost import CostTable
@@ -28,14 +29,7 @@ _logger = logging.getLogger("fvi_cli")
 
 @guarded
 def cost(
-    configs: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="CONFIG",
-            help="Files, or names of shipped configurations.",
-            autocompletion=shipped_names,
-        ),
-    ] = None,
+    configs: UsualConfigs = None,
     output: Output = RESULTS,
     peers: Annotated[
         bool,
@@ -51,7 +45,6 @@ def cost(
     """Measure error, time, memory and work of every method; without argument make the page."""
     from fvi_cli.render.cost import PAGE_CONFIGS, write_page
     from fvi_cli.render.plans import plans_as_text
-    from fvi_cli.render.results import show, write
     from fvi_cli.runner import cost as runner
     from fvi_cli.runner.plan import plan_runs
     from fvi_cli.runner.request import gather
@@ -72,8 +65,7 @@ def cost(
     for request in requests:
         tables = runner.measure_request(request, settings)
         finished[request.name] = tables
-        show(tables, name=request.name)
-        print("", *write(tables, output, name=request.name), "", sep="\n")
+        tell(tables, request.name, output, is_check=False)
         lines = runner.unexpected(request, tables)
         for line in lines:
             _logger.warning("%s", line)

@@ -22,7 +22,6 @@ from fvi_cli.errors import FviError, RequestError
 
 if TYPE_CHECKING:
     from fvi_cli.runner.outcome import Outcome
-    from fvi_cli.runner.settings import Settings
 
 DONE, RUN_FAILED, WRONG_REQUEST, CHECK_FAILED, BROKEN_PIPE, INTERRUPTED = 0, 1, 2, 3, 141, 130
 
@@ -94,11 +93,6 @@ def _say(*lines: str) -> None:
     for line in lines:
         with contextlib.suppress(OSError):
             print(line, file=sys.stderr)
-
-
-def stops(settings: Settings, outcomes: Sequence[Outcome]) -> bool:
-    """Whether a failure ends the command (``--fail-fast``)."""
-    return settings.fail_fast and any(outcome.unexpected for outcome in outcomes)
 
 
 def verdict(differences: Sequence[str]) -> int:

@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from fvi_cli.cli.exits import DONE, RUN_FAILED, guarded, verdict
-from fvi_cli.cli.options import RESULTS, Configs, Json, Output, Overrides, Quiet, Verbose
+from fvi_cli.cli.options import RESULTS, Check, Configs, Json, Output, Overrides, Quiet, Verbose
 
 
 @guarded
 def fit(
     configs: Configs,
     output: Output = RESULTS,
-    check: Annotated[
-        bool,
-        typer.Option(
-            "--check", help="Compare with the stored tables and figures, and write nothing."
-        ),
-    ] = False,
+    check: Check = False,
     as_json: Json = False,
     overrides: Overrides = None,
     quiet: Quiet = False,

@@ -8,16 +8,13 @@ import typer
 
 from fvi_cli.cli.completion import methods_of_hard_cases, names_of_hard_cases
 from fvi_cli.cli.exits import CHECK_FAILED, DONE, guarded, verdict
-from fvi_cli.cli.options import RESULTS, Output, Quiet, Verbose
+from fvi_cli.cli.options import RESULTS, Check, Output, Quiet, Verbose
 
 
 @guarded
 def hard_cases(
     output: Output = RESULTS,
-    check: Annotated[
-        bool,
-        typer.Option("--check", help="Compare with the stored report and write nothing."),
-    ] = False,
+    check: Check = False,
     case: Annotated[
         list[str] | None,
         typer.Option(

@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from fvi_cli.cli.exits import DONE, RUN_FAILED, guarded, verdict
-from fvi_cli.cli.options import RESULTS, Configs, Output, Overrides, Quiet, Verbose
+from fvi_cli.cli.options import RESULTS, Check, Configs, Output, Overrides, Quiet, Verbose
+from fvi_cli.cli.runs import tell
 
 
 @guarded
@@ -24,12 +25,7 @@ def modes(
             "--near", metavar="HZ", help="Those nearest to a frequency; default: the lowest."
         ),
     ] = None,
-    check: Annotated[
-        bool,
-        typer.Option(
-            "--check", help="Compare with the stored tables and figures, and write nothing."
-        ),
-    ] = False,
+    check: Check = False,
     overrides: Overrides = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -38,7 +34,6 @@ def modes(
 
     Exit code 1 where it is not known that none is missing.
     """
-    from fvi_cli.render.vibration import compare_tables, show_tables, write_tables
     from fvi_cli.runner.request import gather
     from fvi_cli.runner.vibration.modes import request_modes
 
@@ -47,11 +42,7 @@ def modes(
     for request in gather(configs, overrides or ()):
         tables = request_modes(request, count, near)
         complete = complete and all(table.is_complete for table in tables)
-        if check:
-            differences += compare_tables(request.name, tables, output)
-        else:
-            show_tables(request.name, tables)
-            print("", *write_tables(request.name, tables, output), sep="\n")
+        differences += tell(tables, request.name, output, is_check=check)
     if check:
         return verdict(differences)
     return DONE if complete else RUN_FAILED

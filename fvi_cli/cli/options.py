@@ -9,22 +9,21 @@ import typer
 
 from fvi_cli.cli.completion import shipped_names
 
-Configs = Annotated[
-    list[str],
-    typer.Argument(
-        metavar="CONFIG",
-        help="Files, or names of shipped configurations.",
-        autocompletion=shipped_names,
-    ),
-]
-Sources = Annotated[
-    list[str] | None,
-    typer.Argument(
-        metavar="CONFIG|FILE.h5",
-        help="Files, names of shipped configurations, or results of `fvi run`.",
-        autocompletion=shipped_names,
-    ),
-]
+_configs = typer.Argument(
+    metavar="CONFIG",
+    help="Files, or names of shipped configurations.",
+    autocompletion=shipped_names,
+)
+Configs = Annotated[list[str], _configs]
+UsualConfigs = Annotated[list[str] | None, _configs]
+_sources = typer.Argument(
+    metavar="CONFIG|FILE.h5",
+    help="Files, names of shipped configurations, or results of `fvi run`.",
+    autocompletion=shipped_names,
+)
+Sources = Annotated[list[str], _sources]
+UsualSources = Annotated[list[str] | None, _sources]
+"""The same for commands that do something usual where nothing is named."""
 Output = Annotated[
     Path,
     typer.Option(
@@ -34,6 +33,9 @@ Output = Annotated[
         envvar="FVI_OUTPUT",
         help="Folder for everything that is written.",
     ),
+]
+Check = Annotated[
+    bool, typer.Option("--check", help="Compare with what is stored and write nothing.")
 ]
 Overrides = Annotated[
     list[str] | None,

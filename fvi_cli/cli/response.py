@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from fvi_cli.cli.exits import DONE, guarded, verdict
-from fvi_cli.cli.options import RESULTS, Configs, Output, Overrides, Quiet, Verbose
+from fvi_cli.cli.options import RESULTS, Check, Configs, Output, Overrides, Quiet, Verbose
+from fvi_cli.cli.runs import tell
 
 
 @guarded
@@ -40,18 +41,12 @@ def response(
             "coordinate that moves most.",
         ),
     ] = None,
-    check: Annotated[
-        bool,
-        typer.Option(
-            "--check", help="Compare with the stored tables and figures, and write nothing."
-        ),
-    ] = False,
+    check: Check = False,
     overrides: Overrides = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:
     """Compute steady responses: magnitude, phase, peaks, half-power loss factors."""
-    from fvi_cli.render.vibration import compare_tables, show_tables, write_tables
     from fvi_cli.runner.request import gather
     from fvi_cli.runner.vibration.response import frequencies, request_responses
 
@@ -59,9 +54,5 @@ def response(
     differences: list[str] = []
     for request in gather(configs, overrides or ()):
         tables = request_responses(request, hertz, force or (), at or ())
-        if check:
-            differences += compare_tables(request.name, tables, output)
-        else:
-            show_tables(request.name, tables)
-            print("", *write_tables(request.name, tables, output), sep="\n")
+        differences += tell(tables, request.name, output, is_check=check)
     return verdict(differences) if check else DONE

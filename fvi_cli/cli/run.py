@@ -2,43 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvi_cli.cli.exits import DONE, exit_code, guarded
-from fvi_cli.cli.options import (
-    RESULTS,
-    AllowUnstable,
-    CheckpointEvery,
-    Configs,
-    Dask,
-    DryRun,
-    FailFast,
-    Fresh,
-    Json,
-    Output,
-    Overrides,
-    Quiet,
-    Verbose,
-    Wait,
-    Workers,
-)
+from fvi_cli.cli.exits import DONE, guarded
+from fvi_cli.cli.options import CheckpointEvery, Json, Sources
+from fvi_cli.cli.runs import Runs, with_runs
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from fvi_cli.runner.outcome import Outcome
-
 
 @guarded
+@with_runs
 def run(
-    configs: Configs,
-    output: Output = RESULTS,
-    overrides: Overrides = None,
-    workers: Workers = 1,
+    runs: Runs,
+    sources: Sources,
     checkpoint_every: CheckpointEvery = 60.0,
-    dask: Dask = None,
     shard: Annotated[
         str,
         typer.Option(
@@ -46,56 +28,30 @@ def run(
             help="Compute the I-th of N parts alone, into a file of its own; see `fvi merge`.",
         ),
     ] = "1/1",
-    wait: Wait = False,
-    dry_run: DryRun = False,
-    fresh: Fresh = False,
-    fail_fast: FailFast = False,
-    allow_unstable: AllowUnstable = False,
     json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> int:
     """Compute every method of a configuration on every step size; store what comes out."""
     from fvi_cli.render.json import outcomes_as_json, plans_as_json
-    from fvi_cli.render.plans import plans_as_text
     from fvi_cli.render.runs import runs_as_text
     from fvi_cli.runner.parts.shard import shard_named
-    from fvi_cli.runner.plan import plan_runs
-    from fvi_cli.runner.request import gather
-    from fvi_cli.runner.run import run_requests
-    from fvi_cli.runner.settings import Settings
 
-    settings = Settings(
-        output=output,
-        workers=workers,
-        dask=dask,
-        fresh=fresh,
-        fail_fast=fail_fast,
-        show_progress=not quiet,
+    runs.settings = dataclasses.replace(
+        runs.settings,
         checkpoint_seconds=checkpoint_every,
-        waits=wait,
         keeps_motions=False,
         shard=shard_named(shard),
     )
-    requests = gather(
-        configs,
-        overrides or (),
-        allow_unstable=allow_unstable,
-        checks_member=settings.shard.checks_member,
-    )
-    if dry_run and json:
-        print(plans_as_json(plan_runs(requests, settings)))
+    runs.gather(sources)
+    if runs.is_dry and json:
+        print(plans_as_json(runs.plans()))
         return DONE
-    if dry_run:
-        print(plans_as_text(plan_runs(requests, settings), in_full=verbose))
-        return DONE
-    outcomes: list[Outcome] = []
+    if runs.is_dry:
+        return runs.show_plans()
     paths: list[Path] = []
-    for request, computed in run_requests(requests, settings):
-        outcomes += computed
-        paths.append(settings.path_of(request))
+    for request, outcomes in runs.finished():
+        paths.append(runs.settings.path_of(request))
         if not json:
-            print(runs_as_text(computed, every_member=verbose), paths[-1], sep="\n")
+            print(runs_as_text(outcomes, every_member=runs.is_verbose), paths[-1], sep="\n")
     if json:
-        print(outcomes_as_json(outcomes, paths))
-    return exit_code(outcomes)
+        print(outcomes_as_json(runs.outcomes, paths))
+    return runs.code

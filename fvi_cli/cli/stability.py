@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from fvi_cli.cli.exits import CHECK_FAILED, DONE, RUN_FAILED, guarded, verdict
-from fvi_cli.cli.options import RESULTS, Configs, Output, Overrides, Quiet, Verbose
+from fvi_cli.cli.options import RESULTS, Check, Configs, Output, Overrides, Quiet, Verbose
+from fvi_cli.cli.runs import tell
 
 
 @guarded
@@ -30,12 +31,7 @@ def stability(
             help="Run every method from random data and compare; default: as configured, yes.",
         ),
     ] = None,
-    check: Annotated[
-        bool,
-        typer.Option(
-            "--check", help="Compare with the stored tables and figures, and write nothing."
-        ),
-    ] = False,
+    check: Check = False,
     overrides: Overrides = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -44,20 +40,13 @@ def stability(
 
     Exit code 3 when a prediction is not what is observed, 1 when the program itself made a mistake.
     """
-    from fvi_cli.render.results import compare, show, write
     from fvi_cli.runner.stability import gather_over, study_stability
 
-    requests = gather_over(configs, overrides or (), over or ())
     crashed = failed = 0
     differences: list[str] = []
-    for request in requests:
+    for request in gather_over(configs, overrides or (), over or ()):
         tables = study_stability(request, is_observed=observe, show_progress=not quiet)
-        if check:
-            differences += compare(tables, output, name=request.name)
-        else:
-            paths = write(tables, output, name=request.name)
-            show(tables, name=request.name)
-            print(*paths, "", sep="\n")
+        differences += tell(tables, request.name, output, is_check=check)
         failed += sum(len(table.disagreements) for table in tables)
         crashed += sum(bool(row.failure) for table in tables for row in table.rows)
     if crashed:

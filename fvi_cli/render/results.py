@@ -16,7 +16,9 @@ from fvi_cli.reports.kinds.cost import cost_report
 from fvi_cli.reports.kinds.fit import fit_report
 from fvi_cli.reports.kinds.hard_cases import hard_case_report
 from fvi_cli.reports.kinds.orders import order_report
+from fvi_cli.reports.kinds.quantities import quantities_report
 from fvi_cli.reports.kinds.stability import stability_report
+from fvi_cli.reports.kinds.vibration import mode_report, response_report
 from fvi_cli.reports.writers.text import show as show_blocks
 from fvi_cli.reports.writers.text import to_text
 from fvi_cli.runner.outcome import Outcome
@@ -29,12 +31,15 @@ from fvi_cli.studies.hard_cases.case import HardCaseReport
 from fvi_cli.studies.order import OrderTable
 from fvi_cli.studies.order import order_tables as tables_of_orders
 from fvi_cli.studies.stability_study import StabilityTable
+from fvi_cli.studies.vibration.modes import ModeTable
+from fvi_cli.studies.vibration.response import ResponseTable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Result: TypeAlias = Outcome | OrderTable | StabilityTable | CostTable | FitResult | PlannedRun
-Results: TypeAlias = Result | Sequence[Result] | HardCaseReport
+Table: TypeAlias = OrderTable | StabilityTable | CostTable | FitResult | ModeTable | ResponseTable
+Result: TypeAlias = Outcome | Table | PlannedRun
+Results: TypeAlias = Result | Sequence[Result] | HardCaseReport | Report
 Kind = TypeVar("Kind")
 
 
@@ -44,8 +49,8 @@ def as_text(results: Results | StoredFile, *, name: str | None = None) -> str:
     Parameters
     ----------
     results
-        Outcomes of runs, order tables, tables of stability or cost, plans (one of these, or a
-        list of one kind), the report of the hard cases, or the contents of a result file.
+        Outcomes of runs, tables of orders, stability, cost, modes or responses, fits, plans (one
+        of these, or a list of one kind), a report, or the contents of a result file.
     name
         Name of the whole in the heading; default that of the only experiment.
 
@@ -56,11 +61,10 @@ def as_text(results: Results | StoredFile, *, name: str | None = None) -> str:
     """
     if isinstance(results, StoredFile):
         return contents_as_text(results)
-    if not isinstance(results, HardCaseReport):
-        if outcomes := _of(results, Outcome):
-            return runs_as_text(outcomes)
-        if plans := _of(results, PlannedRun):
-            return plans_as_text(plans)
+    if outcomes := _of(results, Outcome):
+        return runs_as_text(outcomes)
+    if plans := _of(results, PlannedRun):
+        return plans_as_text(plans)
     return to_text(_report(results, name).summary)
 
 
@@ -70,7 +74,7 @@ def show(results: Results, *, name: str | None = None) -> None:
     Parameters
     ----------
     results
-        Tables of orders, stability or cost, or the report of the hard cases.
+        Tables of one kind, or a report.
     name
         As for :func:`as_text`.
 
@@ -83,11 +87,13 @@ def show(results: Results, *, name: str | None = None) -> None:
 
 
 def _report(results: Results, name: str | None) -> Report:
-    """The report on tables of one kind."""
+    """The report on results of one kind; of outcomes that on their orders."""
+    if isinstance(results, Report):
+        return results
     if isinstance(results, HardCaseReport):
         return hard_case_report(results)
     title = name or _only_name(results)
-    if orders := _of(results, OrderTable):
+    if orders := _of(results, OrderTable) or order_tables(_of(results, Outcome)):
         return order_report(title, orders)
     if stabilities := _of(results, StabilityTable):
         return stability_report(title, stabilities)
@@ -95,16 +101,23 @@ def _report(results: Results, name: str | None) -> Report:
         return cost_report(title, costs)
     if fits := _of(results, FitResult):
         return fit_report(title, fits)
-    raise RequestError("there are tables of orders, stability, cost, fits and the hard cases only")
+    if modes := _of(results, ModeTable):
+        return mode_report(title, modes)
+    if responses := _of(results, ResponseTable):
+        return response_report(title, responses)
+    raise RequestError(
+        "there are tables of orders, stability, cost, fits, modes, responses and the hard cases "
+        "only"
+    )
 
 
 def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
-    """Figures of outcomes, of a study of stability, or of cost, by name; none is written.
+    """Figures of outcomes, fits, or tables that have some, by name; none is written.
 
     Parameters
     ----------
     results
-        One or several outcomes, or tables of stability or cost.
+        One or several outcomes or fits, or tables of stability, cost, modes or responses.
     name
         Their names begin with it; default the name of the only experiment.
 
@@ -114,25 +127,33 @@ def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
         If there is more than one experiment and no name, or where there is no picture.
     """
     title = name or _only_name(results)
-    if not isinstance(results, HardCaseReport):
-        if outcomes := _of(results, Outcome):
-            from fvi_cli.plotting import figures_for
+    if outcomes := _of(results, Outcome):
+        from fvi_cli.plotting import figures_for
 
-            return figures_for(studies(outcomes), name=title)
-        if stabilities := _of(results, StabilityTable):
-            from fvi_cli.plotting.stability import stability_figures
+        return figures_for(studies(outcomes), name=title)
+    if stabilities := _of(results, StabilityTable):
+        from fvi_cli.plotting.stability import stability_figures
 
-            return stability_figures(title, stabilities)
-        if costs := _of(results, CostTable):
-            from fvi_cli.plotting.cost import cost_figures
+        return stability_figures(title, stabilities)
+    if costs := _of(results, CostTable):
+        from fvi_cli.plotting.cost import cost_figures
 
-            return cost_figures(title, costs)
-        if fits := _of(results, FitResult):
-            from fvi_cli.plotting.fits.figures import fit_figures
+        return cost_figures(title, costs)
+    if fits := _of(results, FitResult):
+        from fvi_cli.plotting.fits.figures import fit_figures
 
-            return dict(fit_figures(title, fits))
+        return dict(fit_figures(title, fits))
+    if modes := _of(results, ModeTable):
+        from fvi_cli.plotting.vibration.spectra import mode_figures
+
+        return mode_figures(title, modes)
+    if responses := _of(results, ResponseTable):
+        from fvi_cli.plotting.vibration.spectra import response_figures
+
+        return response_figures(title, responses)
     raise RequestError(
-        "there are figures of outcomes, of fits, of tables of stability and of tables of cost only"
+        "there are figures of outcomes, of fits, and of tables of stability, cost, modes and "
+        "responses only"
     )
 
 
@@ -141,10 +162,10 @@ def write(
 ) -> list[Path]:
     """Write tables and figures as the commands do; returns the paths.
 
-    Tables of orders, and figures, that agree with what is stored leave it as it is.
+    Tables and figures that agree with what is stored leave it as it is.
 
-    Of outcomes: the tables of ``fvi convergence`` and the figures of ``fvi plot``. Of tables of
-    stability and cost, and of the report of the hard cases: what their commands write.
+    Of outcomes: the tables of ``fvi convergence`` and the figures of ``fvi plot``. Of everything
+    else: what its command writes, of modes also their shapes, ``<name>-modes.h5``.
 
     Parameters
     ----------
@@ -164,19 +185,18 @@ def write(
     StorageError
         If the folder or a file cannot be written.
     """
-    folder = Path(output)
-    if isinstance(results, HardCaseReport):
-        return reports.write(folder, hard_case_report(results), anew=anew)
-    title = name or _only_name(results)
-    if not results or _of(results, PlannedRun):
-        raise RequestError("plans, and nothing at all, are not written")
-    drawn: dict[str, Figure] = {}
-    if not _of(results, OrderTable):
-        drawn = figures(results, name=title)
-    outcomes = _of(results, Outcome)
-    report = _report(order_tables(outcomes) if outcomes else results, title)
-    written = reports.write(folder / "tables", report, anew=anew)
-    return written + write_figures(drawn, folder, anew=anew)
+    if _of(results, PlannedRun):
+        raise RequestError("plans are not written")
+    folder, report = Path(output), _report(results, name)
+    drawn = figures(results, name=name) if _is_drawn(results) else {}
+    paths = reports.write(_tables(results, folder), report, anew=anew)
+    paths += write_figures(drawn, folder, anew=anew)
+    if modes := _of(results, ModeTable):
+        from fvi_cli.storage.spectra.mode_shapes import write_mode_shapes
+
+        paths.append(folder / f"{name or _only_name(results)}-modes.h5")
+        write_mode_shapes(paths[-1], modes)
+    return paths
 
 
 def compare(results: Results, output: Path | str, *, name: str | None = None) -> list[str]:
@@ -185,8 +205,7 @@ def compare(results: Results, output: Path | str, *, name: str | None = None) ->
     Parameters
     ----------
     results
-        Outcomes, order tables, tables of stability, or the report of the hard cases. Costs are
-        never the same twice.
+        What :func:`write` would write. Costs are never the same twice.
     output, name
         As for :func:`write`.
 
@@ -195,23 +214,28 @@ def compare(results: Results, output: Path | str, *, name: str | None = None) ->
     RequestError
         If there is more than one experiment and no name, or for tables of cost and plans.
     """
-    folder = Path(output)
-    if isinstance(results, HardCaseReport):
-        return reports.compare(folder, hard_case_report(results))
-    title = name or _only_name(results)
     if any(isinstance(one, PlannedRun | CostTable) for one in _listed(results)):
         raise RequestError("times are never the same twice, and plans are not kept")
-    outcomes = _of(results, Outcome)
-    report = _report(order_tables(outcomes) if outcomes else results, title)
-    differences = reports.compare(folder / "tables", report)
-    if _of(results, OrderTable):
+    folder = Path(output)
+    differences = reports.compare(_tables(results, folder), _report(results, name))
+    if not _is_drawn(results):
         return differences
-    return differences + compare_figures(figures(results, name=title), folder)
+    return differences + compare_figures(figures(results, name=name), folder)
+
+
+def _is_drawn(results: Results) -> bool:
+    """Whether figures are written beside the tables; those of orders belong to the runs."""
+    return bool(_listed(results)) and not _of(results, OrderTable)
+
+
+def _tables(results: Results, output: Path) -> Path:
+    """The folder of the tables; the page on the hard cases stands beside it."""
+    return output if isinstance(results, HardCaseReport) else output / "tables"
 
 
 def _listed(results: Results) -> list[Result]:
-    """The results one by one; a report of hard cases is one of its own."""
-    if isinstance(results, HardCaseReport):
+    """The results one by one; none where they are a report already."""
+    if isinstance(results, HardCaseReport | Report):
         return []
     return list(results) if isinstance(results, Sequence) else [results]
 
@@ -235,7 +259,7 @@ def _only_name(results: Results) -> str:
     """The name of the only experiment."""
     names: set[str] = set()
     for one in _listed(results):
-        if isinstance(one, FitResult):
+        if isinstance(one, FitResult | ModeTable | ResponseTable):
             names.add(one.name)
             continue
         owner = one.run if isinstance(one, PlannedRun) else one
@@ -257,6 +281,23 @@ def order_tables(outcomes: Outcome | Sequence[Outcome]) -> list[OrderTable]:
     """
     listed = [outcomes] if isinstance(outcomes, Outcome) else outcomes
     return [table for one in listed for table in tables_of_orders(one.experiment, one.finished)]
+
+
+def observed_report(outcomes: Sequence[Outcome], name: str) -> Report:
+    """The report of ``fvi quantities``: quantities and events of every run.
+
+    Raises
+    ------
+    RequestError
+        Where none are asked for.
+    """
+    finished = [one for outcome in outcomes for one in outcome.finished]
+    if not any(one.trajectory.observed is not None for one in finished):
+        raise RequestError(
+            f"{name}: no quantities, events or impacts are asked for; give for example "
+            "quantities: {top: ax}"
+        )
+    return quantities_report(name, finished)
 
 
 def studies(outcomes: Sequence[Outcome]) -> list[tuple[Experiment, tuple[FinishedRun, ...]]]:

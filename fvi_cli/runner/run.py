@@ -27,7 +27,7 @@ def run_requests(
     for request in requests:
         outcomes = run_request(request, settings)
         yield request, outcomes
-        if settings.fail_fast and any(outcome.unexpected for outcome in outcomes):
+        if settings.ends_with(outcomes):
             return
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.cluster import DaskCluster
 from fvi_cli.runner.executors.executor import Executor, InProcess, Watch
 from fvi_cli.runner.executors.processes import LocalProcesses
+from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.parts.shard import WHOLE, Shard
 from fvi_cli.runner.request import Request
 from fvi_cli.storage import PARTS_SUFFIX
@@ -93,6 +95,10 @@ class Settings:
             return None
         folder = self.path_of(request).with_suffix(PARTS_SUFFIX)
         return CheckpointFolder(folder=folder, seconds=self.checkpoint_seconds)
+
+    def ends_with(self, outcomes: Sequence[Outcome]) -> bool:
+        """Whether an unexpected failure among these is the end (``fail_fast``)."""
+        return self.fail_fast and any(outcome.unexpected for outcome in outcomes)
 
     def path_of(self, request: Request) -> Path:
         """Where the runs of `request` are, or would be, stored."""
