@@ -10,7 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from fvi_cli.cli.app import app
-from fvi_cli.config import parse_config
+from fvi_cli.config import load_config, parse_config
+from fvi_cli.storage import read_results
+from fvi_cli.storage.snapshot import Location, Snapshot
 from fvi_cli.studies.accuracy_settings import USUAL_CANDIDATES
 
 CONFIG = """\
@@ -252,6 +254,29 @@ def test_members_of_a_sweep_have_their_own_meshes(fvi, tmp_path):
     assert planned.count("reuse") == 3
     assert "compute 1 members" in planned
     assert "reuse" not in fvi("run", "swept.yaml", "--dry-run", "--set", "accuracy.tolerance=1e-6")
+
+
+def test_the_work_of_recalling_grows_as_the_members(fvi, tmp_path, monkeypatch):
+    reads = []
+    place, attributes = Location.place.fget, Snapshot.attributes
+    monkeypatch.setattr(Location, "place", property(lambda o: reads.append(o) or place(o)))
+    monkeypatch.setattr(
+        Snapshot, "attributes", lambda o, one: reads.append(one) or attributes(o, one)
+    )
+
+    def looked_at(members):
+        values = [1.0 + k for k in range(members)]
+        text = ADAPTIVE.replace("1e-7", "1e-2").replace("tuned", f"swept{members}")
+        path = tmp_path / f"swept{members}.yaml"
+        path.write_text(f"{text}sweep: {{problem.stiffness: {values}}}\n")
+        fvi("run", str(path))
+        (experiment,) = load_config(path).experiments
+        with read_results(tmp_path / f"results/swept{members}.h5") as store:
+            reads.clear()
+            assert None not in [store.chosen(search) for search in experiment.searches()]
+        return len(reads)
+
+    assert 2 <= looked_at(2) == looked_at(8) / 4
 
 
 @pytest.mark.processes

@@ -65,6 +65,7 @@ class Store:
     _by_identity: dict[tuple[str, Form, bool], Location] = field(default_factory=dict)
     _by_key: dict[Key, Location] = field(default_factory=dict)
     _by_place: dict[Place, Location] = field(default_factory=dict)
+    _searched: dict[tuple[str, str], dict[Key, Location]] = field(default_factory=dict)
     _asked: dict[Key, Location] = field(default_factory=dict)
     _numbers: dict[Key, int] = field(default_factory=dict)
 
@@ -113,12 +114,11 @@ class Store:
             If what is stored is damaged.
         """
         name, _, _, values = place_of(search)
-        for location in list(self._by_key.values()):
-            if location.place[::3] == (name, values) and '"accuracy"' in location.key[1]:
-                attributes = self._read(location, Snapshot.attributes) or {}
-                run = asked_for_tolerance(search, attributes)
-                if run is not None and (found := self.finished(run)) is not None:
-                    return found
+        for location in list(self._searched.get((name, values), {}).values()):
+            attributes = self._read(location, Snapshot.attributes) or {}
+            run = asked_for_tolerance(search, attributes)
+            if run is not None and (found := self.finished(run)) is not None:
+                return found
         return None
 
     def _find(self, run: Run) -> Location | None:
@@ -181,7 +181,7 @@ class Store:
             self._snapshot(self.path)
 
     def _forget_index(self) -> None:
-        for index in (self._by_identity, self._by_key, self._by_place):
+        for index in (self._by_identity, self._by_key, self._by_place, self._searched):
             index.clear()
 
     def _learn(self, locations: Iterable[Location]) -> None:
@@ -190,6 +190,9 @@ class Store:
             self._by_identity[location.identity, form, location.is_refusal] = location
             self._by_key[location.key] = location
             self._by_place[location.place] = location
+            if '"accuracy"' in location.key[1]:
+                name, _, _, values = location.place
+                self._searched.setdefault((name, values), {})[location.key] = location
 
     def close(self) -> None:
         """Let go of all files."""
