@@ -1,9 +1,11 @@
 """Figures from finished runs, made without pyplot and without any global state."""
 
-from fvi_cli.plotting.convergence import Study, convergence_figure
-from fvi_cli.plotting.cost import cost_figures
 from fvi_cli.plotting.drawn import compare_drawn, drawn_data
 from fvi_cli.plotting.interpolation import interpolation_figure
+from fvi_cli.plotting.ladders.convergence import Study, convergence_figure
+from fvi_cli.plotting.ladders.cost import cost_figures
+from fvi_cli.plotting.ladders.saturation import saturation_figure
+from fvi_cli.plotting.motions.time_series import energy_figure, error_figure, trajectory_figure
 from fvi_cli.plotting.planner import (
     FIGURE_KINDS,
     figure_kinds,
@@ -11,10 +13,8 @@ from fvi_cli.plotting.planner import (
     left_out,
     sketches,
 )
-from fvi_cli.plotting.saturation import saturation_figure
 from fvi_cli.plotting.saving import FORMATS, USUAL_FORMS, drawn_text, save_figure
 from fvi_cli.plotting.style import style_file
-from fvi_cli.plotting.time_series import energy_figure, error_figure, trajectory_figure
 
 __all__ = [
     "FIGURE_KINDS",

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
-from fvi_cli.plotting.guides import GUIDE
+from fvi_cli.plotting.ladders.guides import GUIDE
 from fvi_cli.studies.order import NEAR_FLOOR
 
 Array = NDArray[np.float64]

@@ -21,33 +21,19 @@ from fvi_cli.plotting.style import (
 Array = NDArray[np.float64]
 
 _N_STEPS = 3
+_DEGREE = 2
 _HIGHEST = 1.45
 
 
-def interpolation_figure(degree: int = 2, rule: RuleSpecification | None = None) -> Figure:
-    """Draw how a Galerkin variational integrator sees a curve.
+def interpolation_figure() -> Figure:
+    """Draw how a Galerkin variational integrator of degree s = 2 sees a curve.
 
     On every step a polynomial of degree s through s + 1 Lobatto control points, the outer two
-    shared with the neighbours, and the quadrature points at which the Lagrangian is evaluated.
+    shared with the neighbours, and the s Gauss points at which the Lagrangian is evaluated.
     The polynomials stay away from the curve, so that the eye can tell them apart.
-
-    Parameters
-    ----------
-    degree
-        Degree s of the polynomials, 1 to 5.
-    rule
-        Quadrature rule; None: Gauss with s points.
-
-    Raises
-    ------
-    ValueError
-        For a degree that a sketch cannot show.
     """
-    if not 1 <= degree <= 5:
-        raise ValueError(f"degree: {degree!r} is not allowed in a sketch; it must be 1 to 5")
-    rule = rule or RuleSpecification(points=degree)
-    quadrature = rule.build()
-    basis = lobatto_basis(degree)
+    quadrature = RuleSpecification(points=_DEGREE).build()
+    basis = lobatto_basis(_DEGREE)
     control = basis.control_points
     tau = np.linspace(0.0, 1.0, 101)
     # any values will do for a sketch; these make the kinks at the nodes visible
@@ -70,19 +56,18 @@ def interpolation_figure(degree: int = 2, rule: RuleSpecification | None = None)
                 zorder=3,
             )
             _draw_points(axes, step, quadrature.nodes, at_points, is_first=step == 0)
-            if degree > 1:
-                axes.plot(
-                    step + control[1:-1],
-                    values[1:-1],
-                    linestyle="none",
-                    marker="o",
-                    markersize=5,
-                    markerfacecolor="white",
-                    markeredgecolor=COLOURS[1],
-                    markeredgewidth=1.2,
-                    label="inner control points" if step == 0 else "_inner",
-                    zorder=5,
-                )
+            axes.plot(
+                step + control[1:-1],
+                values[1:-1],
+                linestyle="none",
+                marker="o",
+                markersize=5,
+                markerfacecolor="white",
+                markeredgecolor=COLOURS[1],
+                markeredgewidth=1.2,
+                label="inner control points" if step == 0 else "_inner",
+                zorder=5,
+            )
             if step == 1:
                 _name_controls(axes, control, values)
         axes.plot(
@@ -133,9 +118,9 @@ def _draw_points(axes: Axes, step: int, nodes: Array, values: Array, *, is_first
             axes.annotate(
                 f"$c_{{{index}}}h$",
                 xy=(step + node, 0.0),
-                xytext=(-1.5 if index == nodes.size > 1 else 1.5, 2),
+                xytext=(-1.5 if index == nodes.size else 1.5, 2),
                 textcoords="offset points",
-                ha="right" if index == nodes.size > 1 else "left",
+                ha="right" if index == nodes.size else "left",
                 va="bottom",
                 fontsize=SMALL_TEXT,
                 color=COLOURS[2],
@@ -151,7 +136,7 @@ def _name_controls(axes: Axes, control: Array, values: Array) -> None:
         axes.annotate(
             f"${name}$",
             xy=(1 + place, value),
-            xytext=(4, 6) if index == 0 else (-3, -15 if index == last > 2 else -6),
+            xytext=(4, 6) if index == 0 else (-3, -6),
             textcoords="offset points",
             ha="left" if index == 0 else "right",
             va="bottom" if index == 0 else "top",

@@ -7,30 +7,30 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvi_cli.plotting.balance import (
+from fvi_cli.plotting.interpolation import interpolation_figure
+from fvi_cli.plotting.ladders.convergence import Study, convergence_figure
+from fvi_cli.plotting.ladders.saturation import saturation_figure
+from fvi_cli.plotting.motions.balance import (
     balance_figure,
     has_balance,
     has_momenta,
     momenta_figure,
 )
-from fvi_cli.plotting.convergence import Study, convergence_figure
-from fvi_cli.plotting.interpolation import interpolation_figure
-from fvi_cli.plotting.motion import (
+from fvi_cli.plotting.motions.paths import (
     WATERFALL_KINDS,
     path_figure,
     phase_figure,
     waterfall_figure,
 )
-from fvi_cli.plotting.observed.quantities import has_quantities, quantities_figure
-from fvi_cli.plotting.observed.section import has_events, section_figure, sweep_section_figure
-from fvi_cli.plotting.saturation import saturation_figure
-from fvi_cli.plotting.sweeps import (
+from fvi_cli.plotting.motions.quantities import has_quantities, quantities_figure
+from fvi_cli.plotting.motions.response_spectrum import response_spectrum_figure
+from fvi_cli.plotting.motions.section import has_events, section_figure, sweep_section_figure
+from fvi_cli.plotting.motions.sweeps import (
     sweep_convergence_figure,
     sweep_quantities_figure,
     sweep_trajectory_figure,
 )
-from fvi_cli.plotting.time_series import energy_figure, error_figure, trajectory_figure
-from fvi_cli.plotting.vibration.response_spectrum import response_spectrum_figure
+from fvi_cli.plotting.motions.time_series import energy_figure, error_figure, trajectory_figure
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 

@@ -13,19 +13,22 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
 from fvi_cli.plotting.methods import SeriesStyle, series_styles
 from fvi_cli.plotting.stability_region import region_figures
 from fvi_cli.plotting.style import (
     COLOURS,
+    DECORATION,
     GUIDE_COLOUR,
     INK,
     SMALL_TEXT,
+    few_decades,
     journal_style,
-    legend_columns,
+    legend_of,
     new_figure,
+    panel_grid,
 )
 from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
 
@@ -96,9 +99,8 @@ def step_figure(table: StabilityTable) -> Figure:
         growth.set_xlim(low, high)
         growth.xaxis.set_minor_formatter(NullFormatter())
         growth.set_xlabel("step size $h$")
-        growth.yaxis.set_major_locator(LogLocator(numticks=6))
-        growth.yaxis.set_minor_formatter(NullFormatter())
-        _legend(figure, _step_entries(table))
+        few_decades(growth.yaxis, 6)
+        legend_of(figure, _step_entries(table))
     return figure
 
 
@@ -199,9 +201,7 @@ def _mark_row(axes: Axes, place: int, style: SeriesStyle) -> None:
         transform=axes.get_yaxis_transform(),
         clip_on=False,
         label="_key",
-        gid="decoration",
-        scalex=False,
-        scaley=False,
+        **DECORATION,
         **style.line_properties(),
     )
 
@@ -231,15 +231,6 @@ def _step_entries(table: StabilityTable) -> list[Patch | Line2D]:
     return entries
 
 
-def _legend(figure: Figure, entries: Sequence[Patch | Line2D]) -> None:
-    labels = [str(entry.get_label()) for entry in entries]
-    figure.legend(
-        handles=list(entries),
-        loc="outside lower center",
-        ncols=legend_columns(labels),
-    )
-
-
 def parameter_figure(table: StabilityTable) -> Figure:
     """Verdicts over one parameter and the step, or over two parameters, a panel per method."""
     experiment = table.experiment
@@ -255,14 +246,11 @@ def parameter_figure(table: StabilityTable) -> Figure:
     shown = panels[:MOST_PANELS]
     columns = min(2, len(shown))
     with journal_style():
-        lines = -(-len(shown) // columns)
-        figure = new_figure(0.9 + 1.6 * lines)
-        grid = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True)
-        for axes, (title, rows) in zip(grid.flat, shown, strict=False):
+        figure = new_figure(0.9 + 1.6 * -(-len(shown) // columns))
+        grid, used = panel_grid(figure, len(shown), columns, sharex=True, sharey=True)
+        for axes, (title, rows) in zip(used, shown, strict=True):
             _verdict_panel(axes, keys, rows)
             axes.set_title(title)
-        for axes in list(grid.flat)[len(shown) :]:
-            axes.set_axis_off()
         for axes in grid[:, 0]:
             axes.set_ylabel(keys[1] if len(keys) > 1 else "step size $h$")
         for axes in grid[-1]:
@@ -270,7 +258,7 @@ def parameter_figure(table: StabilityTable) -> Figure:
         if len(panels) > len(shown):
             note = f"the first {len(shown)} of {len(panels)} panels; all are in the table"
             figure.suptitle(note, fontsize=SMALL_TEXT)
-        _legend(figure, _parameter_entries(table, len(keys)))
+        legend_of(figure, _parameter_entries(table, len(keys)))
     return figure
 
 
@@ -343,8 +331,7 @@ def _verdict_panel(axes: Axes, keys: Sequence[str], rows: Sequence[StabilityRow]
     axes.set_ylim(y_edges[0], y_edges[-1])
     for axis, scale in ((axes.xaxis, x_scale), (axes.yaxis, y_scale)):
         if scale == "log":
-            axis.set_major_locator(LogLocator(numticks=5))
-            axis.set_minor_formatter(NullFormatter())
+            few_decades(axis, 5)
 
 
 def _kind(row: StabilityRow) -> str:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import NullLocator
 
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.region import GROWTH_LEVELS, StabilityMap
@@ -18,9 +18,10 @@ from fvi_cli.plotting.style import (
     COLUMN_WIDTH,
     INK,
     SMALL_TEXT,
+    few_decades,
     fraction,
     journal_style,
-    legend_columns,
+    legend_of,
     new_figure,
 )
 from fvi_cli.studies.stability_study import StabilityTable
@@ -78,15 +79,11 @@ def region_figure(maps: Sequence[StabilityMap]) -> Figure:
         )
         undecided = any((one.level < 0).any() for one in maps)
         shown = range(0 if undecided else 1, len(_LABELS))
-        names = [_LABELS[k] for k in shown]
-        figure.legend(
-            handles=[
-                Patch(facecolor=_COLOURS[k], edgecolor=INK, linewidth=0.3, label=_LABELS[k])
-                for k in shown
-            ],
-            loc="outside lower center",
-            ncols=legend_columns(names),
-        )
+        handles = [
+            Patch(facecolor=_COLOURS[k], edgecolor=INK, linewidth=0.3, label=_LABELS[k])
+            for k in shown
+        ]
+        legend_of(figure, handles)
     return figure
 
 
@@ -139,6 +136,5 @@ def _panel(axes: Axes, one: StabilityMap) -> None:
         bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
     )
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(numticks=4))
+        few_decades(axis, 4)
         axis.set_minor_locator(NullLocator())
-        axis.set_minor_formatter(NullFormatter())

@@ -9,12 +9,16 @@ from contextvars import ContextVar
 from fractions import Fraction
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypedDict
 
 import matplotlib as mpl
+import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
@@ -42,6 +46,16 @@ LINE_STYLES: tuple[LineStyle, ...] = (
     (0, (2.5, 1.2)),
 )
 MARKER_SIZE = 4.0
+
+
+class _Decoration(TypedDict):
+    gid: str
+    scalex: bool
+    scaley: bool
+
+
+DECORATION = _Decoration(gid="decoration", scalex=False, scaley=False)
+"""Properties of lines that show no number: they move no limits, and no check compares them."""
 
 # The fonts come with matplotlib, so that a figure looks the same on every machine.
 _SETTINGS: Mapping[RcKeyType, object] = {
@@ -165,10 +179,45 @@ def new_figure(height: float) -> Figure:
     return Figure(figsize=(COLUMN_WIDTH, height), layout="constrained")
 
 
+def panel_grid(
+    figure: Figure, count: int, columns: int, *, sharex: bool = False, sharey: bool = False
+) -> tuple[NDArray[np.object_], list[Axes]]:
+    """Rows of at most so many panels: the grid of axes, and the `count` of them that are used.
+
+    Parameters
+    ----------
+    figure
+        Where they stand.
+    count
+        Number of panels; places behind the last one stay empty.
+    columns
+        Panels in a row.
+    sharex, sharey
+        Whether all have the same axis.
+    """
+    rows = -(-count // columns)
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey)
+    for axes in grid.flat[count:]:
+        axes.set_axis_off()
+    return grid, list(grid.flat[:count])
+
+
 def legend_above(figure: Figure, axes: Axes) -> None:
     """One legend above all panels, of what is labelled in `axes`."""
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=legend_columns(labels))
+    legend_of(figure, axes.get_legend_handles_labels()[0], above=True)
+
+
+def legend_of(
+    figure: Figure, handles: Sequence[Artist], *, title: str = "", above: bool = False
+) -> None:
+    """One legend for all panels, below or above them, in as many columns as fit."""
+    figure.legend(
+        handles=list(handles),
+        loc="outside upper center" if above else "outside lower center",
+        ncols=legend_columns([str(handle.get_label()) for handle in handles]),
+        title=title or None,
+        title_fontsize=SMALL_TEXT,
+    )
 
 
 def fraction(value: float) -> str:
@@ -185,6 +234,18 @@ def legend_columns(labels: Sequence[str], width: float = COLUMN_WIDTH) -> int:
     return -(-len(labels) // -(-len(labels) // columns))
 
 
+def few_decades(axis: Axis, number: int) -> None:
+    """At most so many ticks with numbers on a logarithmic axis, none between decades."""
+    axis.set_major_locator(LogLocator(numticks=number))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def short_numbers(axis: Axis) -> None:
+    """Numbers of three digits on a logarithmic axis, in place of powers."""
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
 def logarithmic_ticks(axes: Axes, step_sizes: Sequence[float]) -> None:
     """Set ticks of a log-log panel that stay apart, for any number of decades."""
     low, high = axes.get_xlim()
@@ -196,11 +257,9 @@ def logarithmic_ticks(axes: Axes, step_sizes: Sequence[float]) -> None:
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
         axes.xaxis.set_minor_locator(NullLocator())
     else:
-        axes.xaxis.set_major_locator(LogLocator(numticks=5))
-        axes.xaxis.set_minor_formatter(NullFormatter())
+        few_decades(axes.xaxis, 5)
     bottom, top = axes.get_ylim()
     if top / bottom > 1e2:
-        axes.yaxis.set_major_locator(LogLocator(numticks=8))
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        few_decades(axes.yaxis, 8)
         if top / bottom > 1e8:
             axes.yaxis.set_minor_locator(NullLocator())

@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from fvi_cli.plotting.cost import cost_figure_names
+from fvi_cli.plotting.ladders.cost import cost_figure_names
 from fvi_cli.reports.document import Block, Code, Heading, Paragraph
 from fvi_cli.reports.kinds.cost import cost_summary
 from fvi_cli.reports.writers.markdown import to_markdown

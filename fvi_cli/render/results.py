@@ -136,19 +136,19 @@ def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
 
         return stability_figures(title, stabilities)
     if costs := _of(results, CostTable):
-        from fvi_cli.plotting.cost import cost_figures
+        from fvi_cli.plotting.ladders.cost import cost_figures
 
         return cost_figures(title, costs)
     if fits := _of(results, FitResult):
-        from fvi_cli.plotting.fits.figures import fit_figures
+        from fvi_cli.plotting.fits import fit_figures
 
         return dict(fit_figures(title, fits))
     if modes := _of(results, ModeTable):
-        from fvi_cli.plotting.vibration.spectra import mode_figures
+        from fvi_cli.plotting.spectra import mode_figures
 
         return mode_figures(title, modes)
     if responses := _of(results, ResponseTable):
-        from fvi_cli.plotting.vibration.spectra import response_figures
+        from fvi_cli.plotting.spectra import response_figures
 
         return response_figures(title, responses)
     raise RequestError(

@@ -9,7 +9,7 @@ import xarray
 
 from fvi_cli.config import parse_config
 from fvi_cli.errors import ConfigError
-from fvi_cli.plotting.balance import balance_figure
+from fvi_cli.plotting.motions.balance import balance_figure
 from fvi_cli.storage import open_results, read_results
 from fvi_cli.storage.provenance import identity
 from fvi_cli.studies.study import study

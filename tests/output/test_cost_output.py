@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from fvi_cli.cli.app import app
 from fvi_cli.integrator.baselines import peers
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.plotting.cost import cost_figure, cost_figures
+from fvi_cli.plotting.ladders.cost import cost_figure, cost_figures
 from fvi_cli.plotting.methods import BASELINE_COLOURS
 from fvi_cli.render.cost import write_page
 from fvi_cli.reports import rendered

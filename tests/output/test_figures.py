@@ -22,10 +22,10 @@ from fvi_cli.cli.app import app
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.plotting.ladders.saturation import leading_exponent
 from fvi_cli.plotting.methods import method_labels, series_styles
-from fvi_cli.plotting.saturation import leading_exponent
+from fvi_cli.plotting.motions.time_series import exact_energy
 from fvi_cli.plotting.style import COLUMN_WIDTH
-from fvi_cli.plotting.time_series import exact_energy
 from fvi_cli.render.figures import compare_figures, write_figures
 from fvi_cli.reports.naming import method_names
 from fvi_cli.scenes.named import linear_oscillator
@@ -171,9 +171,6 @@ def test_reference_slopes_have_the_slope_that_their_label_says() -> None:
     assert found["_order 1"] == pytest.approx(1, abs=1e-9)
     assert found["_order 2"] == pytest.approx(2, abs=1e-9)
     assert {"order 1", "order 2"} <= set(words(figure))
-    other = plotting.convergence_figure([(one, finish(one))], orders=[1.5])
-    assert [slope(line) for line in lines(other, "guide")] == pytest.approx([1.5])
-    assert words(other) == ["order 3/2"]
 
 
 def test_slopes_that_the_source_states_are_dashed() -> None:
@@ -263,12 +260,11 @@ def test_rows_at_round_off_do_not_decide_on_the_expected_order() -> None:
 def test_without_any_error_there_is_neither_a_triangle_nor_a_range() -> None:
     one = experiment()
     gone = finish(one, status=lambda run: "diverged")
-    for orders in (None, [2.0]):
-        figure = plotting.convergence_figure([(one, gone)], orders=orders)
-        figure.draw_without_rendering()
-        assert not lines(figure, "guide")
-        assert words(figure) == ["diverged"]
-        assert len(figure.axes[0].get_yticks()) == 0
+    figure = plotting.convergence_figure([(one, gone)])
+    figure.draw_without_rendering()
+    assert not lines(figure, "guide")
+    assert words(figure) == ["diverged"]
+    assert len(figure.axes[0].get_yticks()) == 0
     control = plotting.convergence_figure([(one, finish(one))])
     assert len(control.axes[0].get_yticks()) > 0
 
@@ -459,10 +455,6 @@ def test_choice_of_a_step_of_the_ladder() -> None:
 
     together = plotting.trajectory_figure(two, finish(two, status=status))
     assert "h = 0.125$" in together.axes[0].get_xlabel()
-    chosen = plotting.trajectory_figure(one, finished, n_steps=16)
-    assert len(chosen.axes[0].lines[1].get_xdata()) == 17
-    with pytest.raises(ValueError, match=r"n_steps: 17 is not one of .*\[8, 16"):
-        plotting.trajectory_figure(one, finished, n_steps=17)
 
 
 def derivative_study(b: int) -> tuple[Experiment, list[FinishedRun]]:
@@ -525,25 +517,19 @@ def test_saturation_refuses_other_problems() -> None:
         plotting.saturation_figure([(one, finish(one))])
 
 
-@pytest.mark.parametrize("degree", [1, 2, 3])
-def test_sketch_shows_control_and_quadrature_points(degree: int) -> None:
-    figure = plotting.interpolation_figure(degree)
+def test_sketch_shows_control_and_quadrature_points() -> None:
+    figure = plotting.interpolation_figure()
     drawn = {str(line.get_label()): line for line in figure.axes[0].lines}
     assert len(drawn["control points at nodes"].get_xdata()) == 4
-    assert len(drawn["quadrature points"].get_xdata()) == degree
-    assert ("inner control points" in drawn) == (degree > 1)
+    assert len(drawn["quadrature points"].get_xdata()) == 2
+    assert "inner control points" in drawn
     pieces = [line for line in figure.axes[0].lines if "piece" in str(line.get_label())]
     assert len(pieces) == 2
     # every piece is a polynomial of that degree, and of no lower one
     x, y = pieces[0].get_xdata(), pieces[0].get_ydata()
-    defects = [np.abs(np.polyval(np.polyfit(x, y, k), x) - y).max() for k in (degree, degree - 1)]
+    defects = [np.abs(np.polyval(np.polyfit(x, y, k), x) - y).max() for k in (2, 1)]
     assert defects[0] < 1e-12
     assert defects[1] > 1e-3
-
-
-def test_sketch_refuses_what_it_cannot_show() -> None:
-    with pytest.raises(ValueError, match="1 to 5"):
-        plotting.interpolation_figure(6)
 
 
 def test_which_figures_an_experiment_gets() -> None:
@@ -619,12 +605,13 @@ def test_a_failure_while_saving_leaves_the_old_files_and_nothing_else(
     figure = plotting.interpolation_figure()
     plotting.save_figure(figure, tmp_path, "sketch")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    figure.suptitle("another")
     with monkeypatch.context() as patch:
         patch.setattr("fvi_cli.storage.atomic.os.fsync", _no_space)
         with pytest.raises(OSError, match="no space"):
-            plotting.save_figure(plotting.interpolation_figure(1), tmp_path, "sketch")
+            plotting.save_figure(figure, tmp_path, "sketch")
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-    plotting.save_figure(plotting.interpolation_figure(1), tmp_path, "sketch")
+    plotting.save_figure(figure, tmp_path, "sketch")
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} != before
 
 

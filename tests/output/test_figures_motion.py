@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from fvi_cli import plotting
 from fvi_cli.config import parse_config
-from fvi_cli.plotting.balance import balance_figure, momenta_figure
-from fvi_cli.plotting.motion import path_figure, phase_figure, waterfall_figure
+from fvi_cli.plotting.motions.balance import balance_figure, momenta_figure
+from fvi_cli.plotting.motions.paths import path_figure, phase_figure, waterfall_figure
 from fvi_cli.plotting.style import COLUMN_WIDTH
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.study import study
@@ -262,5 +262,7 @@ def test_comparison_forgives_rounding_in_a_defect_and_nothing_else(oscillator: S
     assert (
         plotting.compare_drawn(old, plotting.drawn_data(balance_figure(experiment, finished))) == []
     )
-    coarse = plotting.drawn_data(balance_figure(experiment, finished, n_steps=32))
+    coarse = plotting.drawn_data(
+        balance_figure(experiment, [f for f in finished if f.run.n_steps == 32])
+    )
     assert plotting.compare_drawn(old, coarse)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fvi_cli as fvi
-from fvi_cli.plotting.observed.labels import in_formula
+from fvi_cli.plotting.motions.labels import in_formula
 
 CONFIG = {
     "name": "seen",

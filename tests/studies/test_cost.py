@@ -13,7 +13,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.quadrature import gauss_rule
-from fvi_cli.plotting.cost import cost_figure
+from fvi_cli.plotting.ladders.cost import cost_figure
 from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.cost import cost_report
 from fvi_cli.scenes.problem import Problem

@@ -15,11 +15,13 @@ from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
 from fvi_cli.plotting.methods import SeriesStyle, series_styles
 from fvi_cli.plotting.style import (
+    DECORATION,
     INK,
     SMALL_TEXT,
+    few_decades,
     fraction,
     journal_style,
-    legend_columns,
+    legend_of,
     new_figure,
 )
 from fvi_cli.reports.kinds.cost import curve_name
@@ -147,8 +149,7 @@ def _draw(
     axes.xaxis.set_major_locator(LogLocator(base=1000, numticks=12))
     axes.xaxis.set_minor_locator(LogLocator(base=10, numticks=30))
     axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.yaxis.set_major_locator(LogLocator(numticks=9))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    few_decades(axes.yaxis, 9)
 
 
 def _draw_asked_for(axes: Axes, table: CostTable) -> list[Line2D]:
@@ -232,9 +233,7 @@ def _draw_bands(axes: Axes, bands: Sequence[Band], styles: Mapping[str, SeriesSt
             color="#bbbbbb",
             linewidth=0.5,
             label="_edge",
-            gid="decoration",
-            scalex=False,
-            scaley=False,
+            **DECORATION,
             zorder=0.5,
         )
         middle, height = (left + right) / 2, bottom + _STRIP_SHARE / 2
@@ -258,9 +257,7 @@ def _draw_bands(axes: Axes, bands: Sequence[Band], styles: Mapping[str, SeriesSt
                 [height],
                 transform=axes.transAxes,
                 label="_cheapest",
-                gid="decoration",
-                scalex=False,
-                scaley=False,
+                **DECORATION,
                 **properties,
             )
         named.add(band.curve.key)
@@ -278,11 +275,5 @@ def _legend(
     ]
     handles += asked_for
     handles.append(Line2D([], [], color=FRONT_COLOUR, linewidth=6, alpha=0.75, label="cheapest"))
-    labels = [str(handle.get_label()) for handle in handles]
-    figure.legend(
-        handles=handles,
-        loc="outside lower center",
-        ncols=legend_columns(labels),
-        title=f"exact here up to round-off, not drawn: {', '.join(chance)}" if chance else None,
-        title_fontsize=SMALL_TEXT,
-    )
+    title = f"exact here up to round-off, not drawn: {', '.join(chance)}" if chance else ""
+    legend_of(figure, handles, title=title)

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fvi_cli.integrator.observations.observe import Occurrences
-from fvi_cli.plotting.observed.labels import (
+from fvi_cli.plotting.motions.labels import (
     MOST_LINES,
     coordinates_of,
     member_label,
@@ -18,10 +18,16 @@ from fvi_cli.plotting.observed.labels import (
     typeset_name,
     with_unit,
 )
-from fvi_cli.plotting.observed.quantities import observed_of
-from fvi_cli.plotting.style import COLOURS, MARKERS, journal_style, legend_above, new_figure
-from fvi_cli.plotting.time_series import select_runs
-from fvi_cli.scenes.problem import Problem
+from fvi_cli.plotting.motions.quantities import observed_of
+from fvi_cli.plotting.motions.time_series import select_runs
+from fvi_cli.plotting.style import (
+    COLOURS,
+    MARKERS,
+    journal_style,
+    legend_above,
+    new_figure,
+    panel_grid,
+)
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.members import Member
 
@@ -36,35 +42,26 @@ def has_events(item: FinishedRun) -> bool:
     return any(one.time.size for one in observed_of(item).events.values())
 
 
-def section_figure(
-    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
-) -> Figure:
+def section_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw velocity against position at every event, a panel for every coordinate (up to 4).
 
     Parameters
     ----------
     experiment, finished
         The experiment and its runs.
-    n_steps
-        Which step of the ladder to show; None: the finest that most methods have reached.
 
     Raises
     ------
     ValueError
-        If no run has that many steps, or no event happened.
+        If no run got beyond its start, or no event happened.
     """
-    having = [item for item in finished if has_events(item)]
-    problem = experiment.problem
-    if not having or not isinstance(problem, Problem):
-        raise ValueError("section: no event happened")
-    shown = select_runs(having, n_steps)
+    shown = select_runs(finished, has_events, "section: no event happened")
     names = coordinates_of(experiment)[:MOST_PANELS]
     columns = 1 if len(names) == 1 else 2
-    rows = -(-len(names) // columns)
     with journal_style():
-        figure = new_figure(0.7 + (2.4 if columns == 1 else 1.7) * rows)
-        panels = figure.subplots(rows, columns, squeeze=False).ravel()
-        for index, (name, axes) in enumerate(zip(names, panels, strict=False)):
+        figure = new_figure(0.7 + (2.4 if columns == 1 else 1.7) * -(-len(names) // columns))
+        _, panels = panel_grid(figure, len(names), columns)
+        for index, (name, axes) in enumerate(zip(names, panels, strict=True)):
             series = [
                 (event if len(shown) == 1 else f"{event}, {style.label}", one)
                 for item, style, _ in styled(shown)
@@ -75,8 +72,6 @@ def section_figure(
                 _draw_points(axes, one, index, number, label)
             _widen(axes, [one for _, one in series])
             _name_axes(axes, experiment, name)
-        for axes in panels[len(names) :]:
-            axes.set_axis_off()
         legend_above(figure, panels[0])
     return figure
 

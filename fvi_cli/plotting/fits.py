@@ -17,6 +17,7 @@ from fvi_cli.plotting.style import (
     journal_style,
     legend_above,
     new_figure,
+    panel_grid,
 )
 from fvi_cli.studies.fits.result import FitResult, ModelFit
 
@@ -118,13 +119,10 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
 def _profiles(model: ModelFit) -> Figure:
     """The root of the increase of the misfit: a straight line where the model is linear."""
     drawn = model.estimates[:12]
-    rows = -(-len(drawn) // 2)
     with journal_style():
-        figure = new_figure(0.35 + 1.6 * rows)
-        columns = min(2, len(drawn))
-        grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
-        for index, one in enumerate(drawn):
-            axes = grid[index // columns, index % columns]
+        figure = new_figure(0.35 + 1.6 * -(-len(drawn) // 2))
+        grid, panels = panel_grid(figure, len(drawn), min(2, len(drawn)), sharey=True)
+        for axes, one in zip(panels, drawn, strict=True):
             inside = np.abs(one.profile[:, 1]) <= 4.0
             axes.plot(
                 one.profile[inside, 0],
@@ -148,8 +146,6 @@ def _profiles(model: ModelFit) -> Figure:
             axes.set_ylim(-3.2, 3.2)
             axes.set_xlabel(one.name.removeprefix("problem."), fontsize=SMALL_TEXT)
             axes.xaxis.set_major_locator(MaxNLocator(4))
-        for index in range(len(drawn), rows * columns):
-            grid[index // columns, index % columns].set_visible(False)
         for row in grid:
             row[0].set_ylabel("root of increase")
     return figure

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvi_cli.plotting.methods import SeriesStyle, common_features, series_styles
-from fvi_cli.plotting.panels import (
+from fvi_cli.plotting.ladders.panels import (
     Panel,
     Series,
     collect_series,
@@ -18,7 +17,8 @@ from fvi_cli.plotting.panels import (
     finish_panels,
     set_limits,
 )
-from fvi_cli.plotting.style import fraction, journal_style, legend_columns, new_figure
+from fvi_cli.plotting.methods import SeriesStyle, common_features, series_styles
+from fvi_cli.plotting.style import fraction, journal_style, legend_columns, new_figure, panel_grid
 from fvi_cli.reports.naming import method_names
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import kind_title
@@ -38,22 +38,18 @@ _MOST_GUIDES = 5
 _MOST_ROWS = 3
 
 
-def convergence_figure(
-    studies: Sequence[Study], *, orders: Sequence[float] | None = None
-) -> Figure:
+def convergence_figure(studies: Sequence[Study]) -> Figure:
     """Draw the error of every run against its step size, one panel for every experiment.
 
     Runs that have no error stand hollow in a strip at the top that names what happened; errors
     that reached the floor lie in a hatched region. One experiment with more than
-    :data:`MOST_CURVES` methods has a panel for every variant of them, as ``degree 2``. Slopes
-    that the source states are dashed.
+    :data:`MOST_CURVES` methods has a panel for every variant of them, as ``degree 2``. Triangles
+    show the slopes that theory expects, or else those observed; what the source states is dashed.
 
     Parameters
     ----------
     studies
         Experiments with their finished runs.
-    orders
-        Slopes to show; None: those that theory expects of the methods, or else the observed ones.
 
     Raises
     ------
@@ -77,14 +73,11 @@ def convergence_figure(
     panel_height = 2.2 + 0.12 * min(max(len(shown) - 3, 0), 7) if n_columns == 1 else 1.8
     with journal_style():
         figure = new_figure(n_rows * panel_height + 0.17 * legend_rows)
-        grid = figure.subplots(n_rows, n_columns, squeeze=False)
+        _, panels = panel_grid(figure, len(parts), n_columns)
         drawn = []
         is_one_norm = len({experiment.norm for experiment, _ in studies}) == 1
-        for position, axes in enumerate(grid.flat):
-            if position >= len(parts):
-                axes.set_axis_off()
-                continue
-            title, (experiment, finished), some = parts[position]
+        for position, (axes, part) in enumerate(zip(panels, parts, strict=True)):
+            title, (experiment, finished), some = part
             series = collect_series(finished, some)
             draw_errors(axes, series)
             set_limits(axes, series)
@@ -93,8 +86,7 @@ def convergence_figure(
                 axes.set_xlabel("step size $h$")
             if position % n_columns == 0 or not is_one_norm:
                 axes.set_ylabel("error " + NORM_LABELS[experiment.norm])
-            wanted = reference_orders(series) if orders is None else list(orders)
-            drawn.append(Panel(axes=axes, series=series, orders=wanted))
+            drawn.append(Panel(axes=axes, series=series, orders=reference_orders(series)))
         figure_legend(figure, list(shown.values()), title=common)
         finish_panels(figure, drawn)
     return figure

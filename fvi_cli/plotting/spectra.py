@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MultipleLocator, NullFormatter
+from matplotlib.ticker import MultipleLocator
 
 from fvi_cli.plotting.style import (
     COLOURS,
@@ -16,6 +16,7 @@ from fvi_cli.plotting.style import (
     SMALL_TEXT,
     journal_style,
     new_figure,
+    short_numbers,
 )
 from fvi_cli.studies.vibration.modes import ModeTable
 from fvi_cli.studies.vibration.response import ResponseTable
@@ -95,8 +96,7 @@ def response_figure(table: ResponseTable) -> Figure:
         upper.set_yscale("log")
         if is_log:
             upper.set_xscale("log")
-            lower.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
-            lower.xaxis.set_minor_formatter(NullFormatter())
+            short_numbers(lower.xaxis)
         upper.set_xlim(table.hertz[0], table.hertz[-1])
         upper.set_ylabel(f"magnitude, load {table.load}")
         lower.set_ylabel("phase, degrees")

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import AnyMethod
-from fvi_cli.plotting.convergence import NORM_LABELS
+from fvi_cli.plotting.ladders.convergence import NORM_LABELS
 from fvi_cli.plotting.methods import series_styles
-from fvi_cli.plotting.observed.labels import MOST_LINES, member_label, time_axis, with_unit
-from fvi_cli.plotting.observed.quantities import (
+from fvi_cli.plotting.motions.labels import MOST_LINES, member_label, time_axis, with_unit
+from fvi_cli.plotting.motions.quantities import (
     MOST_PANELS,
     mark_peak,
     name_quantity,
@@ -25,9 +25,10 @@ from fvi_cli.plotting.style import (
     LINE_STYLES,
     MARKERS,
     journal_style,
-    legend_columns,
+    legend_of,
     logarithmic_ticks,
     new_figure,
+    panel_grid,
 )
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.members import Member
@@ -165,15 +166,12 @@ def _draw_over_time(axes: Axes, finished: Sequence[FinishedRun], columns: Sequen
 def _panels(methods: Sequence[AnyMethod]) -> tuple[Figure, list[Axes]]:
     """One panel for each method, sharing their axes, with the methods as titles."""
     columns = min(2, len(methods))
-    rows = -(-len(methods) // columns)
-    figure = new_figure((2.4 if columns == 1 else 1.8) * rows + 0.6)
-    grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    figure = new_figure((2.4 if columns == 1 else 1.8) * -(-len(methods) // columns) + 0.6)
+    _, panels = panel_grid(figure, len(methods), columns, sharex=True, sharey=True)
     styles = series_styles(methods)
-    for axes, method in zip(grid.flat, methods, strict=False):
+    for axes, method in zip(panels, methods, strict=True):
         axes.set_title(styles[method.case].label)
-    for axes in grid.flat[len(methods) :]:
-        axes.set_axis_off()
-    return figure, list(grid.flat[: len(methods)])
+    return figure, panels
 
 
 def _draw(
@@ -213,8 +211,6 @@ def _draw(
 
 def _finish(figure: Figure, axes: Axes, experiment: Experiment) -> None:
     """A legend below all panels, and above it what is swept where labels do not say it."""
-    handles, labels = axes.get_legend_handles_labels()
-    columns = legend_columns(labels)
     keys = ", ".join(key.removeprefix("problem.") for key in experiment.swept)
     title = f"{len(experiment.members)} members: {keys}"
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, title=title)
+    legend_of(figure, axes.get_legend_handles_labels()[0], title=title)

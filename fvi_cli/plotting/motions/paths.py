@@ -11,16 +11,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from fvi_cli.plotting.balance import most_accurate
 from fvi_cli.plotting.methods import SeriesStyle
-from fvi_cli.plotting.observed.labels import (
+from fvi_cli.plotting.motions.balance import most_accurate
+from fvi_cli.plotting.motions.labels import (
     coordinate_labels,
     styled,
     time_axis,
     with_unit,
 )
+from fvi_cli.plotting.motions.time_series import has_momentum, select_runs
 from fvi_cli.plotting.style import (
     COLOURS,
+    DECORATION,
     GUIDE_COLOUR,
     INK,
     LINE_STYLES,
@@ -28,8 +30,8 @@ from fvi_cli.plotting.style import (
     journal_style,
     legend_above,
     new_figure,
+    panel_grid,
 )
-from fvi_cli.plotting.time_series import select_runs
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
@@ -45,35 +47,27 @@ _DRAWN = 4001  # points of one curve
 WATERFALL_KINDS = ("chain", "frame", "string", "structure")
 
 
-def phase_figure(
-    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
-) -> Figure:
+def phase_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw momentum against position of every method, a panel for every component (up to 4).
 
     Parameters
     ----------
     experiment, finished
         The experiment and its runs.
-    n_steps
-        Which step of the ladder to show; None: the finest that most methods have reached.
 
     Raises
     ------
     ValueError
-        If no run has that many steps, or none has a momentum.
+        If no run got beyond its start, or none has a momentum.
     """
-    having = [item for item in finished if item.trajectory.momentum is not None]
-    if not having:
-        raise ValueError("phase: no method of the experiment has a momentum")
-    shown = select_runs(having, n_steps)
+    shown = select_runs(finished, has_momentum, "phase: no method has a momentum")
     dimension = min(shown[0].trajectory.position.shape[1], _MOST_COMPONENTS)
     columns = 1 if dimension == 1 else 2
-    rows = -(-dimension // columns)
     names = coordinate_labels(experiment, shown[0].trajectory.position.shape[1])
     with journal_style():
-        figure = new_figure(0.7 + (2.1 if columns == 1 else 1.6) * rows)
-        panels = figure.subplots(rows, columns, squeeze=False).ravel()
-        for component, axes in enumerate(panels[:dimension]):
+        figure = new_figure(0.7 + (2.1 if columns == 1 else 1.6) * -(-dimension // columns))
+        _, panels = panel_grid(figure, dimension, columns)
+        for component, axes in enumerate(panels):
             for item, style, position in styled(shown):
                 momentum = item.trajectory.momentum
                 if momentum is None:
@@ -85,28 +79,24 @@ def phase_figure(
             axes.set_xlabel(with_unit(f"position {name}", experiment, "length"))
             label = f"momentum {_momentum_name(name, len(names))}"
             axes.set_ylabel(with_unit(label, experiment, "momentum"))
-        for axes in panels[dimension:]:
-            axes.set_axis_off()
         legend_above(figure, panels[0])
     return figure
 
 
-def path_figure(
-    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
-) -> Figure:
+def path_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the path in the plane of the first two coordinates; of a double pendulum, in space.
 
     Parameters
     ----------
-    experiment, finished, n_steps
+    experiment, finished
         As for :func:`phase_figure`.
 
     Raises
     ------
     ValueError
-        If no run has that many steps, or the scene has one coordinate only.
+        If no run got beyond its start, or the scene has one coordinate only.
     """
-    shown = select_runs(finished, n_steps)
+    shown = select_runs(finished)
     if shown[0].trajectory.position.shape[1] < 2:
         raise ValueError("path: the scene has one coordinate only")
     with journal_style():
@@ -129,9 +119,7 @@ def path_figure(
     return figure
 
 
-def waterfall_figure(
-    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
-) -> Figure:
+def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the most accurate run of a chain, a frame or a string as lines one above the other.
 
     Of chains and frames there is a line over time for every mass (for up to 24 of them), lifted to
@@ -139,18 +127,18 @@ def waterfall_figure(
 
     Parameters
     ----------
-    experiment, finished, n_steps
+    experiment, finished
         As for :func:`phase_figure`.
 
     Raises
     ------
     ValueError
-        If no run has that many steps, or the scene is of another kind.
+        If no run got beyond its start, or the scene is of another kind.
     """
     kind = experiment.problem.kind
     if kind not in WATERFALL_KINDS:
         raise ValueError(f"waterfall: not for {kind}; only for {', '.join(WATERFALL_KINDS)}")
-    best = most_accurate(select_runs(finished, n_steps))
+    best = most_accurate(select_runs(finished))
     with journal_style():
         if kind == "string":
             figure = new_figure(3.6)
@@ -250,9 +238,7 @@ def _scale_bar(axes: Axes, lift: float, values: Array, name: str) -> None:
         linewidth=2.0,
         solid_capstyle="butt",
         clip_on=False,
-        gid="decoration",
-        scalex=False,
-        scaley=False,
+        **DECORATION,
     )
     axes.text(
         1.06,

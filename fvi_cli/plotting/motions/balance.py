@@ -7,22 +7,22 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.balances.diagnostics import Diagnostics
 from fvi_cli.plotting.methods import series_styles
-from fvi_cli.plotting.observed.labels import time_axis, with_unit
+from fvi_cli.plotting.motions.labels import time_axis, with_unit
+from fvi_cli.plotting.motions.time_series import draw_series, select_runs
 from fvi_cli.plotting.style import (
     COLOURS,
     COLUMN_WIDTH,
     INK,
     LINE_STYLES,
+    few_decades,
     journal_style,
     legend_columns,
     new_figure,
 )
-from fvi_cli.plotting.time_series import draw_series, select_runs
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
 Array = NDArray[np.float64]
@@ -32,27 +32,20 @@ _EPSILON = float(np.finfo(float).eps)
 _PANEL_DIGITS = 1e-6
 
 
-def balance_figure(
-    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
-) -> Figure:
+def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw energy, works and their sum of the most accurate run, and the defect of every method.
 
     Parameters
     ----------
     experiment, finished
         The experiment and its runs.
-    n_steps
-        Which step of the ladder to show; None: the finest that most methods have reached.
 
     Raises
     ------
     ValueError
-        If no run has that many steps, or none has an energy balance.
+        If no run got beyond its start, or none has an energy balance.
     """
-    having = [item for item in finished if has_balance(item)]
-    if not having:
-        raise ValueError("balance: no run has an energy balance; store it as a diagnostic")
-    shown = select_runs(having, n_steps)
+    shown = select_runs(finished, has_balance, "balance: store it as a diagnostic")
     best = most_accurate(shown)
     energy, found = best.trajectory.energy, _diagnostics(best)
     if energy is None or found.dissipated_work is None or found.forcing_work is None:
@@ -71,25 +64,20 @@ def balance_figure(
     return _two_panels(experiment, shown, best, curves, defects, scale, ("energy and work", defect))
 
 
-def momenta_figure(
-    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
-) -> Figure:
+def momenta_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the momentum maps of the most accurate run, and their largest defect by method.
 
     Parameters
     ----------
-    experiment, finished, n_steps
+    experiment, finished
         As for :func:`balance_figure`.
 
     Raises
     ------
     ValueError
-        If no run has that many steps, or none has a momentum map.
+        If no run got beyond its start, or none has a momentum map.
     """
-    having = [item for item in finished if has_momenta(item)]
-    if not having:
-        raise ValueError("momenta: no run has a momentum map; store it as a diagnostic")
-    shown = select_runs(having, n_steps)
+    shown = select_runs(finished, has_momenta, "momenta: store them as a diagnostic")
     best = most_accurate(shown)
     found = _diagnostics(best)
     curves = [
@@ -207,5 +195,4 @@ def _draw_defects(
         )
         ends.append(float(np.nanmax(values, initial=least)))
     axes.set_ylim(min(least / 2, min(ends) / 2), 5 * max(ends))
-    axes.yaxis.set_major_locator(LogLocator(numticks=6))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    few_decades(axes.yaxis, 6)

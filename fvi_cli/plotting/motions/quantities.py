@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fvi_cli.integrator.observations.observe import Extent, Observed
-from fvi_cli.plotting.observed.labels import styled, with_unit
+from fvi_cli.plotting.motions.labels import styled, with_unit
+from fvi_cli.plotting.motions.time_series import draw_series, finish_figure, select_runs
 from fvi_cli.plotting.style import INK, SMALL_TEXT, journal_style, new_figure
-from fvi_cli.plotting.time_series import draw_series, finish_figure, select_runs
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
 MOST_PANELS = 6
@@ -23,27 +23,20 @@ def has_quantities(item: FinishedRun) -> bool:
     return bool(observed_of(item).quantities)
 
 
-def quantities_figure(
-    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
-) -> Figure:
+def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw every quantity over time, a panel for each (up to 6), with the peak of the last method.
 
     Parameters
     ----------
     experiment, finished
         The experiment and its runs.
-    n_steps
-        Which step of the ladder to show; None: the finest that most methods have reached.
 
     Raises
     ------
     ValueError
-        If no run has that many steps, or there are no quantities.
+        If no run got beyond its start, or there are no quantities.
     """
-    having = [item for item in finished if has_quantities(item)]
-    if not having:
-        raise ValueError("quantities: the experiment asks for none")
-    shown = select_runs(having, n_steps)
+    shown = select_runs(finished, has_quantities, "quantities: the experiment asks for none")
     names = list(observed_of(shown[0]).quantities)[:MOST_PANELS]
     with journal_style():
         figure = new_figure(0.8 + panel_height(len(names)) * len(names))

@@ -8,9 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvi_cli.plotting.convergence import Study
-from fvi_cli.plotting.methods import SeriesStyle, series_styles
-from fvi_cli.plotting.panels import (
+from fvi_cli.plotting.ladders.convergence import Study
+from fvi_cli.plotting.ladders.panels import (
     Panel,
     Row,
     Series,
@@ -19,6 +18,7 @@ from fvi_cli.plotting.panels import (
     finish_panels,
     set_limits,
 )
+from fvi_cli.plotting.methods import SeriesStyle, series_styles
 from fvi_cli.plotting.style import SMALL_TEXT, fraction, journal_style, new_figure
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import FinishedRun
@@ -72,7 +72,7 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
         for axes in grid[-1]:
             axes.set_xlabel("step size $h$")
         figure.suptitle(_heading(rows, first), fontsize=SMALL_TEXT)
-        figure_legend(figure, list(styles.values()), loc="outside lower center")
+        figure_legend(figure, list(styles.values()), above=False)
         finish_panels(figure, drawn)
     return figure
 

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from fvi_cli.effects.potential import QuadraticPotential
-from fvi_cli.plotting.style import COLOURS, LINE_STYLES, journal_style, new_figure
+from fvi_cli.plotting.style import COLOURS, LINE_STYLES, journal_style, new_figure, short_numbers
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.members import Member, value_in_words
@@ -56,8 +55,7 @@ def response_spectrum_figure(experiment: Experiment, finished: Sequence[Finished
             upper.plot(at, largest, color=colour, linestyle=style, label=label)
             lower.plot(at, (2 * math.pi / at) ** 2 * largest, color=colour, linestyle=style)
         lower.set_xscale("log")
-        lower.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
-        lower.xaxis.set_minor_formatter(NullFormatter())
+        short_numbers(lower.xaxis)
         upper.set_ylim(bottom=0.0)
         lower.set_ylim(bottom=0.0)
         upper.set_ylabel(r"displacement $\max |x|$")

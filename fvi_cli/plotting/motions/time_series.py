@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Literal, TypedDict
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from fvi_cli.plotting.methods import SeriesStyle
-from fvi_cli.plotting.observed.labels import (
+from fvi_cli.plotting.motions.labels import (
     coordinates_of,
     styled,
     time_axis,
     typeset_name,
     with_unit,
 )
-from fvi_cli.plotting.style import journal_style, legend_above, new_figure
+from fvi_cli.plotting.style import few_decades, journal_style, legend_above, new_figure
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.study import reference_of
@@ -46,24 +45,20 @@ EXACT = _Exact(color="#bdbdbd", linewidth=4.0, label="exact", zorder=2, solid_ca
 """The exact solution: a broad light line, seen even where thin ones lie upon it."""
 
 
-def trajectory_figure(
-    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
-) -> Figure:
+def trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the position of every method and the exact one, a panel for every component.
 
     Parameters
     ----------
     experiment, finished
         The experiment and its runs.
-    n_steps
-        Which step of the ladder to show; None: the finest at which methods are told apart.
 
     Raises
     ------
     ValueError
-        If no run has that many steps.
+        If no run got beyond its start.
     """
-    shown = select_runs(finished, n_steps, visibly_apart=True)
+    shown = select_runs(finished, visibly_apart=True)
     names = coordinates_of(experiment, shown[0].trajectory.position.shape[1])
     dimension = min(len(names), _MOST_COMPONENTS)
     with journal_style():
@@ -87,27 +82,22 @@ def _position_label(experiment: Experiment, name: str) -> str:
     return with_unit(f"position ${typeset}(t)$", experiment, name, "length")
 
 
-def energy_figure(
-    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
-) -> Figure:
+def energy_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the Hamiltonian without forcing of every method that has a momentum.
 
     Parameters
     ----------
-    experiment, finished, n_steps
+    experiment, finished
         As for :func:`trajectory_figure`.
 
     Raises
     ------
     ValueError
-        If no run has that many steps, or none has an energy.
+        If no run got beyond its start, or none has an energy.
     """
-    having = [item for item in finished if item.trajectory.energy is not None]
-    if not having:
-        raise ValueError(
-            "energy: no method of the experiment has a momentum, so none has an energy"
-        )
-    shown = select_runs(having, n_steps, visibly_apart=True)
+    shown = select_runs(
+        finished, has_momentum, "energy: no method has a momentum", visibly_apart=True
+    )
     with journal_style():
         figure = new_figure(2.5)
         axes = figure.subplots()
@@ -127,24 +117,22 @@ def energy_figure(
     return figure
 
 
-def error_figure(
-    experiment: Experiment, finished: Sequence[FinishedRun], *, n_steps: int | None = None
-) -> Figure:
+def error_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the absolute error over time, the largest over the components, logarithmically.
 
     Where no exact solution is known, the error is measured against the refined run.
 
     Parameters
     ----------
-    experiment, finished, n_steps
+    experiment, finished
         As for :func:`trajectory_figure`.
 
     Raises
     ------
     ValueError
-        If no run has that many steps, or there is nothing to measure against.
+        If no run got beyond its start, or there is nothing to measure against.
     """
-    shown = select_runs(finished, n_steps)
+    shown = select_runs(finished)
     reference = reference_of(shown[0].run)
     if not reference.is_known:
         raise ValueError(f"reference: {experiment.name} has {reference.source}")
@@ -167,8 +155,7 @@ def error_figure(
             low = max(values.min(), 1e-3 * min(np.median(p) for p in positive if p.size))
             axes.set_ylim(low / 2, high * 2)
             if high / low > 1e2:
-                axes.yaxis.set_major_locator(LogLocator(numticks=8))
-                axes.yaxis.set_minor_formatter(NullFormatter())
+                few_decades(axes.yaxis, 8)
         several = shown[0].trajectory.position.shape[1] > 1
         label = r"error $\max_i\,|x_i - x_i(t)|$" if several else "error $|x_k - x(t_k)|$"
         if experiment.problem.exact is None:
@@ -178,26 +165,47 @@ def error_figure(
     return figure
 
 
-def select_runs(
-    finished: Sequence[FinishedRun], n_steps: int | None, *, visibly_apart: bool = False
-) -> list[FinishedRun]:
-    """Of every method the run with `n_steps` steps.
+def has_momentum(item: FinishedRun) -> bool:
+    """Whether the method of a run has a momentum, and so an energy."""
+    return item.trajectory.momentum is not None and item.trajectory.energy is not None
 
-    By default that is the finest step that as many methods as possible have reached; with
-    `visibly_apart` the finest of these steps at which some error is 10 % of the largest position,
-    so that a picture does not show one curve for all.
+
+def select_runs(
+    finished: Sequence[FinishedRun],
+    is_drawable: Callable[[FinishedRun], bool] = lambda item: True,
+    objection: str = "no run was finished",
+    *,
+    visibly_apart: bool = False,
+) -> list[FinishedRun]:
+    """Of every method the run with the finest step that as many methods as possible have reached.
+
+    Parameters
+    ----------
+    finished
+        Runs of one experiment.
+    is_drawable, objection
+        Which of them have what is drawn, and what is said where none has.
+    visibly_apart
+        The finest of these steps at which some error is 10 % of the largest position, so that a
+        picture does not show one curve for all.
+
+    Raises
+    ------
+    ValueError
+        If there is no such run, or none got beyond its start.
     """
-    usable = [item for item in finished if item.trajectory.time.size > 1]
+    having = [item for item in finished if is_drawable(item)]
+    if not having:
+        raise ValueError(objection)
+    usable = [item for item in having if item.trajectory.time.size > 1]
+    if not usable:
+        raise ValueError("no run got beyond its start")
     there = sorted({item.run.n_steps for item in usable})
-    if not there or n_steps not in (None, *there):
-        listed = sorted({item.run.n_steps for item in finished})
-        raise ValueError(f"n_steps: {n_steps!r} is not one of the finished runs' {listed}")
-    if n_steps is None:
-        reached = [item.run.n_steps for item in usable if item.status in ("ok", "floor")]
-        most = max(map(reached.count, there))
-        choices = [n for n in there if reached.count(n) == most]
-        apart = [n for n in choices if any(f.run.n_steps == n and _is_off(f) for f in usable)]
-        n_steps = max(apart if visibly_apart and apart else choices)
+    reached = [item.run.n_steps for item in usable if item.status in ("ok", "floor")]
+    most = max(map(reached.count, there))
+    choices = [n for n in there if reached.count(n) == most]
+    apart = [n for n in choices if any(f.run.n_steps == n and _is_off(f) for f in usable)]
+    n_steps = max(apart if visibly_apart and apart else choices)
     return [item for item in usable if item.run.n_steps == n_steps]
 
 

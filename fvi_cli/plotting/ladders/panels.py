@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,12 +15,13 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from matplotlib.transforms import blended_transform_factory
 from numpy.typing import NDArray
 
-from fvi_cli.plotting.guides import Box, Curve, draw_slopes
+from fvi_cli.plotting.ladders.guides import Box, Curve, draw_slopes
 from fvi_cli.plotting.methods import SeriesStyle
 from fvi_cli.plotting.style import (
+    DECORATION,
     GUIDE_COLOUR,
     SMALL_TEXT,
-    legend_columns,
+    legend_of,
     logarithmic_ticks,
 )
 from fvi_cli.studies.experiment import FinishedRun
@@ -230,9 +230,7 @@ def _draw_failures(axes: Axes, series: Sequence[Series]) -> list[Box]:
             color=GUIDE_COLOUR,
             linewidth=0.5,
             label="_edge",
-            gid="decoration",
-            scalex=False,
-            scaley=False,
+            **DECORATION,
         )
         top = bottom
     _make_room(axes, 1 - top)
@@ -296,21 +294,11 @@ def _draw_floor(axes: Axes, series: Sequence[Series]) -> list[Box]:
 
 
 def figure_legend(
-    figure: Figure,
-    styles: Sequence[SeriesStyle],
-    *,
-    title: str = "",
-    loc: Literal["outside upper center", "outside lower center"] = "outside upper center",
+    figure: Figure, styles: Sequence[SeriesStyle], *, title: str = "", above: bool = True
 ) -> None:
     """One legend for all panels, outside of them."""
     by_label = {style.label: style for style in styles}
     handles = [
         Line2D([], [], label=label, **style.line_properties()) for label, style in by_label.items()
     ]
-    figure.legend(
-        handles=handles,
-        loc=loc,
-        ncols=legend_columns(list(by_label)),
-        title=title or None,
-        title_fontsize=SMALL_TEXT,
-    )
+    legend_of(figure, handles, title=title, above=above)

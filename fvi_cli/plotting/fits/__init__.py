@@ -1,1 +1,0 @@
-"""Pictures of fits: data and fitted motion, what is left, profiles of the misfit."""

@@ -1,0 +1,1 @@
+"""Figures of errors against step size or cost: curves, floors, slopes."""

@@ -1,1 +1,0 @@
-"""Figures of what is asked of a motion: quantities over time, and sections at events."""
