@@ -13,6 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.matrices import dense
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.convolution.directions import terms_by_direction
+
 Array = NDArray[np.float64]
 
 DIAGONAL_TOLERANCE = 1e-13
@@ -124,6 +129,17 @@ def decouple_forms(mass: Array, stiffness: Array | None, directions: Sequence[Ar
         if np.abs(diagonal - np.diag(np.diagonal(diagonal))).max() > DIAGONAL_TOLERANCE * d:
             return Decoupling(mass=mass, modes=None)
     return Decoupling(mass=mass, modes=inverse.T @ vectors)
+
+
+def linear_decoupling(scene: Scene) -> Decoupling | None:
+    """The coordinates in which a linear scene falls apart; None for sparse and for other scenes."""
+    if scene.is_sparse or not scene.is_linear:
+        return None
+    potential = scene.potential
+    stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
+    directions = [dense(matrix) for matrix, _ in terms_by_direction(scene.active_damping)]
+    directions += [law.coefficient for law in scene.active_laws]
+    return decouple_forms(scene.inertia.mass, stiffness, directions)
 
 
 def _split(values: Array) -> Array:

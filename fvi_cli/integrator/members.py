@@ -23,8 +23,8 @@ from fvi_cli.integrator.blocks.linear import (
 )
 from fvi_cli.integrator.blocks.response import LinearSystem
 from fvi_cli.integrator.counts import check_counts
-from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.equal_steps.routes import LEAST_BLOCK_STEPS, scene_decoupling
+from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
+from fvi_cli.integrator.equal_steps.routes import LEAST_BLOCK_STEPS
 from fvi_cli.integrator.equal_steps.run import Prepared, bounded, finished_trajectory, prepare
 from fvi_cli.integrator.equal_steps.weights import shared_channels
 from fvi_cli.integrator.growth_bound import GrowthBound, cut_at_bound
@@ -152,9 +152,8 @@ def _integrate_batch(
     members = []
     for scene in scenes:
         prepared, bound = bounded(prepare(scene, method, n_steps, source))
-        directions = [channel.direction for channel in prepared.problem.memory.channels]
-        decoupling = scene_decoupling(scene, directions)
-        if decoupling is None:  # pragma: no cover - only linear scenes go together
+        decoupling = linear_decoupling(scene)
+        if decoupling is None:
             return None
         members.append(_Ready(prepared=prepared, bound=bound, decoupling=decoupling))
     # members with modes are as many systems as they have degrees of freedom

@@ -6,33 +6,13 @@ weights or steps.
 
 from __future__ import annotations
 
-import functools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.batches.kinds import fewest
-from fvi_cli.integrator.blocks.newton import BLOCKS_PER_GROUP, newton_block
-from fvi_cli.integrator.blocks.stepped_history import STEPPED_GROUP
-from fvi_cli.integrator.equal_steps.routes import choose_route, sums_directly
+from fvi_cli.integrator.baselines.results import baseline_operations
 from fvi_cli.integrator.expansions.interpolation_limit import interpolation_remarks
-from fvi_cli.integrator.members import goes_together
-from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh
-from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.integrator.run.runge_kutta import plan_runge_kutta
-from fvi_cli.planning.batches import (
-    Machinery,
-    linear_blocks,
-    members_side_by_side,
-    systems_of,
-)
-from fvi_cli.planning.history_work import (
-    Shape,
-    baseline_operations,
-    direct_operations,
-    memories_of,
-    newton_operations,
-    stepped_operations,
-)
+from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.planning.machinery import machinery_of
 from fvi_cli.planning.plan_memory import peak_bytes
 from fvi_cli.planning.plan_seconds import machine_speed, predicted_seconds
 from fvi_cli.planning.plan_words import (
@@ -40,7 +20,7 @@ from fvi_cli.planning.plan_words import (
     forcing_in_words,
     history_in_words,
     start_in_words,
-    systems_in_words,
+    steps_in_words,
 )
 
 
@@ -139,21 +119,21 @@ def plan_run(
     """
     if isinstance(method, Baseline):
         return _baseline_plan(scene, method, n_steps)
-    machinery = _machinery(
+    machinery = machinery_of(
         scene, method, n_steps, every, members, diagnosed=diagnosed, grading=grading
     )
     return Plan(
         effects=effects_of_scene(scene),
-        steps=machinery.steps,
-        history=machinery.history,
-        start=start_in_words(scene, method, machinery.n_mesh_steps),
+        steps=steps_in_words(machinery),
+        history=history_in_words(machinery),
+        start=start_in_words(scene, method, machinery.plan.n_steps),
         forcing=forcing_in_words(scene, method),
-        history_operations=machinery.operations,
+        history_operations=machinery.plan.operations,
         memory_bytes=peak_bytes(machinery),
         seconds=predicted_seconds(machinery),
-        n_sequences=len(machinery.shape.memories),
-        systems=machinery.shape.batch,
-        coupled=machinery.shape.coupled,
+        n_sequences=len(machinery.memories),
+        systems=machinery.systems,
+        coupled=machinery.coupled,
         remarks=interpolation_remarks(scene, n_steps, grading=grading),
     )
 
@@ -170,120 +150,18 @@ def planned_bytes(
     """The plan's memory alone."""
     if isinstance(method, Baseline):
         return _baseline_bytes(scene, n_steps)
-    return peak_bytes(_machinery(scene, method, n_steps, every, members, diagnosed=diagnosed))
+    return peak_bytes(machinery_of(scene, method, n_steps, every, members, diagnosed=diagnosed))
 
 
 def planned_seconds(scene: Scene, method: AnyMethod, n_steps: int) -> float:
     """The plan's time alone."""
     if isinstance(method, Baseline):
         return _baseline_plan(scene, method, n_steps).seconds
-    return predicted_seconds(_machinery(scene, method, n_steps))
-
-
-@functools.lru_cache(maxsize=256)
-def _machinery(
-    scene: Scene,
-    method: Method,
-    n_steps: int,
-    every: int = 1,
-    members: int = 1,
-    *,
-    diagnosed: bool = False,
-    grading: float = 1.0,
-) -> Machinery:
-    samples = 1 if method.sampling == "nodes" else method.stages
-    memories = memories_of(method, n_steps + 1, scene.active_damping)
-    shape = Shape(memories=memories, samples=samples, coupled=scene.dimension)
-    run = Machinery(
-        scene=scene,
-        method=method,
-        n_steps=n_steps,
-        every=every,
-        diagnosed=diagnosed,
-        shape=shape,
-    )
-    ends = int(method.sampling == "nodes" and bool(memories))
-    together = members > 1 and goes_together(scene, method, n_steps)
-    if method.is_runge_kutta:
-        if together and members >= fewest(scene, n_steps) and grading == 1.0:
-            return members_side_by_side(run, members)
-        steps: int | Mesh = n_steps
-        if grading != 1.0:
-            steps = graded_mesh(scene.final_time, n_steps, grading, scene.break_points)
-        return _any_mesh(run, steps)
-    decoupling = None
-    if not sums_directly(method.history, n_steps):
-        decoupling = systems_of(scene)
-    damped = bool(memories)
-    route = choose_route(scene, method.history, n_steps, shape.samples, decoupling, damped=damped)
-    whole = f"Newton's iteration with the exact Jacobian, {n_steps} single steps"
-    single = f"{n_steps} single steps with one factorisation" if scene.is_linear else whole
-    if route == "linear blocks" and decoupling is not None:
-        return linear_blocks(run, decoupling, ends, members if together else 1)
-    if route == "newton blocks":
-        largest = newton_block(scene, shape.samples, n_steps) or 1
-        group = largest * BLOCKS_PER_GROUP
-        return replace(
-            run,
-            route=route,
-            steps=f"Newton's iteration on blocks of up to {largest} steps with a frozen linear "
-            "response, single steps with the exact Jacobian where that does not contract",
-            history=history_in_words(shape, group),
-            operations=newton_operations(shape, largest, n_steps, ends),
-        )
-    if route == "stepped":
-        return replace(
-            run,
-            route=route,
-            steps=single,
-            history=history_in_words(shape, STEPPED_GROUP),
-            operations=stepped_operations(shape, n_steps),
-        )
-    direct = "every sum written out" if shape.memory > 1 else history_in_words(shape, 1)
-    return replace(
-        run,
-        route=route,
-        steps=single,
-        history=direct,
-        operations=direct_operations(shape, n_steps),
-    )
-
-
-def _any_mesh(run: Machinery, mesh: int | Mesh) -> Machinery:
-    """Steps of a Runge-Kutta method on its own mesh, as the run itself plans them."""
-    scene = run.scene
-    plan = plan_runge_kutta(scene, run.method, mesh)
-    shape = replace(run.shape, coupled=plan.coupled, batch=plan.systems)
-    blocks = plan.n_steps - plan.single
-    if scene.is_linear:
-        steps = f"blocks of {plan.block} steps as one matrix product"
-        single = f"{plan.single} single steps with one factorisation for each size"
-    else:
-        steps = (
-            f"Newton's iteration on blocks of up to {plan.block} steps with a frozen linear "
-            "response, single steps with the exact Jacobian where that does not contract"
-        )
-        single = f"Newton's iteration with the exact Jacobian, {plan.single} single steps"
-    words = [steps] if blocks else []
-    words += [single] if plan.single else []
-    history = history_in_words(shape, 1)
-    if plan.n_states:
-        history = f"{plan.n_states} exponentials in place of the past"
-    return replace(
-        run,
-        route="any mesh",
-        shape=shape,
-        steps=", ".join([*words, systems_in_words(shape, has_modes=plan.has_modes)]),
-        history=history,
-        operations=plan.operations,
-        n_states=plan.n_states,
-        n_mesh_steps=plan.n_steps,
-        block=plan.block,
-    )
+    return predicted_seconds(machinery_of(scene, method, n_steps))
 
 
 def _baseline_plan(scene: Scene, method: Baseline, n_steps: int) -> Plan:
-    operations = baseline_operations(method, scene.active_damping, scene.dimension, n_steps)
+    operations = baseline_operations(method.name, scene, n_steps)
     per_operation, per_call = machine_speed()
     return Plan(
         effects=effects_of_scene(scene),

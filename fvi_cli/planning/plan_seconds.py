@@ -12,9 +12,9 @@ import time
 import numpy as np
 
 from fvi_cli.integrator.batches.run import MOST_TOGETHER
-from fvi_cli.integrator.blocks.sizes import batch_sizes
-from fvi_cli.planning.batches import Machinery
-from fvi_cli.planning.history_work import direct_operations
+from fvi_cli.integrator.blocks.sizes import LARGEST_SLICE
+from fvi_cli.integrator.equal_steps.routes import EqualPlan
+from fvi_cli.planning.machinery import Machinery
 
 CALIBRATION_LENGTH = 2**15
 
@@ -44,40 +44,39 @@ def machine_speed() -> tuple[float, float]:
     return shortest[0] / multiply_adds, shortest[1] / 100
 
 
-def predicted_seconds(sizes: Machinery) -> float:
+def predicted_seconds(run: Machinery) -> float:
     """Time of set-up and steps together; of members that are integrated together, a share of it."""
     per_operation, per_call = machine_speed()
-    n, shape = sizes.n_steps, sizes.shape
-    work = 2.0 * per_operation * sizes.operations
-    m, degree, d = shape.samples, sizes.method.degree, sizes.scene.dimension
+    n, plan, coupled = run.n_steps, run.plan, run.coupled
+    work = 2.0 * per_operation * plan.operations
+    m, degree, d = run.samples, run.method.degree, run.scene.dimension
     # weights and tables are shared
-    each = 1.0 / sizes.members
-    weights = 40.0 * per_operation * n * m * m * len(shape.memories) * math.log2(n + 2)
-    setup = each * weights + (0.05 + 0.95 * each) * 10_000 * per_call
-    systems = max(1, -(-shape.batch // 128))
-    if sizes.route == "linear blocks":
-        chosen = batch_sizes(m, shape.coupled, shape.batch, n)
-        block = 1 if chosen is None else chosen[1].block
-        # products of matrices are quicker than transforms
-        inside = 0.3 * block * shape.coupled * (m + degree + 3) * n * d
-        return setup + work + per_operation * inside + each * 40 * per_call * systems * n / block
-    if sizes.route == "any mesh":
-        steps = sizes.n_mesh_steps
-        if sizes.scene.is_linear:
-            own = per_call * (30 * steps / max(sizes.block, 1) + 60 * min(steps, 60))
+    each = 1.0 / run.members
+    if run.is_side_by_side:
+        steps = plan.n_steps * (4 if run.scene.is_linear else 120)
+        own = each * per_call * steps * -(-run.systems // MOST_TOGETHER)
+        own += per_operation * 60 * plan.n_steps * (d * m) ** 2
+        return 10_000 * per_call * (0.1 * each + 0.02) + 0.3 * work + own
+    if not isinstance(plan, EqualPlan):
+        steps = plan.n_steps
+        if run.scene.is_linear:
+            own = per_call * (30 * steps / max(plan.block, 1) + 60 * min(steps, 60))
         else:
             own = per_call * (8 * steps + 300 * min(steps, 60))
         return 10_000 * per_call * 0.1 + 0.3 * work + own + per_operation * 40 * steps * (d * m)
-    if sizes.route == "side by side":
-        steps = sizes.n_mesh_steps * (4 if sizes.scene.is_linear else 120)
-        own = each * per_call * steps * -(-shape.batch // MOST_TOGETHER)
-        own += per_operation * 60 * sizes.n_mesh_steps * (d * m) ** 2
-        return 10_000 * per_call * (0.1 * each + 0.02) + 0.3 * work + own
-    if sizes.route == "newton blocks":
+    weights = 40.0 * per_operation * n * m * m * len(run.memories) * math.log2(n + 2)
+    setup = each * weights + (0.05 + 0.95 * each) * 10_000 * per_call
+    if plan.batch is not None:
+        # products of matrices are quicker than transforms
+        inside = 0.3 * plan.block * coupled * (m + degree + 3) * n * d
+        slices = max(1, -(-run.systems // LARGEST_SLICE))
+        calls = each * 40 * per_call * slices * n / plan.block
+        return setup + work + per_operation * inside + calls
+    if plan.newton is not None:
         return setup + work + n * (8 * per_call + per_operation * 60 * (d * m) ** 2)
-    calls = 30 if sizes.scene.is_linear else 150
-    if sizes.scene.lagrangian is not None:
-        calls = 400
-    if sizes.route == "direct steps":
-        work = per_operation * direct_operations(shape, n)
-    return setup + work + n * (calls * per_call + per_operation * 4 * (degree * d) ** 2)
+    calls_per_step = 30 if run.scene.is_linear else 150
+    if run.scene.lagrangian is not None:
+        calls_per_step = 400
+    if plan.route == "direct steps":
+        work *= 0.5
+    return setup + work + n * (calls_per_step * per_call + per_operation * 4 * (degree * d) ** 2)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.equal_steps.routes import EqualPlan
 from fvi_cli.integrator.method import Method
-from fvi_cli.planning.history_work import Shape
+from fvi_cli.planning.machinery import Machinery
 
 
 def effects_of_scene(scene: Scene) -> tuple[str, ...]:
@@ -20,24 +21,61 @@ def effects_of_scene(scene: Scene) -> tuple[str, ...]:
     return tuple(effects)
 
 
-def systems_in_words(shape: Shape, *, has_modes: bool) -> str:
-    """How many systems there are, and what they are."""
-    if shape.batch == 1:
-        return "one system" if shape.coupled == 1 else f"{shape.coupled} coupled components"
-    kind = "modes" if has_modes else "components"
-    return f"{shape.batch} uncoupled {kind} side by side"
+def steps_in_words(run: Machinery) -> str:
+    """How the steps are done, and of what."""
+    plan, is_linear = run.plan, run.scene.is_linear
+    blocks = f"blocks of {plan.block} steps as one matrix product"
+    if not is_linear:
+        blocks = (
+            f"Newton's iteration on blocks of up to {plan.block} steps with a frozen linear "
+            "response, single steps with the exact Jacobian where that does not contract"
+        )
+    if run.is_side_by_side:
+        together = f"{plan.n_steps} steps of {run.members} members together"
+        if not is_linear:
+            together += ", Newton's iteration for all at once with a linear response of each"
+        return f"{together}, {_systems(run)}"
+    if isinstance(plan, EqualPlan):
+        if plan.batch is not None:
+            many = f", {run.members} members together" * (run.members > 1)
+            return f"{blocks}, {_systems(run)}{many}"
+        if plan.newton is not None:
+            return blocks
+        if is_linear:
+            return f"{plan.n_steps} single steps with one factorisation"
+        return f"Newton's iteration with the exact Jacobian, {plan.n_steps} single steps"
+    single = f"Newton's iteration with the exact Jacobian, {plan.single} single steps"
+    if is_linear:
+        single = f"{plan.single} single steps with one factorisation for each size"
+    words = [blocks] if plan.n_steps > plan.single else []
+    words += [single] if plan.single else []
+    return ", ".join([*words, _systems(run)])
 
 
-def history_in_words(shape: Shape, group: int) -> str:
-    """How the memory is summed up; it is direct inside of `group` steps."""
-    if not shape.memories:
+def _systems(run: Machinery) -> str:
+    """How many systems a scene is, and what they are."""
+    plan = run.plan
+    if plan.systems == 1:
+        return "one system" if run.coupled == 1 else f"{run.coupled} coupled components"
+    kind = "modes" if plan.has_modes else "components"
+    return f"{plan.systems} uncoupled {kind} side by side"
+
+
+def history_in_words(run: Machinery) -> str:
+    """How the memory is summed up."""
+    plan = run.plan
+    if not isinstance(plan, EqualPlan) and plan.n_states:
+        return f"{plan.n_states} exponentials in place of the past"
+    if not run.memories:
         return "none: nothing is damped"
-    count = len(shape.memories)
+    count, group = len(run.memories), plan.group if isinstance(plan, EqualPlan) else 1
     sequences = f"{count} combined sequences of weights" if count > 1 else "one sequence of weights"
-    if shape.memory == 1:
+    if run.memory == 1:
         return "none: derivatives of order 1 need no past"
-    if shape.memory <= group + 1 and shape.memory < 8:
-        return f"finite stencil of {shape.memory} weights, {sequences}"
+    if isinstance(plan, EqualPlan) and plan.route == "direct steps":
+        return "every sum written out"
+    if run.memory <= group + 1 and run.memory < 8:
+        return f"finite stencil of {run.memory} weights, {sequences}"
     return f"{sequences}, direct inside of {group} steps, FFT beyond"
 
 

@@ -162,16 +162,26 @@ def test_operations_of_large_coupled_scenes():
 
 
 @pytest.mark.parametrize(
-    "name", ["explicit-euler", "implicit-euler", "gruenwald-letnikov", "product-integration"]
+    ("name", "newest", "of_first_order"),
+    [
+        ("explicit-euler", -1, (0, 0)),
+        ("implicit-euler", 1, (0, 0)),
+        ("gruenwald-letnikov", 1, (2, -1)),
+        ("product-integration", -1, (1, 0)),
+    ],
 )
 @pytest.mark.parametrize("orders", [(), (1.0,), (0.5,), (0.5, 1.5)])
-def test_operations_of_baselines(name, orders):
+def test_operations_of_baselines(name, newest, of_first_order, orders):
+    # sums over all earlier steps, with the newest or without; a stencil for order one
     scene = oscillators(2, orders)
     method: AnyMethod = Baseline(name=name)
-    for n_steps in (400, 1000):
-        trajectory = integrate(scene, method, n_steps)
-        planned = plan_run(scene, method, n_steps).history_operations
-        assert planned == trajectory.history_operations
+    for n in (400, 1000):
+        terms = [
+            of_first_order[0] * n + of_first_order[1] if order == 1 else n * (n + newest) // 2
+            for order in orders
+        ]
+        assert plan_run(scene, method, n).history_operations == 2 * sum(terms)
+        assert integrate(scene, method, n).history_operations == 2 * sum(terms)
 
 
 MEMORY = [
@@ -270,6 +280,16 @@ class TestMembers:
         for found in integrate_members(scenes, method, 300):
             assert found.history_operations == planned.history_operations
         assert planned.systems == count
+
+    @pytest.mark.parametrize("orders", [(0.5, 1.5), (1.0, 0.5)])
+    def test_terms_of_one_direction(self, orders):
+        # members share weights by their order, a run alone adds up those of one direction
+        scenes = [oscillators(orders=orders, forcing=f"{k} * sin(t)") for k in range(20)]
+        for method in (NODES, points()):
+            planned = plan_run(scenes[0], method, 300, members=20)
+            assert planned.n_sequences == 2
+            for found in integrate_members(scenes, method, 300):
+                assert found.history_operations == planned.history_operations
 
     def test_members_that_do_not_go_together_are_planned_alone(self):
         scenes = [*different(3), swing(), oscillators(2), *different(2)]

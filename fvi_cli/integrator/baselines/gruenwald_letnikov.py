@@ -10,7 +10,11 @@ from numpy.typing import NDArray
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import STRIDE, advanced
-from fvi_cli.integrator.baselines.results import baseline_trajectory, forces_on_grid
+from fvi_cli.integrator.baselines.results import (
+    baseline_operations,
+    baseline_trajectory,
+    forces_on_grid,
+)
 from fvi_cli.integrator.growth_bound import beyond, farthest_position
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.bdf import convolution_weights
@@ -54,7 +58,7 @@ def integrate_gruenwald_letnikov(scene: Scene, n_steps: int) -> Trajectory:
     samples = [np.empty_like(position) for _ in terms]
     # the last difference x_k - x_(k-1), so that 1 / h^2 never meets a rounded position
     difference = h * scene.initial_velocity
-    operations, failure, done = 0, "", 0
+    failure, done = "", 0
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(n_steps):
             if k % STRIDE == 0:
@@ -64,7 +68,6 @@ def integrate_gruenwald_letnikov(scene: Scene, n_steps: int) -> Trajectory:
                 left[k] = position[k] - shift[k]
                 length = min(k + 1, backwards.size)
                 derivative = backwards[backwards.size - length :] @ left[k + 1 - length : k + 1]
-                operations += length * d
                 force = force - derivative @ matrix
             if scene.potential is not None:
                 force = force - scene.potential.gradient(position[k])
@@ -89,7 +92,7 @@ def integrate_gruenwald_letnikov(scene: Scene, n_steps: int) -> Trajectory:
         velocity,
         n_steps,
         failure=failure,
-        operations=operations,
+        operations=baseline_operations("gruenwald-letnikov", scene, done),
         iterations=0,
         began=began,
         ready=ready,

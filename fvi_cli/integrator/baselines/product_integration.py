@@ -12,7 +12,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.baselines.gruenwald_letnikov import taken_off
 from fvi_cli.integrator.baselines.implicit_equation import solve_implicit
-from fvi_cli.integrator.baselines.results import baseline_trajectory
+from fvi_cli.integrator.baselines.results import baseline_operations, baseline_trajectory
 from fvi_cli.integrator.growth_bound import beyond, farthest_position
 from fvi_cli.integrator.trajectory import Trajectory
 
@@ -62,7 +62,7 @@ def integrate_product_trapezoidal(scene: Scene, n_steps: int) -> Trajectory:
     pull = _pull(scene, position[0])
     # first and second integral of the pull up to t_k
     once, twice = np.zeros(d), np.zeros(d)
-    operations, iterations, failure, done = 0, 0, "", 0
+    iterations, failure, done = 0, "", 0
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(n_steps):
             if k % STRIDE == 0:
@@ -74,12 +74,10 @@ def integrate_product_trapezoidal(scene: Scene, n_steps: int) -> Trajectory:
                     # all weights but the newest are equal: a running sum
                     sums[index] = sums[index] + backwards[0] * left[k]
                     constant = constant - sums[index] @ matrix
-                    operations += d
                 elif k:
                     # left[0] is 0
                     end = backwards.size - 1
                     constant = constant - backwards[end - k : end] @ left[1 : k + 1] @ matrix
-                    operations += k * d
             solved, used = solve_implicit(
                 linear,
                 constant,
@@ -107,7 +105,7 @@ def integrate_product_trapezoidal(scene: Scene, n_steps: int) -> Trajectory:
         None,
         n_steps,
         failure=failure,
-        operations=operations,
+        operations=baseline_operations("product-integration", scene, done),
         iterations=iterations,
         began=began,
         ready=ready,

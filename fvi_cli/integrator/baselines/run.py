@@ -10,7 +10,11 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.baselines.implicit_equation import solve_implicit
-from fvi_cli.integrator.baselines.results import baseline_trajectory, forces_on_grid
+from fvi_cli.integrator.baselines.results import (
+    baseline_operations,
+    baseline_trajectory,
+    forces_on_grid,
+)
 from fvi_cli.integrator.growth_bound import beyond, farthest_position
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.trajectory import Trajectory
@@ -91,11 +95,10 @@ def _integrate_euler(scene: Scene, method: Baseline, n_steps: int) -> Trajectory
     position = np.empty((n_steps + 1, scene.dimension))
     velocity = np.empty_like(position)
     position[0], velocity[0] = scene.initial_position, scene.initial_velocity
-    operations, iterations, failure, done = 0, 0, "", 0
+    iterations, failure, done = 0, "", 0
 
     def past(index: int) -> Array:
         """Damping force of velocities before `index` on time `index`."""
-        nonlocal operations
         force = rest
         for backwards, _, matrix, shift in terms:
             length = min(index, backwards.size - 1)
@@ -103,7 +106,6 @@ def _integrate_euler(scene: Scene, method: Baseline, n_steps: int) -> Trajectory
                 end = backwards.size - 1
                 old = velocity[index - length : index] - shift
                 force = force + backwards[end - length : end] @ old @ matrix
-                operations += length * scene.dimension
         return force
 
     with np.errstate(over="ignore", invalid="ignore"):
@@ -145,7 +147,7 @@ def _integrate_euler(scene: Scene, method: Baseline, n_steps: int) -> Trajectory
         velocity[: done + 1],
         n_steps,
         failure=failure,
-        operations=operations,
+        operations=baseline_operations(method.name, scene, done),
         iterations=iterations,
         began=began,
         ready=ready,

@@ -9,11 +9,10 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.memory import rates_of
 from fvi_cli.integrator.batches.potentials import formulas_of
 from fvi_cli.integrator.convolution.damping import directions_of
-from fvi_cli.integrator.decoupling import Decoupling
+from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.runge_kutta import mesh_for
-from fvi_cli.integrator.run.setup import linear_decoupling
 
 LARGEST_STEP = 24
 """Unknowns of a step of a system, at most: beyond, matrix products are quicker one by one."""
@@ -53,9 +52,7 @@ def side_by_side(scene: Scene, method: Method, n_steps: int) -> Hashable | None:
 
 def decoupling_of(scene: Scene) -> Decoupling:
     """Coordinates in which a member falls apart; those of the scene for nonlinear ones."""
-    found = None
-    if scene.is_linear and scene.dimension > 1:
-        found = linear_decoupling(scene)
+    found = linear_decoupling(scene) if scene.dimension > 1 else None
     return Decoupling(mass=scene.inertia.mass, modes=None) if found is None else found
 
 

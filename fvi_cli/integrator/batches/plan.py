@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.kinds import decoupling_of
 from fvi_cli.integrator.batches.memory import rates_and_weights
@@ -11,6 +9,7 @@ from fvi_cli.integrator.batches.systems import kernels_of
 from fvi_cli.integrator.convolution.damping import directions_of
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.march import MeshPlan
 from fvi_cli.integrator.run.runge_kutta import mesh_for
 
 BLOCK = 16
@@ -22,33 +21,7 @@ LARGEST_BLOCK = 100
 """Steps of a block times stages times components, at most, for these matrices."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SidePlan:
-    """What is the same for all scenes of a kind.
-
-    Parameters
-    ----------
-    n_steps
-        Steps of the mesh.
-    systems, coupled
-        Independent systems that each scene is, and components of each.
-    has_modes
-        Whether these are modes of the scene, no components of its coordinates.
-    n_states
-        Exponentials that stand for the past.
-    operations
-        Multiply-adds of the memory of one scene.
-    """
-
-    n_steps: int
-    systems: int
-    coupled: int
-    has_modes: bool
-    n_states: int
-    operations: int
-
-
-def plan_side_by_side(scene: Scene, method: Method, n_steps: int) -> SidePlan:
+def plan_side_by_side(scene: Scene, method: Method, n_steps: int) -> MeshPlan:
     """How scenes like this one are stepped side by side; no step is done."""
     mesh, decoupling = mesh_for(scene, method, n_steps), decoupling_of(scene)
     directions = directions_of(scene)
@@ -72,8 +45,10 @@ def plan_side_by_side(scene: Scene, method: Method, n_steps: int) -> SidePlan:
         slots=1 if coupled == 1 else len(directions),
         is_linear=scene.is_linear,
     )
-    return SidePlan(
+    return MeshPlan(
         n_steps=mesh.n_steps,
+        single=0,
+        block=BLOCK,
         systems=decoupling.batch,
         coupled=coupled,
         has_modes=decoupling.has_modes,

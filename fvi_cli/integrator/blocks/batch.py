@@ -16,7 +16,7 @@ from fvi_cli.integrator.blocks.history import (
     shared_strip,
 )
 from fvi_cli.integrator.blocks.response import LinearSystem, block_response
-from fvi_cli.integrator.blocks.sizes import BlockSizes, batch_sizes
+from fvi_cli.integrator.blocks.sizes import BatchPlan, plan_batch
 from fvi_cli.integrator.compensated import CompensatedSum
 
 Array = NDArray[np.float64]
@@ -96,25 +96,24 @@ def run_batch(problem: BatchProblem) -> BatchStepped | None:
     """
     system, n_steps = problem.system, problem.n_steps
     q, e, m = system.batch, system.coupled, system.samples
-    chosen = batch_sizes(m, e, q, n_steps)
-    if chosen is None:
+    plan = plan_batch(system.convolved, q, n_steps, with_end=problem.with_end)
+    if plan is None:
         return None
-    width, sizes = chosen
     position, momentum = np.empty((q, n_steps + 1, e)), np.empty((q, n_steps + 1, e))
     force = np.zeros((q, n_steps + 1, m, e)) if problem.with_force else None
     done, operations = np.zeros(q, dtype=np.int64), np.zeros(q, dtype=np.int64)
-    for first in range(0, q, width):
-        part = slice(first, min(first + width, q))
+    for first in range(0, q, plan.width):
+        part = slice(first, min(first + plan.width, q))
         blocks = _Blocks(
             _sliced(problem, part),
-            sizes,
+            plan,
             position[part],
             momentum[part],
             None if force is None else force[part],
         )
         done[part] = blocks.run()
         # all systems of a slice do the same
-        operations[part] = blocks.operations // (part.stop - part.start)
+        operations[part] = blocks.operations
     return BatchStepped(
         position=position, momentum=momentum, force=force, done=done, operations=operations
     )
@@ -152,21 +151,20 @@ class _Blocks:
     def __init__(
         self,
         problem: BatchProblem,
-        sizes: BlockSizes,
+        plan: BatchPlan,
         position: Array,
         momentum: Array,
         force: Array | None,
     ) -> None:
         self._problem, self._system = problem, problem.system
+        self._plan, sizes = plan, plan.sizes
         self._block, self._blocks = sizes.block, sizes.blocks
         self._position, self._momentum, self._force = position, momentum, force
         system = problem.system
         response = block_response(system, sizes.block)
         q, e, m = system.batch, system.coupled, system.samples
         self._width = system.sample_size
-        # a finite memory reaches from the last steps of a block to the first of the next
-        self._far = min(sizes.block, max(system.memory - 1, 0))
-        self._n_history = self._far * self._width
+        self._n_history = plan.far * self._width
         self._n_state = system.state_size
         self._n_first = self._n_history + self._n_state
         whole = sizes.block * self._width
@@ -181,20 +179,16 @@ class _Blocks:
             outputs.append(response.force)
         joined = np.concatenate(outputs, axis=1)[:, :, columns]
         self._outputs = np.ascontiguousarray(joined.transpose(0, 2, 1))
-        self._reach = 0
         self._strips: tuple[SharedStrip, ...] = ()
-        if system.memory > 1 and sizes.blocks > 1:
-            self._reach = min(sizes.block * (sizes.blocks - 1), system.memory - 1)
-            self._strips = tuple(
-                shared_strip(c, self._far, self._reach, m) for c in system.channels
-            )
+        reach = plan.reach(sizes.blocks - 1)
+        if reach:
+            self._strips = tuple(shared_strip(c, plan.far, reach, m) for c in system.channels)
         # one component: one product without the overhead of a batch
         self._single: Array | None = None
         if q == e == len(self._strips) == 1:
             self._single = self._strips[0].matrix * self._strips[0].batched.directions[0, 0, 0]
-        self._per_reach = sum(strip.operations(1) for strip in self._strips)
         self._history = GroupHistory(
-            system.channels if system.memory > 1 else (), m, sizes.group, problem.n_steps
+            system.channels if plan.is_damped else (), m, sizes.group, problem.n_steps
         )
         state = np.zeros((q, self._n_state))
         state[:, :e], state[:, e : 2 * e] = problem.position, problem.momentum
@@ -206,18 +200,14 @@ class _Blocks:
 
     @property
     def operations(self) -> int:
-        """Multiply-adds, weight times sample, done so far."""
+        """Multiply-adds, weight times sample, that each system has spent so far."""
         return self._direct + self._history.operations
 
     def run(self) -> int:
         """Advance until the end, or until no more steps are needed; the number of steps done."""
         problem, e = self._problem, self._system.coupled
         n_steps, block, q = problem.n_steps, self._block, self._system.batch
-        total = -(-n_steps // block)
-        group = block * self._blocks
-        if problem.with_end and n_steps % block == 0 and n_steps % group != 0:
-            # one block more gives the force at the end
-            total += 1
+        total = self._plan.n_blocks
         self._position[:, 0], self._momentum[:, 0] = self._state[:, :e], self._state[:, e : 2 * e]
         per_chunk = max(CHUNK_BLOCKS - CHUNK_BLOCKS % self._blocks, self._blocks)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -233,7 +223,7 @@ class _Blocks:
                     self._force[:, begin : begin + wanted] = force[:, :wanted]
                 if end < n_steps and self._is_over(end):
                     return end
-            if self._force is not None and problem.with_end and n_steps % group == 0:
+            if self._force is not None and problem.with_end and self._plan.ends_with_group:
                 self._force[:, n_steps] = self._force_after_groups()
         return n_steps
 
@@ -253,7 +243,7 @@ class _Blocks:
             reach = weights.size - 1
             past = self._history.samples[:, 0, :, n_steps - reach : n_steps] @ weights[:0:-1]
             total[:, 0] += np.einsum("qa,qab->qb", past + weights[0] * carry, batched.directions)
-            self._direct += q * e * reach
+        self._direct += self._plan.end_operations
         return total
 
     def _write(self, output: Array, inputs: Array, begin: int, end: int) -> None:
@@ -278,8 +268,8 @@ class _Blocks:
             inputs[:, :, self._n_first :] = moments.reshape(q, count, -1)
             driven = np.matmul(inputs[:, :, self._n_first :], self._driven)
         samples = np.zeros((q, e, blocks * block * m))
-        whole, begin = block * m, self._far * m
-        damped = self._system.memory > 1
+        whole, begin = block * m, self._plan.far * m
+        damped = self._plan.is_damped
         force: Array | None = None
         for index in range(count):
             place = (first + index) % blocks
@@ -292,13 +282,12 @@ class _Blocks:
                     force = self._history.force_on(group).reshape(q, blocks, block * width)
                 known = force[:, place, : self._n_history]
                 if place and self._strips:
-                    reach = min(self._reach, place * block)
+                    reach = self._plan.reach(place)
                     past = samples[:, :, place * whole - reach * m : place * whole]
                     if self._single is not None:
                         known = known + past[0, 0] @ self._single[-reach * m :]
                     else:
                         known = known + self._from_group(past)
-                    self._direct += self._per_reach * reach
                 row[:, : self._n_history] = known
             row[:, self._n_history : self._n_first] = self._state
             result = _apply(self._sequential, row[:, : self._n_first])
@@ -315,9 +304,7 @@ class _Blocks:
                 if place == blocks - 1:
                     finished = samples.transpose(0, 2, 1).reshape(q, blocks * block, m, e)
                     self._history.finish(group, finished)
-        if damped:
-            # what a block sums over its own steps stands in its matrix
-            self._direct += q * e * count * own_operations(self._system, block)
+            self._direct += self._plan.block_operations[place]
         return inputs
 
     def _from_group(self, past: Array) -> Array:
@@ -347,12 +334,6 @@ class _Blocks:
             padded[:, : last - first] = moments
             moments = padded
         return np.ascontiguousarray(moments)
-
-
-def own_operations(system: LinearSystem, block: int) -> int:
-    """Multiply-adds, weight times sample, of a component over the steps of its own block."""
-    pairs = (min(index + 1, c.channel.memory) for c in system.channels for index in range(block))
-    return system.samples**2 * sum(pairs)
 
 
 def _apply(matrix: Array, vector: Array) -> Array:

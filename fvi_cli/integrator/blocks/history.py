@@ -8,20 +8,17 @@ convolution equations*, SIAM J. Sci. Stat. Comput. 6, 1985). Inside a group the 
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.integrator.blocks.groups import Convolved, GroupPlan
 from fvi_cli.integrator.equal_steps.weights import Channel
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-LARGEST_NEAR = 192
-"""Lags below this, over the numbers in a sample, are summed directly: a transform of all weights
-would round each of them as if it were as large as the first."""
 FREQUENCY_SLAB = 4096
 """Frequencies multiplied at a time, so that they stay in the cache."""
 
@@ -40,6 +37,12 @@ class BatchedChannel:
 
     channel: Channel
     directions: Array
+
+
+def convolved_of(channels: tuple[BatchedChannel, ...], samples: int, coupled: int) -> Convolved:
+    """Sizes of what the channels of one batch convolve."""
+    memories = tuple(one.channel.memory for one in channels)
+    return Convolved(memories=memories, samples=samples, coupled=coupled)
 
 
 def lag_kernel(channels: tuple[BatchedChannel, ...], first: int, last: int, samples: int) -> Array:
@@ -112,13 +115,10 @@ class SharedStrip:
         Weights and directions.
     matrix
         From samples of `reach` steps to forces on `rows` steps, shape ``(reach m, rows m)``.
-    samples
-        Number m of samples per step.
     """
 
     batched: BatchedChannel
     matrix: Array
-    samples: int
 
     def force(self, past: Array) -> Array:
         """Force of the last samples, ``(q, e, n m)`` with n <= reach, as ``(q, e, rows m)``."""
@@ -130,11 +130,6 @@ class SharedStrip:
             return np.asarray(sums[:, None])
         sums = (past.reshape(q * e, size) @ matrix).reshape(q, e, -1)
         return np.asarray(np.matmul(directions.transpose(0, 2, 1), sums))
-
-    def operations(self, n_past: int) -> int:
-        """Multiply-adds, weight times sample, of the force of `n_past` steps."""
-        q, e, _ = self.batched.directions.shape
-        return int(q * e * n_past * self.samples * self.matrix.shape[1])
 
 
 def shared_strip(
@@ -159,7 +154,7 @@ def shared_strip(
     used = last if n_weights is None else min(last, n_weights)
     kernel[:, :used] = lag_kernel((unit,), 0, used, samples)
     matrix = np.ascontiguousarray(reversed_strip(kernel, rows, reach)[0].T)
-    return SharedStrip(batched=batched, matrix=matrix, samples=samples)
+    return SharedStrip(batched=batched, matrix=matrix)
 
 
 class GroupHistory:
@@ -179,33 +174,36 @@ class GroupHistory:
         Number of steps in a group.
     n_steps
         Number of steps that are wanted.
+
+    Attributes
+    ----------
+    operations
+        Multiply-adds that each system has spent so far.
     """
 
     def __init__(
         self, channels: tuple[BatchedChannel, ...], samples: int, group: int, n_steps: int
     ) -> None:
-        self._group = group
-        self._n_groups = -(-n_steps // group)
-        self._end = self._n_groups * group
-        self._long = tuple(c for c in channels if c.channel.memory - 1 > group)
-        self._short = tuple(c for c in channels if 1 < c.channel.memory <= group + 1)
         q, e = (channels[0].directions.shape[:2]) if channels else (1, 1)
+        self._plan = plan = GroupPlan(
+            convolved=convolved_of(channels, samples, e), group=group, n_steps=n_steps
+        )
+        self._group = group
+        self._end = plan.n_groups * group
+        self._long = tuple(c for c, is_long in zip(channels, plan.is_long, strict=True) if is_long)
+        short = tuple(c for c, is_short in zip(channels, plan.is_short, strict=True) if is_short)
         self._shape = (q, samples, e)
         # without channels there is nothing to keep
         self._buffer = np.zeros((q, samples, e, self._end if channels else 0))
         self._transforms: dict[int, list[ComplexArray]] = {}
         self.operations = 0
-        self._near = min(group, max(1, LARGEST_NEAR // (samples * e))) if self._long else 1
         self._tails: tuple[SharedStrip, ...] = ()
-        self._reach = 0
-        if self._n_groups > 1 and (self._short or self._near > 1):
-            self._reach = max((c.channel.memory for c in self._short), default=1) - 1
-            self._reach = max(self._reach, self._near - 1)
+        if plan.reach:
             self._tails = tuple(
-                shared_strip(batched, self._reach, self._reach, samples, wanted)
+                shared_strip(batched, plan.reach, plan.reach, samples, wanted)
                 for batched, wanted in (
-                    *((short, None) for short in self._short),
-                    *((long, self._near) for long in self._long),
+                    *((one, None) for one in short),
+                    *((one, plan.near) for one in self._long),
                 )
             )
 
@@ -223,27 +221,26 @@ class GroupHistory:
         """Store the samples of group `index`, shape ``(q, group, m, e)``, and spread its force."""
         end = (index + 1) * self._group
         self._buffer[..., end - self._group : end] = samples.transpose(0, 2, 3, 1)
-        if end >= self._end:
+        finished = index + 1
+        if finished >= self._plan.n_groups:
             return
         if self._tails:
             self._spread_short(end, samples)
         if self._long:
-            finished = index + 1
-            self._spread_long(end, (finished & -finished) * self._group)
+            self._spread_long(end, finished)
+        self.operations += self._plan.operations_after(finished)
 
     def _spread_short(self, end: int, samples: Array) -> None:
         q, m, e = self._shape
-        last = samples[:, -self._reach :].transpose(0, 3, 1, 2).reshape(q, e, -1)
+        reach = self._plan.reach
+        last = samples[:, -reach:].transpose(0, 3, 1, 2).reshape(q, e, -1)
         for tail in self._tails:
-            force = tail.force(last).reshape(q, e, self._reach, m)
-            self._buffer[..., end : end + self._reach] += force.transpose(0, 3, 1, 2)
-            self.operations += tail.operations(self._reach)
+            force = tail.force(last).reshape(q, e, reach, m)
+            self._buffer[..., end : end + reach] += force.transpose(0, 3, 1, 2)
 
-    def _spread_long(self, end: int, length: int) -> None:
-        """Convolve the last `length` samples into the next ones."""
-        wanted = min(length, self._end - end)
-        # what wraps around falls on the first `length` entries, which are not used
-        period = 2 * length if wanted == length else even_fast_length(length + wanted)
+    def _spread_long(self, end: int, finished: int) -> None:
+        """Convolve the last samples into the next ones."""
+        length, wanted, period = self._plan.spread(finished)
         past = self._buffer[..., end - length : end]
         target = self._buffer[..., end : end + wanted]
         again = end + 2 * length < self._end and wanted == length
@@ -252,14 +249,13 @@ class GroupHistory:
             return
         if period not in self._transforms:
             self._transforms[period] = [
-                _weights_transform(c.channel.weights, self._near, period) for c in self._long
+                _weights_transform(c.channel.weights, self._plan.near, period) for c in self._long
             ]
         spectrum = np.fft.rfft(past, period)
         total = np.zeros_like(spectrum)
         for batched, transform in zip(self._long, self._transforms[period], strict=True):
             _accumulate(total, transform, spectrum, batched)
         target += np.fft.irfft(total, period)[..., length : length + wanted]
-        self._count(period, spectrum.shape[-1])
         if not again:
             del self._transforms[period]
 
@@ -269,21 +265,12 @@ class GroupHistory:
         spectrum = np.fft.rfft(past, period)
         total = np.zeros((m, q, e, spectrum.shape[-1]), dtype=complex)
         for batched in self._long:
-            transform = _weights_transform(batched.channel.weights, self._near, period)
+            transform = _weights_transform(batched.channel.weights, self._plan.near, period)
             for i in range(m):
                 _multiply_add(total[i], transform, spectrum[:, i], batched.directions)
-        frequencies = spectrum.shape[-1]
         del spectrum
         for i in range(m):
             target[:, i] += np.fft.irfft(total[i], period)[..., length : length + target.shape[-1]]
-        self._count(period, frequencies)
-
-    def _count(self, period: int, frequencies: int) -> None:
-        """5/4 n log2(n) multiply-adds for a real transform, 4 for a complex product."""
-        q, m, e = self._shape
-        transforms = 2 * q * m * e * int(1.25 * period * math.log2(period))
-        products = 4 * len(self._long) * q * m * e * e * frequencies
-        self.operations += transforms + products
 
 
 def _weights_transform(weights: Array, first: int, period: int) -> ComplexArray:
@@ -318,14 +305,3 @@ def _multiply_add(
     elif directions.size > 1 or directions[0, 0, 0] != 1.0:
         product *= directions
     total += product
-
-
-def even_fast_length(at_least: int) -> int:
-    """The smallest even 2^a 3^b >= `at_least` with b <= 2: lengths whose transforms are quick."""
-    candidates = []
-    for factor in (1, 3, 9):
-        power = 2
-        while power * factor < at_least:
-            power *= 2
-        candidates.append(power * factor)
-    return min(candidates)

@@ -6,12 +6,15 @@ halved, down to single steps with their own Jacobians.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.blocks.frozen_response import BlockInputs, FrozenResponse
+from fvi_cli.integrator.blocks.groups import Convolved, GroupPlan, pairs
 from fvi_cli.integrator.blocks.history import (
     BatchedChannel,
     GroupHistory,
@@ -39,42 +42,100 @@ Array = NDArray[np.float64]
 BLOCKS_PER_GROUP = 8
 
 
-def group_operations(place: int, count: int, memory: int) -> int:
-    """Pairs of a step and an earlier one, or itself, that `memory` weights connect in a group.
+@dataclass(frozen=True, kw_only=True)
+class NewtonPlan:
+    """How the steps of a nonlinear scene are done in blocks.
 
     Parameters
     ----------
-    place, count
-        The steps: `count` of them from the one at `place` on.
-    memory
-        Number M of weights.
+    convolved, n_steps
+        What is convolved, and N.
+    block
+        Steps of the largest block.
+    with_end
+        Whether the damping force at the end of the last step is wanted as well.
     """
-    # steps that all earlier ones of the group reach, then steps that `memory` of them do
-    growing = max(0, min(count, memory - place))
-    return growing * place + growing * (growing + 1) // 2 + (count - growing) * memory
+
+    convolved: Convolved
+    n_steps: int
+    block: int
+    with_end: bool
+
+    @property
+    def group(self) -> int:
+        """Steps of a group: inside of it sums are direct."""
+        return self.block * BLOCKS_PER_GROUP
+
+    @property
+    def is_damped(self) -> bool:
+        """Whether anything is remembered."""
+        return self.convolved.memory > 1
+
+    @property
+    def remembered_steps(self) -> int:
+        """Steps that finished groups act on."""
+        return self.n_steps + self.with_end
+
+    def operations_inside(self, place: int, count: int) -> int:
+        """Multiply-adds of steps with those of their group and themselves, once for each step.
+
+        So they do not depend on how the steps were cut into blocks; attempts that failed are work
+        of Newton's iteration.
+
+        Parameters
+        ----------
+        place, count
+            The steps: `count` of them from the one at `place` of the group on.
+        """
+        if not self.is_damped:
+            return 0
+        memory = self.convolved.memory
+        connected = pairs(place + count, memory) - pairs(place, memory) + count
+        return connected * self.convolved.size**2
+
+    @property
+    def end_operations(self) -> int:
+        """The same for the force at the end of the last step."""
+        if not (self.with_end and self.is_damped):
+            return 0
+        return min(self.n_steps % self.group, self.convolved.memory - 1) * self.convolved.size**2
+
+    @property
+    def operations(self) -> int:
+        """Multiply-adds of the memory in the whole run."""
+        if not self.is_damped:
+            return 0
+        whole, rest = divmod(self.n_steps, self.group)
+        groups = GroupPlan(
+            convolved=self.convolved, group=self.group, n_steps=self.remembered_steps
+        )
+        inside = whole * self.operations_inside(0, self.group) + self.operations_inside(0, rest)
+        return inside + self.end_operations + groups.operations(whole)
 
 
-def newton_block(scene: Scene, samples: int, n_steps: int) -> int | None:
-    """Steps of the largest block; None where even the smallest would be too large.
+def plan_newton(
+    scene: Scene, convolved: Convolved, n_steps: int, *, with_end: bool = False
+) -> NewtonPlan | None:
+    """Blocks of a nonlinear scene; None for others and where the smallest would be too large.
 
     Parameters
     ----------
-    scene, n_steps
-        What is integrated, and N.
-    samples
-        Number m of samples of a step.
+    scene
+        What is integrated.
+    convolved, n_steps, with_end
+        As for :class:`NewtonPlan`.
     """
-    size, least = samples * scene.dimension, LEAST_BLOCKS
-    if scene.lagrangian is not None or LEAST_BLOCK * size > LARGEST_DENSE:
+    size = convolved.size
+    if scene.is_linear or scene.lagrangian is not None or LEAST_BLOCK * size > LARGEST_DENSE:
         return None
-    largest = LARGEST_BLOCK
-    while largest > LEAST_BLOCK and (largest * size > LARGEST_DENSE or least * largest > n_steps):
-        largest //= 2
-    return largest
+    block = LARGEST_BLOCK
+    while block > LEAST_BLOCK and (block * size > LARGEST_DENSE or LEAST_BLOCKS * block > n_steps):
+        block //= 2
+    return NewtonPlan(convolved=convolved, n_steps=n_steps, block=block, with_end=with_end)
 
 
-def run_newton_blocks(problem: StepProblem) -> Stepped | None:
-    """All steps of a nonlinear scene; None where its blocks would be too large.
+def run_newton_blocks(problem: StepProblem, plan: NewtonPlan) -> Stepped:
+    """All steps of a nonlinear scene as planned.
 
     Returns
     -------
@@ -82,32 +143,25 @@ def run_newton_blocks(problem: StepProblem) -> Stepped | None:
         As `run_steps` gives it, without the samples; with the damping force only where it is
         kept, or where the samples lie on the nodes.
     """
-    samples = problem.tables.sample_points.size
-    largest = newton_block(problem.scene, samples, problem.n_steps)
-    if problem.scene.is_linear or largest is None:
-        return None
-    return _NewtonBlocks(problem, largest).run()
+    return _NewtonBlocks(problem, plan).run()
 
 
 class _NewtonBlocks:
     """State and matrices of one run."""
 
-    def __init__(self, problem: StepProblem, largest: int) -> None:
-        self._problem = problem
+    def __init__(self, problem: StepProblem, plan: NewtonPlan) -> None:
+        self._problem, self._plan = problem, plan
         memory, d = problem.memory, problem.scene.dimension
-        self._largest, self._group = largest, largest * BLOCKS_PER_GROUP
+        largest, self._group = plan.block, plan.group
         self._d, self._m = d, problem.tables.sample_points.size
         self._size = self._m * d
         self._channels = tuple(
             BatchedChannel(channel=c, directions=c.direction[None]) for c in memory.channels
         )
-        self._reaches = max((c.memory for c in memory.channels), default=0)
-        self._damped = self._reaches > 1
-        self._on_nodes = problem.skip_first_kick and bool(memory.channels)
-        self._with_force = self._on_nodes or (problem.keep_force and bool(memory.channels))
-        steps = problem.n_steps + 1 if self._on_nodes else problem.n_steps
+        self._reaches, self._damped = plan.convolved.memory, plan.is_damped
+        self._with_force = plan.with_end or (problem.keep_force and bool(memory.channels))
         self._history = GroupHistory(
-            self._channels if self._damped else (), self._m, self._group, steps
+            self._channels if self._damped else (), self._m, self._group, plan.remembered_steps
         )
         self._strip: Array | None = None
         if self._damped:
@@ -152,15 +206,13 @@ class _NewtonBlocks:
                 if done % self._group == 0 and self._damped and not failure:
                     shape = (1, self._group, self._m, d)
                     self._history.finish(done // self._group - 1, self._samples.reshape(shape))
-        if forces is not None and self._on_nodes and done == n_steps and not failure:
+        if forces is not None and self._plan.with_end and done == n_steps and not failure:
             if done % self._group == 0:
                 self._begin_group(done)
             carry = self._state[2 * d : -1].reshape(self._m, d)
             known = self._known(done, 1).reshape(self._m, d)
             forces[done] = self._stepper.newest_force(known, carry)
-            if self._damped and done % self._group:
-                place = done % self._group
-                self.operations += min(place, self._reaches - 1) * self._size**2
+            self.operations += self._plan.end_operations
         return self._stepped(positions, momenta, forces, done, failure)
 
     def _begin_group(self, done: int) -> None:
@@ -183,15 +235,6 @@ class _NewtonBlocks:
             known = known + (strip @ past).reshape(count, self._size)
         return np.asarray(known)
 
-    def _count_operations(self, place: int, count: int) -> None:
-        """Note the memory's work inside of the group: once for each step that is done.
-
-        So it does not depend on how the steps were cut into blocks; attempts that failed are work
-        of Newton's iteration.
-        """
-        if self._damped:
-            self.operations += group_operations(place, count, self._reaches) * self._size**2
-
     def _freeze(self) -> None:
         """Linear response with the second derivatives at the state that is reached."""
         problem = self._problem
@@ -205,7 +248,7 @@ class _NewtonBlocks:
                 problem.scene.inertia.mass,
             ),
             self._channels,
-            self._largest,
+            self._plan.block,
             with_force=self._with_force,
         )
         self._lengths.renewed()
@@ -236,7 +279,7 @@ class _NewtonBlocks:
         self._state[2 * d : -1] = found.carry
         self._remainder = found.remainder
         self._newton = noted(self._newton, done, found.changes)
-        self._count_operations(place, count)
+        self.operations += self._plan.operations_inside(place, count)
         self._lengths.contracted(count, len(found.changes))
         if self._lengths.is_stale:
             self._freeze()
@@ -269,7 +312,7 @@ class _NewtonBlocks:
         if self._damped:
             sample = memory.sample_matrix.T @ increments + offset
             self._samples[done % self._group] = sample.ravel()
-        self._count_operations(done % self._group, 1)
+        self.operations += self._plan.operations_inside(done % self._group, 1)
         if forces is not None:
             # what is known in advance is added at the end
             forces[done] = force - (known - finished)

@@ -17,7 +17,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.blocks.history import BatchedChannel, lag_kernel, reversed_strip
+from fvi_cli.integrator.blocks.groups import Convolved
+from fvi_cli.integrator.blocks.history import (
+    BatchedChannel,
+    convolved_of,
+    lag_kernel,
+    reversed_strip,
+)
 from fvi_cli.integrator.step_tables import StepTables
 
 Array = NDArray[np.float64]
@@ -81,9 +87,9 @@ class LinearSystem:
         return 2 * self.coupled + self.sample_size + 1
 
     @property
-    def memory(self) -> int:
-        """Largest number of weights of any channel."""
-        return max((c.channel.memory for c in self.channels), default=0)
+    def convolved(self) -> Convolved:
+        """Sizes of what is convolved in each of them."""
+        return convolved_of(self.channels, self.samples, self.coupled)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,8 +1,11 @@
-"""How many steps make a block, and how many systems are advanced together."""
+"""How many steps make a block, how many systems are advanced together, and what that takes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+
+from fvi_cli.integrator.blocks.groups import Convolved, GroupPlan, pairs
 
 LARGEST_DENSE = 2048
 """Block times samples times coupled components, at most."""
@@ -65,14 +68,104 @@ def block_sizes(samples: int, coupled: int, batch: int, n_steps: int) -> BlockSi
     return BlockSizes(block=block, blocks=blocks)
 
 
-def batch_sizes(
-    samples: int, coupled: int, batch: int, n_steps: int
-) -> tuple[int, BlockSizes] | None:
-    """Systems that are advanced together and their blocks, for any number of systems.
+@dataclass(frozen=True, kw_only=True)
+class BatchPlan:
+    """How the steps of a batch of linear systems are done in blocks.
 
-    Parameters as for `block_sizes`; None where the blocks would be too large.
+    Parameters
+    ----------
+    convolved, n_steps
+        What is convolved in each system, and N.
+    width
+        Systems that are advanced together.
+    sizes
+        Their blocks.
+    with_end
+        Whether the damping force at the end of the last step is wanted as well.
+    """
+
+    convolved: Convolved
+    n_steps: int
+    width: int
+    sizes: BlockSizes
+    with_end: bool
+
+    @property
+    def is_damped(self) -> bool:
+        """Whether anything is remembered."""
+        return self.convolved.memory > 1
+
+    @property
+    def n_blocks(self) -> int:
+        """Blocks of the run; one more may give the force at the end."""
+        n_steps, block = self.n_steps, self.sizes.block
+        more = self.with_end and n_steps % block == 0 and not self.ends_with_group
+        return -(-n_steps // block) + more
+
+    @property
+    def ends_with_group(self) -> bool:
+        """Whether the force at the end would be that of finished groups alone."""
+        return self.n_steps % self.sizes.group == 0
+
+    @property
+    def far(self) -> int:
+        """Steps of a block that older ones act on: a finite memory reaches the first ones only."""
+        return min(self.sizes.block, max(self.convolved.memory - 1, 0))
+
+    def reach(self, place: int) -> int:
+        """Steps of its group that act on the block at a place of the group."""
+        return min(place * self.sizes.block, self.convolved.memory - 1) if self.is_damped else 0
+
+    @cached_property
+    def block_operations(self) -> tuple[int, ...]:
+        """Multiply-adds of one system in the blocks of a group: older steps of it, and its own."""
+        if not self.is_damped:
+            return (0,) * self.sizes.blocks
+        e, m, block = self.convolved.coupled, self.convolved.samples, self.sizes.block
+        memories = self.convolved.memories
+        # what a block sums over its own steps stands in its matrix
+        own = sum(pairs(block, memory) + block for memory in memories)
+        strip = len(memories) * self.far
+        return tuple(
+            e * m * m * (own + strip * self.reach(place)) for place in range(self.sizes.blocks)
+        )
+
+    @property
+    def end_operations(self) -> int:
+        """The same for the force at the end where that is one of finished groups alone."""
+        if not (self.with_end and self.is_damped and self.ends_with_group):
+            return 0
+        reached = (min(memory, self.n_steps + 1) - 1 for memory in self.convolved.memories)
+        return self.convolved.coupled * sum(reached)
+
+    @property
+    def operations(self) -> int:
+        """Multiply-adds of the memory of one system in the whole run."""
+        if not self.is_damped:
+            return 0
+        whole, rest = divmod(self.n_blocks, self.sizes.blocks)
+        groups = GroupPlan(convolved=self.convolved, group=self.sizes.group, n_steps=self.n_steps)
+        inside = whole * sum(self.block_operations) + sum(self.block_operations[:rest])
+        return inside + self.end_operations + groups.operations(whole)
+
+
+def plan_batch(
+    convolved: Convolved, batch: int, n_steps: int, *, with_end: bool = False
+) -> BatchPlan | None:
+    """Blocks for any number of systems; None where they would be too large.
+
+    Parameters
+    ----------
+    convolved, n_steps, with_end
+        As for :class:`BatchPlan`.
+    batch
+        Number q of systems.
     """
     n_slices = -(-batch // LARGEST_SLICE)
     width = -(-batch // n_slices)
-    sizes = block_sizes(samples, coupled, width, n_steps)
-    return None if sizes is None else (width, sizes)
+    sizes = block_sizes(convolved.samples, convolved.coupled, width, n_steps)
+    if sizes is None:
+        return None
+    return BatchPlan(
+        convolved=convolved, n_steps=n_steps, width=width, sizes=sizes, with_end=with_end
+    )

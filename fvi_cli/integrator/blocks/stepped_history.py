@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.integrator.blocks.groups import Convolved, GroupPlan, direct_operations
 from fvi_cli.integrator.blocks.history import BatchedChannel, GroupHistory
 from fvi_cli.integrator.equal_steps.direct_history import DirectHistory
 from fvi_cli.integrator.equal_steps.weights import Memory
@@ -15,6 +16,16 @@ Array = NDArray[np.float64]
 
 STEPPED_GROUP = 128
 """Steps per group where they are taken one at a time."""
+
+
+def stepped_operations(convolved: Convolved, n_steps: int) -> int:
+    """Multiply-adds of N steps and the force at their end, taken one at a time."""
+    if not convolved.memories:
+        return 0
+    groups, rest = divmod(n_steps + 1, STEPPED_GROUP)
+    inside = groups * direct_operations(convolved, STEPPED_GROUP)
+    plan = GroupPlan(convolved=convolved, group=STEPPED_GROUP, n_steps=n_steps + 1)
+    return inside + direct_operations(convolved, rest) + plan.operations(n_steps // STEPPED_GROUP)
 
 
 class SteppedHistory:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.blocks.groups import Convolved, direct_operations
 from fvi_cli.integrator.blocks.linear import run_linear_blocks
-from fvi_cli.integrator.blocks.newton import newton_block, run_newton_blocks
-from fvi_cli.integrator.blocks.sizes import batch_sizes
-from fvi_cli.integrator.blocks.stepped_history import SteppedHistory
-from fvi_cli.integrator.decoupling import Decoupling, decouple_forms
+from fvi_cli.integrator.blocks.newton import NewtonPlan, plan_newton, run_newton_blocks
+from fvi_cli.integrator.blocks.sizes import BatchPlan, plan_batch
+from fvi_cli.integrator.blocks.stepped_history import (
+    STEPPED_GROUP,
+    SteppedHistory,
+    stepped_operations,
+)
+from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
 from fvi_cli.integrator.equal_steps.increments import linear_increments, nonlinear_increments
 from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem
 from fvi_cli.integrator.equal_steps.stepping import run_steps
@@ -28,53 +31,121 @@ LEAST_BLOCK_STEPS = 16
 """Fewer steps are done sooner one after the other than the matrices of a block are made."""
 
 
-def choose_route(
+@dataclass(frozen=True, kw_only=True)
+class EqualPlan:
+    """How the steps of a run are done, and what their memory takes.
+
+    Parameters
+    ----------
+    route
+        One after the other, with every sum written out or finished groups by transforms, or in
+        blocks.
+    convolved, n_steps
+        What is convolved in each system, and N.
+    decoupling
+        Coordinates of linear blocks; None for other routes.
+    batch, newton
+        The blocks, where the route has some.
+    """
+
+    route: Route
+    convolved: Convolved
+    n_steps: int
+    decoupling: Decoupling | None = None
+    batch: BatchPlan | None = None
+    newton: NewtonPlan | None = None
+
+    @property
+    def systems(self) -> int:
+        """Independent systems that a scene is."""
+        return 1 if self.decoupling is None else self.decoupling.batch
+
+    @property
+    def has_modes(self) -> bool:
+        """Whether these are modes of the scene, no components of its coordinates."""
+        return self.decoupling is not None and self.decoupling.has_modes
+
+    @property
+    def block(self) -> int:
+        """Most steps of a block; 1 where they are done one by one."""
+        if self.batch is not None:
+            return self.batch.sizes.block
+        return 1 if self.newton is None else self.newton.block
+
+    @property
+    def group(self) -> int:
+        """Steps of a group, inside of which sums are direct."""
+        if self.batch is not None:
+            return self.batch.sizes.group
+        if self.newton is not None:
+            return self.newton.group
+        return STEPPED_GROUP if self.route == "stepped" else 1
+
+    @property
+    def operations(self) -> int:
+        """Multiply-adds of the memory of one scene."""
+        if self.batch is not None:
+            return self.systems * self.batch.operations
+        if self.newton is not None:
+            return self.newton.operations
+        if self.route == "stepped":
+            return stepped_operations(self.convolved, self.n_steps)
+        return direct_operations(self.convolved, self.n_steps + 1)
+
+
+def plan_equal_steps(
     scene: Scene,
     history: History,
     n_steps: int,
-    samples: int,
+    convolved: Convolved,
     decoupling: Decoupling | None,
     *,
-    damped: bool,
-) -> Route:
-    """How the steps are done; the plan of a run asks here as well.
+    with_end: bool,
+    members: int = 1,
+) -> EqualPlan:
+    """How the steps are done: the run asks here, and who tells beforehand what it will do.
 
     Parameters
     ----------
     scene, history, n_steps
         What is integrated, how its memory is to be summed up, and N.
-    samples
-        Number m of samples of a step.
+    convolved
+        What is convolved in the coordinates of the scene.
     decoupling
-        Coordinates of a linear scene; None for others.
-    damped
-        Whether there is any damping.
+        Coordinates of a linear scene; None for others, and not asked for where every sum is
+        written out.
+    with_end
+        Whether the damping force at the end of the last step is wanted, as with samples on nodes.
+    members
+        Linear scenes of one kind that are taken together.
     """
     if sums_directly(history, n_steps):
-        return "direct steps"
+        return EqualPlan(route="direct steps", convolved=convolved, n_steps=n_steps)
+    with_end = with_end and bool(convolved.memories)
     if decoupling is not None:
-        coupled = scene.dimension // decoupling.batch
-        sizes = batch_sizes(samples, coupled, decoupling.batch, n_steps)
-        if sizes is None:
-            return "stepped" if damped else "direct steps"
-        return "linear blocks"
-    if newton_block(scene, samples, n_steps) is not None:
-        return "newton blocks"
-    return "stepped" if damped else "direct steps"
+        own = replace(convolved, coupled=scene.dimension // decoupling.batch)
+        batch = plan_batch(own, members * decoupling.batch, n_steps, with_end=with_end)
+        if batch is not None:
+            return EqualPlan(
+                route="linear blocks",
+                convolved=own,
+                n_steps=n_steps,
+                decoupling=decoupling,
+                batch=batch,
+            )
+    else:
+        newton = plan_newton(scene, convolved, n_steps, with_end=with_end)
+        if newton is not None:
+            return EqualPlan(
+                route="newton blocks", convolved=convolved, n_steps=n_steps, newton=newton
+            )
+    route: Route = "stepped" if convolved.memories else "direct steps"
+    return EqualPlan(route=route, convolved=convolved, n_steps=n_steps)
 
 
 def sums_directly(history: History, n_steps: int) -> bool:
     """Whether every sum of the memory is written out."""
     return history == "direct" or (history == "auto" and n_steps < LEAST_BLOCK_STEPS)
-
-
-def scene_decoupling(scene: Scene, directions: Sequence[Array]) -> Decoupling | None:
-    """Coordinates in which a linear scene falls apart; None for other scenes."""
-    if not scene.is_linear:
-        return None
-    potential = scene.potential
-    stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
-    return decouple_forms(scene.inertia.mass, stiffness, directions)
 
 
 def run(problem: StepProblem, history: History, *, with_increments: bool = False) -> Stepped:
@@ -99,23 +170,29 @@ def run(problem: StepProblem, history: History, *, with_increments: bool = False
     problem = replace(problem, keep_force=with_increments)
     decoupling = None
     if not sums_directly(history, n_steps):
-        decoupling = scene_decoupling(scene, [channel.direction for channel in memory.channels])
-    samples = memory.sample_matrix.shape[1]
-    route = choose_route(scene, history, n_steps, samples, decoupling, damped=bool(memory.channels))
+        decoupling = linear_decoupling(scene)
+    convolved = Convolved(
+        memories=tuple(channel.memory for channel in memory.channels),
+        samples=memory.sample_matrix.shape[1],
+        coupled=scene.dimension,
+    )
+    plan = plan_equal_steps(
+        scene, history, n_steps, convolved, decoupling, with_end=problem.skip_first_kick
+    )
     finished: Stepped | None = None
-    if route == "linear blocks" and decoupling is not None:
+    if plan.route == "linear blocks" and decoupling is not None:
         finished = run_linear_blocks(problem, decoupling)
         if finished is not None and with_increments:
             return _kept(finished, linear_increments(problem, decoupling, finished))
-    elif route == "newton blocks":
-        finished = run_newton_blocks(problem)
-        if finished is not None and with_increments and scene.potential is not None:
+    elif plan.newton is not None:
+        finished = run_newton_blocks(problem, plan.newton)
+        if with_increments and scene.potential is not None:
             increments = nonlinear_increments(problem, scene.potential, finished)
             finished = None if increments is None else _kept(finished, increments)
     if finished is not None:
         return finished
     sums = None
-    if memory.channels and route != "direct steps":
+    if memory.channels and plan.route != "direct steps":
         sums = SteppedHistory(memory, n_steps, scene.dimension)
     return run_steps(problem, sums, keep_increments=with_increments)
 

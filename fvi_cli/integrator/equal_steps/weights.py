@@ -211,6 +211,24 @@ def memory_length(method: Method, order: float, n_weights: int) -> int:
     return 1 if method.is_runge_kutta else min(n_weights, method.bdf_order)
 
 
+def memories_of(
+    method: Method, n_weights: int, damping: tuple[FractionalDamping, ...]
+) -> tuple[int, ...]:
+    """How many weights `build_channels` makes for each direction of `damping`."""
+    return tuple(
+        max(memory_length(method, order, n_weights) for _, order in terms)
+        for _, terms in terms_by_direction(damping)
+    )
+
+
+def shared_memories(
+    method: Method, n_weights: int, damping: tuple[FractionalDamping, ...]
+) -> tuple[int, ...]:
+    """How many `shared_channels` makes for each order."""
+    orders = sorted({term.order for term in damping})
+    return tuple(memory_length(method, order, n_weights) for order in orders)
+
+
 def _padded_sum(a: Array, b: Array) -> Array:
     if a.shape[0] < b.shape[0]:
         a, b = b, a

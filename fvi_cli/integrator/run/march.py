@@ -37,7 +37,7 @@ LARGEST_CHUNK = 2**20
 
 
 @dataclass(frozen=True, kw_only=True)
-class MarchPlan:
+class MeshPlan:
     """How the steps of a mesh will be done, and what their memory takes.
 
     Parameters
@@ -139,7 +139,7 @@ class March:
                 for key in [key for key in made if key[0] == h]:
                     del made[key]
 
-    def plan(self) -> MarchPlan:
+    def plan(self) -> MeshPlan:
         """How :meth:`run` will do the steps; nothing is computed."""
         dynamics = self._solver.dynamics
         stages, d = self._solver.tables.points.size, dynamics.dimension
@@ -171,7 +171,7 @@ class March:
                 else:
                     largest = max(largest, block)
                     operations += times * count * self._per_step
-        return MarchPlan(
+        return MeshPlan(
             n_steps=self._mesh.n_steps,
             single=single,
             block=largest,

@@ -20,7 +20,7 @@ from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.loop import march_adaptively
-from fvi_cli.integrator.run.march import March, MarchPlan
+from fvi_cli.integrator.run.march import March, MeshPlan
 from fvi_cli.integrator.run.regular import regular_until
 from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_run
 from fvi_cli.integrator.run.sink import Sink
@@ -63,7 +63,7 @@ def mesh_for(scene: Scene, method: Method, n_steps: int) -> Mesh:
     return uniform_mesh(scene.final_time, n_steps, scene.break_points)
 
 
-def plan_runge_kutta(scene: Scene, method: Method, steps: int | Mesh) -> MarchPlan:
+def plan_runge_kutta(scene: Scene, method: Method, steps: int | Mesh) -> MeshPlan:
     """How :func:`integrate_runge_kutta` will do the steps of a run; no step is done."""
     mesh = steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps)
     setup = prepare_run(

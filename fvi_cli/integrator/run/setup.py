@@ -6,15 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.effects.matrices import dense
-from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.convolution.damping import Damping
-from fvi_cli.integrator.convolution.directions import terms_by_direction
 from fvi_cli.integrator.convolution.reach import Reach, find_reach
 from fvi_cli.integrator.convolution.stages import StageOperator
-from fvi_cli.integrator.decoupling import Decoupling, decouple_forms
+from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
 from fvi_cli.integrator.growth_bound import GrowthBound
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.method import Method
@@ -72,7 +69,7 @@ def prepare_run(
         raise ValueError(f"mesh: {method.cq} takes equal steps only; use rk: gauss")
     tables = step_tables(method)
     damping = None
-    decoupling = linear_decoupling(scene) if scene.is_linear else None
+    decoupling = linear_decoupling(scene)
     if scene.active_forces:
         operator = StageOperator(tableau=tableau(method.cq, method.stages))
         damping = Damping(
@@ -100,17 +97,6 @@ def _reach(scene: Scene, stages: int, decoupling: Decoupling | None) -> Reach | 
     if scene.dimension * stages * LEAST_BLOCK <= LARGEST_DENSE and decoupling is not None:
         return None
     return find_reach(scene.active_forces)
-
-
-def linear_decoupling(scene: Scene) -> Decoupling | None:
-    """The coordinates in which a linear scene falls apart; None for sparse ones: one by one."""
-    if scene.is_sparse:
-        return None
-    potential = scene.potential
-    stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
-    directions = [dense(matrix) for matrix, _ in terms_by_direction(scene.active_damping)]
-    directions += [law.coefficient for law in scene.active_laws]
-    return decouple_forms(scene.inertia.mass, stiffness, directions)
 
 
 def first_marker(setup: RunSetup) -> Marker:
