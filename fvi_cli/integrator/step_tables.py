@@ -65,6 +65,11 @@ class StepTables:
         return LagrangeBasis(control_points=self.points)
 
     @cached_property
+    def to_unknowns(self) -> Array:
+        """From velocities at the quadrature points to a step's unknowns, shape ``(s, r)``."""
+        return np.asarray(np.linalg.pinv(self.slopes[1:].T))
+
+    @cached_property
     def to_legendre(self) -> Array:
         """From values at the quadrature points to Legendre coefficients, shape ``(r, r)``."""
         legendre = np.polynomial.legendre.legvander(2.0 * self.points - 1.0, self.points.size - 1)

@@ -15,7 +15,6 @@ never from differences.
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass, field, replace
 
@@ -26,7 +25,7 @@ from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.mesh_balance import damping_along
 from fvi_cli.integrator.growth_bound import GrowthBound
-from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
+from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.damper_work import alone, running_work, work_at
 from fvi_cli.integrator.observations.impacts import replayed
@@ -72,15 +71,12 @@ class DenseMotion:
     remark: str = ""
     method: Method | None = None
     _ends: tuple[Array, Array, Array, Array] = field(init=False, repr=False)
-    _unknowns: Array = field(init=False, repr=False)
     _works: dict[str, Array] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        unknowns = self.shape.unknowns
-        object.__setattr__(self, "_unknowns", unknowns)
-        object.__setattr__(self, "_ends", self._gaps(unknowns))
+        object.__setattr__(self, "_ends", self._gaps())
 
-    def _gaps(self, unknowns: Array) -> tuple[Array, Array, Array, Array]:
+    def _gaps(self) -> tuple[Array, Array, Array, Array]:
         """Position and velocity that the shape lacks at the left and right ends of steps."""
         steps, shape = self.steps, self.shape
         if shape is steps:
@@ -94,8 +90,8 @@ class DenseMotion:
                 at_end = steps.momentum - steps.jump
                 before = dynamics.velocity(steps.position, at_end, steps.time)
         slopes = lobatto_basis(shape.tables.degree).derivatives([0.0, 1.0])[1:]
-        left, right = np.einsum("sk,nsd->knd", slopes, unknowns)
-        way = shape.step_size[:, None] * unknowns[:, -1]
+        left, right = np.einsum("sk,nsd->knd", slopes, shape.unknowns)
+        way = shape.step_size[:, None] * shape.unknowns[:, -1]
         return (
             steps.position[:-1] - shape.position[:-1],
             velocity[:-1] - left,
@@ -116,18 +112,7 @@ class DenseMotion:
         ValueError
             For times outside of the run.
         """
-        mesh = self.steps.time
-        slack = 1e-12 * (mesh[-1] - mesh[0])
-        if time.size and not (mesh[0] <= time.min() and time.max() <= mesh[-1] + slack):
-            raise ValueError(
-                f"output: {time.min():g} to {time.max():g} is not allowed; the run goes from "
-                f"{mesh[0]:g} to {mesh[-1]:g}"
-            )
-        steps = np.clip(np.searchsorted(mesh, time, side="left") - 1, 0, self.steps.n_steps - 1)
-        tau = (time - mesh[steps]) / self.steps.step_size[steps]
-        # a mesh point is met exactly, whatever the last digit of its step size
-        tau = np.where(time == mesh[steps + 1], 1.0, np.clip(tau, 0.0, 1.0))
-        return steps, tau
+        return self.steps.located(time, at_ends=True)
 
     def time(self, steps: Places, tau: Array) -> Array:
         """Times of places, shape ``(n,)``; the end of a step is the point of the mesh."""
@@ -136,18 +121,13 @@ class DenseMotion:
 
     def position(self, steps: Places, tau: Array) -> Array:
         """Positions, shape ``(n, d)``."""
-        shape, h = self.shape, self.steps.step_size[steps, None]
-        basis = lobatto_basis(shape.tables.degree).values(tau)[1:]
-        way = np.einsum("sk,ksd->kd", basis, self._unknowns[steps])
-        found = shape.position[steps] + shape.step_size[steps, None] * way
-        return np.asarray(found + self._correction(steps, tau[:, None], h))
+        h = self.steps.step_size[steps, None]
+        return self.shape.position_in(steps, tau) + self._correction(steps, tau[:, None], h)
 
     def velocity(self, steps: Places, tau: Array) -> Array:
         """Velocities, shape ``(n, d)``."""
-        slopes = lobatto_basis(self.shape.tables.degree).derivatives(tau)[1:]
-        found = np.einsum("sk,ksd->kd", slopes, self._unknowns[steps])
         h = self.steps.step_size[steps, None]
-        return np.asarray(found + self._correction_rate(steps, tau[:, None], h))
+        return self.shape.velocity_in(steps, tau) + self._correction_rate(steps, tau[:, None], h)
 
     def _correction(self, steps: Places, tau: Array, h: Array) -> Array:
         a, va, b, vb = (one[steps] for one in self._ends)
@@ -289,7 +269,7 @@ def dense_motion(scene: Scene, method: Method, steps: RunSteps) -> DenseMotion:
 def _second_run(scene: Scene, method: Method, steps: RunSteps) -> tuple[RunSteps | None, str]:
     """The run by another method on the same mesh, or why there is none."""
     shorter = replace(scene, final_time=float(steps.time[-1]))
-    mesh = mesh_through(steps, scene.break_points)
+    mesh = steps.mesh(scene.break_points)
     if steps.jump is None:
         second = integrate_runge_kutta(shorter, method, mesh, with_steps=True)
         whole = second.steps if second.status == "ok" else None
@@ -312,28 +292,8 @@ def stage_forces(scene: Scene, method: Method, steps: RunSteps) -> Array | None:
     """Damping force at the stages of a run, shape ``(n, r, d)``; None without damping."""
     if not scene.active_forces or not steps.n_steps:
         return None
-    damping = prepared(scene, method, mesh_through(steps, scene.break_points)).damping
+    damping = prepared(scene, method, steps.mesh(scene.break_points)).damping
     if damping is None:  # pragma: no cover - there are forces
         return None
     with np.errstate(all="ignore"):
         return damping_along(damping, steps)[0]
-
-
-def mesh_through(steps: RunSteps, breaks: tuple[float, ...] = ()) -> Mesh:
-    """The mesh of a run: equal steps between break points are a stretch."""
-    sizes = steps.step_size
-    changes = np.append(np.flatnonzero(np.diff(sizes)) + 1, np.searchsorted(steps.time, breaks))
-    inside = changes[(changes > 0) & (changes < sizes.size)]
-    edges = [0, *np.unique(inside).tolist(), sizes.size]
-    stretches = []
-    for first, last in itertools.pairwise(edges):
-        stretches.append(
-            Stretch(
-                begin=float(steps.time[first]),
-                end=float(steps.time[last]),
-                n_steps=last - first,
-                step_size=float(sizes[first]),
-                is_fresh=True,
-            )
-        )
-    return Mesh(stretches=tuple(stretches))

@@ -7,15 +7,20 @@ variational integrator itself, no interpolation of it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 Array = NDArray[np.float64]
+Places = NDArray[np.intp]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,11 +55,10 @@ class RunSteps:
         """Number of steps."""
         return int(self.step_size.size)
 
-    @property
+    @cached_property
     def unknowns(self) -> Array:
         """Positions at the control points, (x - q_n) / h, shape ``(n, s, d)``."""
-        inverse = np.linalg.pinv(self.tables.slopes[1:].T)
-        return np.asarray(np.einsum("sr,nrd->nsd", inverse, self.velocity))
+        return np.asarray(np.einsum("sr,nrd->nsd", self.tables.to_unknowns, self.velocity))
 
     @property
     def stage_position(self) -> Array:
@@ -75,11 +79,8 @@ class RunSteps:
         ValueError
             For times outside of the run.
         """
-        (steps, tau), shape = self.located(time), np.shape(time)
-        basis = lobatto_basis(self.tables.degree).values(tau)[1:]
-        way = np.einsum("sk,ksd->kd", basis, self.unknowns[steps])
-        found = self.position[steps] + self.step_size[steps, None] * way
-        return np.asarray(found.reshape(*shape, self.position.shape[1]))
+        found = self.position_in(*self.located(time))
+        return found.reshape(*np.shape(time), self.position.shape[1])
 
     def velocity_at(self, time: ArrayLike) -> Array:
         """Velocity at any times of the run, shape ``(...)`` to ``(..., d)``.
@@ -89,13 +90,29 @@ class RunSteps:
         ValueError
             For times outside of the run.
         """
-        (steps, tau), shape = self.located(time), np.shape(time)
-        slopes = lobatto_basis(self.tables.degree).derivatives(tau)[1:]
-        found = np.einsum("sk,ksd->kd", slopes, self.unknowns[steps])
-        return np.asarray(found.reshape(*shape, self.position.shape[1]))
+        found = self.velocity_in(*self.located(time))
+        return found.reshape(*np.shape(time), self.position.shape[1])
 
-    def located(self, time: ArrayLike) -> tuple[NDArray[np.intp], Array]:
+    def position_in(self, steps: Places, tau: Array) -> Array:
+        """Positions at places from 0 to 1 of steps, shape ``(k, d)``."""
+        basis = lobatto_basis(self.tables.degree).values(tau)[1:]
+        way = np.einsum("sk,ksd->kd", basis, self.unknowns[steps])
+        return np.asarray(self.position[steps] + self.step_size[steps, None] * way)
+
+    def velocity_in(self, steps: Places, tau: Array) -> Array:
+        """Velocities at places from 0 to 1 of steps, shape ``(k, d)``."""
+        slopes = lobatto_basis(self.tables.degree).derivatives(tau)[1:]
+        return np.asarray(np.einsum("sk,ksd->kd", slopes, self.unknowns[steps]))
+
+    def located(self, time: ArrayLike, *, at_ends: bool = False) -> tuple[Places, Array]:
         """Step of every time, and its place in [0, 1] there, in one row.
+
+        Parameters
+        ----------
+        time
+            Times of the run.
+        at_ends
+            Whether a point of the mesh is the end of a step, otherwise it is the beginning of one.
 
         Raises
         ------
@@ -104,11 +121,42 @@ class RunSteps:
         """
         asked = np.asarray(time, dtype=float)
         flat = asked.ravel()
-        if flat.size and not (self.time[0] <= flat.min() and flat.max() <= self.time[-1]):
+        slack = 1e-12 * (self.time[-1] - self.time[0])
+        if flat.size and not (self.time[0] <= flat.min() and flat.max() <= self.time[-1] + slack):
             raise ValueError(
                 f"time: {flat.min():g} to {flat.max():g} is not allowed; the run goes from "
                 f"{self.time[0]:g} to {self.time[-1]:g}"
             )
-        steps = np.clip(np.searchsorted(self.time, flat, side="right") - 1, 0, self.n_steps - 1)
+        side: Literal["left", "right"] = "left" if at_ends else "right"
+        steps = np.clip(np.searchsorted(self.time, flat, side=side) - 1, 0, self.n_steps - 1)
         tau = np.clip((flat - self.time[steps]) / self.step_size[steps], 0.0, 1.0)
-        return steps, tau
+        # a point of the mesh is met exactly, whatever the last digit of the step size
+        return steps, np.where(flat == self.time[steps + 1], 1.0, tau)
+
+    def mesh(self, breaks: Sequence[float]) -> Mesh:
+        """The mesh of the run; successive steps of the same size are one stretch.
+
+        Parameters
+        ----------
+        breaks
+            Times at which the motion may be singular.
+        """
+        fresh = {0.0, *breaks}
+        stretches: list[Stretch] = []
+        times, sizes = self.time.tolist(), self.step_size.tolist()
+        first = 0
+        for index in range(1, len(sizes) + 1):
+            goes_on = index < len(sizes) and sizes[index] == sizes[first]
+            if goes_on and times[index] not in fresh:
+                continue
+            stretches.append(
+                Stretch(
+                    begin=times[first],
+                    end=times[index],
+                    n_steps=index - first,
+                    step_size=sizes[first],
+                    is_fresh=times[first] in fresh,
+                )
+            )
+            first = index
+        return Mesh(stretches=tuple(stretches))

@@ -19,7 +19,6 @@ from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.fits.predictions import METHOD, Predicted, predict_motion, predict_response
 from fvi_cli.studies.fits.settings import DataSet, FitModel, Series
 from fvi_cli.studies.members import with_values
-from fvi_cli.studies.tolerance.runs import mesh_of_run
 
 Array = NDArray[np.float64]
 
@@ -217,7 +216,7 @@ class MotionModel:
             scene = self.scene(number, values)
             done = run_steps(scene, METHOD, steps)
             self.evaluations += 1
-            self.meshes.append(mesh_of_run(done, scene.break_points))
+            self.meshes.append(done.mesh(scene.break_points))
 
     def size_at_start(self) -> float:
         """Largest position in coarse runs where the search begins.

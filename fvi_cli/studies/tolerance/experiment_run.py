@@ -17,7 +17,7 @@ from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
 from fvi_cli.studies.experiment import FinishedRun, Observed, Run
 from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
-from fvi_cli.studies.tolerance.runs import gauss, mesh_of_run
+from fvi_cli.studies.tolerance.runs import gauss
 from fvi_cli.studies.tolerance.search import solve
 
 EPSILON = float(np.finfo(float).eps)
@@ -140,7 +140,7 @@ def _diagnosed(run: Run, problem: Problem, found: Trajectory) -> Trajectory:
     if asked.is_empty or found.status != "ok" or not isinstance(run.method, Method):
         return found
     steps = found.n_steps
-    mesh = steps if found.steps is None else mesh_of_run(found.steps, problem.scene.break_points)
+    mesh = steps if found.steps is None else found.steps.mesh(problem.scene.break_points)
     again = integrate(
         problem.scene, run.method, mesh, diagnostics=asked, with_steps=found.steps is not None
     )

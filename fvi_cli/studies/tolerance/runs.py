@@ -16,7 +16,6 @@ from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import ForcingQuadrature, Method
 from fvi_cli.integrator.run.runge_kutta import integrate_runge_kutta, prepare_adaptive
 from fvi_cli.integrator.run.setup import RunSetup
-from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -80,29 +79,6 @@ class AdaptiveRuns:
 def run_on(scene: Scene, degree: int, mesh: Mesh) -> Trajectory:
     """A run on a given mesh, with its polynomials."""
     return integrate(scene, gauss(scene, degree), mesh, with_steps=True)
-
-
-def mesh_of_run(steps: RunSteps, breaks: Sequence[float]) -> Mesh:
-    """The mesh of a finished run; successive steps of the same size are one stretch."""
-    fresh = {0.0, *breaks}
-    stretches: list[Stretch] = []
-    times, sizes = steps.time.tolist(), steps.step_size.tolist()
-    first = 0
-    for index in range(1, len(sizes) + 1):
-        goes_on = index < len(sizes) and sizes[index] == sizes[first]
-        if goes_on and times[index] not in fresh:
-            continue
-        stretches.append(
-            Stretch(
-                begin=times[first],
-                end=times[index],
-                n_steps=index - first,
-                step_size=sizes[first],
-                is_fresh=times[first] in fresh,
-            )
-        )
-        first = index
-    return Mesh(stretches=tuple(stretches))
 
 
 def knots_of(scene: Scene) -> tuple[float, ...]:
