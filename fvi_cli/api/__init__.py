@@ -90,8 +90,11 @@ from fvi_cli.effects.symmetry import Symmetry
 from fvi_cli.errors import ConfigError, FviError, RequestError, StorageError
 from fvi_cli.integrator.adjoint.quantity import (
     Quantity,
+    acceleration_at,
     misfit,
     position_at,
+    quantity_at,
+    smoothed_peak,
     velocity_at,
 )
 from fvi_cli.integrator.balances.diagnostics import Asked as DiagnosticsRequest
@@ -164,6 +167,7 @@ __all__ = [
     "StoredFile",
     "Symmetry",
     "Trajectory",
+    "acceleration_at",
     "as_text",
     "build_problem",
     "compare",
@@ -198,11 +202,13 @@ __all__ = [
     "position_at",
     "predict_stability",
     "prony",
+    "quantity_at",
     "recall",
     "response",
     "run",
     "shipped_configurations",
     "shipped_titles",
+    "smoothed_peak",
     "solve",
     "stability",
     "starter_config",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -13,12 +13,16 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.entries import Entry, entries_of
 from fvi_cli.integrator.adjoint.gradient import gradient_of
 from fvi_cli.integrator.adjoint.quantity import Quantity
-from fvi_cli.integrator.adjoint.variation import Variation
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.asked import Observations, known_names, names_of
 from fvi_cli.integrator.run.runge_kutta import AnySteps
+from fvi_cli.mathematics.expressions import FUNCTION_NAMES
 from fvi_cli.runner.scenes import method_on
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.studies.experiment import Experiment
 
 Array = NDArray[np.float64]
+Subject = Scene | Problem | Experiment
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,7 +52,7 @@ class Gradient:
 
 
 def gradient(
-    scene: Scene | Callable[..., Scene],
+    scene: Subject | Callable[..., Subject],
     method: Method | str,
     steps: AnySteps,
     quantity: Quantity,
@@ -62,14 +66,18 @@ def gradient(
     Parameters
     ----------
     scene
-        What moves; or a function that makes it of the parameters, given by name.
+        What moves: a :class:`fvi_cli.Scene`, a :class:`fvi_cli.Problem`, or an
+        :class:`fvi_cli.Experiment` with its ``quantities``; or a function that makes one of the
+        parameters, given by name.
     method
         A Runge-Kutta method that takes any mesh, or the name of one.
     steps
         As for :func:`fvi_cli.integrate`.
     quantity
         What is differentiated: :func:`fvi_cli.position_at`, :func:`fvi_cli.velocity_at`,
-        :func:`fvi_cli.misfit`, or a :class:`fvi_cli.Quantity` of your own.
+        :func:`fvi_cli.acceleration_at`, :func:`fvi_cli.quantity_at` for an expression or a quantity
+        of the experiment, :func:`fvi_cli.smoothed_peak`, :func:`fvi_cli.misfit`, or a
+        :class:`fvi_cli.Quantity` of your own. Expressions may have the parameters in them.
     parameters
         Of a scene the names of its numbers: ``mass``, ``stiffness``, ``damping.0.order``,
         ``damping.0.coefficient``, ``initial_position``, ``initial_velocity``,
@@ -79,46 +87,91 @@ def gradient(
     Raises
     ------
     ValueError
-        For names that do not exist, a method without polynomials, and a run that does not come to
-        its end.
+        For names that do not exist, a number that adds up over the run (the work on a damper), a
+        motion with impacts, a method without polynomials, and a run that does not come to its end.
 
     Notes
     -----
     A Caputo derivative of order above 1 subtracts the start velocity, one of order 1 or less does
     not: with a start velocity the motion jumps where an order passes 1, and the derivative is that
-    from the side of its value (at 1 from below).
+    from the side of its value (at 1 from below). At a break point of a force an acceleration is
+    that before it.
     """
     chosen = method_on(method, steps)
     if not isinstance(chosen, Method):
         raise ValueError(f"method: {chosen.case} keeps no polynomials; take a Gauss method")
-    if isinstance(scene, Scene):
-        entries = _named(scene, parameters)
-        parts = [list(one.variations()) for one in entries]
-        changes = [change for part in parts for _, change in part]
-        found = gradient_of(scene, chosen, steps, quantity, changes)
-        rates = iter(found.derivatives.tolist())
-        derivatives = {
-            one.name: one.gathered({index: next(rates) for index, _ in part})
-            for one, part in zip(entries, parts, strict=True)
-        }
+    if isinstance(scene, Scene | Problem | Experiment):
+        subject = scene
+        entries = _named(_scene(subject), parameters)
+        parts = {one.name: list(one.variations()) for one in entries}
+        changes = [change for part in parts.values() for _, change in part]
+
+        def asked(index: int, number: float) -> Observations:
+            potential = _scene(subject).potential
+            known = getattr(potential, "parameters", {})
+            own = changes[index].name.removeprefix("potential.") if index >= 0 else ""
+            return _names(subject, {**known, own: number} if own in known else known)
+
     else:
         if not isinstance(parameters, Mapping):
             raise ValueError("parameters: give the arguments of the function with their values")
-        values = {name: float(value) for name, value in parameters.items()}
-        changes = [
-            Variation(family=partial(_made, scene, values, name), value=value, name=name)
+        family, values = scene, {name: float(value) for name, value in parameters.items()}
+        subject = family(**values)
+        entries = [
+            Entry(name=name, value=np.array(value), family=partial(_made, family, values, name))
             for name, value in values.items()
         ]
-        found = gradient_of(scene(**values), chosen, steps, quantity, changes)
-        derivatives = {
-            name: np.array(rate) for name, rate in zip(values, found.derivatives, strict=True)
-        }
+        parts = {one.name: list(one.variations()) for one in entries}
+        changes = [change for part in parts.values() for _, change in part]
+
+        def asked(index: int, number: float) -> Observations:
+            own = {**values, changes[index].name: number} if index >= 0 else values
+            return _names(family(**own) if index >= 0 else subject, own)
+
+    found = gradient_of(_scene(subject), chosen, steps, quantity, changes, asked)
+    rates = iter(found.derivatives.tolist())
     return Gradient(
         value=found.value,
-        derivatives=derivatives,
+        derivatives={
+            one.name: one.gathered({index: next(rates) for index, _ in parts[one.name]})
+            for one in entries
+        },
         n_steps=found.n_steps,
         step_solves=found.step_solves,
     )
+
+
+def _scene(subject: Subject) -> Scene:
+    """What moves.
+
+    Raises
+    ------
+    ValueError
+        If nothing does, or by impacts.
+    """
+    if isinstance(subject, Scene):
+        return subject
+    if isinstance(subject, Experiment) and subject.observations.impacts:
+        raise ValueError("impacts: a motion that bounces has no derivatives here")
+    problem = subject.problem if isinstance(subject, Experiment) else subject
+    if not isinstance(problem, Problem):
+        raise ValueError(f"kind: nothing moves in {problem.kind}")
+    return problem.scene
+
+
+def _names(subject: Subject, values: Mapping[str, float]) -> Observations:
+    """What names in expressions mean; arguments of functions do not hide what the motion gives."""
+    given = Observations(coordinates=names_of(_scene(subject)))
+    problem: object = subject
+    if isinstance(subject, Experiment):
+        asked, problem = subject.observations, subject.problem
+        given = replace(given, quantities=asked.quantities, parameters=asked.parameters)
+    if isinstance(problem, Problem):
+        names = problem.coordinates or given.coordinates
+        given = replace(given, coordinates=names, inputs=problem.inputs)
+    taken = {*known_names(given.coordinates), *given.inputs, *FUNCTION_NAMES, "pi"}
+    own = {name: value for name, value in values.items() if name not in taken}
+    return replace(given, parameters={**given.parameters, **own})
 
 
 def _named(scene: Scene, parameters: Sequence[str] | Mapping[str, float] | None) -> list[Entry]:
@@ -133,6 +186,6 @@ def _named(scene: Scene, parameters: Sequence[str] | Mapping[str, float] | None)
 
 
 def _made(
-    family: Callable[..., Scene], values: Mapping[str, float], name: str, number: float
+    family: Callable[..., Subject], values: Mapping[str, float], name: str, value: Array
 ) -> Scene:
-    return family(**{**values, name: number})
+    return _scene(family(**{**values, name: float(value)}))

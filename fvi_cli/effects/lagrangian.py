@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from fvi_cli.effects.matrices import Array
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.arithmetic import BESIDE_REAL, NUMPY_FUNCTIONS
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 
 T = TypeVar("T")
@@ -83,12 +83,14 @@ class Lagrangian:
         self, system: FormulaSystem, position: Array, velocity: Array, time: Array | float
     ) -> Array:
         """Values of a program, shape ``(..., number of outputs)``."""
+        kind = np.result_type(position, velocity)
+        functions = BESIDE_REAL if kind.kind == "c" else NUMPY_FUNCTIONS
         names: dict[str, Array | float] = {TIME: np.asarray(time, dtype=float)}
         for index, name in enumerate(self.coordinates):
             names[name] = position[..., index]
             names[velocity_name(name)] = velocity[..., index]
-        values = system.evaluate(names, NUMPY_FUNCTIONS)
-        result = np.empty((*position.shape[:-1], len(values)))
+        values = system.evaluate(names, functions)  # type: ignore[arg-type]
+        result = np.empty((*position.shape[:-1], len(values)), dtype=kind)
         for index, value in enumerate(values):
             result[..., index] = value
         return result

@@ -13,7 +13,7 @@ import contextlib
 import difflib
 import keyword
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final, TypeVar, cast
@@ -21,7 +21,10 @@ from typing import Final, TypeVar, cast
 import numpy as np
 
 from fvi_cli.mathematics.algebra.arithmetic import (
+    BESIDE_REAL,
     NUMPY_FUNCTIONS,
+    Array,
+    ComplexArray,
     ExpressionError,
     call,
     combine,
@@ -32,6 +35,7 @@ from fvi_cli.mathematics.algebra.syntax import syntax_tree
 T = TypeVar("T")
 Instruction = tuple[str, float | str]
 
+COMPLEX_STEP: Final = 2.0**-100
 LARGEST_DEPTH: Final = 500
 MOST_NODES: Final = 5_000
 
@@ -182,6 +186,28 @@ class Expression:
                     left = stack.pop()
                     stack.append(combine(kind, left, right))
         return stack.pop()
+
+
+def slopes_of(
+    expression: Expression, values: Mapping[str, Array | float], wanted: Iterable[str]
+) -> dict[str, Array]:
+    """Derivatives of a formula by those of its variables that are wanted, by complex steps.
+
+    Parameters
+    ----------
+    expression
+        The formula.
+    values
+        Of all its variables, numbers or arrays of shape ``(n,)``.
+    wanted
+        Names; those that do not occur in it are left out.
+    """
+    found = {}
+    for name in expression.names.intersection(wanted):
+        beside = {**values, name: np.asarray(values[name]) + 1j * COMPLEX_STEP}
+        value = expression.evaluate(cast(Mapping[str, ComplexArray], beside), BESIDE_REAL)
+        found[name] = np.imag(np.asarray(value)) / COMPLEX_STEP
+    return found
 
 
 def _number_as_text(number: float) -> str:

@@ -14,7 +14,7 @@ from fvi_cli.integrator import integrate as engine
 from fvi_cli.integrator import members
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.observations.asked import Event, coordinate_names, observations
+from fvi_cli.integrator.observations.asked import Event, names_of, observations
 from fvi_cli.integrator.observations.damper_work import work_names
 from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.run import parts
@@ -107,13 +107,6 @@ def integrate(
         scene, chosen, n_steps, every=every, diagnostics=diagnostics, with_steps=with_steps
     )
     return replace(found, coordinates=asked.coordinates)
-
-
-def names_of(scene: Scene) -> tuple[str, ...]:
-    """Names of the coordinates of a scene: those of its formulas, or ``x1``, ``x2``, ..."""
-    if scene.lagrangian is not None:
-        return scene.lagrangian.coordinates
-    return coordinate_names(scene.dimension)
 
 
 def integrate_part(

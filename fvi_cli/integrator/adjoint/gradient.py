@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.adjoint.formula import Asked, Formula
 from fvi_cli.integrator.adjoint.linear_run import linear_run
 from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun, Tangent
-from fvi_cli.integrator.adjoint.quantity import Observation, Quantity
+from fvi_cli.integrator.adjoint.observation import Observation
+from fvi_cli.integrator.adjoint.quantity import Quantity
 from fvi_cli.integrator.adjoint.variation import Variation, disturbance
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.asked import Observations, names_of
 from fvi_cli.integrator.run.runge_kutta import AnySteps
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 
@@ -70,19 +75,49 @@ def gradient_of(
     steps: AnySteps,
     quantity: Quantity,
     variations: Sequence[Variation],
+    asked: Asked | None = None,
 ) -> Gradient:
-    """Derivatives of one number by any number of parameters: one run, one adjoint sweep."""
-    done = run_steps(scene, method, steps)
-    observation = Observation(done, quantity.times)
-    motion = observation.motion()
-    run = LinearisedRun(scene, method, done)
-    cotangent = run.adjoint(*observation.spread(*quantity.derivatives(*motion)))
+    """Derivatives of one number by any number of parameters: one run, one adjoint sweep.
+
+    Parameters
+    ----------
+    scene, method, steps
+        The run.
+    quantity, variations
+        The number, and the parameters.
+    asked
+        Names in expressions; None: t and the coordinates of the scene with what derives from them.
+
+    Raises
+    ------
+    RunFailedError
+        If the run does not come to its end.
+    ValueError
+        For times outside of the run, names that are not known, and a number without derivatives.
+    """
+    named = asked or (lambda index, value: Observations(coordinates=names_of(scene)))
+    expression = quantity.expression(named(-1, 0.0), scene)
+    run = LinearisedRun(scene, method, run_steps(scene, method, steps))
+    if expression is None:
+        observation = Observation(run.steps, run.steps.located(quantity.times))
+        given: tuple[Array, ...] = observation.motion()
+        by_position, by_velocity = quantity.derivatives(*given)
+        by_force, rates = np.zeros_like(by_position), np.zeros(len(variations))
+    else:
+        formula = Formula(run, quantity.times, expression, named)
+        observation, given = formula.observation, (formula.values,)
+        (by_value,) = quantity.derivatives(*given)
+        by_position, by_velocity, by_force = (by_value[:, None] * o for o in formula.slopes())
+        rates = by_value @ formula.rates(variations)
+    spread = observation.spread(by_position, by_velocity)
+    by_stages = observation.spread_force(by_force) if by_force.any() else None
+    cotangent = run.adjoint(*spread, by_stages)
     found = [cotangent.along(disturbance(run, method, [one]))[0] for one in variations]
+    derivatives, value = np.array(found) + rates, float(quantity.value(*given))
+    if not (math.isfinite(value) and np.isfinite(derivatives).all()):
+        raise ValueError("quantity: it, or a derivative of it, is not finite at these times")
     return Gradient(
-        value=float(quantity.value(*motion)),
-        derivatives=np.array(found),
-        step_solves=run.step_solves,
-        n_steps=done.n_steps,
+        value=value, derivatives=derivatives, step_solves=run.step_solves, n_steps=run.steps.n_steps
     )
 
 
@@ -98,6 +133,8 @@ class Sensitivities:
         Derivatives of both, ``(n, d, p)``.
     run, change, tangent
         The run, what the parameters do to its equations, and to the motion.
+    variations
+        The parameters.
     """
 
     position: Array
@@ -107,6 +144,24 @@ class Sensitivities:
     run: LinearisedRun
     change: Disturbance
     tangent: Tangent
+    variations: Sequence[Variation]
+
+    @cached_property
+    def by_force(self) -> Array:
+        """Derivatives of the damping force at the stages, ``(N, r, d, p)``."""
+        return self.run.damping_changes(self.tangent, self.change)
+
+    def of(self, formula: Formula) -> Array:
+        """Derivatives of an expression at n times of the run, ``(n, p)``."""
+        by_position, by_velocity, by_force = formula.slopes()
+        position, velocity = formula.observation.changes(self.tangent)
+        found = formula.rates(self.variations)
+        found += np.einsum("nd,ndp->np", by_position, position)
+        found += np.einsum("nd,ndp->np", by_velocity, velocity)
+        if by_force.any():
+            force = formula.observation.force_changes(self.by_force)
+            found += np.einsum("nd,ndp->np", by_force, force)
+        return found
 
 
 def sensitivities(
@@ -121,7 +176,7 @@ def sensitivities(
         run = linear_run(scene, method, steps)
     else:
         run = LinearisedRun(scene, method, run_steps(scene, method, steps))
-    observation = Observation(run.steps, times)
+    observation = Observation(run.steps, run.steps.located(times))
     position, velocity = observation.motion()
     change = disturbance(run, method, variations)
     tangent = run.tangent(change)
@@ -134,4 +189,5 @@ def sensitivities(
         run=run,
         change=change,
         tangent=tangent,
+        variations=variations,
     )

@@ -17,6 +17,7 @@ Belgacem, Jimenez, Ober-Bloebaum, arXiv 2403.18362), on the same mesh.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +45,7 @@ class Disturbance:
     momentum, force
         Change of P and of Q - F at the stages with the motion held fixed, ``(n, r, d, p)``.
     damping
-        Change of F alone, of the same shape; None: not told apart.
+        Change of F alone, of the same shape; None: it does not change.
     loads
         Change of the load vectors, ``(n, s + 1, d, p)``; None: they do not change.
     position, velocity, start_momentum
@@ -87,6 +88,7 @@ class Cotangent:
     position: Array
     velocity: Array
     start_momentum: Array
+    damping: Array | None = None
 
     def along(self, change: Disturbance) -> Array:
         """The derivatives of that number, shape ``(p,)``."""
@@ -94,6 +96,8 @@ class Cotangent:
         total += np.einsum("nra,nrap->p", self.force, change.force)
         if change.loads is not None:
             total += np.einsum("nsa,nsap->p", self.loads, change.loads)
+        if self.damping is not None and change.damping is not None:
+            total += np.einsum("nra,nrap->p", self.damping, change.damping)
         total += self.position @ change.position + self.velocity @ change.velocity
         return np.asarray(total + self.start_momentum @ change.start_momentum)
 
@@ -262,7 +266,7 @@ class LinearisedRun:
         left = terms.local.sum(axis=2) + terms.response.sum(axis=2)
         return np.asarray(past - left[:, :, None] * carried[:, None, :])
 
-    def adjoint(self, position: Array, unknowns: Array) -> Cotangent:
+    def adjoint(self, position: Array, unknowns: Array, damping: Array | None = None) -> Cotangent:
         """What disturbances of all kinds do to one number.
 
         Parameters
@@ -270,6 +274,9 @@ class LinearisedRun:
         position, unknowns
             Derivatives of that number by the positions at the points of the mesh,
             ``(n + 1, d)``, and by the steps' unknowns, ``(n, s, d)``.
+        damping
+            Its derivatives by the force F of all damping at the stages, ``(n, r, d)``; None: it
+            does not depend on it.
         """
         steps, memory, matrices = self.steps, self.memory, self._matrices
         n, s, d = steps.n_steps, steps.tables.degree, self.scene.dimension
@@ -284,7 +291,12 @@ class LinearisedRun:
             own = unknowns[index].copy()
             own[-1] += h * by_position
             if memory.n_terms:
-                own += self.to_velocity.T @ (terms.intake.T @ states.sum(axis=0))
+                pulled = terms.intake.T @ states.sum(axis=0)
+                drawn = np.zeros(())
+                if damping is not None:
+                    drawn = np.einsum("ib,kab->kia", damping[index], memory.matrices)
+                    pulled += np.einsum("kij,kia->ja", terms.local, drawn)
+                own += self.to_velocity.T @ pulled
             flat = own.ravel() + by_momentum @ matrices.gain_by_unknowns[which]
             multiplier = -(flat @ matrices.inverse[which])
             by_position = by_position + position[index]
@@ -296,7 +308,7 @@ class LinearisedRun:
             loads[index, :-1], loads[index, -1] = shaped + by_momentum, by_momentum
             by_momentum = by_momentum + shaped[0]
             if memory.n_terms:
-                past = -np.einsum("ib,kab->kia", force, memory.matrices)
+                past = drawn - np.einsum("ib,kab->kia", force, memory.matrices)
                 states = terms.decay[:, None] * states
                 states += terms.response.transpose(0, 2, 1) @ past
                 left = terms.local.sum(axis=2) + terms.response.sum(axis=2)
@@ -311,12 +323,20 @@ class LinearisedRun:
             position=by_position,
             velocity=by_velocity,
             start_momentum=by_momentum,
+            damping=damping,
         )
 
+    @cached_property
     def damping_forces(self) -> tuple[Array, Array]:
         """As :meth:`RunMemory.forces` of the scene that was run."""
         start = self.scene.initial_velocity
         return self.memory.forces(self.terms, self.of_size.tolist(), self.velocity, start)
+
+    @property
+    def damping_force(self) -> Array:
+        """Force F of all damping at the stages, ``(n, r, d)``."""
+        found = np.einsum("knia,kab->nib", self.damping_forces[0], self.memory.matrices)
+        return np.asarray(found)
 
     def damping_changes(self, tangent: Tangent, change: Disturbance) -> Array:
         """What disturbances do to the force F of all damping at the stages, ``(n, r, d, p)``."""

@@ -1,34 +1,39 @@
-"""Numbers that are made of a trajectory: of positions and velocities at any times."""
+"""Numbers that are made of a trajectory, at any times of it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fvi_cli.integrator.adjoint.linearised import Tangent
-from fvi_cli.integrator.run.steps_of_run import RunSteps
-from fvi_cli.mathematics.lagrange import lobatto_basis
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.observations.asked import Observations, known_names
+from fvi_cli.integrator.observations.damper_work import work_names
+from fvi_cli.mathematics.expressions import COMPLEX_STEP, Expression
 
 Array = NDArray[np.float64]
-COMPLEX_STEP = 1e-30
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quantity:
-    """A number made of the positions and velocities at some times.
+    """A number made of a motion at some times.
 
     Parameters
     ----------
     times
         Shape ``(n,)``, in any order; what lies in a step is taken from its polynomial.
     value
-        From positions and velocities there, both ``(n, d)``, to the number.
+        From positions and velocities there, both ``(n, d)``, to the number; with `of` from the
+        values of that expression, ``(n,)``.
     slopes
-        From the same to its derivatives by both, each ``(n, d)``; None: by complex steps, for which
-        `value` must take complex arrays and be analytic (no abs, no max).
+        From the same to its derivatives by them, of the same shapes; None: by complex steps, for
+        which `value` must take complex arrays and be analytic (no abs, no max).
+    of
+        An expression in t, coordinates, ``v<name>``, ``a<name>`` and ``d<name>``, or the name of a
+        quantity of an experiment; or a function from the names of the coordinates to it.
 
     Raises
     ------
@@ -37,8 +42,9 @@ class Quantity:
     """
 
     times: Array
-    value: Callable[[Array, Array], float]
-    slopes: Callable[[Array, Array], tuple[Array, Array]] | None = None
+    value: Callable[..., float]
+    slopes: Callable[..., Any] | None = None
+    of: str | Callable[[Sequence[str]], str] | None = None
 
     def __post_init__(self) -> None:
         times = np.atleast_1d(np.array(self.times, dtype=float))
@@ -46,8 +52,34 @@ class Quantity:
             raise ValueError("times: finite numbers are needed, at least one")
         object.__setattr__(self, "times", times)
 
-    def derivatives(self, position: Array, velocity: Array) -> tuple[Array, Array]:
-        """By positions and velocities, each ``(n, d)``.
+    def expression(self, asked: Observations, scene: Scene) -> Expression | None:
+        """What `of` says, in the names of a motion; None: positions and velocities.
+
+        Raises
+        ------
+        ValueError
+            For names that are not known, or have no derivative.
+        """
+        if self.of is None:
+            return None
+        text = self.of if isinstance(self.of, str) else self.of(asked.coordinates)
+        if text in (asked.quantities or {}):
+            text = (asked.quantities or {})[text].text
+        names = known_names(asked.coordinates, (*asked.parameters, *asked.inputs))
+        works = [name for name in work_names(scene) if name not in names]
+        try:
+            found = Expression.parse(text, variables=(*names, *works))
+        except ValueError as error:
+            raise ValueError(f"quantity: {error}") from None
+        for name in sorted(found.names.intersection(works)):
+            raise ValueError(
+                f"quantity: {name} adds up from the beginning of the run, and has no derivative "
+                f"here; what stands for one time has: {', '.join(names)}"
+            )
+        return found
+
+    def derivatives(self, *given: Array) -> list[Array]:
+        """By everything that it is made of, arrays of the same shapes.
 
         Raises
         ------
@@ -55,114 +87,119 @@ class Quantity:
             If they cannot be had by complex steps.
         """
         if self.slopes is not None:
-            by_position, by_velocity = self.slopes(position, velocity)
-            return np.asarray(by_position, dtype=float), np.asarray(by_velocity, dtype=float)
-        given = np.stack([position, velocity]).astype(complex)
-        found = np.zeros(given.shape)
-        for index in np.ndindex(*given.shape):
-            beside = given.copy()
+            slopes = self.slopes(*given)
+            slopes = slopes if isinstance(slopes, tuple) else (slopes,)
+            return [np.asarray(one, dtype=float) for one in slopes]
+        point = np.stack(given).astype(complex)
+        found = np.zeros(point.shape)
+        for index in np.ndindex(*point.shape):
+            beside = point.copy()
             beside[index] += 1j * COMPLEX_STEP
-            value = complex(self.value(beside[0], beside[1]))
-            found[index] = value.imag / COMPLEX_STEP
+            found[index] = complex(self.value(*beside)).imag / COMPLEX_STEP
         if not np.isfinite(found).all():
             raise ValueError("quantity: its derivatives by complex steps are not finite")
-        return found[0], found[1]
+        return list(found)
 
 
 def position_at(time: float, component: int = 0) -> Quantity:
     """One coordinate at one time."""
-    return _one(time, component, of_velocity=False)
+    return quantity_at(_coordinate("", component), time)
 
 
 def velocity_at(time: float, component: int = 0) -> Quantity:
     """One velocity at one time."""
-    return _one(time, component, of_velocity=True)
+    return quantity_at(_coordinate("v", component), time)
 
 
-def _one(time: float, component: int, *, of_velocity: bool) -> Quantity:
-    def value(position: Array, velocity: Array) -> float:
-        return float((velocity if of_velocity else position)[0, component])
+def acceleration_at(time: float, component: int = 0) -> Quantity:
+    """One acceleration at one time, from the equation of motion."""
+    return quantity_at(_coordinate("a", component), time)
 
-    def slopes(position: Array, velocity: Array) -> tuple[Array, Array]:
-        found = np.zeros((2, *position.shape))
-        found[int(of_velocity), 0, component] = 1.0
-        return found[0], found[1]
 
-    return Quantity(times=np.array([time]), value=value, slopes=slopes)
+def quantity_at(of: str | Callable[[Sequence[str]], str], time: float) -> Quantity:
+    """The value of an expression at one time, as :class:`Quantity` knows it."""
+    return Quantity(
+        times=np.array([time]), of=of, value=lambda values: float(values[0]), slopes=np.ones_like
+    )
+
+
+def _coordinate(prefix: str, component: int) -> Callable[[Sequence[str]], str]:
+    def name(coordinates: Sequence[str]) -> str:
+        if not 0 <= component < len(coordinates):
+            raise ValueError(f"component: {component} is not one of 0 to {len(coordinates) - 1}")
+        found = prefix + coordinates[component]
+        if prefix and found in coordinates:
+            raise ValueError(f"quantity: {found} is a coordinate of its own")
+        return found
+
+    return name
+
+
+def smoothed_peak(of: str, times: ArrayLike, *, sharpness: float = 50.0) -> Quantity:
+    r"""A smooth number close above the largest absolute value of an expression y.
+
+    .. math:: \Bigl( \sum_k |y(t_k)|^p \Bigr)^{1/p}, \qquad
+       \max_k |y(t_k)| \le \ldots \le n^{1/p} \max_k |y(t_k)|.
+
+    Parameters
+    ----------
+    of
+        The expression, as :class:`Quantity` knows it.
+    times
+        :math:`t_k`, shape ``(n,)``, close enough to each other that no peak is missed.
+    sharpness
+        p; the larger, the closer to the peak, and the less smooth.
+
+    Raises
+    ------
+    ValueError
+        For a sharpness of 1 or less.
+    """
+    if not sharpness > 1:
+        raise ValueError(f"sharpness: {sharpness:g} is not allowed; it must be above 1")
+
+    def value(values: Array) -> float:
+        size = np.abs(values)
+        largest = float(size.max()) or 1.0
+        return float(largest * ((size / largest) ** sharpness).sum() ** (1.0 / sharpness))
+
+    def slopes(values: Array) -> Array:
+        share = np.abs(values) / (value(values) or 1.0)
+        return np.asarray(share ** (sharpness - 1.0) * np.sign(values))
+
+    return Quantity(times=np.asarray(times, dtype=float), of=of, value=value, slopes=slopes)
 
 
 def misfit(
-    times: ArrayLike, data: ArrayLike, *, component: int = 0, deviation: float = 1.0
+    times: ArrayLike,
+    data: ArrayLike,
+    *,
+    component: int = 0,
+    deviation: float = 1.0,
+    of: str | None = None,
 ) -> Quantity:
-    r"""Half the sum of squares of :math:`(x(t_k) - d_k) / \sigma` of one coordinate.
+    r"""Half the sum of squares of :math:`(y(t_k) - d_k) / \sigma`.
 
     Parameters
     ----------
     times, data
         :math:`t_k` and :math:`d_k`, shape ``(n,)``.
     component
-        Number of the coordinate, from 0.
+        Number of the coordinate y, from 0.
     deviation
         :math:`\sigma`, in the unit of the data.
+    of
+        An expression y in place of a coordinate, as :class:`Quantity` knows it.
     """
     measured = np.asarray(data, dtype=float)
 
-    def value(position: Array, velocity: Array) -> float:
-        left = (position[:, component] - measured) / deviation
+    def value(values: Array) -> float:
+        left = (values - measured) / deviation
         return float(0.5 * left @ left)
 
-    def slopes(position: Array, velocity: Array) -> tuple[Array, Array]:
-        found = np.zeros(position.shape)
-        found[:, component] = (position[:, component] - measured) / deviation**2
-        return found, np.zeros(position.shape)
-
-    return Quantity(times=np.asarray(times, dtype=float), value=value, slopes=slopes)
-
-
-class Observation:
-    """Positions and velocities of a run at some times, as linear functions of its steps.
-
-    Parameters
-    ----------
-    steps
-        The steps.
-    times
-        Shape ``(n,)``.
-
-    Raises
-    ------
-    ValueError
-        For times outside of the run.
-    """
-
-    def __init__(self, steps: RunSteps, times: Array) -> None:
-        self._steps = steps
-        self._which, tau = steps.located(times)
-        basis = lobatto_basis(steps.tables.degree)
-        self._way = steps.step_size[self._which, None] * basis.values(tau)[1:].T
-        self._slopes = np.ascontiguousarray(basis.derivatives(tau)[1:].T)
-
-    def motion(self) -> tuple[Array, Array]:
-        """Positions and velocities, each ``(n, d)``."""
-        unknowns = self._steps.unknowns[self._which]
-        position = self._steps.position[self._which]
-        position = position + np.einsum("ks,ksd->kd", self._way, unknowns)
-        return position, np.einsum("ks,ksd->kd", self._slopes, unknowns)
-
-    def changes(self, tangent: Tangent) -> tuple[Array, Array]:
-        """Their changes by disturbances, each ``(n, d, p)``."""
-        unknowns = tangent.unknowns[self._which]
-        position = tangent.position[self._which]
-        position = position + np.einsum("ks,ksdp->kdp", self._way, unknowns)
-        return position, np.einsum("ks,ksdp->kdp", self._slopes, unknowns)
-
-    def spread(self, by_position: Array, by_velocity: Array) -> tuple[Array, Array]:
-        """Derivatives by positions at mesh points and by unknowns from those by the motion."""
-        steps, d = self._steps, by_position.shape[1]
-        positions = np.zeros((steps.n_steps + 1, d))
-        unknowns = np.zeros((steps.n_steps, steps.tables.degree, d))
-        np.add.at(positions, self._which, by_position)
-        own = np.einsum("ks,kd->ksd", self._way, by_position)
-        own += np.einsum("ks,kd->ksd", self._slopes, by_velocity)
-        np.add.at(unknowns, self._which, own)
-        return positions, unknowns
+    return Quantity(
+        times=np.asarray(times, dtype=float),
+        of=of or _coordinate("", component),
+        value=value,
+        slopes=lambda values: (values - measured) / deviation**2,
+    )

@@ -76,7 +76,7 @@ def disturbance(run: LinearisedRun, method: Method, variations: Sequence[Variati
         starts[..., column] = total.starts
         if np.any(total.orders) or np.any(total.coefficients):
             if forces is None:
-                forces = run.damping_forces()
+                forces = run.damping_forces
             k = run.memory.n_damping
             plain, slopes = forces[0][:k], forces[1][:k]
             damping[..., column] += np.einsum("knia,kab->nib", plain, total.coefficients)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
 
@@ -24,6 +25,13 @@ PREFIXES = ("", "v", "a", "d")
 def coordinate_names(dimension: int) -> tuple[str, ...]:
     """Names of d coordinates that have none: ``x``, or ``x1``, ``x2``, ..."""
     return ("x",) if dimension == 1 else tuple(f"x{k}" for k in range(1, dimension + 1))
+
+
+def names_of(scene: Scene) -> tuple[str, ...]:
+    """Names of the coordinates of a scene: those of its formulas, or ``x1``, ``x2``, ..."""
+    if scene.lagrangian is not None:
+        return scene.lagrangian.coordinates
+    return coordinate_names(scene.dimension)
 
 
 def known_names(coordinates: Sequence[str], parameters: Collection[str] = ()) -> tuple[str, ...]:
@@ -140,6 +148,18 @@ class Observations:
             raise ValueError("output: times must increase, and begin at 0 or later")
         times.setflags(write=False)
         object.__setattr__(self, "times", times)
+
+    @property
+    def derived(self) -> dict[str, tuple[str, int]]:
+        """By name what a motion gives: its prefix, and the number of the coordinate.
+
+        What is named itself goes before what is derived from another name.
+        """
+        found = {}
+        for prefix in reversed(PREFIXES):
+            for index, name in enumerate(self.coordinates):
+                found[prefix + name] = (prefix, index)
+        return {name: one for name, one in found.items() if name not in self.parameters}
 
     @property
     def is_empty(self) -> bool:

@@ -233,32 +233,39 @@ def observe(
 
 def along_motion(motion: DenseMotion, asked: Observations, expression: Expression) -> Along:
     """The value of an expression at places of a motion; only what occurs in it is worked out."""
-    names, coordinates = expression.names, asked.coordinates
 
     def along(steps: Places, tau: Array) -> Array:
-        values: dict[str, Array | float] = {"t": motion.time(steps, tau)}
-        sources = {
-            "d": motion.damping,
-            "a": motion.acceleration,
-            "v": motion.velocity,
-            "": motion.position,
-        }
-        # what is named itself goes before what is derived from another name
-        for prefix, source in sources.items():
-            if any(prefix + name in names for name in coordinates):
-                columns = source(steps, tau)
-                for index, name in enumerate(coordinates):
-                    values[prefix + name] = columns[:, index]
-        values |= asked.parameters
-        for name in names.intersection(work_names(motion.scene)) - set(values):
-            values[name] = motion.work(name, steps, tau)
-        for name, given in asked.inputs.items():
-            if name in names:
-                values[name] = 0.0 if given is None else given(motion.time(steps, tau))[:, 0]
+        values = variables_at(motion, asked, expression, steps, tau)
         found = expression.evaluate(values, NUMPY_FUNCTIONS)
         return np.broadcast_to(np.asarray(found, dtype=float), steps.shape)
 
     return along
+
+
+def variables_at(
+    motion: DenseMotion, asked: Observations, expression: Expression, steps: Places, tau: Array
+) -> dict[str, Array | float]:
+    """The variables of an expression at places of a motion, numbers or of shape ``(n,)``."""
+    names, time = expression.names, motion.time(steps, tau)
+    values: dict[str, Array | float] = {"t": time, **asked.parameters}
+    sources = {
+        "d": motion.damping,
+        "a": motion.acceleration,
+        "v": motion.velocity,
+        "": motion.position,
+    }
+    columns: dict[str, Array] = {}
+    for name, (prefix, index) in asked.derived.items():
+        if name in names:
+            if prefix not in columns:
+                columns[prefix] = sources[prefix](steps, tau)
+            values[name] = columns[prefix][:, index]
+    for name in names.intersection(work_names(motion.scene)) - set(values):
+        values[name] = motion.work(name, steps, tau)
+    for name, given in asked.inputs.items():
+        if name in names:
+            values[name] = 0.0 if given is None else given(time)[:, 0]
+    return values
 
 
 def extent_of(motion: DenseMotion, along: Along, end: float) -> Extent:

@@ -15,10 +15,9 @@ from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.observations.asked import Impact
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.expressions import slopes_of
 
 Array = NDArray[np.float64]
-
-_TINY = 1e-40
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,17 +46,11 @@ class Surface:
 
     def slopes(self, position: Array, time: float) -> tuple[Array, float]:
         """Gradient by q, shape ``(d,)``, and derivative by t, by complex steps."""
-        d = position.size
-        shifted = np.tile(position.astype(complex), (d + 1, 1))
-        shifted[np.arange(d), np.arange(d)] += 1j * _TINY
-        times = np.full(d + 1, time, dtype=complex)
-        times[d] += 1j * _TINY
-        values: dict[str, object] = {**self.parameters, "t": times}
-        for index, name in enumerate(self.coordinates):
-            values[name] = shifted[:, index]
-        found = self.impact.when.evaluate(values, NUMPY_FUNCTIONS)
-        slope = np.broadcast_to(np.imag(np.asarray(found)), (d + 1,)) / _TINY
-        return np.asarray(slope[:d]), float(slope[d])
+        place = dict(zip(self.coordinates, position.tolist(), strict=True))
+        values = {**self.parameters, "t": time, **place}
+        found = slopes_of(self.impact.when, values, (*self.coordinates, "t"))
+        slope = [float(found.get(name, 0.0)) for name in self.coordinates]
+        return np.array(slope), float(found.get("t", 0.0))
 
 
 def power_behind_impact(scene: Scene) -> float | None:

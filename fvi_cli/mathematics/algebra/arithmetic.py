@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
 T = TypeVar("T")
 
 
@@ -47,6 +48,25 @@ NUMPY_FUNCTIONS: Final[Mapping[str, Callable[[Array], Array]]] = MappingProxyTyp
     }
 )
 """The functions an expression may call, on floating-point arrays."""
+
+
+def _abs(argument: ComplexArray) -> ComplexArray:
+    return np.where(argument.real < 0, -argument, argument)
+
+
+def _cbrt(argument: ComplexArray) -> ComplexArray:
+    return np.copysign(1.0, argument.real) * _abs(argument) ** (1.0 / 3.0)
+
+
+BESIDE_REAL: Final[Mapping[str, Callable[[ComplexArray], ComplexArray]]] = MappingProxyType(
+    {
+        **cast(Mapping[str, Callable[[ComplexArray], ComplexArray]], NUMPY_FUNCTIONS),
+        "abs": _abs,
+        "sign": lambda argument: np.sign(argument.real).astype(complex),
+        "cbrt": _cbrt,
+    }
+)
+"""The same functions at complex numbers beside the real axis, continued from there."""
 
 
 class ExpressionError(ValueError):

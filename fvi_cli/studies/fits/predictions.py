@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.adjoint.formula import Asked, Formula
 from fvi_cli.integrator.adjoint.gradient import run_steps, sensitivities
-from fvi_cli.integrator.adjoint.quantity import Observation
+from fvi_cli.integrator.adjoint.observation import Observation
 from fvi_cli.integrator.adjoint.variation import Variation, differences
-from fvi_cli.integrator.adjoint.varied_motion import rates_along, stage_force
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Observations, known_names
-from fvi_cli.integrator.observations.dense_motion import DenseMotion
-from fvi_cli.integrator.observations.observe import along_motion
 from fvi_cli.integrator.run.runge_kutta import AnySteps
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
@@ -65,7 +63,7 @@ def predict_motion(
     formulas = [one for one in data.series if one.formula is not None]
     if not variations and not formulas:
         done = run_steps(scene, METHOD, steps)
-        motion = Observation(done, times).motion()
+        motion = Observation(done, done.located(times)).motion()
         empty = np.zeros((times.size, scene.dimension, 0))
         changes = (empty, empty)
     else:
@@ -78,40 +76,27 @@ def predict_motion(
         if one.formula is None:
             values, slopes = (each[kind][places, one.component] for each in (motion, changes))
         else:
-            along = _along(one, data, specified)
-            dense = DenseMotion(
-                scene=scene,
-                steps=found.run.steps,
-                shape=found.run.steps,
-                force=stage_force(found),
-            )
-            values = along(dense, -1, 0.0)
-            slopes = np.zeros((values.size, 0))
-            if variations:
-                slopes = rates_along(found, variations, along)
+            formula = Formula(found.run, one.times, one.formula, _asked(one, data, specified))
+            values, slopes = formula.values, found.of(formula)
         predicted.append((values, slopes))
     return predicted
 
 
-def _along(
-    one: Series, data: DataSet, specified: Specified
-) -> Callable[[DenseMotion, int, float], Array]:
-    """The formula of a series on a motion, with the parameters of the problem."""
-    formula = one.formula
-    assert formula is not None
+def _asked(one: Series, data: DataSet, specified: Specified) -> Asked:
+    """The names in the formula of a series, with the parameters of the problem."""
 
-    def along(motion: DenseMotion, index: int, number: float) -> Array:
+    def asked(index: int, number: float) -> Observations:
         specification = specified(index, number)
         given = specification.get("parameters", {})
         parameters = dict(given) if isinstance(given, Mapping) else {}
         inputs: Mapping[str, Forcing | None] = {}
-        if formula.names - set(known_names(data.coordinates, parameters)):
+        names = one.formula.names if one.formula is not None else frozenset()
+        if names - set(known_names(data.coordinates, parameters)):
             problem = build_problem(specification, search=False)
             inputs = problem.inputs if isinstance(problem, Problem) else {}
-        asked = Observations(coordinates=data.coordinates, parameters=parameters, inputs=inputs)
-        return along_motion(motion, asked, formula)(*motion.located(one.times))
+        return Observations(coordinates=data.coordinates, parameters=parameters, inputs=inputs)
 
-    return along
+    return asked
 
 
 def predict_response(

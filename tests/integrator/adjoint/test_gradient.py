@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -17,17 +18,23 @@ from fvi_cli.integrator.adjoint.entries import entries_of
 from fvi_cli.integrator.adjoint.gradient import gradient_of, run_steps, sensitivities
 from fvi_cli.integrator.adjoint.linear_run import linear_run
 from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun
+from fvi_cli.integrator.adjoint.observation import Observation
 from fvi_cli.integrator.adjoint.quantity import (
-    Observation,
     Quantity,
+    acceleration_at,
     misfit,
     position_at,
+    quantity_at,
+    smoothed_peak,
     velocity_at,
 )
 from fvi_cli.integrator.adjoint.variation import Variation
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import graded_mesh
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.asked import Observations, names_of
+from fvi_cli.integrator.observations.dense_motion import DenseMotion, stage_forces
+from fvi_cli.integrator.observations.observe import along_motion
 from fvi_cli.scenes.nonlinear import duffing, kepler
 
 GAUSS8 = Method(cq="gauss", degree=8, start="none")
@@ -76,8 +83,11 @@ def values_of(terms: list[tuple[float, float]]) -> dict[str, float]:
 
 
 @cache
-def in_extended_precision(name: str) -> dict[str, float]:
-    """Derivatives of x(TIME), by inverting the transform of the derivative, 40 digits."""
+def in_extended_precision(name: str, order: int = 0) -> dict[str, float]:
+    """Derivatives of x(TIME) or x''(TIME), by inverting the transform of the derivative, 40 digits.
+
+    Under ``value`` the number itself.
+    """
     terms = DAMPINGS[name]
     values = values_of(terms)
     with mpmath.workdps(40):
@@ -99,8 +109,15 @@ def in_extended_precision(name: str) -> dict[str, float]:
             return s ** (order - 1) * x0 + (s ** (order - 2) * v0 if g > 1 else 0)
 
         def rate(what: str, s: Any) -> Any:
+            # what the initial data add to the transform of x'' does not depend on other numbers
+            start = {"position": s, "velocity": 1, "value": s * x0 + v0}.get(what, 0)
+            return s**2 * rate_of_x(what, s) - start if order else rate_of_x(what, s)
+
+        def rate_of_x(what: str, s: Any) -> Any:
             above, below = parts(s)
             x = above / below
+            if what == "value":
+                return x
             if what == "mass":
                 return (s * x0 + v0 - s**2 * x) / below
             if what == "stiffness":
@@ -123,7 +140,7 @@ def in_extended_precision(name: str) -> dict[str, float]:
                     lambda s, what=what: rate(what, s), TIME, method="talbot", degree=60
                 )
             )
-            for what in values
+            for what in (*values, "value")
         }
 
 
@@ -137,10 +154,40 @@ def test_against_forty_digits(name: str) -> None:
 
     found = gradient_of(family(values), GAUSS8, FINE, position_at(TIME), variations(family, values))
     expected = in_extended_precision(name)
-    for one, (what, exact) in zip(found.derivatives, expected.items(), strict=True):
-        assert one == pytest.approx(exact, rel=1e-9), what
+    for one, what in zip(found.derivatives, values, strict=True):
+        assert one == pytest.approx(expected[what], rel=1e-9), what
     # the run itself aside, one system for every step
     assert found.step_solves == found.n_steps
+
+
+@pytest.mark.parametrize("name", ["small", "near 2", "viscous", "on both sides of 1"])
+def test_accelerations_and_forces_against_forty_digits(name: str) -> None:
+    terms = DAMPINGS[name]
+    values = values_of(terms)
+
+    def family(given: dict[str, float]) -> Scene:
+        return oscillator(given, len(terms))
+
+    # what an order changes is singular at the start even where the motion is smooth
+    steps, changes = graded_mesh(4.0, 60, 6.0), variations(family, values)
+    position, acceleration = in_extended_precision(name), in_extended_precision(name, 2)
+    force = {
+        what: values["mass"] * acceleration[what]
+        + values["stiffness"] * position[what]
+        + {"mass": acceleration["value"], "stiffness": position["value"]}.get(what, 0.0)
+        for what in values
+    }
+    for quantity, expected in (
+        (acceleration_at(TIME), acceleration),
+        (quantity_at("dx", TIME), force),
+    ):
+        found = gradient_of(family(values), GAUSS8, steps, quantity, changes)
+        for one, what in zip(found.derivatives, values, strict=True):
+            assert one == pytest.approx(expected[what], rel=1e-9), what
+        assert found.step_solves == found.n_steps
+        # the acceleration of another damping would be seen
+        wrong = in_extended_precision("below 1", 2)
+        assert found.derivatives[0] != pytest.approx(wrong["mass"], rel=1e-3)
 
 
 PENDULUM = {"omega": 1.2, "order": 0.6, "coefficient": 0.3, "angle": 2.0, "rate": 0.4}
@@ -273,7 +320,7 @@ def test_against_central_differences(name: str) -> None:
 
     def value(changed: dict[str, float]) -> float:
         done = run_steps(family(changed), method, steps)
-        return float(energy_like(*Observation(done, quantity.times).motion()))
+        return float(energy_like(*Observation(done, done.located(quantity.times)).motion()))
 
     found = gradient_of(family(values), method, steps, quantity, variations(family, values))
     assert found.value == pytest.approx(value(values), rel=1e-13)
@@ -284,6 +331,50 @@ def test_against_central_differences(name: str) -> None:
             for e in (h, h / 2)
         )
         assert one == pytest.approx((4 * fine - coarse) / 3, rel=2e-8, abs=1e-9), what
+
+
+def of_everything(names: Sequence[str]) -> str:
+    """An expression of accelerations, damping forces, velocities and positions."""
+    first, last = names[0], names[-1]
+    return f"a{last} - 0.3*d{first}*{last} + v{last}**2*{first}*cos(t)"
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_expressions_against_central_differences(name: str, monkeypatch: Any) -> None:
+    family, values = SCENES[name]
+    steps = graded_mesh(family(values).final_time, 12, 2.0)
+    method = Method(cq="gauss", degree=3, start="none")
+    times = np.array([0.0, 0.9, 2.0] if name != "riemann-liouville" else [0.3, 0.9, 2.0])
+    soft = smoothed_peak("", times, sharpness=6.0)
+    quantity = replace(soft, of=of_everything)
+
+    def value(changed: dict[str, float]) -> float:
+        # damping forces by the engine, which the adjoint has from its own memory
+        scene = family(changed)
+        done = run_steps(scene, method, steps)
+        force = stage_forces(scene, method, done)
+        motion = DenseMotion(scene=scene, steps=done, shape=done, force=force)
+        asked = Observations(coordinates=names_of(scene))
+        expression = quantity.expression(asked, scene)
+        assert expression is not None
+        return soft.value(along_motion(motion, asked, expression)(*motion.located(times)))
+
+    def derivatives() -> Any:
+        return gradient_of(family(values), method, steps, quantity, variations(family, values))
+
+    found, expected = derivatives(), []
+    assert found.value == pytest.approx(value(values), rel=1e-13)
+    for what, at in values.items():
+        h = 4e-4 * at
+        coarse, fine = (
+            (value({**values, what: at + e}) - value({**values, what: at - e})) / (2 * e)
+            for e in (h, h / 2)
+        )
+        expected.append((4 * fine - coarse) / 3)
+    np.testing.assert_allclose(found.derivatives, expected, rtol=2e-8, atol=1e-8)
+    # without what the motion does to the damping force it is another number
+    monkeypatch.setattr(Observation, "spread_force", lambda self, by_force: None)
+    assert np.abs(derivatives().derivatives - expected).max() > 1e-3
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -303,6 +394,7 @@ def test_forwards_and_backwards_are_transposed(name: str, method: str) -> None:
     change = Disturbance(
         momentum=random(n, r, d, 2),
         force=random(n, r, d, 2),
+        damping=random(n, r, d, 2),
         loads=random(n, done.tables.degree + 1, d, 2),
         position=random(d, 2),
         velocity=random(d, 2),
@@ -314,6 +406,13 @@ def test_forwards_and_backwards_are_transposed(name: str, method: str) -> None:
     forwards += np.einsum("nsd,nsdp->p", by_unknowns, tangent.unknowns)
     backwards = run.adjoint(by_position, by_unknowns).along(change)
     scale = np.abs(by_position).sum() * np.abs(tangent.position).max()
+    np.testing.assert_allclose(forwards, backwards, rtol=0, atol=1e-13 * scale)
+    # of the damping force as well
+    by_force = random(n, r, d)
+    changed = run.damping_changes(tangent, change)
+    forwards += np.einsum("nrd,nrdp->p", by_force, changed)
+    backwards = run.adjoint(by_position, by_unknowns, by_force).along(change)
+    scale += np.abs(by_force).sum() * np.abs(changed).max()
     np.testing.assert_allclose(forwards, backwards, rtol=0, atol=1e-13 * scale)
 
 
@@ -430,23 +529,108 @@ def test_what_has_no_derivatives() -> None:
 
 
 def test_a_smoothed_peak() -> None:
-    """The largest angle of a pendulum, by its times and exponentials, against differences."""
-    times, method = np.linspace(0.0, 6.0, 61), Method(cq="gauss", degree=3, start="none")
+    """Close above the peak, with the derivative of the value at its time where it is one time."""
+    scene, mesh = pendulum(PENDULUM), graded_mesh(6.0, 24, 2.0)
+    observed = fvi.integrate(scene, "gauss8", mesh, quantities={"a": "ax"}).observed
+    assert observed is not None
+    peak = observed.extents["a"].peak
+    times = np.linspace(0.0, 6.0, 61)
+    soft = fvi.gradient(scene, "gauss8", mesh, fvi.smoothed_peak("ax", times, sharpness=80.0))
+    assert 0.99 * peak < soft.value < 61 ** (1 / 80) * peak
+    at = observed.extents["a"].peak_time
+    alone = fvi.smoothed_peak("ax", [at, 0.5 * at], sharpness=400.0)
+    one = fvi.gradient(scene, "gauss8", mesh, alone, ["damping.0.order", "potential.omega"])
+    other = fvi.gradient(scene, "gauss8", mesh, fvi.acceleration_at(at), list(one.derivatives))
+    assert one.value == pytest.approx(peak, rel=1e-6)
+    for name in one.derivatives:
+        assert one[name] == pytest.approx(np.sign(other.value) * other[name], rel=1e-9)
+    for wrong in (1.0, 0.0, float("nan")):
+        with pytest.raises(ValueError, match="sharpness"):
+            fvi.smoothed_peak("ax", times, sharpness=wrong)
 
-    def peak(position: Any, velocity: Any) -> Any:
-        return np.log(np.exp(20.0 * position).sum()) / 20.0
 
-    quantity, mesh = Quantity(times=times, value=peak), graded_mesh(6.0, 12, 2.0)
-    found = gradient_of(pendulum(PENDULUM), method, mesh, quantity, variations(pendulum, PENDULUM))
-    for one, (what, at) in zip(found.derivatives, PENDULUM.items(), strict=True):
-        h = 1e-3 * at
-        sides = [
-            peak(run_steps(pendulum({**PENDULUM, what: at + k * h}), method, mesh)(times), None)
-            for k in (-2, -1, 1, 2)
-        ]
-        expected = (sides[0] - 8 * sides[1] + 8 * sides[2] - sides[3]) / (12 * h)
-        assert one == pytest.approx(expected, rel=1e-8), what
-    assert found.step_solves == found.n_steps
+FRAME = {
+    "name": "shaken",
+    "problem": {
+        "kind": "frame",
+        "storeys": 2,
+        "stiffness": [30.0, 20.0],
+        "dampers": [{"order": 0.5, "coefficient": 0.8}],
+        "ground_acceleration": "3*exp(-t)*sin(4*t)",
+        "final_time": 3.0,
+    },
+    "method": {"rk": "gauss", "degree": 8},
+    "ladder": {"steps": [16]},
+    "quantities": {"drift": "x2 - x1", "felt": "ax2 + ground_acceleration", "heat": "work_1"},
+}
+
+
+def test_quantities_of_an_experiment() -> None:
+    (experiment,) = fvi.load(FRAME).experiments
+    changed = {**FRAME, "output": {"times": [1.3]}}
+    (outcome,) = fvi.run(changed)
+    stored = outcome.finished[0].trajectory.observed.quantities
+    names = ["damping.0.order", "stiffness"]
+    for name in ("drift", "felt"):
+        found = fvi.gradient(experiment, "gauss8", 16, fvi.quantity_at(name, 1.3), names)
+        assert found.value == pytest.approx(float(stored[name][0]), rel=1e-9)
+
+        def of(order: float, name: str = name) -> Any:
+            dampers = [{"order": order, "coefficient": 0.8}]
+            return fvi.build_problem({**FRAME["problem"], "dampers": dampers})
+
+        text = FRAME["quantities"][name]
+        again = fvi.gradient(of, "gauss8", 16, fvi.quantity_at(text, 1.3), {"order": 0.5})
+        assert again["order"] == pytest.approx(float(found["damping.0.order"]), rel=1e-9)
+    with pytest.raises(ValueError, match=r"work_1 adds up .* has: t, x1, x2, .*, dx2"):
+        fvi.gradient(experiment, "gauss8", 16, fvi.quantity_at("heat", 1.3), names)
+    bouncing = {**FRAME, "impacts": {"wall": {"when": "x1 + 0.05"}}}
+    (experiment,) = fvi.load(bouncing).experiments
+    with pytest.raises(ValueError, match="impacts: a motion that bounces has no derivatives"):
+        fvi.gradient(experiment, "gauss8", 16, fvi.quantity_at("drift", 1.3), names)
+
+
+def test_parameters_in_expressions() -> None:
+    """Energies have the numbers of the scene in them, also where these stand for themselves."""
+
+    def swinging(omega: float, x: float) -> Scene:
+        return pendulum({**PENDULUM, "omega": omega, "angle": x})
+
+    # the argument x is the angle at the start, the x in an expression that of the time
+    energy = "vx**2/2 + omega**2*(1 - cos(x))"
+    given = {"omega": 1.2, "x": 2.0}
+    found = fvi.gradient(swinging, "gauss8", 24, fvi.quantity_at(energy, 2.5), given)
+    named = fvi.gradient(
+        pendulum(PENDULUM), "gauss8", 24, fvi.quantity_at(energy, 2.5), ["potential.omega"]
+    )
+    assert found["omega"] == pytest.approx(float(named["potential.omega"]), rel=1e-9)
+    sides = [
+        fvi.integrate(
+            swinging(1.2 + h, 2.0),
+            "gauss8",
+            24,
+            quantities={"e": energy},
+            output=[2.5],
+            parameters={"omega": 1.2 + h},
+        ).observed.quantities["e"][0]
+        for h in (1e-4, -1e-4)
+    ]
+    assert found["omega"] == pytest.approx((sides[0] - sides[1]) / 2e-4, rel=1e-6)
+
+
+def test_expressions_without_derivatives() -> None:
+    scene = pendulum(PENDULUM)
+    for wrong, said in (
+        ("work_1", "work_1 adds up"),
+        ("y", "quantity: .*unknown name 'y'"),
+        ("1/(x - x)", "not finite at these times"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            fvi.gradient(scene, "gauss8", 24, fvi.quantity_at(wrong, 1.0))
+    with pytest.raises(ValueError, match=r"component: 1 is not one of 0 to 0"):
+        fvi.gradient(scene, "gauss8", 24, fvi.acceleration_at(1.0, 1))
+    with pytest.raises(ValueError, match="not finite at these times"):
+        fvi.gradient(riemann_liouville(LATE), "gauss8", 24, fvi.acceleration_at(0.0))
 
 
 @pytest.mark.parametrize("name", ["riemann-liouville", "zener"])
