@@ -150,10 +150,11 @@ def test_a_refined_reference_states_its_error() -> None:
     assert np.abs(finer.values(times[::3]) - reference.values(times[::3])).max() < 1e-12
 
 
-def test_ladders_without_a_common_grid_get_a_reference_for_each() -> None:
+def test_ladders_without_a_common_grid_get_a_reference_at_any_time() -> None:
     problem = build_problem(pendulum())
     apart = find_reference(problem, (127, 131))
-    assert "on every grid of its own" in apart.source
+    assert "adaptive steps" in apart.source
+    assert apart.error < 1e-12
     for n_steps in (127, 131):
         times = np.linspace(0, 4, n_steps + 1)
         together = find_reference(problem, (n_steps,))
