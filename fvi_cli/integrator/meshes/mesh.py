@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import functools
 import itertools
 import math
 from dataclasses import dataclass
@@ -78,22 +79,22 @@ class Mesh:
         """T."""
         return self.stretches[-1].end
 
-    @property
+    @functools.cached_property
     def n_steps(self) -> int:
         """Number of all steps, those that are not reported among them."""
         return sum(one.n_steps for one in self.stretches)
 
-    @property
+    @functools.cached_property
     def shortest_step(self) -> float:
         """Least step size."""
         return min(one.step_size for one in self.stretches)
 
-    @property
+    @functools.cached_property
     def equivalent_steps(self) -> float:
         """Sum of (shortest step / step): so many steps of the shortest size forget as much."""
         return sum(one.n_steps * self.shortest_step / one.step_size for one in self.stretches)
 
-    @property
+    @functools.cached_property
     def n_reported(self) -> int:
         """Number of reported points after t = 0."""
         return sum(
