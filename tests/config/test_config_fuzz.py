@@ -75,28 +75,9 @@ def some(examples: int):
     )
 
 
-@some(200)
+@some(50)
 @given(st.text(max_size=200))
 def test_any_text(text):
-    only_complaints(text)
-
-
-@some(300)
-@given(st.data())
-def test_a_valid_text_with_pieces_cut_out_doubled_or_replaced(data):
-    text = SEED
-    for _ in range(data.draw(st.integers(1, 3))):
-        begin = data.draw(st.integers(0, len(text)))
-        end = data.draw(st.integers(begin, min(len(text), begin + 30)))
-        new = data.draw(
-            st.one_of(
-                st.just(""),
-                st.just(text[begin:end] * 2),
-                st.text(alphabet="{}[]:,-&*!|>%@`'\"#?~ \n\t0123456789.e+tx\x00é", max_size=4),
-                st.sampled_from(KEYS),
-            )
-        )
-        text = text[:begin] + new + text[end:]
     only_complaints(text)
 
 
@@ -112,20 +93,20 @@ def replaced(tree: object, path: list[int], value: object) -> object:
     return {k: replaced(e, rest, value) if k == key else e for k, e in tree.items()}
 
 
-@some(400)
+@some(100)
 @given(st.lists(st.integers(0, 9), min_size=1, max_size=5), trees)
 def test_a_valid_tree_with_one_node_replaced(path, value):
     tree = replaced(yaml.safe_load(SEED), path, value)
     only_complaints(yaml.safe_dump(tree, allow_unicode=True))
 
 
-@some(200)
+@some(50)
 @given(trees)
 def test_any_tree(tree):
     only_complaints(yaml.safe_dump(tree, allow_unicode=True))
 
 
-@some(200)
+@some(50)
 @given(
     st.one_of(
         st.text(max_size=20),
@@ -153,7 +134,7 @@ def test_the_seed_is_valid():
 def test_bytes_of_a_shipped_file_cut_anywhere(tmp_path):
     content = find_config("damped-oscillator").read_bytes()
     path = tmp_path / "f.yaml"
-    for length in range(0, len(content), 37):
+    for length in range(0, len(content), 97):
         path.write_bytes(content[:length])
         complaints: tuple[str, ...] = ()
         try:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
-import yaml
 
-from fvi_cli.config import find_config, load_config, parse_config, shipped_configs
+from fvi_cli.config import parse_config
 from fvi_cli.integrator.method import Baseline, Method, RuleSpecification
 
 FRAME = """\
@@ -176,18 +173,6 @@ ladder: {steps: 8}
     assert scene.dimension == 2
     assert scene.initial_position.tolist() == [1.0, 0.0]
     assert experiment.steps == (8,)
-
-
-@pytest.mark.parametrize("name", shipped_configs())
-def test_what_is_resolved_is_a_configuration_of_the_same_experiments(name):
-    first = load_config(find_config(name))
-    text = yaml.safe_dump(json.loads(json.dumps(first.resolved)), sort_keys=False)
-    second = parse_config(text, "again.yaml")
-    assert second.resolved == first.resolved
-    for one, other in zip(first.experiments, second.experiments, strict=True):
-        assert other.methods == one.methods
-        assert other.steps == one.steps
-        assert other.problem_specification == one.problem_specification
 
 
 MESHES = "name: m\nproblem: {kind: duffing, exact: none, final_time: 1}\n"

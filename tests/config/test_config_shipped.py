@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+import json
 from pathlib import Path
 
 import pytest
+import yaml
 
 from fvi_cli.config import find_config, json_schema, load_config, shipped_configs, starter_config
 from fvi_cli.config import parse_config as parse
@@ -31,16 +34,40 @@ def test_every_experiment_of_the_paper_has_its_configuration():
     } <= set(NAMES)
 
 
+@functools.cache
+def shipped(name):
+    return load_config(find_config(name))
+
+
 @pytest.mark.parametrize("name", NAMES)
-def test_every_shipped_configuration_is_valid_and_named_like_its_file(name):
-    config = load_config(find_config(name))
+def test_every_shipped_configuration_is_valid_and_what_is_resolved_is_the_same(name):
+    config = shipped(name)
     assert config.name == name
     assert config.experiments
     assert all(e.methods and (e.steps or e.accuracy) for e in config.experiments)
+    text = yaml.safe_dump(json.loads(json.dumps(config.resolved)), sort_keys=False)
+    second = parse(text, "again.yaml")
+    assert second.resolved == config.resolved
+    for one, other in zip(config.experiments, second.experiments, strict=True):
+        assert other.methods == one.methods
+        assert other.steps == one.steps
+        assert other.problem_specification == one.problem_specification
+    # no plan comes to more than the bound that saves making it
+    checked = 0
+    for experiment in config.experiments:
+        if not isinstance(experiment.problem, Problem):
+            continue
+        scene = experiment.problem.scene
+        for method in experiment.methods:
+            for n_steps in {2, *experiment.steps[-1:]}:
+                bound = bytes_at_most(method, n_steps, scene.dimension)
+                assert run_bytes(scene, method, n_steps) < bound
+                checked += 1
+    assert checked or name == "saturation"
 
 
 def test_names_of_experiments_are_unique_over_all_files():
-    names = [e.name for n in NAMES for e in load_config(find_config(n)).experiments]
+    names = [e.name for n in NAMES for e in shipped(n).experiments]
     assert len(set(names)) == len(names)
 
 
@@ -115,19 +142,3 @@ def test_the_schema_describes_every_key():
                 assert described["$ref"].removeprefix("#/$defs/") in schema["$defs"]
             else:
                 assert described["description"], name
-
-
-@pytest.mark.parametrize("name", [*shipped_configs()])
-def test_no_plan_comes_to_more_than_the_bound_that_saves_making_it(name):
-    config = load_config(find_config(name))
-    checked = 0
-    for experiment in config.experiments:
-        if not isinstance(experiment.problem, Problem):
-            continue
-        scene = experiment.problem.scene
-        for method in experiment.methods:
-            for n_steps in {2, *experiment.steps[-1:]}:
-                bound = bytes_at_most(method, n_steps, scene.dimension)
-                assert run_bytes(scene, method, n_steps) < bound
-                checked += 1
-    assert checked or name == "saturation"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.cole_cole import fractional_maxwell, fractional_zener
@@ -24,8 +25,7 @@ LAWS = {
 }
 
 
-@pytest.mark.parametrize("name", LAWS)
-@pytest.mark.parametrize("s", [0.02, 3.0, 0.3 + 4.0j, 50.0j])
+@spread(name=LAWS, s=[0.02, 3.0, 0.3 + 4.0j, 50.0j])
 def test_the_transform_is_the_integral_over_the_spectrum(name, s):
     kernel = LAWS[name].kernel
     total = sum(weight / (s + rate) for rate, weight in kernel.masses)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
@@ -46,8 +47,7 @@ def test_the_spline_has_two_continuous_derivatives_and_gives_cubics_back():
     assert np.abs(at(lines, time) - cubic(time)).max() > 0.1
 
 
-@pytest.mark.parametrize("interpolation", ["linear", "cubic"])
-@pytest.mark.parametrize("place", [0.0, 0.3, 1.1])
+@spread(interpolation=["linear", "cubic"], place=[0.0, 0.3, 1.1])
 def test_the_expansion_is_that_of_the_polynomial_to_the_right(interpolation, place):
     force = SampledForce.through(TIME, VALUES, interpolation)
     series = expand(force, 6.0, place)

@@ -9,6 +9,7 @@ import sys
 import mpmath
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
@@ -93,8 +94,7 @@ def slope(scene: Scene, method: Baseline, counts: tuple[int, ...] = COUNTS) -> f
     return -float(fit[0])
 
 
-@pytest.mark.parametrize("method", [GRUENWALD, PRODUCT], ids=lambda method: method.name)
-@pytest.mark.parametrize("name", SCENES)
+@spread(method=[GRUENWALD, PRODUCT], name=SCENES)
 def test_orders_are_as_stated(name, method):
     scene = SCENES[name]
     expected = expected_order(scene, method, "max", 800)
@@ -187,8 +187,7 @@ def test_what_blows_up_is_told():
 
 
 class TestDop853:
-    @pytest.mark.parametrize("tolerance", [1e-5, 1e-8, 1e-11])
-    @pytest.mark.parametrize("name", ["gamma = 1.0", "no damping"])
+    @spread(tolerance=[1e-5, 1e-8, 1e-11], name=["gamma = 1.0", "no damping"])
     def test_errors_follow_the_tolerance(self, name, tolerance):
         fine = integrate(SCENES[name], FINE, 800).position[::8]
         found = integrate(SCENES[name], Baseline(name="dop853", tolerance=tolerance), 100)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.integrator.blocks.history import (
     BatchedChannel,
@@ -55,9 +56,7 @@ def random_channels(kind: str, n: int, d: int) -> list[Channel]:
 KINDS = ("scalar", "finite", "several")
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize(("n", "group"), [(64, 8), (61, 8), (7, 8), (96, 16), (130, 16)])
-@pytest.mark.parametrize("d", [1, 3])
+@spread(kind=KINDS, **{"n, group": [(64, 8), (61, 8), (7, 8), (96, 16), (130, 16)]}, d=[1, 3])
 def test_steps_one_at_a_time(kind: str, n: int, group: int, d: int) -> None:
     m = 2
     channels = random_channels(kind, n + 1, d)

@@ -7,6 +7,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from spread import spread
 from written_out import integrate_written_out, left_operator_rk
 
 from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
@@ -116,8 +117,7 @@ def diagnosed(scene, method, n_steps, *symmetries):
     return integrate(scene, method, n_steps, diagnostics=asked).diagnostics
 
 
-@pytest.mark.parametrize("method", [GAUSS2, MIDPOINT_NODES, NODES, POINTS], ids=lambda m: m.case)
-@pytest.mark.parametrize("order", [0.5, 1.0, 1.5])
+@spread(method=[GAUSS2, MIDPOINT_NODES, NODES, POINTS], order=[0.5, 1.0, 1.5])
 def test_energy_balance_is_exact_on_linear_scenes(method, order):
     found = diagnosed(oscillator(order), method, 64)
     assert np.abs(found.energy_defect).max() < 1e-14
@@ -140,17 +140,15 @@ def test_energy_balance_is_exact_with_several_matrices_and_jumps():
     assert np.abs(found.energy_defect).max() < 1e-14 * np.abs(found.forcing_work).max()
 
 
-@pytest.mark.parametrize("method", [GAUSS2_GRADED, GAUSS3_GRADED], ids=lambda method: method.case)
-@pytest.mark.parametrize(
-    "scene",
-    [
+@spread(
+    method=[GAUSS2_GRADED, GAUSS3_GRADED],
+    scene=[
         oscillator(0.5),
         oscillator(1.5),
         two_masses(),
         struck_plate(),
         oscillator(0.5, forcing="sqrt(t)"),
     ],
-    ids=["half", "above 1", "jump", "jump above 1", "fractional forcing"],
 )
 def test_energy_balance_is_exact_on_graded_meshes(scene, method):
     found = diagnosed(scene, method, 64)
@@ -353,11 +351,15 @@ def works(scene, method, n_steps):
     )
 
 
-@pytest.mark.parametrize("method", [NODES, POINTS], ids=lambda m: m.case)
-@pytest.mark.parametrize(
-    "scene",
-    [oscillator(0.5), oscillator(1.0), two_masses(), two_masses("riemann-liouville"), pendulum()],
-    ids=["one", "order 1", "two", "two from a jump", "pendulum"],
+@spread(
+    method=[NODES, POINTS],
+    scene=[
+        oscillator(0.5),
+        oscillator(1.0),
+        two_masses(),
+        two_masses("riemann-liouville"),
+        pendulum(),
+    ],
 )
 def test_balances_are_the_same_by_blocks_and_by_single_steps(scene, method):
     by_blocks, found = works(scene, method, 200)
@@ -384,8 +386,9 @@ def test_asking_for_a_balance_takes_no_single_steps(monkeypatch):
         works(oscillator(0.5), dataclasses.replace(POINTS, history="direct"), 200)
 
 
-@pytest.mark.parametrize("method", [GAUSS2, POINTS])
-@pytest.mark.parametrize(("derivative", "slope"), [("riemann-liouville", 0.8), ("caputo", None)])
+@spread(
+    method=[GAUSS2, POINTS], **{"derivative, slope": [("riemann-liouville", 0.8), ("caputo", None)]}
+)
 def test_the_work_of_an_unbounded_force_without_a_series(method, derivative, slope):
     """A force t^-0.6 from an initial position: the defect falls like h^(2 - 1.2)."""
     scene = scene_of(

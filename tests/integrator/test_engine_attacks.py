@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
@@ -91,8 +92,7 @@ def test_riemann_liouville_of_order_near_one_pushes_at_the_start() -> None:
         assert abs(integrate(near, method, steps).position[-1, 0] - wanted) < 1e-5
 
 
-@pytest.mark.parametrize("order", [0.01, 0.5, 0.9, 0.999])
-@pytest.mark.parametrize("ratio", [math.inf, 1.0, 80.0, 1e9])
+@spread(order=[0.01, 0.5, 0.9, 0.999], ratio=[math.inf, 1.0, 80.0, 1e9])
 def test_loads_of_riemann_liouville(order: float, ratio: float) -> None:
     """Their sum over the basis is the integral of the force."""
     scene = linear_oscillator(

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
@@ -43,11 +44,10 @@ def damped_pendulum(order: float, derivative: str = "caputo") -> Scene:
     )
 
 
-@pytest.mark.parametrize("order", [0.5, 1.0, 1.5])
-@pytest.mark.parametrize("derivative", ["caputo", "riemann-liouville"])
-@pytest.mark.parametrize(
-    "method",
-    [
+@spread(
+    order=[0.5, 1.0, 1.5],
+    derivative=["caputo", "riemann-liouville"],
+    method=[
         GAUSS3,
         Method(cq="gauss", degree=3, start="graded"),
         Method(cq="lobatto-iiic", degree=2),
@@ -55,7 +55,6 @@ def damped_pendulum(order: float, derivative: str = "caputo") -> Scene:
         Method(cq="bdf4", degree=2),
         Method(cq="bdf2", degree=1, sampling="nodes"),
     ],
-    ids=lambda method: method.case,
 )
 def test_the_general_route_gives_what_the_special_one_gives(
     order: float, derivative: str, method: Method
@@ -110,8 +109,7 @@ def two_wells() -> Scene:
     )
 
 
-@pytest.mark.parametrize("degree", [2, 3])
-@pytest.mark.parametrize(("make", "ladder"), [(bent, (64, 128, 256)), (two_wells, (64, 128, 256))])
+@spread(degree=[2, 3], **{"make, ladder": [(bent, (64, 128, 256)), (two_wells, (64, 128, 256))]})
 def test_full_order_of_nonlinear_scenes(make: object, ladder: tuple[int, ...], degree: int) -> None:
     scene = make()  # type: ignore[operator]
     method = Method(cq="gauss", degree=degree, start="graded")

@@ -9,6 +9,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
@@ -102,8 +103,7 @@ def coupled(kind: str, seed: int) -> Scene:
     )
 
 
-@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.case)
-@pytest.mark.parametrize("forcing", [None, "cos(2*t)"])
+@spread(method=METHODS, forcing=[None, "cos(2*t)"])
 def test_each_member_is_what_it_is_alone(method: Method, forcing: str | None) -> None:
     agree(oscillators(5, forcing=forcing), method, 300)
 
@@ -140,8 +140,7 @@ def test_riemann_liouville() -> None:
     agree(scenes, GAUSS2, 100)
 
 
-@pytest.mark.parametrize("kind", ["modal", "general", "uncoupled"])
-@pytest.mark.parametrize("method", METHODS[:3], ids=lambda method: method.case)
+@spread(kind=["modal", "general", "uncoupled"], method=METHODS[:3])
 def test_several_degrees_of_freedom(kind: str, method: Method) -> None:
     agree([coupled(kind, seed) for seed in range(4)], method, 150)
 

@@ -8,6 +8,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 import scipy.sparse.linalg
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
@@ -91,8 +92,7 @@ METHODS: list[Method] = [
 ]
 
 
-@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.case)
-@pytest.mark.parametrize(("name", "scene"), LINEAR, ids=[name for name, _ in LINEAR])
+@spread(method=METHODS, **{"name, scene": LINEAR})
 def test_operations_of_linear_scenes_are_those_counted(name, scene, method):
     several = (7, 16, 100, 257, 1024) if scene.dimension < 100 else (40, 300)
     for n_steps in several:
@@ -103,16 +103,15 @@ def test_operations_of_linear_scenes_are_those_counted(name, scene, method):
         ), n_steps
 
 
-@pytest.mark.parametrize(
-    "method",
-    [
+@spread(
+    method=[
         NODES,
         points(),
         gauss(),
         gauss(3, "graded"),
     ],
+    order=[None, 0.5, 1.0, 1.5],
 )
-@pytest.mark.parametrize("order", [None, 0.5, 1.0, 1.5])
 def test_operations_of_nonlinear_scenes_do_not_depend_on_newton(order, method):
     scene = swing(order)
     for n_steps in (10, 100, 333, 1025):
@@ -161,16 +160,17 @@ def test_operations_of_large_coupled_scenes():
     assert "one factorisation" in plan_run(scene, gauss(), 40).steps
 
 
-@pytest.mark.parametrize(
-    ("name", "newest", "of_first_order"),
-    [
-        ("explicit-euler", -1, (0, 0)),
-        ("implicit-euler", 1, (0, 0)),
-        ("gruenwald-letnikov", 1, (2, -1)),
-        ("product-integration", -1, (1, 0)),
-    ],
+@spread(
+    **{
+        "name, newest, of_first_order": [
+            ("explicit-euler", -1, (0, 0)),
+            ("implicit-euler", 1, (0, 0)),
+            ("gruenwald-letnikov", 1, (2, -1)),
+            ("product-integration", -1, (1, 0)),
+        ]
+    },
+    orders=[(), (1.0,), (0.5,), (0.5, 1.5)],
 )
-@pytest.mark.parametrize("orders", [(), (1.0,), (0.5,), (0.5, 1.5)])
 def test_operations_of_baselines(name, newest, of_first_order, orders):
     # sums over all earlier steps, with the newest or without; a stencil for order one
     scene = oscillators(2, orders)
@@ -199,10 +199,7 @@ MEMORY = [
 ]
 
 
-@pytest.mark.parametrize("n_steps", [4096, 5000, 2**14])
-@pytest.mark.parametrize(
-    ("scene", "method"), [case[1:] for case in MEMORY], ids=[case[0] for case in MEMORY]
-)
+@spread(n_steps=[4096, 5000, 2**14], **{"scene, method": [case[1:] for case in MEMORY]})
 def test_peak_memory_within_a_quarter_of_what_is_traced(scene, method, n_steps):
     integrate(scene, method, 32)
     planned = plan_run(scene, method, n_steps).memory_bytes
@@ -270,8 +267,7 @@ MEMBER_METHODS = [gauss(), gauss(3, "graded"), NODES, points()]
 
 
 class TestMembers:
-    @pytest.mark.parametrize("method", MEMBER_METHODS, ids=lambda method: method.case)
-    @pytest.mark.parametrize("count", [4, 20, 150])
+    @spread(method=MEMBER_METHODS, count=[4, 20, 150])
     def test_operations_of_each_are_those_counted(self, count, method):
         scenes = different(count)
         together = companions(scenes, method, 300)
@@ -321,12 +317,10 @@ class TestMembers:
 class TestDiagnosed:
     BALANCE = Asked(energy_balance=True)
 
-    @pytest.mark.parametrize(
-        "scene",
-        [oscillators(), oscillators(3, coupled="all"), oscillators(orders=()), swing()],
-        ids=["one", "coupled", "undamped", "pendulum"],
+    @spread(
+        scene=[oscillators(), oscillators(3, coupled="all"), oscillators(orders=()), swing()],
+        method=MEMBER_METHODS,
     )
-    @pytest.mark.parametrize("method", MEMBER_METHODS, ids=lambda method: method.case)
     def test_operations_are_those_counted(self, scene, method):
         found = integrate(scene, method, 300, diagnostics=self.BALANCE)
         planned = plan_run(scene, method, 300, diagnosed=True)
@@ -342,8 +336,7 @@ class TestDiagnosed:
         assert planned.history_operations == alone.history_operations
         assert planned.steps == alone.steps
 
-    @pytest.mark.parametrize("method", MEMBER_METHODS, ids=lambda method: method.case)
-    @pytest.mark.parametrize("scene", [oscillators(), swing()], ids=["one", "pendulum"])
+    @spread(method=MEMBER_METHODS, scene=[oscillators(), swing()])
     def test_peak_memory(self, scene, method):
         integrate(scene, method, 32, diagnostics=self.BALANCE)
         planned = plan_run(scene, method, 4096, diagnosed=True).memory_bytes

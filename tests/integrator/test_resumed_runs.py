@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.integrator.integrate import integrate
@@ -97,9 +98,7 @@ def assert_same(one, other):
     assert one.history_operations == other.history_operations
 
 
-@pytest.mark.parametrize("every", [1, 7, 100])
-@pytest.mark.parametrize("method", [NONE, GRADED], ids=["none", "graded"])
-@pytest.mark.parametrize("name", SCENES)
+@spread(every=[1, 7, 100], method=[NONE, GRADED], name=SCENES)
 def test_a_run_stopped_twice_ends_in_the_same_bits(name, method, every):
     straight = integrate(SCENES[name], method, N, every=every)
     assert straight.status == "ok"

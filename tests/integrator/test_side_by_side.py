@@ -9,6 +9,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
@@ -147,8 +148,7 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("method", METHODS[:2], ids=lambda method: method.case)
+@spread(kind=KINDS, method=METHODS[:2])
 def test_each_is_what_it_is_alone(kind: str, method: Method) -> None:
     scenes = KINDS[kind]()
     assert companions(scenes, method, 60) == [len(scenes)] * len(scenes)
@@ -329,8 +329,7 @@ LAWS: dict[str, Callable[[float], Law]] = {
 }
 
 
-@pytest.mark.parametrize("name", ["zener", "narrow", "prony", "tempered"])
-@pytest.mark.parametrize("orders", [(), (0.5, 1.5)])
+@spread(name=["zener", "narrow", "prony", "tempered"], orders=[(), (0.5, 1.5)])
 def test_laws_stand_side_by_side(name: str, orders: tuple[float, ...]) -> None:
     scenes = with_laws(6, LAWS[name], *orders)
     assert companions(scenes, GRADED3, 24) == [6] * 6

@@ -6,6 +6,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
@@ -109,10 +110,10 @@ def test_zeros_are_found():
     )
 
 
-@pytest.mark.parametrize(
-    ("p", "bound"), [(1, 2.0), (2, 4.0), (3, 20 / 3), (4, 32 / 3), (5, 256 / 15), (6, 416 / 15)]
+@spread(
+    **{"p, bound": [(1, 2.0), (2, 4.0), (3, 20 / 3), (4, 32 / 3), (5, 256 / 15), (6, 416 / 15)]},
+    order=[0.4, 1.0, 1.5, 1.8],
 )
-@pytest.mark.parametrize("order", [0.4, 1.0, 1.5, 1.8])
 def test_sawtooth_bound_of_explicit_sampling(p, bound, order):
     # mu h^(2 - gamma) gamma_p(-1)^gamma = 4 puts a mode at z = -1: the bound is a formula
     critical = (4 / bound**order) ** (1 / (2 - order))
@@ -135,8 +136,7 @@ def test_largest_stable_step_where_there_is_no_limit():
     assert largest_stable_step(oscillator(64.0), Method(cq="gauss", degree=3)) == 64.0
 
 
-@pytest.mark.parametrize("p", [1, 2])
-@pytest.mark.parametrize("order", [0.05, 0.5, 1.0, 1.3, 1.95])
+@spread(p=[1, 2], order=[0.05, 0.5, 1.0, 1.3, 1.95])
 def test_degree_one_at_the_points_is_stable_for_a_stable_formula(p, order):
     for stiffness in (1e-2, 1.0, 1e4, 1e8):
         for mu in (1e-2, 1.0, 1e4):
@@ -168,17 +168,18 @@ def test_the_scene_of_the_paper_that_blows_up():
     assert verdicts[5] == "unstable"
 
 
-@pytest.mark.parametrize(
-    ("stiffness", "damping"),
-    [
-        (1.0, ((0.5, -0.3),)),
-        (1.0, ((1.5, -0.4),)),
-        (1.0, ((1.0, -0.2),)),
-        (-1.0, ((0.5, 0.5),)),
-        (2.0, ((0.5, 0.4), (1.5, -0.7))),
-    ],
+@spread(
+    **{
+        "stiffness, damping": [
+            (1.0, ((0.5, -0.3),)),
+            (1.0, ((1.5, -0.4),)),
+            (1.0, ((1.0, -0.2),)),
+            (-1.0, ((0.5, 0.5),)),
+            (2.0, ((0.5, 0.4), (1.5, -0.7))),
+        ]
+    },
+    method=[Method(cq="gauss", degree=3), points(2, 2), nodes(2)],
 )
-@pytest.mark.parametrize("method", [Method(cq="gauss", degree=3), points(2, 2), nodes(2)])
 def test_true_growth_is_not_called_unstable(stiffness, damping, method):
     scene = oscillator(30.0, stiffness=stiffness, damping=damping)
     prediction = predict_stability(scene, method, 3000)
@@ -342,8 +343,7 @@ def test_a_mass_that_is_none_is_not_linearised():
     assert "cannot be linearised" in prediction.reason
 
 
-@pytest.mark.parametrize("order", [0.001, 0.05, 1 - 1e-9, 1 + 1e-9, 1.95, 1.999])
-@pytest.mark.parametrize("n_steps", [1, 30, 10**6])
+@spread(order=[0.001, 0.05, 1 - 1e-9, 1 + 1e-9, 1.95, 1.999], n_steps=[1, 30, 10**6])
 def test_extreme_orders_and_numbers_of_steps(order, n_steps):
     for degree in (1, 2, 3, 4):
         for mu in (1e-3, 1.0, 1e3):

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
@@ -178,8 +179,10 @@ def test_large_scenes_without_modes_are_decided_where_that_is_proved():
     assert predict_stability(fed, GAUSS, 100).verdict == "unknown"
 
 
-@pytest.mark.parametrize("method", [GAUSS, Method(cq="gauss", degree=1)])
-@pytest.mark.parametrize(("order", "mu"), [(1.0, -1.9), (0.5, -1.6), (1.5, -0.9)])
+@spread(
+    method=[GAUSS, Method(cq="gauss", degree=1)],
+    **{"order, mu": [(1.0, -1.9), (0.5, -1.6), (1.5, -0.9)]},
+)
 def test_long_growth_that_is_the_truth_is_not_unstable(method, order, mu):
     # a relative error of the rate of one percent is a factor 1e3 after a growth of e^700
     scene = oscillator(400.0, damping=((order, mu),))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.special import gamma as gamma_function
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.equal_steps.starting_weights import starting_weights
@@ -16,9 +17,7 @@ from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.named import linear_oscillator
 
 
-@pytest.mark.parametrize("offset", [0.0, 0.21])
-@pytest.mark.parametrize("order", [0.5, 1.0, 1.5])
-@pytest.mark.parametrize("bdf_order", [1, 3, 6])
+@spread(offset=[0.0, 0.21], order=[0.5, 1.0, 1.5], bdf_order=[1, 3, 6])
 def test_the_corrected_quadrature_is_exact_on_the_powers(
     bdf_order: int, order: float, offset: float
 ) -> None:

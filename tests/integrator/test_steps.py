@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
@@ -98,8 +99,7 @@ def test_one_sided_values_at_break_points() -> None:
     assert forcing(np.array([1.0, 1.0 + 1e-12]))[:, 0].tolist() == [0.0, 1.0]
 
 
-@pytest.mark.parametrize("name", ["explicit-euler", "implicit-euler"])
-@pytest.mark.parametrize("order", [0.5, 1.0, 1.5])
+@spread(name=["explicit-euler", "implicit-euler"], order=[0.5, 1.0, 1.5])
 def test_euler_is_of_order_1(name: str, order: float) -> None:
     scene = linear_oscillator(
         final_time=2.0,

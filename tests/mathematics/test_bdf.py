@@ -110,9 +110,7 @@ def test_symbol_is_the_polynomial(bdf_order: int) -> None:
     assert symbol_at(bdf_order, 1 - 2.0**-40).real == pytest.approx(2.0**-40, rel=1e-11)
 
 
-@pytest.mark.parametrize("kind", sorted(WEIGHTS))
-@pytest.mark.parametrize("order", [-1.7, -0.5, 0.3, 1.5, 2.0])
-@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+@spread(kind=sorted(WEIGHTS), order=[-1.7, -0.5, 0.3, 1.5, 2.0], bdf_order=BDF_ORDERS)
 def test_weights_sum_to_the_power_of_the_symbol(kind: str, order: float, bdf_order: int) -> None:
     z = 0.8 * np.exp(1j * np.linspace(0, 3, 7))
     weights = WEIGHTS[kind](bdf_order, order, 300)
@@ -259,8 +257,7 @@ def test_a_running_product_would_drift() -> None:
     assert abs(drifted / mine - 1) > 1e-11
 
 
-@pytest.mark.parametrize("n_weights", [1, 2, 23, 24, 25, 26, 1023, 1024, 1025, 1026])
-@pytest.mark.parametrize("bdf_order", [1, 3, 6])
+@spread(n_weights=[1, 2, 23, 24, 25, 26, 1023, 1024, 1025, 1026], bdf_order=[1, 3, 6])
 def test_fewer_weights_are_the_first_ones(n_weights: int, bdf_order: int) -> None:
     for weights in WEIGHTS.values():
         all_of_them = weights(bdf_order, 0.7, 2000)

@@ -1,6 +1,7 @@
 import mpmath
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.mathematics.transforms.characteristic import (
     CharacteristicFunction,
@@ -23,8 +24,7 @@ def residual(characteristic, zero):
         return float(abs(mpmath.fsum(parts)) / mpmath.fsum(abs(p) for p in parts))
 
 
-@pytest.mark.parametrize("order", [0.05, 0.5, 0.95, 1.25, 1.5, 1.8])
-@pytest.mark.parametrize("coefficient", [0.01, 1.0, 30.0])
+@spread(order=[0.05, 0.5, 0.95, 1.25, 1.5, 1.8], coefficient=[0.01, 1.0, 30.0])
 def test_positive_damping_has_one_conjugate_pair(order, coefficient):
     characteristic = function(2.0, (order, coefficient))
     zeros = characteristic_zeros(characteristic)

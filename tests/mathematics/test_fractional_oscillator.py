@@ -154,8 +154,7 @@ def test_several_orders_at_once():
     assert np.abs(found - expected).max() < 2e-14
 
 
-@pytest.mark.parametrize("coefficient", [0.2, 2.0, 2.0 * np.sqrt(3.0), 5.0, 50.0])
-@pytest.mark.parametrize("change", [-1e-9, 0.0, 1e-9])
+@spread(coefficient=[0.2, 2.0, 2.0 * np.sqrt(3.0), 5.0, 50.0], change=[-1e-9, 0.0, 1e-9])
 def test_orders_next_to_one_are_harmless(coefficient, change):
     # The density on the cut is nearly singular there; with v0 = 0 the limit is the classical one.
     characteristic, zeros = oscillator(3.0, (1.0 + change, coefficient))

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from spread import spread
 
 from fvi_cli.mathematics.bdf import convolution_weights
 from fvi_cli.mathematics.operators import left_operator, right_operator
@@ -28,8 +29,7 @@ def toeplitz(bdf_order: int, exponent: float, n: int) -> Array:
     return np.where(lag >= 0, weights[np.abs(lag)], 0.0)
 
 
-@pytest.mark.parametrize("exponent", [-1.5, -1.0, -0.3, 0.0, 0.5, 1.0, 1.7, 2.0])
-@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+@spread(exponent=[-1.5, -1.0, -0.3, 0.0, 0.5, 1.0, 1.7, 2.0], bdf_order=BDF_ORDERS)
 def test_operators_are_a_toeplitz_matrix_and_its_transpose(bdf_order: int, exponent: float) -> None:
     matrix = toeplitz(bdf_order, exponent, 60)
     for values in (random_sequence(60), random_sequence(60, 3)):
@@ -41,8 +41,7 @@ def test_operators_are_a_toeplitz_matrix_and_its_transpose(bdf_order: int, expon
         np.testing.assert_allclose(right, matrix.T @ values, rtol=0, atol=1e-14 * scale)
 
 
-@pytest.mark.parametrize("exponent", [-0.5, 0.5, 1.5])
-@pytest.mark.parametrize("n", [1024, 1025, 3000])
+@spread(exponent=[-0.5, 0.5, 1.5], n=[1024, 1025, 3000])
 def test_transform_and_direct_sum_agree(exponent: float, n: int) -> None:
     values = random_sequence(n, 2)
     weights = convolution_weights(3, exponent, n)
@@ -73,9 +72,7 @@ def semigroup_defect(bdf_order: int, a: float, b: float, total: float, n: int) -
 SEMIGROUP_PAIRS = [(0.25, 0.25), (0.75, 0.75), (0.3, 1.2), (1.5, -1.5), (-0.4, -0.6), (1.9, -0.9)]
 
 
-@pytest.mark.parametrize(("a", "b"), SEMIGROUP_PAIRS)
-@pytest.mark.parametrize("n", [200, 2000])
-@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+@spread(**{"a, b": SEMIGROUP_PAIRS}, n=[200, 2000], bdf_order=BDF_ORDERS)
 def test_semigroup_to_round_off(bdf_order: int, n: int, a: float, b: float) -> None:
     assert semigroup_defect(bdf_order, a, b, a + b, n) < 1e-14
 
@@ -86,9 +83,7 @@ def test_semigroup_needs_the_sum_of_the_exponents(bdf_order: int) -> None:
     assert semigroup_defect(bdf_order, 0.25, 0.25, 0.5 + 1e-9, 200) > 1e-12
 
 
-@pytest.mark.parametrize("exponent", [-0.5, 0.25, 0.75, 1.0, 1.5])
-@pytest.mark.parametrize("n", [200, 2000])
-@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+@spread(exponent=[-0.5, 0.25, 0.75, 1.0, 1.5], n=[200, 2000], bdf_order=BDF_ORDERS)
 def test_asymmetric_integration_by_parts(bdf_order: int, n: int, exponent: float) -> None:
     x, y = random_sequence(n), random_sequence(n + 1)[:n]
     left = left_operator(bdf_order, exponent, STEP, x)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import functools
 import io
 import json
 import math
@@ -11,11 +12,13 @@ import math
 import pytest
 from cost_tables import row, table
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from fvi_cli.cli.app import app
 from fvi_cli.integrator.baselines import peers
 from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.plotting.ladders import cost as cost_plots
 from fvi_cli.plotting.ladders.cost import cost_figure, cost_figures
 from fvi_cli.plotting.methods import BASELINE_COLOURS
 from fvi_cli.render.cost import write_page
@@ -25,6 +28,7 @@ from fvi_cli.runner import cost as cost_runner
 from fvi_cli.studies import cost
 from fvi_cli.studies.cost import CostCase, CostTable
 from fvi_cli.studies.price import cheapest_bands, cost_curves
+from fvi_cli.studies.tolerance import price
 
 # as the design of the command promises them
 PROMISED = (
@@ -110,35 +114,41 @@ def test_json_has_no_number_that_is_none():
     assert found["pareto_front"]
 
 
+@functools.cache
+def drawn() -> Figure:
+    """The figure of what was measured; not to be changed."""
+    return cost_figure(measured())
+
+
 class TestFigure:
     def test_methods_are_told_apart_without_colour_and_baselines_are_grey(self):
-        axes = cost_figure(measured()).axes[0]
-        drawn = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
-        assert [line.get_label() for line in drawn] == ["Gauss3", "Grünwald-Letnikov", "DOP853"]
-        assert len({(line.get_marker(), line.get_linestyle()) for line in drawn}) == 3
-        assert [to_hex(line.get_color()) in BASELINE_COLOURS for line in drawn] == [
+        axes = drawn().axes[0]
+        curves = [line for line in axes.lines if not str(line.get_label()).startswith("_")]
+        assert [line.get_label() for line in curves] == ["Gauss3", "Grünwald-Letnikov", "DOP853"]
+        assert len({(line.get_marker(), line.get_linestyle()) for line in curves}) == 3
+        assert [to_hex(line.get_color()) in BASELINE_COLOURS for line in curves] == [
             False,
             True,
             True,
         ]
 
     def test_the_answer_is_on_top(self):
-        figure = cost_figure(measured())
+        figure = drawn()
         texts = [text.get_text() for text in figure.axes[0].texts]
         assert "Gauss3" in texts
         left, right = figure.axes[0].get_xlim()
         assert left > right
 
     def test_work_is_drawn_where_there_is_memory(self):
-        assert len(cost_figure(measured()).axes) == 2
+        assert len(drawn().axes) == 2
         assert len(cost_figure(measured(memory=False)).axes) == 1
-        labels = [axes.get_ylabel() for axes in cost_figure(measured()).axes]
+        labels = [axes.get_ylabel() for axes in drawn().axes]
         assert labels == ["set-up and stepping, seconds", "multiply-adds on the history"]
 
     def test_the_broad_line_is_the_time_of_the_method_that_the_strip_names(self):
         table = measured()
         curves = cost_curves(table)
-        axes = cost_figure(table).axes[0]
+        axes = drawn().axes[0]
         bands = cheapest_bands(curves)
         broad = [line for line in axes.lines if line.get_label() == "_cheapest time"]
         assert len(broad) == len(bands) > 1
@@ -157,9 +167,10 @@ class TestFigure:
         labels = [line.get_label() for line in figure.axes[0].lines]
         assert "Grünwald-Letnikov" not in labels
         assert figure.legends[0].get_title().get_text().endswith("not drawn: Grünwald-Letnikov")
-        assert "Grünwald" not in cost_figure(table).legends[0].get_title().get_text()
+        assert "Grünwald" not in drawn().legends[0].get_title().get_text()
 
-    def test_every_experiment_has_its_figure(self):
+    def test_every_experiment_has_its_figure(self, monkeypatch):
+        monkeypatch.setattr(cost_plots, "cost_figure", lambda table: drawn())
         first, second = (dataclasses.replace(measured(), experiment=name) for name in "ab")
         assert list(cost_figures("both", [first, second])) == ["a-cost", "b-cost"]
         assert list(cost_figures("both", [first])) == ["both-cost"]
@@ -198,6 +209,8 @@ class TestCommand:
     @pytest.fixture(autouse=True)
     def _quick(self, monkeypatch, tmp_path):
         monkeypatch.setattr(cost, "ENOUGH_SECONDS", 0.0)
+        monkeypatch.setattr(price, "REPEATS", 1)
+        monkeypatch.setattr(cost_runner, "TOLERANCES", (1e-3,))
         monkeypatch.chdir(tmp_path)
         (tmp_path / "small.yaml").write_text(TEXT)
 

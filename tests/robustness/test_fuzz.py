@@ -141,7 +141,7 @@ def try_configurations(guard, count, seed):
 
 
 def test_texts_with_changes(guard):
-    try_configurations(guard, 200, 0)
+    try_configurations(guard, 100, 0)
 
 
 @pytest.mark.slow
@@ -180,7 +180,7 @@ def try_expressions(guard, count, seed):
 
 
 def test_expressions_of_any_words(guard):
-    try_expressions(guard, 1000, 0)
+    try_expressions(guard, 400, 0)
 
 
 @pytest.mark.slow
@@ -242,7 +242,7 @@ def try_files(guard, folder, count, seed):
 
 
 def test_files_with_damage(guard, folder):
-    try_files(guard, folder, 60, 0)
+    try_files(guard, folder, 25, 0)
 
 
 @pytest.mark.slow

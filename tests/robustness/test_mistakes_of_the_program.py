@@ -48,6 +48,7 @@ def fvi(*arguments):
 def test_in_the_midst_of_costs(monkeypatch):
     at = lambda run: run.method.degree == 2 and run.n_steps == 4  # noqa: E731
     monkeypatch.setattr(cost, "execute", breaking(cost.execute, at))
+    monkeypatch.setattr("fvi_cli.runner.cost.TOLERANCES", (1e-3,))
     result = fvi("cost")
     assert result.exit_code == 1, result.output
     (line,) = [line for line in result.stderr.splitlines() if "unexpected" in line]

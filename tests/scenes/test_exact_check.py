@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.special import roots_jacobi
+from spread import spread
 from typer.testing import CliRunner
 
 import fvi_cli as fvi
@@ -116,8 +117,7 @@ def test_shipped_solutions_are_right() -> None:
     assert all(fvi.load(name).experiments for name in fvi.shipped_configurations())
 
 
-@pytest.mark.parametrize("power", [-0.99, -0.5, 0.0, 0.3, 1.0])
-@pytest.mark.parametrize("points", [1, 2, 24])
+@spread(power=[-0.99, -0.5, 0.0, 0.3, 1.0], points=[1, 2, 24])
 def test_the_rule_for_singular_weights_is_that_of_scipy(points, power):
     nodes, weights = exact_check._jacobi(points, power)
     known_nodes, known_weights = roots_jacobi(points, power, 0.0)

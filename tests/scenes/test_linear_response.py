@@ -7,6 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 from scipy.special import wofz
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
@@ -408,8 +409,7 @@ def test_classical_damping_written_out(coefficient):
     assert found(times) == pytest.approx(expected, abs=3e-14 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("order", [0.5, 1.5])
-@pytest.mark.parametrize("coefficient", [0.01, 0.5, 2.5, -0.3])
+@spread(order=[0.5, 1.5], coefficient=[0.01, 0.5, 2.5, -0.3])
 def test_half_orders_by_faddeeva_functions(coefficient, order):
     """Partial fractions in the root of s: sum of c r w(-i r sqrt t)."""
     polynomial = np.zeros(5)

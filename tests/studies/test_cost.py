@@ -52,6 +52,7 @@ def experiment(text: str = TEXT) -> Experiment:
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch):
     monkeypatch.setattr(cost, "ENOUGH_SECONDS", 0.0)
+    monkeypatch.setattr(price, "REPEATS", 1)
 
 
 def test_every_run_is_measured_and_counted():

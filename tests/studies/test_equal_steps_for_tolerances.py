@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
@@ -49,8 +50,7 @@ def estimate(run: Trajectory) -> float:
     return run.assessment.estimate
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6, 1e-9, 1e-11])
-@pytest.mark.parametrize("order", [0.3, 1.0, 1.9])
+@spread(tolerance=[1e-3, 1e-6, 1e-9, 1e-11], order=[0.3, 1.0, 1.9])
 def test_tolerance_is_kept_against_the_characteristic_roots(order: float, tolerance: float) -> None:
     scene = oscillator(order, initial_velocity=0.5)
     run = solved(scene, tolerance=tolerance)

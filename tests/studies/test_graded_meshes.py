@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.integrator.integrate import integrate
@@ -68,8 +69,7 @@ def test_a_graded_mesh_multiplies_the_order_of_a_singular_start(
     assert residual < 0.05
 
 
-@pytest.mark.parametrize("order", [0.3, 0.8, 1.5])
-@pytest.mark.parametrize("degree", [2, 3])
+@spread(order=[0.3, 0.8, 1.5], degree=[2, 3])
 def test_a_graded_start_has_the_order_of_smooth_motions(order: float, degree: int) -> None:
     slopes = {}
     for start in ("graded", "none"):
@@ -184,8 +184,7 @@ def test_a_graded_start_is_never_lost_in_a_batch() -> None:
         assert np.abs(one.position - other.position).max() > 1e-10
 
 
-@pytest.mark.parametrize(("start", "grading"), [("graded", 1.0), ("none", 2.0)])
-@pytest.mark.parametrize("kind", ["linear", "nonlinear"])
+@spread(**{"start, grading": [("graded", 1.0), ("none", 2.0)]}, kind=["linear", "nonlinear"])
 def test_the_plan_tells_the_work_of_the_mesh(start: str, grading: float, kind: str) -> None:
     problem = PULSE if kind == "nonlinear" else free(0.5)
     ladder = {"steps": 73, "grading": grading}

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.config import load_config
 from fvi_cli.storage.records import finished_of, record_of
@@ -51,8 +52,7 @@ def test_errors_are_those_of_the_kept_points(tmp_path: Path, norm: str) -> None:
     assert np.array_equal(again.datasets["time"], records[1].datasets["time"])
 
 
-@pytest.mark.parametrize("norm", ["max", "final", "l2"])
-@pytest.mark.parametrize("second", [1.0, 1e8, 1e-12])
+@spread(norm=["max", "final", "l2"], second=[1.0, 1e8, 1e-12])
 def test_status_and_floor_do_not_depend_on_the_unit_of_time(
     tmp_path: Path, norm: str, second: float
 ) -> None:

@@ -210,8 +210,7 @@ MOVING = {
 DAMPERS = {"duffing": "damping", "double-pendulum": "joints"}
 
 
-@pytest.mark.parametrize("mu", [0.0, 0.2])
-@pytest.mark.parametrize("name", MOVING)
+@spread(mu=[0.0, 0.2], name=MOVING)
 def test_order_is_twice_the_stages_on_nonlinear_scenes(name: str, mu: float) -> None:
     more = {DAMPERS[name]: [{"order": 0.5, "coefficient": mu}]} if mu else {}
     scene = scene_of(**MOVING[name], **more)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from spread import spread
 from written_out import left_operator_rk
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -38,9 +39,7 @@ def energy_and_work(
     return energy, works[0], works[1]
 
 
-@pytest.mark.parametrize("stages", [1, 2, 3])
-@pytest.mark.parametrize("order", [0.3, 0.8, 1.4])
-@pytest.mark.parametrize("stiffness", [1.0, 1e4, 1e8])
+@spread(stages=[1, 2, 3], order=[0.3, 0.8, 1.4], stiffness=[1.0, 1e4, 1e8])
 def test_energy_is_lost_exactly_as_the_damping_works(
     stages: int, order: float, stiffness: float
 ) -> None:

@@ -94,14 +94,12 @@ def positive(rng: np.random.Generator, d: int) -> np.ndarray:
     return matrix @ matrix.T / d + np.eye(d)
 
 
-@pytest.mark.parametrize("kind", ["modal", "general", "uncoupled"])
-@pytest.mark.parametrize(
-    "method",
-    [
+@spread(
+    kind=["modal", "general", "uncoupled"],
+    method=[
         Method(cq="bdf2", sampling="nodes", degree=1),
         Method(cq="bdf3", degree=2),
     ],
-    ids=lambda method: method.case,
 )
 def test_three_degrees_of_freedom(kind: str, method: Method) -> None:
     rng = np.random.default_rng(5)
@@ -165,8 +163,7 @@ NONLINEAR_METHODS = [
 ]
 
 
-@pytest.mark.parametrize("method", NONLINEAR_METHODS, ids=lambda method: method.case)
-@pytest.mark.parametrize("orders", [(0.5,), (1.0,), (1.5, 0.5)])
+@spread(method=NONLINEAR_METHODS, orders=[(0.5,), (1.0,), (1.5, 0.5)])
 def test_newton_on_whole_blocks(method: Method, orders: tuple[float, ...]) -> None:
     scene = pendulum(
         final_time=20.0,

@@ -88,9 +88,7 @@ def test_points_have_order_min_p_2s(gamma: float, name: str, degree: int, bdf_or
         assert order == pytest.approx(min(bdf_order, 2 * degree), abs=0.15)
 
 
-@pytest.mark.parametrize("gamma", [0.5, 1.5])
-@pytest.mark.parametrize("name", ["t^8", "t^8 (1 + sin t)"])
-@pytest.mark.parametrize("stages", [1, 2, 3, 4])
+@spread(gamma=[0.5, 1.5], name=["t^8", "t^8 (1 + sin t)"], stages=[1, 2, 3, 4])
 def test_gauss_has_order_2m(gamma: float, name: str, stages: int) -> None:
     problem = smooth_problem(name, gamma)
     ladder = {1: (64, 128, 256), 2: (32, 64, 128), 3: (16, 32, 64), 4: (4, 8, 16)}[stages]
@@ -110,8 +108,7 @@ def test_gauss_has_order_2m(gamma: float, name: str, stages: int) -> None:
 LADDERS = {1: (64, 128, 256, 512), 2: (64, 128, 256, 512), 3: (48, 64, 80, 96)}
 
 
-@pytest.mark.parametrize("gamma", [0.3, 0.5, 1.25, 1.5, 1.9])
-@pytest.mark.parametrize("stages", [1, 2, 3])
+@spread(gamma=[0.3, 0.5, 1.25, 1.5, 1.9], stages=[1, 2, 3])
 def test_gauss_with_a_graded_start_keeps_2m_on_singular_starts(gamma: float, stages: int) -> None:
     problem = free_oscillator(gamma)
     ladder = LADDERS[stages]
@@ -136,8 +133,7 @@ def test_gauss4_with_a_graded_start_is_at_5e_12_with_64_steps(gamma: float) -> N
     assert errors(problem, Method(cq="gauss", degree=4), (64,))[0] > 5e-11
 
 
-@pytest.mark.parametrize("gamma", [0.3, 0.5, 1.5])
-@pytest.mark.parametrize("bdf_order", [1, 2, 3, 4])
+@spread(gamma=[0.3, 0.5, 1.5], bdf_order=[1, 2, 3, 4])
 def test_points_have_the_order_of_the_first_power_at_most(gamma: float, bdf_order: int) -> None:
     """On a free motion from a position and a velocity."""
     problem = free_oscillator(gamma)
@@ -328,8 +324,7 @@ def test_a_graded_start_puts_a_break_point_between_steps_too() -> None:
     assert errors["none"] > 300 * errors["graded"]
 
 
-@pytest.mark.parametrize("mass", [1.0, 3.0])
-@pytest.mark.parametrize("unit", [1e-6, 1e6])
+@spread(mass=[1.0, 3.0], unit=[1e-6, 1e6])
 def test_a_graded_start_does_not_depend_on_the_unit_of_time(mass: float, unit: float) -> None:
     gamma = 1.5
     base = linear_oscillator(

@@ -135,20 +135,6 @@ def test_smooth_motions_on_graded_meshes(order: float, m: int) -> None:
     assert slope(numbers, errors) == pytest.approx(2 * m, abs=0.15)
 
 
-@spread(order=ORDERS, m=STAGES)
-def test_graded_starts_on_equal_steps(order: float, m: int) -> None:
-    scene, exact = singular(order, 16.0, 0.2)
-    method, numbers = Method(cq="gauss", degree=m, start="graded"), (48, 64, 80, 96)
-    if m == 1:
-        numbers = (96, 128, 192, 256)
-    errors = []
-    for n in numbers:
-        found = integrate(scene, method, n)
-        assert np.allclose(found.time, 16.0 / n * np.arange(n + 1), rtol=1e-13)
-        errors.append(float(np.abs(found.position - exact(found.time)).max()))
-    assert slope(numbers, errors) == pytest.approx(2 * m, abs=0.1)
-
-
 @spread(order=ORDERS, m=[3, 4])
 def test_finer_steps_inside_the_first_one_alone_are_not_enough(order: float, m: int) -> None:
     """The control: the step after them is as long as its distance from the singular point."""
@@ -193,8 +179,7 @@ def test_nonlinear_motions(name: str, order: float, m: int) -> None:
     assert slope(numbers, errors) == pytest.approx(2 * m, abs=0.15)
 
 
-@pytest.mark.parametrize("breaks", [(2.0,), (1.7123,)], ids=["on the grid", "off the grid"])
-@pytest.mark.parametrize("order", [0.5, 1.5])
+@spread(breaks=[(2.0,), (1.7123,)], order=[0.5, 1.5])
 def test_jumps_of_the_force(order: float, breaks: tuple[float, ...]) -> None:
     """Behind a break point steps are halved as at the start."""
     parts = [

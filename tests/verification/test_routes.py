@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from paper_problems import bagley_torvik_three_quarters, damped_oscillator
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
@@ -65,8 +66,7 @@ def test_degree_1_is_the_midpoint_rule_written_out(bdf_order: int) -> None:
     assert np.abs(ours - wrong).max() > 1e-8
 
 
-@pytest.mark.parametrize("degree", [1, 2, 3, 4])
-@pytest.mark.parametrize("bdf_order", [1, 3])
+@spread(degree=[1, 2, 3, 4], bdf_order=[1, 3])
 def test_any_degree_is_the_algorithm_of_the_paper(degree: int, bdf_order: int) -> None:
     problem = damped_oscillator()
     method = Method(cq=f"bdf{bdf_order}", sampling="nodes", degree=degree)
@@ -128,8 +128,7 @@ def test_degrees_of_freedom_of_a_rotated_system_are_those_of_its_modes() -> None
         assert np.abs(ours[:, index] - theirs).max() < 1e-12
 
 
-@pytest.mark.parametrize("sampling", ["nodes", "points"])
-@pytest.mark.parametrize("derivative", ["caputo", "riemann-liouville"])
+@spread(sampling=["nodes", "points"], derivative=["caputo", "riemann-liouville"])
 def test_terms_of_one_order_add_up(sampling: str, derivative: str) -> None:
     """Two terms cost and do what their sum does."""
     method = Method(cq="bdf3", sampling=sampling, degree=2)

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
@@ -78,10 +79,9 @@ def refined(scene: Scene):
     return lambda n_steps: path[:: finest // n_steps]
 
 
-@pytest.mark.parametrize("order", [None, 0.5, 1.0, 1.5])
-@pytest.mark.parametrize(
-    ("interpolation", "degree", "limit"),
-    [("linear", 2, 2.0), ("linear", 3, 2.0), ("cubic", 3, 4.0)],
+@spread(
+    order=[None, 0.5, 1.0, 1.5],
+    **{"interpolation, degree, limit": [("linear", 2, 2.0), ("linear", 3, 2.0), ("cubic", 3, 4.0)]},
 )
 def test_knots_inside_of_steps_cost_the_order_of_the_interpolation(
     interpolation, degree, limit, order

@@ -128,10 +128,10 @@ def contradictions(seed: int, count: int) -> tuple[list[str], dict[str, int]]:
 
 
 def test_what_is_predicted_is_observed() -> None:
-    wrong, verdicts = contradictions(seed=20, count=100)
+    wrong, verdicts = contradictions(seed=20, count=40)
     assert not wrong
     assert verdicts["unknown"] == 0
-    assert min(verdicts["stable"], verdicts["unstable"]) >= 20
+    assert min(verdicts["stable"], verdicts["unstable"]) >= 8
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from adjoint_equation import integrate_advanced
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
@@ -29,9 +30,7 @@ def scene_of(kind: str, forcing: Forcing | None = None) -> Scene:
     )
 
 
-@pytest.mark.parametrize("kind", ["oscillator", "pendulum"])
-@pytest.mark.parametrize("sampling", ["nodes", "points"])
-@pytest.mark.parametrize("degree", [1, 2, 3])
+@spread(kind=["oscillator", "pendulum"], sampling=["nodes", "points"], degree=[1, 2, 3])
 def test_y_is_x_in_reversed_time(kind: str, sampling: str, degree: int) -> None:
     scene = scene_of(kind)
     method = Method(cq="bdf3", sampling=sampling, degree=degree)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.diagnostics_request import Asked
@@ -135,8 +136,9 @@ def test_the_mechanical_energy_alone_rises() -> None:
     assert rise(extended(found)) < 1e-14
 
 
-@pytest.mark.parametrize("orders", [(0.5,), (1.5,), (0.2, 0.9, 1.4), (1.0, 0.6)])
-@pytest.mark.parametrize("kind", ["uniform", "random", "alternating"])
+@spread(
+    orders=[(0.5,), (1.5,), (0.2, 0.9, 1.4), (1.0, 0.6)], kind=["uniform", "random", "alternating"]
+)
 def test_several_terms_and_degrees_of_freedom(orders: tuple[float, ...], kind: str) -> None:
     rng = np.random.default_rng(7)
     matrices = []
@@ -161,8 +163,7 @@ def test_several_terms_and_degrees_of_freedom(orders: tuple[float, ...], kind: s
     assert np.abs(defect).max() < 1e-11 * extended(found)[0]
 
 
-@pytest.mark.parametrize("order", [0.4, 1.6])
-@pytest.mark.parametrize("forced", [False, True])
+@spread(order=[0.4, 1.6], forced=[False, True])
 def test_the_balance_of_works_is_exact_for_quadratic_potentials(order: float, forced: bool) -> None:
     scene = linear_oscillator(
         final_time=10.0,

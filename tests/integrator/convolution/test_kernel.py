@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mesh_powers import Array, local_power, mesh_power, meshes
+from spread import spread
 
 from fvi_cli.integrator.convolution.kernel import Kernel, power_kernel
 from fvi_cli.integrator.convolution.stages import StageOperator, gauss_operator
@@ -55,16 +56,14 @@ def block_error(result: Array, exact: Array, m: int) -> float:
     return float((errors[lower] / sizes[lower]).max())
 
 
-@pytest.mark.parametrize("m", [1, 2, 3, 5, 8, 10])
-@pytest.mark.parametrize("theta", [-0.98, -0.5, -0.02, 0.02, 0.5, 0.98, 1 - 1e-6])
+@spread(m=[1, 2, 3, 5, 8, 10], theta=[-0.98, -0.5, -0.02, 0.02, 0.5, 0.98, 1 - 1e-6])
 def test_local_blocks_are_powers_of_the_matrix_of_the_method(m, theta):
     exact = local_power(m, theta)
     error = np.abs(gauss_operator(m).local_block(theta) - exact).max() / np.abs(exact).max()
     assert error < 3e-14
 
 
-@pytest.mark.parametrize(("m", "n"), [(1, 12), (2, 7), (3, 5), (6, 3), (10, 2)])
-@pytest.mark.parametrize("kind", KINDS)
+@spread(**{"m, n": [(1, 12), (2, 7), (3, 5), (6, 3), (10, 2)]}, kind=KINDS)
 def test_every_block_of_the_mesh_power_is_right(kind, m, n):
     steps = meshes(n)[kind]
     exponents = (-0.98, -0.02, 0.5, 0.98)
@@ -73,8 +72,7 @@ def test_every_block_of_the_mesh_power_is_right(kind, m, n):
         assert block_error(result, mesh_power(steps, m, theta), m) < 1e-12
 
 
-@pytest.mark.parametrize("theta", [-0.98, -0.5, -0.02, 0.02, 0.5, 0.98])
-@pytest.mark.parametrize("accuracy", [1e-13, 1e-10])
+@spread(theta=[-0.98, -0.5, -0.02, 0.02, 0.5, 0.98], accuracy=[1e-13, 1e-10])
 def test_the_accuracy_asked_for_holds_at_every_lag(theta, accuracy):
     n, operator = 10**6, gauss_operator(3, "coefficients")
     lags = np.unique(np.geomspace(1, n - 1, 40).astype(int))
@@ -105,8 +103,7 @@ def test_rates_that_end_too_early_are_seen():
     assert block_error(dense(gauss_operator(2), short, steps)[0], exact, 2) > 1e-9
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("m", [1, 3, 8, 10])
+@spread(kind=KINDS, m=[1, 3, 8, 10])
 def test_powers_add_up(kind, m):
     steps = meshes(24)[kind]
     values = np.random.default_rng(1).standard_normal((24, m, 2))
@@ -118,8 +115,7 @@ def test_powers_add_up(kind, m):
     assert np.abs((twice - first[2]) / scale).max() < 1e-12
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("m", [1, 2, 5, 8])
+@spread(kind=KINDS, m=[1, 2, 5, 8])
 def test_the_adjoint_is_the_power_on_the_reversed_mesh(kind, m):
     steps, operator = meshes(24)[kind], gauss_operator(m)
     random = np.random.default_rng(2)
@@ -173,8 +169,7 @@ def test_blocks_are_their_steps():
         states = states + block.change[:, None] * states + block.intake @ own.reshape(-1, 2)
 
 
-@pytest.mark.parametrize("theta", [-0.9, -0.5, 0.5, 0.9])
-@pytest.mark.parametrize("kind", KINDS)
+@spread(theta=[-0.9, -0.5, 0.5, 0.9], kind=KINDS)
 def test_the_work_of_damping_is_stored_or_dissipated(kind, theta):
     steps, m = meshes(20)[kind], 4
     operator = gauss_operator(m)

@@ -8,6 +8,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 from mesh_powers import Array, mesh_function, meshes
+from spread import spread
 
 from fvi_cli.config.method_names import method_named
 from fvi_cli.effects.damping import FractionalDamping
@@ -67,11 +68,10 @@ def every_block(kernel: RelaxationKernel, beside: float, steps: Array, m: int) -
     return whole
 
 
-@pytest.mark.parametrize("kind", ["uniform", "random", "geometric"])
-@pytest.mark.parametrize("m", [2, 5])
-@pytest.mark.parametrize(
-    "kernel",
-    [
+@spread(
+    kind=["uniform", "random", "geometric"],
+    m=[2, 5],
+    kernel=[
         ColeCole(order=0.05, time=0.3),
         ColeCole(order=0.675, time=0.3),
         ColeCole(order=0.9, time=1e-9),
@@ -82,7 +82,6 @@ def every_block(kernel: RelaxationKernel, beside: float, steps: Array, m: int) -
         TemperedPower(order=0.1, rate=1e-5),
         Exponentials(masses=((10.0, 1.0), (1.0, 0.5))),
     ],
-    ids=str,
 )
 def test_every_block_of_a_law_is_that_function_of_the_mesh(kernel, m, kind):
     n = 7 if m == 2 else 3

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.integrator.meshes.adaptive import (
     FIRST_STEP,
@@ -48,8 +49,7 @@ def of_order(order: float, scale: float = 1.0) -> Callable[[float, float], float
     return lambda _, size: scale * size**order
 
 
-@pytest.mark.parametrize("breaks", [(), (1.0,), (0.1234, 0.12345, 7.999)])
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-9])
+@spread(breaks=[(), (1.0,), (0.1234, 0.12345, 7.999)], tolerance=[1e-3, 1e-9])
 def test_break_points_and_the_end_are_met_exactly(
     breaks: tuple[float, ...], tolerance: float
 ) -> None:
@@ -123,8 +123,7 @@ def test_the_first_step_can_be_given() -> None:
     assert controller(first_step=1.0, breaks=(0.1,)).propose() <= 0.01
 
 
-@pytest.mark.parametrize("bad", [0.0, -1e-6, math.inf, math.nan])
-@pytest.mark.parametrize("name", ["tolerance", "first_step"])
+@spread(bad=[0.0, -1e-6, math.inf, math.nan], name=["tolerance", "first_step"])
 def test_what_is_no_tolerance_is_refused(name: str, bad: float) -> None:
     with pytest.raises(ValueError, match=f"{name}: .* is not allowed; it must be positive"):
         AdaptiveSteps(**({"tolerance": 1e-6} | {name: bad}))

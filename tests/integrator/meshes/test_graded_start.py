@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from spread import spread
 from test_mesh import fresh, points
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -38,9 +39,7 @@ def reported(mesh: Mesh) -> Array:
     return np.concatenate(found)
 
 
-@pytest.mark.parametrize("n_steps", [1, 2, 3, 8, 17, 100, 1000, 6000])
-@pytest.mark.parametrize("m", [1, 2, 4, 8])
-@pytest.mark.parametrize("power", [1.1, 2.5, 3.5, 3.95])
+@spread(n_steps=[1, 2, 3, 8, 17, 100, 1000, 6000], m=[1, 2, 4, 8], power=[1.1, 2.5, 3.5, 3.95])
 def test_the_reported_points_are_the_uniform_grid(n_steps: int, m: int, power: float) -> None:
     mesh = graded(n_steps, power, m)
     at = reported(mesh)

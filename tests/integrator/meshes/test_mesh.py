@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spread import spread
 
 from fvi_cli.integrator.meshes.mesh import (
     Mesh,
@@ -55,8 +56,7 @@ def test_break_points_on_the_grid_leave_the_steps_equal() -> None:
     assert fresh(mesh) == [0.0, 0.1 * 3, 0.7]
 
 
-@pytest.mark.parametrize("breaks", [(0.333,), (0.25, 0.26), (1e-9,), (0.1, 0.2, 0.999)])
-@pytest.mark.parametrize("grading", [1.0, 2.0, 3.5])
+@spread(breaks=[(0.333,), (0.25, 0.26), (1e-9,), (0.1, 0.2, 0.999)], grading=[1.0, 2.0, 3.5])
 def test_break_points_off_the_grid_are_points(breaks: tuple[float, ...], grading: float) -> None:
     mesh = graded_mesh(1.0, 40, grading, breaks)
     at = points(mesh)

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.diagnostics_request import Asked
@@ -117,8 +118,7 @@ def in_parts(
     return parts
 
 
-@pytest.mark.parametrize("name", sorted(SCENES))
-@pytest.mark.parametrize("start", ["none", "graded"])
+@spread(name=sorted(SCENES), start=["none", "graded"])
 def test_an_interrupted_run_goes_on_bit_for_bit(name: str, start: str) -> None:
     scene, method, n_steps = SCENES[name], replace(GAUSS2, start=start), 9000
     whole = integrate(scene, method, n_steps)
@@ -130,8 +130,7 @@ def test_an_interrupted_run_goes_on_bit_for_bit(name: str, start: str) -> None:
             assert np.array_equal(joined(parts, field), getattr(whole, field)), (stops, field)
 
 
-@pytest.mark.parametrize("name", ["forced", "pendulum"])
-@pytest.mark.parametrize("every", [7, 64, 10_000])
+@spread(name=["forced", "pendulum"], every=[7, 64, 10_000])
 def test_thinned_parts(name: str, every: int) -> None:
     scene, n_steps = SCENES[name], 9000
     whole = integrate(scene, GRADED, n_steps)
@@ -238,8 +237,7 @@ def test_memory_does_not_grow_with_the_number_of_steps() -> None:
     assert peak(usual, 2**16) > 2.0 * peak(usual, 2**13)
 
 
-@pytest.mark.parametrize("order", [0.5, 1.5])
-@pytest.mark.parametrize("degree", [2, 3])
+@spread(order=[0.5, 1.5], degree=[2, 3])
 def test_the_floor_does_not_grow(order: float, degree: int) -> None:
     """x = t^4, whose damping force is a power, with many steps."""
     factor = math.gamma(5.0) / math.gamma(5.0 - order)

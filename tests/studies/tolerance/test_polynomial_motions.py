@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from spread import spread
 
 from fvi_cli.config import find_config, load_config
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.tolerance.search import solve
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-5, 1e-7])
-@pytest.mark.parametrize("name", ["bagley-torvik-1-2", "bagley-torvik-3-2"])
+@spread(tolerance=[1e-3, 1e-5, 1e-7], name=["bagley-torvik-1-2", "bagley-torvik-3-2"])
 def test_the_estimate_is_not_below_the_error_between_points(name: str, tolerance: float) -> None:
     (problem,) = (
         one.problem
