@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.measuring import table
 from benchmarks.robustness import Command
-from fvi_cli.cli import app
+from fvi_cli.__main__ import main
 from fvi_cli.runner.executors.batches import execute_batch
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.executor import Batch
@@ -98,7 +98,7 @@ def measured(folder: Path, command: Command, members: int) -> Spent:
         code: object = 0
         try:
             with mock.patch("fvi_cli.runner.compute.execute_batch", timed):
-                app.main()
+                main()
         except SystemExit as ended:
             code = ended.code or 0
         other = time.process_time() - began - spent[0]

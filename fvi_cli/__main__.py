@@ -19,10 +19,11 @@ def main() -> None:
     # ignored by whoever started us: it stays ignored
     if usual is signal.default_int_handler:
         signal.signal(signal.SIGINT, _leave)
-    from fvi_cli.cli.app import main as run_command_line
+    from fvi_cli.cli.app import command_line
 
+    run = command_line()
     signal.signal(signal.SIGINT, usual)
-    run_command_line()
+    run()
 
 
 def _leave(signal_number: int, frame: object) -> NoReturn:

@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 import warnings
+from collections.abc import Callable
 from typing import Annotated, NoReturn
 
 import typer
@@ -72,14 +73,19 @@ for command in COMMANDS:
     app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)
 
 
-def main() -> None:
-    """Entry point of the command ``fvi``."""
-    _open_standard_streams()
-    sys.unraisablehook = _not_ignored
-    signal.signal(signal.SIGTERM, _interrupt)
-    # what overflows on the way is told by the status of a run
-    warnings.filterwarnings("ignore", category=RuntimeWarning)
-    app(prog_name="fvi")
+def command_line() -> Callable[[], object]:
+    """What the command ``fvi`` does; to put it together takes a moment, in which nothing begins."""
+    command = typer.main.get_command(app)
+
+    def carried_out() -> None:
+        _open_standard_streams()
+        sys.unraisablehook = _not_ignored
+        signal.signal(signal.SIGTERM, _interrupt)
+        # what overflows on the way is told by the status of a run
+        warnings.filterwarnings("ignore", category=RuntimeWarning)
+        command(prog_name="fvi")
+
+    return carried_out
 
 
 def _open_standard_streams() -> None:

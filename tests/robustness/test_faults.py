@@ -144,6 +144,20 @@ def test_interrupted_it_stores_what_is_finished_and_exits_130(folder, number):
     assert len(complete_runs(folder / "results" / "quick.h5")) == 2
 
 
+def test_interrupted_while_commands_are_put_together_it_ends_without_a_word(folder):
+    script = (
+        "import os, signal, sys, typer.main as made\n"
+        "whole = made.get_command\n"
+        "made.get_command = lambda one: (os.kill(os.getpid(), signal.SIGINT), whole(one))[1]\n"
+        "sys.argv = ['fvi', 'list']\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from fvi_cli.__main__ import main\n"
+        "main()\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, b"", b"")
+
+
 @needs_proc
 def test_a_worker_killed_in_the_midst_changes_nothing(folder):
     expected = here("run", "quick.yaml", "--output", "undisturbed")
