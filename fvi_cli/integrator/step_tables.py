@@ -53,7 +53,7 @@ class StepTables:
     sample_basis: Array
     extrapolation: Array
 
-    @property
+    @cached_property
     def mass_matrix(self) -> Array:
         r""":math:`\sum_i b_i l_\nu' l_\mu'`, rows 0..s-1 and columns 1..s, shape ``(s, s)``."""
         full = np.einsum("i,ni,mi->nm", self.weights, self.slopes, self.slopes)

@@ -182,7 +182,7 @@ def _any_mesh(run: Machinery, plan: MeshPlan) -> float:
     tables = states * (block * m * (2 * channels + 1) + 2 * block + 4 * m + 2 * d)
     columns = block * rows * e + 2 * e
     dense = q * block * (2 * m + 2) * e * columns
-    if run.scene.is_linear and is_recurrence(q, e, states):
+    if run.scene.is_linear and is_recurrence(q, e, states, plan.n_steps // max(block, 1)):
         dense += (states + 2) * e * ((states + 2) * e + block * (2 * m + 2 + rows) * e)
     elif not run.scene.is_linear:
         dense += 3 * (block * m * d) ** 2

@@ -26,6 +26,7 @@ from fvi_cli.integrator.convolution import damping as states
 from fvi_cli.integrator.equal_steps import weights as memory
 from fvi_cli.integrator.equal_steps.run import prepare
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.loads import panels
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.steps import linear_blocks, newton_blocks
 from fvi_cli.integrator.steps.step import StepSolver
@@ -388,3 +389,25 @@ def test_modules_that_a_command_does_not_call_for_are_not_imported(tmp_path):
     assert seen["run frame -q"] == seen["show results/frame.h5"] == ["h5py"]
     # the curve of the exact solution may call for extended precision
     assert set(seen["plot frame -q"]) - {"mpmath"} == {"h5py", "matplotlib"}
+
+
+class TestGradedStarts:
+    """Many sizes of steps, each for a few: what is made for a size must pay at once."""
+
+    def test_few_blocks_take_no_recurrence(self, monkeypatch):
+        made: list[int] = []
+        watch(monkeypatch, made, linear_blocks, "_Recurrence")
+        integrate(oscillator(0.5, forcing="sin(t)"), GAUSS, 64)
+        assert not made
+        # the control: many equal steps behind the window
+        integrate(oscillator(0.5, forcing="sin(t)"), GAUSS, 8192)
+        assert made
+
+    def test_points_of_the_loads_are_made_once(self, monkeypatch):
+        made: list[int] = []
+        panels.tested_rule.cache_clear()
+        watch(monkeypatch, made, panels, "graded_edges")
+        exact = Method(cq="gauss", degree=2, start="graded", forcing_quadrature="exact")
+        for n_steps in (64, 128):
+            integrate(oscillator(0.5, forcing="sin(t)"), exact, n_steps)
+        assert len(made) == 1

@@ -85,9 +85,8 @@ class BlockKernel:
         ``R^B`` and, in full relative accuracy, ``R^B - 1``, shape ``(J,)``.
     intake
         What the stages of the block add to the states at its end, shape ``(J, B m)``.
-    lags
-        Weights of the stages 1 to B - 1 steps before, shape ``(n_terms, B - 1, m, m)``; the
-        local block ``h^theta A^theta`` is lag 0.
+    step
+        The same for one of the steps.
     """
 
     steps: int
@@ -95,7 +94,17 @@ class BlockKernel:
     decay: Array
     change: Array
     intake: Array
-    lags: Array
+    step: StepKernel
+
+    @cached_property
+    def lags(self) -> Array:
+        """Weights of the stages 1 to B - 1 steps before, shape ``(n_terms, B - 1, m, m)``.
+
+        The local block ``h^theta A^theta`` is lag 0.
+        """
+        n_terms, m, _ = self.step.response.shape
+        before = self.response[:, : (self.steps - 1) * m]
+        return np.asarray((before @ self.step.intake).reshape(n_terms, self.steps - 1, m, m))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -245,7 +254,6 @@ def block_of(step: StepKernel, steps: int) -> BlockKernel:
     powers = step.powers(np.arange(steps))
     response = (step.response[:, None] * powers[:, None, :]).reshape(n_terms, steps * m, n_states)
     intake = powers[::-1].T[:, :, None] * step.intake[:, None, :]
-    lags = response[:, : (steps - 1) * m] @ step.intake
     signs = step.signs if steps % 2 else np.ones_like(step.signs)
     whole = StepKernel(
         response=response,
@@ -259,7 +267,7 @@ def block_of(step: StepKernel, steps: int) -> BlockKernel:
         decay=whole.decay,
         change=whole.change,
         intake=whole.intake,
-        lags=lags.reshape(n_terms, steps - 1, m, m),
+        step=step,
     )
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.mathematics.lagrange import lobatto_basis
 from fvi_cli.mathematics.quadrature import gauss_rule
 
 Array = NDArray[np.float64]
@@ -20,6 +23,29 @@ def graded_edges() -> Array:
     The first ends where t**0.1 is below 1e-16: powers from t**-0.9 on are integrated to round-off.
     """
     return np.concatenate([[0.0], GRADING_RATIO ** np.arange(GRADING_LEVELS - 1, -1, -1.0)])
+
+
+@cache
+def tested_rule(degree: int, *, is_graded: bool) -> tuple[Array, Array]:
+    """Points r of one of these rules on [0, 1], and weights for the tests of a step.
+
+    Parameters
+    ----------
+    degree
+        Of the polynomials of a step.
+    is_graded
+        On panels that shrink towards 0, or the fine rule on one.
+
+    Returns
+    -------
+    tuple of Array
+        Points ``(r,)``, and weights times the values of the basis there, ``(s + 1, r)``.
+    """
+    points, weights = graded_rule(graded_edges()) if is_graded else fine_rule()
+    tested = lobatto_basis(degree).values(points) * weights
+    for one in (points, tested):
+        one.setflags(write=False)
+    return points, tested
 
 
 def fine_rule() -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.loads.panels import fine_rule, graded_edges, graded_rule
+from fvi_cli.integrator.loads.panels import graded_rule, tested_rule
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.lagrange import lobatto_basis
@@ -46,7 +46,7 @@ class StepLoads:
 
     def __init__(self, scene: Scene, method: Method, tables: StepTables) -> None:
         self._forcing, self._tables = scene.forcing, tables
-        self._rule = method.forcing_quadrature
+        self._rule, self._dimension = method.forcing_quadrature, scene.dimension
         self._basis = lobatto_basis(method.degree)
         self.largest_force = 0.0
         self._jump: list[tuple[float, Array]] = []
@@ -175,15 +175,22 @@ class StepLoads:
     def _exact(self, force: object, start: Array, step_size: float, *, is_fresh: bool) -> Array:
         if not callable(force):  # pragma: no cover - for the type checker
             raise TypeError("force: not a function")
-        points, weights = fine_rule()
-        weighted = self._basis.values(points) * weights
-        total = step_size * np.einsum("ni,kid->knd", weighted, force(start, step_size, points))
-        edges = graded_edges() if is_fresh else _panels(float(start[0]), step_size)
-        if edges is not None:
+        total = np.empty((start.size, self._basis.degree + 1, self._dimension))
+        degree, first = self._basis.degree, 0
+        edges = _panels(float(start[0]), step_size)
+        if is_fresh:
+            points, tested = tested_rule(degree, is_graded=True)
+        elif edges is not None:
             points, weights = graded_rule(edges)
-            weighted = self._basis.values(points) * weights
-            total[0] = step_size * weighted @ force(start[:1], step_size, points)[0]
-        return np.asarray(total)
+            tested = self._basis.values(points) * weights
+        if is_fresh or edges is not None:
+            total[0] = step_size * tested @ force(start[:1], step_size, points)[0]
+            first = 1
+        if first < start.size:
+            points, tested = tested_rule(degree, is_graded=False)
+            values = force(start[first:], step_size, points)
+            total[first:] = step_size * np.einsum("ni,kid->knd", tested, values)
+        return total
 
 
 def _joined(parts: list[Array | None]) -> Array | None:

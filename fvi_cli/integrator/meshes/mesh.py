@@ -92,7 +92,8 @@ class Mesh:
     @functools.cached_property
     def equivalent_steps(self) -> float:
         """Sum of (shortest step / step): so many steps of the shortest size forget as much."""
-        return sum(one.n_steps * self.shortest_step / one.step_size for one in self.stretches)
+        shortest = self.shortest_step
+        return sum(one.n_steps * shortest / one.step_size for one in self.stretches)
 
     @functools.cached_property
     def n_reported(self) -> int:

@@ -9,6 +9,7 @@ own dense matrices for the steps of a block.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,10 @@ LARGEST_BATCH = 2**22
 """Numbers in the matrices of a batch, at most."""
 LEAST_BLOCK = 4
 LARGEST_BLOCK = 128
+LEAST_STEPS = 8
+"""Steps of one system that pay for the matrices of a block."""
+LEAST_RECURRENCE = 24
+"""Blocks that pay for the matrix of a recurrence."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,12 +63,15 @@ def block_length(stages: int, batch: int, coupled: int, n_steps: int) -> int:
         or block * block > 4 * n_steps
     ):
         block //= 2
+    if batch == 1 and n_steps < LEAST_STEPS:
+        return 0
     return block if LEAST_BLOCK <= block <= n_steps else 0
 
 
-def is_recurrence(batch: int, coupled: int, n_states: int) -> bool:
-    """Whether blocks of one system are taken as a recurrence of its whole state."""
-    return batch == 1 and (n_states + 2) * coupled <= LARGEST_RECURRENCE
+def is_recurrence(batch: int, coupled: int, n_states: int, n_blocks: int) -> bool:
+    """Whether so many blocks of one system are taken as a recurrence of its whole state."""
+    fits = (n_states + 2) * coupled <= LARGEST_RECURRENCE
+    return batch == 1 and n_blocks >= LEAST_RECURRENCE and fits
 
 
 def memory_operations(
@@ -80,12 +88,30 @@ def memory_operations(
     stages, n_states, per_step
         Stages of the method, states of the damping, and what a single step takes.
     """
-    if not is_recurrence(batch, coupled, n_states) or per_step == 0:
-        return n_steps * per_step
     n_blocks, rest = divmod(n_steps, block)
+    if not is_recurrence(batch, coupled, n_states, n_blocks) or per_step == 0:
+        return n_steps * per_step
     size = (n_states + 2) * coupled
     outputs = block * (stages + 2) * coupled
     return n_blocks * size * (size + outputs) + rest * per_step
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Recurrence:
+    """From the state of a block to that of the next one, and to what its steps give.
+
+    Parameters
+    ----------
+    change, driven
+        What state and load vectors add to the state.
+    outputs, velocities
+        From the state to positions and momenta after the steps, and to velocities at the stages.
+    """
+
+    change: Array
+    driven: Array
+    outputs: Array
+    velocities: Array
 
 
 class LinearBlocks:
@@ -125,10 +151,7 @@ class LinearBlocks:
         self._memory: BlockMemory | None = None
         if damping is not None and at.step is not None:
             self._memory = BlockMemory(damping, at, block)
-        n_states = 0 if self._memory is None else self._memory.responses[0].shape[1]
-        self._is_recurrence = is_recurrence(self._q, self._e, n_states)
-        if self._is_recurrence:
-            self._prepare_recurrence(n_states)
+        self._n_states = 0 if self._memory is None else self._memory.responses[0].shape[1]
 
     def advance(
         self,
@@ -173,7 +196,7 @@ class LinearBlocks:
         parts = []
         if n_blocks:
             driven = None if forces is None else forces[:, : n_blocks * block]
-            if self._is_recurrence:
+            if is_recurrence(q, e, self._n_states, n_blocks):
                 ends, velocity, z, start = self._recur(
                     z, start, n_blocks, driven, with_velocity=with_velocity
                 )
@@ -224,9 +247,10 @@ class LinearBlocks:
             return None, after
         return self._decoupling.forces(loads), after
 
-    def _prepare_recurrence(self, n_states: int) -> None:
+    @cached_property
+    def _recurrence(self) -> _Recurrence:
         """Matrices of one system: w = (states, position, momentum) from block to block."""
-        e, block = self._e, self.block
+        e, block, n_states = self._e, self.block, self._n_states
         loads = block * self._rows * e
         velocity, ends = self._response.velocity[0], self._response.ends[0]
         size = n_states * e + 2 * e
@@ -237,34 +261,34 @@ class LinearBlocks:
                 by_stage = response.reshape(block, self._r, n_states)
                 rows = np.einsum("nr,brj->bnj", self._to_loads, by_stage)
                 past += np.einsum("bnj,ca->bnajc", rows, direction[0]).reshape(loads, n_states * e)
-        self._outputs = np.concatenate([ends[:, :loads] @ past, ends[:, loads:]], axis=1)
-        self._velocities = np.concatenate([velocity[:, :loads] @ past, velocity[:, loads:]], axis=1)
+        outputs = np.concatenate([ends[:, :loads] @ past, ends[:, loads:]], axis=1)
+        velocities = np.concatenate([velocity[:, :loads] @ past, velocity[:, loads:]], axis=1)
         change = np.zeros((size, size))
         driven = np.zeros((size, loads))
         if self._memory is not None:
             kernel = self._memory.kernel(block)
             intake = np.kron(kernel.intake, np.eye(e))
-            change[: n_states * e] = intake @ self._velocities
+            change[: n_states * e] = intake @ velocities
             change[: n_states * e, : n_states * e] += np.diag(np.repeat(kernel.change, e))
             driven[: n_states * e] = intake @ velocity[:, :loads]
-        change[n_states * e :] = self._outputs[-2 * e :]
+        change[n_states * e :] = outputs[-2 * e :]
         driven[n_states * e :] = ends[-2 * e :, :loads]
-        self._change, self._driven = change, driven
+        return _Recurrence(change=change, driven=driven, outputs=outputs, velocities=velocities)
 
     def _recur(
         self, z: Array, start: Array, n_blocks: int, loads: Array | None, *, with_velocity: bool
     ) -> tuple[Array, Array, Array, Array]:
         """Whole blocks of one system: ends ``(1, n, 2 e)``, velocities, states, state."""
-        e, block = self._e, self.block
-        size = self._change.shape[0]
+        e, block, matrices = self._e, self.block, self._recurrence
+        size = matrices.change.shape[0]
         path = np.empty((n_blocks, size))
         value = np.concatenate([z.ravel(), start[0]])
         lost = np.zeros(size)
         flat = None if loads is None else loads[0].reshape(n_blocks, -1)
-        driven = None if flat is None else flat @ self._driven.T
+        driven = None if flat is None else flat @ matrices.driven.T
         for index in range(n_blocks):
             path[index] = value
-            change = self._change @ value
+            change = matrices.change @ value
             if driven is not None:
                 change += driven[index]
             change -= lost
@@ -272,12 +296,12 @@ class LinearBlocks:
             lost = (total - value) - change
             value = total
         width = block * self._rows * e
-        ends = path @ self._outputs.T
+        ends = path @ matrices.outputs.T
         if flat is not None:
             ends += flat @ self._response.ends[0][:, :width].T
         velocity = np.zeros((n_blocks if with_velocity else 0, block * self._r * e))
         if with_velocity:
-            velocity += path @ self._velocities.T
+            velocity += path @ matrices.velocities.T
             if flat is not None:
                 velocity += flat @ self._response.velocity[0][:, :width].T
         ends = ends.reshape(n_blocks, block, 2 * e) + path[:, None, -2 * e :]
