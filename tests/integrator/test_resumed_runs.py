@@ -157,16 +157,3 @@ def test_no_flipped_bit_and_no_cut_of_a_checkpoint_is_believed():
         assert found.checkpoint.to_bytes() == whole.checkpoint.to_bytes()
         assert all(np.array_equal(found.kept[name], whole.kept[name]) for name in whole.kept)
     assert seen > 100
-
-
-def test_successive_parts_are_the_whole_run():
-    whole = integrate(PENDULUM, NONE, N)
-    checkpoint, parts = None, []
-    for until in (50, 200, None):
-        part = fvi.integrate_part(PENDULUM, "gauss2-none", N, until=until, checkpoint=checkpoint)
-        parts.append(part.trajectory)
-        checkpoint = part.checkpoint and fvi.Checkpoint.from_bytes(part.checkpoint.to_bytes())
-    assert checkpoint is None
-    for name in ("time", "position", "momentum", "energy"):
-        joined = np.concatenate([getattr(one, name) for one in parts])
-        assert np.array_equal(joined, getattr(whole, name))

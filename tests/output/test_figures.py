@@ -146,9 +146,12 @@ print("matplotlib.pyplot" in sys.modules, settings() == before)
 
 
 def test_a_users_own_settings_do_not_change_a_figure(tmp_path: Path) -> None:
-    paths = plotting.save_figure(plotting.interpolation_figure(), tmp_path / "plain", "sketch")
+    paths = plotting.save_figure(
+        plotting.interpolation_figure(), tmp_path / "plain", "sketch", ("svg",)
+    )
     with mpl.rc_context({"axes.grid": True, "lines.linewidth": 5.0, "font.size": 20.0}):
-        other = plotting.save_figure(plotting.interpolation_figure(), tmp_path / "own", "sketch")
+        figure = plotting.interpolation_figure()
+        other = plotting.save_figure(figure, tmp_path / "own", "sketch", ("svg",))
     assert [path.read_bytes() for path in paths] == [path.read_bytes() for path in other]
 
 
@@ -609,15 +612,15 @@ def test_a_failure_while_saving_leaves_the_old_files_and_nothing_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     figure = plotting.interpolation_figure()
-    plotting.save_figure(figure, tmp_path, "sketch")
+    plotting.save_figure(figure, tmp_path, "sketch", ("svg", "json"))
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     figure.suptitle("another")
     with monkeypatch.context() as patch:
         patch.setattr("fvi_cli.storage.atomic.os.fsync", _no_space)
         with pytest.raises(OSError, match="no space"):
-            plotting.save_figure(figure, tmp_path, "sketch")
+            plotting.save_figure(figure, tmp_path, "sketch", ("svg", "json"))
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-    plotting.save_figure(figure, tmp_path, "sketch")
+    plotting.save_figure(figure, tmp_path, "sketch", ("svg", "json"))
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} != before
 
 
@@ -638,14 +641,14 @@ def test_files_that_show_the_same_are_left_as_they_are(tmp_path: Path) -> None:
     def save(factor: float) -> dict[str, bytes]:
         errors = finish(one, error=lambda run: factor * power_law(run))
         figure = plotting.convergence_figure([(one, errors)])
-        paths = write_figures({"made-up": figure}, tmp_path, formats=("png",))
+        paths = write_figures({"made-up": figure}, tmp_path, formats=("svg",))
         return {path.name: path.read_bytes() for path in paths}
 
     first = save(1.0)
-    picture = tmp_path / "figures" / "made-up.png"
+    picture = tmp_path / "figures" / "made-up.svg"
     picture.write_bytes(b"of another machine")
     kept = save(1 + 1e-6)
-    assert kept == {**first, "made-up.png": b"of another machine"}
+    assert kept == {**first, "made-up.svg": b"of another machine"}
     picture.unlink()
     assert save(1.0) == first
     assert save(1.1) != first
@@ -672,7 +675,7 @@ def test_a_style_file_sets_fonts_and_leaves_methods_their_colours(tmp_path: Path
 
     def drawn() -> tuple[float, list[object], list[float]]:
         figure = plotting.convergence_figure([(one, finish(one))])
-        write_figures({"made-up": figure}, tmp_path, formats=("png",))
+        write_figures({"made-up": figure}, tmp_path, formats=("svg",))
         curves = lines(figure)
         return (
             figure.axes[0].xaxis.label.get_fontsize(),
@@ -681,7 +684,7 @@ def test_a_style_file_sets_fonts_and_leaves_methods_their_colours(tmp_path: Path
         )
 
     plain = drawn()
-    path = tmp_path / "figures" / "made-up.png"
+    path = tmp_path / "figures" / "made-up.svg"
     picture = path.read_bytes()
     with plotting.style_file(style):
         size, colours, widths = drawn()
@@ -737,7 +740,7 @@ def test_the_command_takes_formats_and_a_style(tmp_path: Path) -> None:
 
 def test_drawn_data_survives_its_file(tmp_path: Path) -> None:
     figure = usual()
-    path = plotting.save_figure(figure, tmp_path, "made-up")[2]
+    (path,) = plotting.save_figure(figure, tmp_path, "made-up", ("json",))
     assert path.read_text(encoding="utf-8") == plotting.drawn_text(figure)
     stored = json.loads(path.read_text(encoding="utf-8"))
     assert plotting.compare_drawn(stored, plotting.drawn_data(figure)) == []

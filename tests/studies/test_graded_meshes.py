@@ -69,23 +69,6 @@ def test_a_graded_mesh_multiplies_the_order_of_a_singular_start(
     assert residual < 0.05
 
 
-@spread(order=[0.3, 0.8, 1.5], degree=[2, 3])
-def test_a_graded_start_has_the_order_of_smooth_motions(order: float, degree: int) -> None:
-    slopes = {}
-    for start in ("graded", "none"):
-        own = experiment(
-            {"steps": [32, 64, 128]}, free(order), rk="gauss", degree=degree, start=start
-        )
-        runs = list(fvi.study(own))
-        slopes[start], _ = fit_slope([r.run.n_steps for r in runs], [r.error for r in runs])
-        if start == "graded":
-            assert runs[-1].expected_order == 2 * degree
-            assert np.allclose(runs[0].trajectory.time, np.linspace(0, 8, 33), atol=1e-12)
-    assert slopes["graded"] == pytest.approx(2 * degree, abs=0.1)
-    # the start of a method of order 6 is singular without it
-    assert degree == 2 or slopes["none"] < 3.3
-
-
 def test_what_is_not_known_of_orders_is_not_stated() -> None:
     (plain,) = experiment({"steps": 8}, free(0.5), degree=4, start="none").methods
     scene = fvi.build_problem(free(0.5)).scene

@@ -1,4 +1,4 @@
-"""Without damping: symplectic, reversible, energy without drift, momenta kept; orders on the way.
+"""Without damping: symplectic, reversible, energy without drift, momenta kept.
 
 Flows are differentiated by central differences of order 8, whose truncation and rounding are both
 below 1e-12 for the distance that is taken.
@@ -191,47 +191,3 @@ def test_angular_momentum_of_kepler_is_kept(method: Method) -> None:
     (x, y), (px, py) = trajectory.position.T, trajectory.momentum.T
     assert np.abs(x * py - y * px - 0.8).max() < 1e-12
     assert np.ptp(px) > 1.0
-
-
-MOVING = {
-    "duffing": {
-        "kind": "duffing",
-        "stiffness": -1.0,
-        "forcing": "0.3*cos(t)",
-        "initial": {"position": 1.0, "velocity": 0.0},
-        "final_time": 10.0,
-    },
-    "double-pendulum": {
-        "kind": "double-pendulum",
-        "initial": {"position": [1.0, -0.5], "velocity": 0.0},
-        "final_time": 4.0,
-    },
-}
-DAMPERS = {"duffing": "damping", "double-pendulum": "joints"}
-
-
-@spread(mu=[0.0, 0.2], name=MOVING)
-def test_order_is_twice_the_stages_on_nonlinear_scenes(name: str, mu: float) -> None:
-    more = {DAMPERS[name]: [{"order": 0.5, "coefficient": mu}]} if mu else {}
-    scene = scene_of(**MOVING[name], **more)
-    finest = 1024
-    reference = integrate(scene, Method(cq="gauss", degree=4, start="graded"), finest).position
-
-    def slope(method: Method, steps: tuple[int, ...]) -> tuple[float, float]:
-        errors = [
-            np.abs(integrate(scene, method, n).position - reference[:: finest // n]).max()
-            for n in steps
-        ]
-        assert errors[-1] > 1e-13
-        line, residual, *_ = np.polyfit(-np.log(steps), np.log(errors), 1, full=True)
-        return float(line[0]), float(np.sqrt(residual[0] / len(steps)))
-
-    order, residual = slope(Method(cq="gauss", degree=2, start="graded"), (64, 128, 256, 512))
-    assert abs(order - 4) < 0.1
-    assert residual < 0.05
-    order, residual = slope(Method(cq="gauss", degree=3, start="graded"), (64, 128, 256))
-    assert abs(order - 6) < 0.1
-    assert residual < 0.05
-    # the midpoint rule is told from both
-    order, _ = slope(Method(cq="gauss", degree=1, start="none"), (64, 128, 256, 512))
-    assert abs(order - 2) < 0.1

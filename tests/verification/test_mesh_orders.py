@@ -17,7 +17,7 @@ import pytest
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
@@ -114,14 +114,6 @@ def test_singular_motions_on_graded_meshes(order: float, m: int) -> None:
     assert slope(NUMBERS, errors) == pytest.approx(2 * m, abs=0.1)
 
 
-@pytest.mark.parametrize("order", ORDERS)
-def test_equal_steps_lose_their_order(order: float) -> None:
-    """The control."""
-    scene, exact = singular(order, 8.0, 0.7)
-    errors = [error(scene, exact, Method(cq="gauss", degree=4), n) for n in NUMBERS]
-    assert slope(NUMBERS, errors) == pytest.approx((3 if order < 1 else 4) - order, abs=0.5)
-
-
 @spread(order=ORDERS, m=STAGES)
 def test_smooth_motions_on_graded_meshes(order: float, m: int) -> None:
     scene, times, values = smooth(order)
@@ -177,27 +169,3 @@ def test_nonlinear_motions(name: str, order: float, m: int) -> None:
     method = Method(cq="gauss", degree=m, start="graded")
     errors = [error(scene, exact, method, n) for n in numbers]
     assert slope(numbers, errors) == pytest.approx(2 * m, abs=0.15)
-
-
-@spread(breaks=[(2.0,), (1.7123,)], order=[0.5, 1.5])
-def test_jumps_of_the_force(order: float, breaks: tuple[float, ...]) -> None:
-    """Behind a break point steps are halved as at the start."""
-    parts = [
-        ForcingPiece(components=Forcing.from_text(text).pieces[0].components, until=until)
-        for text, until in (("3", breaks[0]), ("-1", math.inf))
-    ]
-    scene = linear_oscillator(
-        final_time=8.0,
-        damping=damping(order, 0.2),
-        stiffness=4.0,
-        forcing=Forcing(pieces=tuple(parts)),
-        initial_position=1.0,
-    )
-    found = match_scene(scene)
-    assert found is not None
-    numbers = (48, 64, 80, 96)
-    method = Method(cq="gauss", degree=3, start="graded")
-    errors = [error(scene, found.position, method, n) for n in numbers]
-    assert slope(numbers, errors) == pytest.approx(6, abs=0.3)
-    plain = [error(scene, found.position, Method(cq="gauss", degree=3), n) for n in numbers]
-    assert plain[-1] > 2 * errors[-1]

@@ -1,4 +1,4 @@
-"""Structure on random scenes: what holds exactly, and beside each law a control that must break it.
+"""Structure on random linear scenes: what holds exactly, and controls that must break it.
 
 A few examples each time, many with ``-m slow``.
 """
@@ -6,7 +6,6 @@ A few examples each time, many with ``-m slow``.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -25,8 +24,6 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.mathematics.operators import left_operator, right_operator
 from fvi_cli.mathematics.runge_kutta import gauss_tableau
-from fvi_cli.scenes.named import pendulum
-from fvi_cli.scenes.nonlinear import duffing, kepler
 
 Array = np.ndarray
 
@@ -189,45 +186,6 @@ def check_symplectic(seed: int, d: int, index: int, n_steps: int) -> None:
     assert area_defect(damped) > 1e-3
 
 
-def nonlinear_scene(seed: int, kind: str, coefficient: float) -> Scene:
-    rng = np.random.default_rng(seed)
-    if kind == "kepler":
-        # begins where it is closest, so that steps and differences are small enough later on
-        return kepler(
-            final_time=2.0,
-            damping=[FractionalDamping(order=0.7, coefficient=coefficient * np.eye(2))],
-            initial_position=[1.0, 0.0],
-            initial_velocity=[float(rng.uniform(-0.2, 0.2)), float(rng.uniform(0.95, 1.2))],
-        )
-    make = pendulum if kind == "pendulum" else duffing
-    return make(
-        final_time=2.0,
-        damping=[FractionalDamping(order=0.7, coefficient=np.array([[coefficient]]))],
-        initial_position=float(rng.uniform(-2.0, 2.0)),
-        initial_velocity=float(rng.uniform(-1.0, 1.0)),
-    )
-
-
-def check_symplectic_nonlinear(seed: int, kind: str, stages: int) -> None:
-    def jacobian(scene: Scene) -> Array:
-        end = flow(scene, Method(cq="gauss", degree=stages), 8)
-        velocity = scene.inertia.mass @ scene.initial_velocity
-        state, step = np.concatenate([scene.initial_position, velocity]), 2e-4
-        # sixth-order differences, which cost round-off over 2e-4
-        return np.stack(
-            [
-                sum(c * (end(state + k * e) - end(state - k * e)) for k, c in stencil) / (60 * step)
-                for e in step * np.eye(state.size)
-            ],
-            axis=1,
-        )
-
-    stencil = ((1, 45.0), (2, -9.0), (3, 1.0))
-    free = jacobian(nonlinear_scene(seed, kind, 0.0))
-    assert area_defect(free) < 1e-10 * max(1.0, float(np.abs(free).max() ** 2))
-    assert area_defect(jacobian(nonlinear_scene(seed, kind, 0.3))) > 1e-3
-
-
 # 5. without damping the way back is the way there
 
 
@@ -237,9 +195,6 @@ def way_back(scene: Scene, method: Method, n_steps: int) -> float:
     rate = np.linalg.solve(scene.inertia.mass, there.momentum[-1])
     start = dataclasses.replace(scene, initial_position=there.position[-1], initial_velocity=-rate)
     back = integrate(start, method, n_steps)
-    if back.status != "ok":
-        # a damped motion run backwards may fall into the centre
-        return math.inf
     assert back.momentum is not None
     return float(
         max(
@@ -249,7 +204,7 @@ def way_back(scene: Scene, method: Method, n_steps: int) -> float:
     )
 
 
-def check_reversal(seed: int, d: int, index: int, n_steps: int, kind: str) -> None:
+def check_reversal(seed: int, d: int, index: int, n_steps: int) -> None:
     scene = random_scene(seed, d, (0.6,))
     free = way_back(undamped(scene), METHODS[index], n_steps)
     if METHODS[index].cq == "radau-iia":
@@ -258,9 +213,6 @@ def check_reversal(seed: int, d: int, index: int, n_steps: int, kind: str) -> No
     else:
         assert free < 1e-11
     assert way_back(scene, METHODS[index], n_steps) > 1e-3
-    gauss = Method(cq="gauss", degree=1 + index % 3)
-    assert way_back(nonlinear_scene(seed, kind, 0.0), gauss, n_steps) < 1e-10
-    assert way_back(nonlinear_scene(seed, kind, 0.3), gauss, n_steps) > 1e-4
 
 
 # 6. units
@@ -358,7 +310,6 @@ DIMENSIONS = st.integers(1, 3)
 STAGES = st.integers(1, 4)
 SEVERAL = st.lists(ORDERS, min_size=1, max_size=2, unique=True)
 INDICES = st.integers(0, len(METHODS) - 1)
-KINDS = st.sampled_from(["pendulum", "duffing", "kepler"])
 
 PROPERTIES = {
     "dissipation": Property(
@@ -394,11 +345,8 @@ PROPERTIES = {
     "symplecticity": Property(
         {"seed": SEEDS, "d": DIMENSIONS, "index": INDICES, "n_steps": N_STEPS}, check_symplectic
     ),
-    "symplecticity, nonlinear": Property(
-        {"seed": SEEDS, "kind": KINDS, "stages": st.integers(1, 3)}, check_symplectic_nonlinear
-    ),
     "time reversal": Property(
-        {"seed": SEEDS, "d": DIMENSIONS, "index": INDICES, "n_steps": N_STEPS, "kind": KINDS},
+        {"seed": SEEDS, "d": DIMENSIONS, "index": INDICES, "n_steps": N_STEPS},
         check_reversal,
     ),
     "units": Property(
@@ -441,7 +389,7 @@ def run(law: Property, examples: int) -> None:
 
 @pytest.mark.parametrize("name", PROPERTIES)
 def test_law(name: str) -> None:
-    run(PROPERTIES[name], 10)
+    run(PROPERTIES[name], 6)
 
 
 @pytest.mark.slow

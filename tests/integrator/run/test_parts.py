@@ -19,6 +19,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run import march
 from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.run.parts import Part, integrate_part
 from fvi_cli.integrator.trajectory import Trajectory
@@ -29,6 +30,14 @@ from fvi_cli.scenes.nonlinear import duffing
 GAUSS2 = Method(cq="gauss", degree=2)
 GRADED = Method(cq="gauss", degree=2, start="graded")
 FIELDS = ("time", "position", "momentum", "energy")
+N = 1125
+CHUNK = 512
+
+
+@pytest.fixture
+def short_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So that N steps are several."""
+    monkeypatch.setattr(march, "CHUNK", CHUNK)
 
 
 def damping(*orders: float, size: int = 1) -> list[FractionalDamping]:
@@ -48,14 +57,14 @@ def oscillator(*orders: float, forcing: Forcing | None = None, **more) -> Scene:
 
 
 def broken_force() -> Forcing:
-    """Breaks on the grid of 9000 steps, one of them inside the second chunk."""
+    """Breaks on the grid of N steps, one of them inside the second chunk."""
     first, second = (
         Forcing.from_text(text).pieces[0].components for text in ("cos(t) + sqrt(t)", "3")
     )
     return Forcing(
         pieces=(
-            ForcingPiece(components=first, until=8.0 * 3000 / 9000),
-            ForcingPiece(components=second, until=8.0 * 5000 / 9000),
+            ForcingPiece(components=first, until=8.0 * 375 / N),
+            ForcingPiece(components=second, until=8.0 * 625 / N),
             ForcingPiece(components=first),
         )
     )
@@ -85,11 +94,11 @@ SCENES = {
     "coupled": coupled(diagonal=False),
     "modes": coupled(diagonal=True),
     "undamped": oscillator(),
-    "pendulum": pendulum(final_time=90.0, damping=damping(0.5), initial_position=2.9),
+    "pendulum": pendulum(final_time=11.25, damping=damping(0.5), initial_position=2.9),
     "general": lagrangian_scene(
         coordinates=("x",),
         lagrangian="vx**2*(1 + x*x)/2 - x**2/2",
-        final_time=90.0,
+        final_time=11.25,
         damping=damping(0.5),
         initial_position=1.0,
     ),
@@ -119,11 +128,12 @@ def in_parts(
 
 
 @spread(name=sorted(SCENES), start=["none", "graded"])
+@pytest.mark.usefixtures("short_chunks")
 def test_an_interrupted_run_goes_on_bit_for_bit(name: str, start: str) -> None:
-    scene, method, n_steps = SCENES[name], replace(GAUSS2, start=start), 9000
+    scene, method, n_steps = SCENES[name], replace(GAUSS2, start=start), N
     whole = integrate(scene, method, n_steps)
     assert whole.status == "ok"
-    for stops in ([1, 4200], [3500]):
+    for stops in ([1, 525], [437]):
         parts = in_parts(scene, method, n_steps, stops)
         assert len(parts) == len(stops) + 1
         for field in FIELDS:
@@ -131,10 +141,11 @@ def test_an_interrupted_run_goes_on_bit_for_bit(name: str, start: str) -> None:
 
 
 @spread(name=["forced", "pendulum"], every=[7, 64, 10_000])
+@pytest.mark.usefixtures("short_chunks")
 def test_thinned_parts(name: str, every: int) -> None:
-    scene, n_steps = SCENES[name], 9000
+    scene, n_steps = SCENES[name], N
     whole = integrate(scene, GRADED, n_steps)
-    parts = in_parts(scene, GRADED, n_steps, [2000, 6000], every=every)
+    parts = in_parts(scene, GRADED, n_steps, [250, 750], every=every)
     kept = sorted({*range(0, n_steps + 1, every), n_steps})
     thin = integrate(scene, GRADED, n_steps, every=every)
     assert thin.every == every
@@ -145,7 +156,7 @@ def test_thinned_parts(name: str, every: int) -> None:
 
 @pytest.mark.parametrize("name", sorted(SCENES))
 def test_whoever_looks_on_changes_nothing(name: str) -> None:
-    scene, n_steps = SCENES[name], 450
+    scene, n_steps = SCENES[name], 225
     for method in (GAUSS2, GRADED, Method(cq="lobatto-iiic", degree=2)):
         plain = integrate(scene, method, n_steps)
         asked = Asked(energy_balance=True)
@@ -158,11 +169,12 @@ def test_whoever_looks_on_changes_nothing(name: str) -> None:
 
 
 @pytest.mark.parametrize("field", ["states", "position", "momentum", "position_lost"])
+@pytest.mark.usefixtures("short_chunks")
 def test_everything_in_a_checkpoint_matters(field: str) -> None:
     """The control: with any part of it set to zero the run goes on differently."""
-    scene, n_steps = SCENES["pendulum"], 9000
+    scene, n_steps = SCENES["pendulum"], N
     whole = integrate(scene, GAUSS2, n_steps)
-    checkpoint = integrate_part(scene, GAUSS2, n_steps, until=5000).checkpoint
+    checkpoint = integrate_part(scene, GAUSS2, n_steps, until=625).checkpoint
     assert checkpoint is not None
     assert np.abs(getattr(checkpoint, field)).max() > 0
     broken = replace(checkpoint, **{field: np.zeros_like(getattr(checkpoint, field))})
@@ -170,17 +182,18 @@ def test_everything_in_a_checkpoint_matters(field: str) -> None:
     assert not np.array_equal(rest.position, whole.position[checkpoint.reported + 1 :])
 
 
+@pytest.mark.usefixtures("short_chunks")
 def test_a_checkpoint_is_small_and_belongs_to_one_run() -> None:
-    scene, n_steps = SCENES["free"], 9000
+    scene, n_steps = SCENES["free"], N
     checkpoint = integrate_part(scene, GAUSS2, n_steps, until=100).checkpoint
     assert checkpoint is not None
-    assert checkpoint.done == checkpoint.reported == 4096
+    assert checkpoint.done == checkpoint.reported == CHUNK
     assert len(checkpoint.to_bytes()) < 12_000
-    longer = integrate_part(scene, GAUSS2, 90_000, until=1000).checkpoint
+    longer = integrate_part(scene, GAUSS2, 10 * N, until=1000).checkpoint
     assert longer is not None
     assert len(longer.to_bytes()) < 12_000
     for other, steps in (
-        (GAUSS2, 9001),
+        (GAUSS2, N + 1),
         (GRADED, n_steps),
         (replace(GAUSS2, degree=3, quadrature=None), n_steps),
     ):
@@ -188,8 +201,8 @@ def test_a_checkpoint_is_small_and_belongs_to_one_run() -> None:
             integrate_part(scene, other, steps, checkpoint=checkpoint)
     with pytest.raises(ValueError, match="checkpoint: it belongs to the run"):
         integrate_part(replace(scene, final_time=9.0), GAUSS2, n_steps, checkpoint=checkpoint)
-    for until in (64, 4096, 9001):
-        with pytest.raises(ValueError, match=f"until: {until} is not allowed; it must be 4097"):
+    for until in (64, CHUNK, N + 1):
+        with pytest.raises(ValueError, match=f"{until} is not allowed; it must be {CHUNK + 1}"):
             integrate_part(scene, GAUSS2, n_steps, until=until, checkpoint=checkpoint)
     with pytest.raises(ValueError, match="every: 0 is not allowed"):
         integrate_part(scene, GAUSS2, n_steps, every=0)
@@ -198,8 +211,9 @@ def test_a_checkpoint_is_small_and_belongs_to_one_run() -> None:
 
 
 @pytest.mark.parametrize("spoil", [lambda b: b"no checkpoint", lambda b: b[:-200], lambda b: b""])
+@pytest.mark.usefixtures("short_chunks")
 def test_bytes_that_hold_no_checkpoint_are_refused(spoil) -> None:
-    checkpoint = integrate_part(SCENES["free"], GAUSS2, 9000, until=100).checkpoint
+    checkpoint = integrate_part(SCENES["free"], GAUSS2, N, until=100).checkpoint
     assert checkpoint is not None
     data = checkpoint.to_bytes()
     Checkpoint.from_bytes(data)
@@ -207,15 +221,16 @@ def test_bytes_that_hold_no_checkpoint_are_refused(spoil) -> None:
         Checkpoint.from_bytes(spoil(data))
 
 
+@pytest.mark.usefixtures("short_chunks")
 def test_wild_motion_goes_on_bit_for_bit() -> None:
     """Blocks that do not contract, single steps and new linear responses lie where they lay."""
     scene = pendulum(
-        final_time=1500.0, damping=damping(0.5), initial_position=2.9, initial_velocity=2.0
+        final_time=225.0, damping=damping(0.5), initial_position=2.9, initial_velocity=2.0
     )
     for method in (GAUSS2, GRADED):
-        whole = integrate(scene, method, 7500)
+        whole = integrate(scene, method, N)
         assert whole.newton.largest > 4
-        parts = in_parts(scene, method, 7500, [64])
+        parts = in_parts(scene, method, N, [64])
         for field in FIELDS:
             assert np.array_equal(joined(parts, field), getattr(whole, field))
 
@@ -272,7 +287,7 @@ def same_end(scene: Scene, method: Method, n_steps: int) -> tuple[Trajectory, Tr
     return integrate(scene, method, n_steps), integrate(scene, method, mesh_of(times))
 
 
-@pytest.mark.parametrize("n_steps", [300, 9000])
+@pytest.mark.parametrize("n_steps", [300, 4500])
 def test_a_run_that_leaves_its_bound_stops(n_steps: int) -> None:
     """A repelling potential: the motion is infinite at t = 2.4, no step behind that is true."""
     scene = duffing(
