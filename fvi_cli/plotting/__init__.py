@@ -7,7 +7,6 @@ from fvi_cli.plotting.ladders.cost import cost_figures
 from fvi_cli.plotting.ladders.saturation import saturation_figure
 from fvi_cli.plotting.motions.time_series import energy_figure, error_figure, trajectory_figure
 from fvi_cli.plotting.planner import (
-    FIGURE_KINDS,
     figure_kinds,
     figures_for,
     left_out,
@@ -17,7 +16,6 @@ from fvi_cli.plotting.saving import FORMATS, USUAL_FORMS, drawn_text, save_figur
 from fvi_cli.plotting.style import style_file
 
 __all__ = [
-    "FIGURE_KINDS",
     "FORMATS",
     "USUAL_FORMS",
     "Study",

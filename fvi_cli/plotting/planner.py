@@ -32,23 +32,7 @@ from fvi_cli.plotting.motions.sweeps import (
 )
 from fvi_cli.plotting.motions.time_series import energy_figure, error_figure, trajectory_figure
 from fvi_cli.scenes.problem import DerivativeProblem
-from fvi_cli.studies.experiment import Experiment, FinishedRun
-
-FIGURE_KINDS = (
-    "convergence",
-    "trajectory",
-    "energy",
-    "error",
-    "balance",
-    "momenta",
-    "phase",
-    "path",
-    "waterfall",
-    "quantities",
-    "section",
-    "spectrum",
-)
-"""What ``Experiment.figures`` may name."""
+from fvi_cli.studies.experiment import FIGURE_KINDS, Experiment, FinishedRun
 
 _OVER_TIME: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
     "trajectory": trajectory_figure,

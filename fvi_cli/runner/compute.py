@@ -13,7 +13,7 @@ from fvi_cli.runner.executors.executor import Batch, ComputeBatch, Watch, comput
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure, without_motion
 from fvi_cli.runner.progress import RunBar, run_bar
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import FRESH, Known, Why, no_run, resumed_at
+from fvi_cli.runner.stored import FRESH, Known, Why, resumed_at
 from fvi_cli.storage import NEW
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 
@@ -28,7 +28,7 @@ def compute_runs(
     settings: Settings,
     *,
     title: str,
-    known: Known = no_run,
+    known: Known = lambda run: None,
     keep: Keep | None = None,
     why: Why | None = None,
     checkpoints: CheckpointFolder | None = None,
@@ -53,7 +53,7 @@ def compute_runs(
         Where runs keep their checkpoints, and may have some from before.
     """
     done: dict[Run, FinishedRun] = {}
-    kept = _whole if settings.keeps_motions else without_motion
+    kept = (lambda one: one) if settings.keeps_motions else without_motion
     waiting: list[Run] = []
     listed = settings.shard.runs_of(experiments)
     for run in (run for runs in listed.values() for run in runs):
@@ -104,10 +104,6 @@ def compute_runs(
         Outcome(experiment=experiment, finished=tuple(done[run] for run in runs if run in done))
         for experiment, runs in listed.items()
     ]
-
-
-def _whole(finished: FinishedRun) -> FinishedRun:
-    return finished
 
 
 def _watch(bar: RunBar, title: str) -> Watch | None:

@@ -29,16 +29,6 @@ def resumed_at(run: Run, reached: int) -> str:
     return f"resume at step {reached} of {run.n_steps}"
 
 
-def no_run(run: Run) -> FinishedRun | None:
-    """No run is known."""
-    return None
-
-
-def no_choice(search: Run) -> FinishedRun | None:
-    """Nothing was chosen earlier."""
-    return None
-
-
 def reusable(found: FinishedRun | None) -> FinishedRun | None:
     """A run that was chosen earlier, if its tolerance was met: what was refused is tried again."""
     return None if found is None or found.status == "refused" else found

@@ -12,7 +12,7 @@ from fvi_cli.runner.executors.executor import Batch, compute_batches
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import Chosen, no_choice, reusable
+from fvi_cli.runner.stored import Chosen, reusable
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
@@ -23,7 +23,7 @@ def run_tolerance_searches(
     experiments: Sequence[Experiment],
     settings: Settings,
     *,
-    chosen: Chosen = no_choice,
+    chosen: Chosen,
     keep: Keep | None = None,
 ) -> dict[Experiment, Outcome]:
     """Recall or compute the run of every experiment with a tolerance, or of each of its members.

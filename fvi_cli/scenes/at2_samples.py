@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 
 from fvi_cli.keys.complaints import excerpt
-from fvi_cli.scenes.csv_samples import CsvMistakesError, CsvSamples, read_content
+from fvi_cli.scenes.csv_samples import LARGEST_FILE, CsvSamples
+from fvi_cli.scenes.data_files import DataFileError, read_content
 from fvi_cli.scenes.samples import MOST_SAMPLES
 
 SUFFIX: Final = ".at2"
@@ -35,21 +36,21 @@ def read_at2_samples(path: Path, name: str) -> CsvSamples:
 
     Raises
     ------
-    CsvMistakesError
+    DataFileError
         ``<name>:<line>: what is wrong``.
     """
-    content = read_content(path, name)
+    content = read_content(path, name, LARGEST_FILE)
     lines = content.decode("latin-1").splitlines()
     header = "\n".join(lines[:HEADER_LINES])
     found = _NAMED.search(header) or _BEFORE.search(header)
     if found is None:
-        raise CsvMistakesError(
+        raise DataFileError(
             f"{name}:{HEADER_LINES}: no NPTS= and DT= in the first {HEADER_LINES} lines; a record "
             "in AT2 has them in its fourth line"
         )
     count, step = int(found[1]), float(found[2])
     if not step > 0 or not 2 <= count <= MOST_SAMPLES:
-        raise CsvMistakesError(
+        raise DataFileError(
             f"{name}:{HEADER_LINES}: {count} samples {step:g} apart are not allowed; there must be "
             f"2 to {MOST_SAMPLES}, a positive time apart"
         )
@@ -59,12 +60,12 @@ def read_at2_samples(path: Path, name: str) -> CsvSamples:
             try:
                 values.append(float(word))
             except ValueError:
-                raise CsvMistakesError(
+                raise DataFileError(
                     f"{name}:{number}: {excerpt(word)!r} is no number; below the header stand "
                     "accelerations only"
                 ) from None
     if len(values) != count or not np.isfinite(values).all():
-        raise CsvMistakesError(
+        raise DataFileError(
             f"{name}:{len(lines)}: {len(values)} accelerations where the header says NPTS = "
             f"{count}; the record is cut off or has a gap"
         )

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
+from fvi_cli.scenes.data_files import DataFileError, read_content
 from fvi_cli.scenes.samples import MOST_SAMPLES
 
 LARGEST_FILE: Final = 20_000_000
@@ -42,14 +43,6 @@ class CsvSamples:
     lines: tuple[int, ...] = ()
 
 
-class CsvMistakesError(Exception):
-    """What is wrong with a file, one message for each mistake (no more than a few)."""
-
-    def __init__(self, *messages: str) -> None:
-        self.messages = messages
-        super().__init__("\n".join(messages))
-
-
 def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> CsvSamples:
     """Read a column and its times.
 
@@ -67,16 +60,16 @@ def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> Cs
 
     Raises
     ------
-    CsvMistakesError
+    DataFileError
         ``<name>:<line>: what is wrong``: no such file or column, cells that are empty or not
         finite numbers, times that do not increase, or more than is allowed.
     """
-    content = read_content(path, name)
+    content = read_content(path, name, LARGEST_FILE)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
-        raise CsvMistakesError(f"{name}:{line}: not UTF-8; save the file as UTF-8") from None
+        raise DataFileError(f"{name}:{line}: not UTF-8; save the file as UTF-8") from None
     rows = _rows(text, name)
     line, header = next(rows, (1, []))
     places = [_place(header, wanted, f"{name}:{line}") for wanted in (time_column, column)]
@@ -117,28 +110,6 @@ def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> Cs
     )
 
 
-def read_content(path: Path, name: str) -> bytes:
-    """The bytes of a file that is not too large.
-
-    Raises
-    ------
-    CsvMistakesError
-        If it cannot be read.
-    """
-    try:
-        # a pipe or a device would be read for ever
-        if path.exists() and not path.is_file():
-            raise CsvMistakesError(f"{name}: not a file")
-        with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or type(error).__name__
-        raise CsvMistakesError(f"{name}: cannot be read: {reason}") from None
-    if len(content) > LARGEST_FILE:
-        raise CsvMistakesError(f"{name}: more than {LARGEST_FILE // 10**6} MB: too large")
-    return content
-
-
 def _rows(text: str, name: str) -> Iterator[tuple[int, list[str]]]:
     """Number and cells of every line that holds something; the first are the names."""
     lines = text.splitlines()
@@ -150,7 +121,7 @@ def _rows(text: str, name: str) -> Iterator[tuple[int, list[str]]]:
             if any(cell.strip() for cell in row) and not row[0].startswith("#"):
                 yield reader.line_num, row
     except csv.Error as error:
-        raise CsvMistakesError(f"{name}:{reader.line_num}: {error}") from None
+        raise DataFileError(f"{name}:{reader.line_num}: {error}") from None
 
 
 def _place(header: list[str], wanted: str, where: str) -> int:
@@ -158,9 +129,9 @@ def _place(header: list[str], wanted: str, where: str) -> int:
     if names.count(wanted) == 1:
         return names.index(wanted)
     if wanted in names:
-        raise CsvMistakesError(f"{where}: {names.count(wanted)} columns are called {wanted!r}")
+        raise DataFileError(f"{where}: {names.count(wanted)} columns are called {wanted!r}")
     shown = [excerpt(name) for name in names[:10]]
-    raise CsvMistakesError(
+    raise DataFileError(
         f"{where}: no column is called {excerpt(wanted)!r}{suggestion(wanted, shown)} "
         f"(columns: {listed(shown)}{', ...' if len(names) > len(shown) else ''})"
     )
@@ -200,4 +171,4 @@ class _Mistakes:
         if self.more:
             self.messages.append(f"{self.name}: and {self.more} more mistakes")
         if self.messages:
-            raise CsvMistakesError(*self.messages)
+            raise DataFileError(*self.messages)

@@ -6,7 +6,6 @@ import functools
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
@@ -19,7 +18,8 @@ from fvi_cli.keys.scalars import Choice, Formula, Number, Text
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.at2_samples import SUFFIX, read_at2_samples
-from fvi_cli.scenes.csv_samples import CsvMistakesError, read_csv_samples
+from fvi_cli.scenes.csv_samples import read_csv_samples
+from fvi_cli.scenes.data_files import SHA256, DataFileError, file_under, with_content
 from fvi_cli.scenes.samples import (
     LARGEST_TEXT,
     end_of_samples,
@@ -34,8 +34,7 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
     """The keys of samples with ``sha256`` and ``content`` filled in from the file."""
     if "content" in values:
         return values
-    name, folder = excerpt(values["file"], 200), at.complaints.folder
-    file = Path(values["file"]) if folder is None else folder / values["file"]
+    file, name = file_under(values, at)
     is_at2 = file.suffix.lower() == SUFFIX
     if is_at2 == ("column" in values):
         wrong = "missing; it must be the name of a column"
@@ -46,20 +45,17 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
             if is_at2
             else read_csv_samples(file, name, values["time"], values["column"])
         )
-    except CsvMistakesError as error:
-        for message in error.messages:
-            at.refuse(message, "file")
+    except DataFileError as error:
+        error.tell(at)
         return INVALID
-    text = samples_as_text(found.time, found.values)
-    if len(text) > LARGEST_TEXT:
-        return at.refuse(
-            f"{name}: its {found.time.size} samples take {len(text)} characters in every "
-            f"result file, more than {LARGEST_TEXT}; thin them out",
-            "file",
-        )
-    if values.get("sha256", found.sha256).lower() != found.sha256:
-        return at.refuse(f"{name} has changed: its sha256 is {found.sha256}", "sha256")
-    return {**values, "sha256": found.sha256, "content": text}
+    return with_content(
+        values,
+        at,
+        sha256=found.sha256,
+        text=samples_as_text(found.time, found.values),
+        largest=LARGEST_TEXT,
+        what=f"its {found.time.size} samples",
+    )
 
 
 SAMPLES: Final = Checked(
@@ -101,12 +97,7 @@ SAMPLES: Final = Checked(
                 "zero: no force behind the last sample, where it comes before final_time.",
                 default="refuse",
             ),
-            Key(
-                "sha256",
-                Text(what="64 hexadecimal digits"),
-                "Of the file; filled in, and checked where it is given.",
-                default=OPTIONAL,
-            ),
+            SHA256,
             Key(
                 "content",
                 Text(what="samples as fvi writes them"),

@@ -14,7 +14,6 @@ from fvi_cli.storage.contents import (
     StoredFile,
     StoredRun,
     list_runs,
-    read_config_text,
     read_configuration,
 )
 from fvi_cli.storage.files import PARTS_SUFFIX, printable
@@ -37,7 +36,6 @@ __all__ = [
     "open_results",
     "place_of",
     "printable",
-    "read_config_text",
     "read_configuration",
     "read_results",
     "variant_of",

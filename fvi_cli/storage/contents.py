@@ -175,17 +175,6 @@ def read_configuration(path: Path) -> StoredConfiguration:
         )
 
 
-def read_config_text(path: Path) -> str:
-    """The text of the configuration that made a result file, word for word.
-
-    Raises
-    ------
-    StorageError
-        If the file cannot be read or is not ours.
-    """
-    return read_configuration(path).text
-
-
 def list_runs(path: Path) -> StoredFile:
     """Runs and provenance of a result file.
 

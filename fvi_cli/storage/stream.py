@@ -16,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import io
 import os
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -91,26 +92,11 @@ def is_whole(seal: Seal, number: int, block: bytes) -> bool:
     return hashlib.sha256(block).digest() == expected
 
 
-class SafeStream:
-    """Random access to an open file, for :class:`h5py.File`.
+class _Stream(ABC):
+    """A place in a file of known size, for :class:`h5py.File`."""
 
-    Parameters
-    ----------
-    handle
-        Descriptor of a file that is open for reading and writing; it is not closed here.
-    """
-
-    def __init__(self, handle: int) -> None:
-        self._handle = handle
-        self._position = 0
-        self._size = 0
-        self._failure: BaseException | None = None
-        self._unwritten: list[tuple[int, bytes]] = []
-
-    def check(self) -> None:
-        """Raise the first failure, if there was one."""
-        if self._failure is not None:
-            raise self._failure
+    _position = 0
+    _size = 0
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
         """Move to a place; beyond the end is allowed."""
@@ -121,6 +107,35 @@ class SafeStream:
     def tell(self) -> int:
         """The place where the next byte is read or written."""
         return self._position
+
+    def read(self, size: int) -> bytes:
+        """At most `size` bytes; the library takes for a file what has this."""
+        content = bytearray(size)
+        return bytes(content[: self.readinto(content)])
+
+    @abstractmethod
+    def readinto(self, target: bytearray | memoryview) -> int:
+        """Read as many bytes as fit and are there."""
+
+
+class SafeStream(_Stream):
+    """Random access to an open file, for :class:`h5py.File`.
+
+    Parameters
+    ----------
+    handle
+        Descriptor of a file that is open for reading and writing; it is not closed here.
+    """
+
+    def __init__(self, handle: int) -> None:
+        self._handle = handle
+        self._failure: BaseException | None = None
+        self._unwritten: list[tuple[int, bytes]] = []
+
+    def check(self) -> None:
+        """Raise the first failure, if there was one."""
+        if self._failure is not None:
+            raise self._failure
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
         """Write all of `data`, in memory after a failure."""
@@ -157,11 +172,6 @@ class SafeStream:
         self._position += count
         return count
 
-    def read(self, size: int) -> bytes:
-        """At most `size` bytes; the library takes for a file what has this."""
-        content = bytearray(size)
-        return bytes(content[: self.readinto(content)])
-
     def truncate(self, size: int | None = None) -> int:
         """Change the length."""
         self._size = self._position if size is None else size
@@ -176,7 +186,7 @@ class SafeStream:
         """Nothing is buffered here."""
 
 
-class SealedStream:
+class SealedStream(_Stream):
     """A file for the library's reader that gives it no byte that is not as it was sealed.
 
     It stays open, so that what is read is as it was, also when another file takes its name.
@@ -200,22 +210,11 @@ class SealedStream:
         size = os.fstat(self._file.fileno()).st_size
         self._size = size if self._seal is None else self._seal.size
         self._looked_at: set[int] = set()
-        self._position = 0
 
     @property
     def is_sealed(self) -> bool:
         """Whether there is a seal."""
         return self._seal is not None
-
-    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
-        """Move to a place."""
-        begin = {io.SEEK_SET: 0, io.SEEK_CUR: self._position, io.SEEK_END: self._size}[whence]
-        self._position = begin + offset
-        return self._position
-
-    def tell(self) -> int:
-        """The place where the next byte is read."""
-        return self._position
 
     def readinto(self, target: bytearray | memoryview) -> int:
         """Read as many bytes as fit and are there.
@@ -234,11 +233,6 @@ class SealedStream:
         view[:count] = _read_all(self._file.fileno(), count)
         self._position += count
         return count
-
-    def read(self, size: int) -> bytes:
-        """At most `size` bytes; the library takes for a file what has this."""
-        content = bytearray(size)
-        return bytes(content[: self.readinto(content)])
 
     def close(self) -> None:
         """Close the file."""

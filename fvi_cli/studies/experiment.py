@@ -26,6 +26,21 @@ Norm = Literal["max", "final", "l2"]
 Observed = Literal["ok", "floor", "diverged", "failed", "refused"]
 Predicted = Literal["stable", "unstable", "unknown"]
 
+FIGURE_KINDS = (
+    "convergence",
+    "trajectory",
+    "energy",
+    "error",
+    "balance",
+    "momenta",
+    "phase",
+    "path",
+    "waterfall",
+    "quantities",
+    "section",
+    "spectrum",
+)
+"""What ``Experiment.figures`` may name."""
 UNITS = ("time", "length", "velocity", "acceleration", "momentum", "energy")
 """What has a unit beside coordinates and quantities."""
 NEEDS_LADDER = (

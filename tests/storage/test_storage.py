@@ -35,7 +35,6 @@ from fvi_cli.storage import (
     list_runs,
     open_results,
     provenance,
-    read_config_text,
     read_configuration,
     read_results,
     writing,
@@ -369,7 +368,7 @@ def test_netcdf4_reads_the_whole_tree(path: Path) -> None:
 def test_the_root_says_where_the_file_comes_from(path: Path) -> None:
     stored = read_configuration(path)
     assert stored.text == TEXT
-    assert read_config_text(path) == TEXT
+    assert read_configuration(path).text == TEXT
     assert stored.overrides == ("a.b=1",)
     assert json.loads(stored.resolved) == CONFIGURATION.resolved
     said = list_runs(path).provenance
@@ -460,7 +459,7 @@ def test_what_is_current_is_not_written_again(tmp_path: Path, runs: list[Finishe
             assert all(results.finished(finished.run) for finished in runs)
             results.consolidate(SimpleNamespace(**changed))
         assert (path.stat().st_mtime_ns != before.st_mtime_ns) == is_written
-    assert read_config_text(path) == TEXT + "# more\n"
+    assert read_configuration(path).text == TEXT + "# more\n"
     assert len(places(path)) == len(runs)
 
 
@@ -759,7 +758,7 @@ def test_a_file_that_is_not_ours_or_not_whole_is_named_and_left_as_it_is(
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    for read in (read_config_text, list_runs):
+    for read in (read_configuration, list_runs):
         with pytest.raises(StorageError, match=r"absent\.h5: no such file"):
             read(tmp_path / "absent.h5")
     with pytest.raises(StorageError, match=r"absent\.h5: no such file"):
@@ -888,7 +887,7 @@ def test_an_interrupt_in_the_midst_of_writing_leaves_what_was_there(
         assert tree(path.parent) == before
         # control: without an interrupt it is written
         results.consolidate(changed)
-    assert read_config_text(path) == "another"
+    assert read_configuration(path).text == "another"
     assert recall(path, runs) == len(runs)
 
 

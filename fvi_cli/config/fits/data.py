@@ -10,7 +10,8 @@ from fvi_cli.integrator.observations.asked import known_names
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.csv_samples import CsvMistakesError, CsvSamples, read_csv_samples
+from fvi_cli.scenes.csv_samples import CsvSamples, read_csv_samples
+from fvi_cli.scenes.data_files import DataFileError, file_under
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.fits.settings import PARTS, Amplitude, DataSet, Series
@@ -154,21 +155,19 @@ def _samples(
     given: Mapping[str, Any], first: str, column: str, problem: Problem, at: Cursor
 ) -> CsvSamples | None:
     """A column of the file beside that of times or frequencies; None with complaints."""
-    shown, folder = excerpt(given["file"], 200), at.complaints.folder
-    path = Path(given["file"]) if folder is None else folder / given["file"]
+    path, shown = file_under(given, at)
     is_motion = "frequency" not in given
     try:
         samples = read_csv_samples(path, shown, first, column)
         if is_motion:
             _check_times(samples, shown, problem.final_time, first)
         elif not samples.time[0] > 0:
-            raise CsvMistakesError(
+            raise DataFileError(
                 f"{shown}:{samples.lines[0]}: {first} = {samples.time[0]:g} is no frequency of a "
                 "response; it must be positive"
             )
-    except CsvMistakesError as error:
-        for message in error.messages:
-            at.refuse(message, "file")
+    except DataFileError as error:
+        error.tell(at)
         return None
     return samples
 
@@ -178,12 +177,12 @@ def _check_times(samples: CsvSamples, name: str, final_time: float, column: str)
 
     Raises
     ------
-    CsvMistakesError
+    DataFileError
         With the line of the first one.
     """
     for time, line in zip(samples.time.tolist(), samples.lines, strict=True):
         if not 0 <= time <= final_time * (1 + 1e-12):
-            raise CsvMistakesError(
+            raise DataFileError(
                 f"{name}:{line}: {column} = {time:g} is outside of the run, which goes from 0 to "
                 f"final_time = {final_time:g}"
             )

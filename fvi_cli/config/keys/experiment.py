@@ -17,7 +17,7 @@ from fvi_cli.keys.cursor import OPTIONAL
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Choice, Flag, Number, Text
 from fvi_cli.scenes.kinds import PROBLEM
-from fvi_cli.studies.experiment import Norm
+from fvi_cli.studies.experiment import FIGURE_KINDS, Norm
 
 NAME: Final = Text(
     what="letters, digits, - and _, beginning with a letter or digit",
@@ -36,20 +36,6 @@ _REPORT: Final = Record(
             default="max",
         ),
     )
-)
-FIGURES: Final = (
-    "convergence",
-    "trajectory",
-    "energy",
-    "error",
-    "balance",
-    "momenta",
-    "phase",
-    "path",
-    "waterfall",
-    "quantities",
-    "section",
-    "spectrum",
 )
 _CASES: Final = "methods, such as bdf5,"
 
@@ -92,7 +78,7 @@ _KEYS: Final = (
     ),
     Key(
         "figures",
-        ListOf(shape=Choice(words=FIGURES), least=0, example="[convergence]"),
+        ListOf(shape=Choice(words=FIGURE_KINDS), least=0, example="[convergence]"),
         "Figures to draw. Default: convergence for a ladder of three or more numbers of steps, "
         "otherwise trajectory, energy, error and, where there are any, quantities; section draws "
         "velocity against position at events, and spectrum, of a sweep over stiffness or mass, the "

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import Form, symmetric_form
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
+from fvi_cli.scenes.data_files import DataFileError, read_content
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,10 +26,6 @@ if TYPE_CHECKING:
 LARGEST_FILE: Final = 400_000_000
 """Bytes of a file of a matrix, at most."""
 _BETWEEN: Final = re.compile(r"[,;\s]+")
-
-
-class MatrixFileError(Exception):
-    """What is wrong with a file of a matrix."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,48 +62,33 @@ def read_matrix(path: Path, name: str, variable: str | None = None) -> MatrixFil
 
     Raises
     ------
-    MatrixFileError
+    DataFileError
         If it cannot be read, or the matrix is not real, square, finite and symmetric.
     """
     suffix = path.suffix.lower()
     if suffix not in _READERS:
-        raise MatrixFileError(
+        raise DataFileError(
             f"{name}: the ending must be one of {listed(_READERS)}, so that its format is known"
         )
-    content = _bytes(path, name)
+    content = read_content(path, name, LARGEST_FILE)
     try:
         value = _READERS[suffix](content, name, variable)
-    except MatrixFileError:
+    except DataFileError:
         raise
     except (ValueError, TypeError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise MatrixFileError(
+        raise DataFileError(
             f"{name}: not a readable {suffix} file: {excerpt(str(error), 160)}"
         ) from None
     if np.iscomplexobj(value) or not np.issubdtype(value.dtype, np.number):
-        raise MatrixFileError(f"{name}: its entries are {value.dtype}; they must be real numbers")
+        raise DataFileError(f"{name}: its entries are {value.dtype}; they must be real numbers")
     if value.ndim != 2 or value.shape[0] != value.shape[1] or value.shape[0] == 0:
         shape = " x ".join(map(str, value.shape))
-        raise MatrixFileError(f"{name}: it is {shape or 'a number'}; a square matrix is needed")
+        raise DataFileError(f"{name}: it is {shape or 'a number'}; a square matrix is needed")
     try:
         form = symmetric_form(value, name)
     except ValueError as error:
-        raise MatrixFileError(str(error)) from None
+        raise DataFileError(str(error)) from None
     return MatrixFile(form=form, sha256=hashlib.sha256(content).hexdigest())
-
-
-def _bytes(path: Path, name: str) -> bytes:
-    try:
-        # a pipe or a device would be read for ever
-        if path.exists() and not path.is_file():
-            raise MatrixFileError(f"{name}: not a file")
-        with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or type(error).__name__
-        raise MatrixFileError(f"{name}: cannot be read: {reason}") from None
-    if len(content) > LARGEST_FILE:
-        raise MatrixFileError(f"{name}: more than {LARGEST_FILE // 10**6} MB: too large")
-    return content
 
 
 def _market(content: bytes, name: str, variable: str | None) -> Any:
@@ -141,7 +123,7 @@ def _mat(content: bytes, name: str, variable: str | None) -> Any:
         )
     except NotImplementedError:
         # what SciPy says of files that are HDF5
-        raise MatrixFileError(
+        raise DataFileError(
             f"{name}: of MATLAB's version 7.3; save it with -v7, or as Matrix Market"
         ) from None
     names = [key for key in found if not key.startswith("__")]
@@ -160,17 +142,17 @@ def _text(content: bytes, name: str, variable: str | None) -> NDArray[np.float64
             try:
                 row.append(float(cell))
             except ValueError:
-                raise MatrixFileError(
+                raise DataFileError(
                     f"{name}:{number}: {excerpt(cell)!r} is not a number; every line must be a "
                     "row of numbers"
                 ) from None
             if not math.isfinite(row[-1]):
-                raise MatrixFileError(
+                raise DataFileError(
                     f"{name}:{number}: the entry in row {len(rows) + 1}, column {len(row)} is "
                     f"{cell}; every entry must be finite"
                 )
         if rows and len(row) != len(rows[0]):
-            raise MatrixFileError(
+            raise DataFileError(
                 f"{name}:{number}: {len(row)} entries where the first row has {len(rows[0])}"
             )
         rows.append(row)
@@ -184,7 +166,7 @@ _READERS: Final = MappingProxyType[str, Callable[[bytes, str, str | None], Any]]
 
 def _no_variable(name: str, variable: str | None) -> None:
     if variable is not None:
-        raise MatrixFileError(f"{name}: it holds one matrix without a name; leave out variable")
+        raise DataFileError(f"{name}: it holds one matrix without a name; leave out variable")
 
 
 def _chosen(names: list[str], name: str, variable: str | None) -> str:
@@ -195,6 +177,6 @@ def _chosen(names: list[str], name: str, variable: str | None) -> str:
         return names[0]
     shown = listed(excerpt(one) for one in names[:10]) or "nothing"
     if variable is None:
-        raise MatrixFileError(f"{name}: it holds {shown}; say which one under variable")
+        raise DataFileError(f"{name}: it holds {shown}; say which one under variable")
     hint = suggestion(variable, names)
-    raise MatrixFileError(f"{name}: nothing in it is called {excerpt(variable)!r}{hint} ({shown})")
+    raise DataFileError(f"{name}: nothing in it is called {excerpt(variable)!r}{hint} ({shown})")

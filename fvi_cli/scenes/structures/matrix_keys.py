@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from fvi_cli.effects.matrices import Form, is_definite, scaled, sparse_unit
-from fvi_cli.keys.complaints import excerpt
 from fvi_cli.keys.containers import Checked
 from fvi_cli.keys.cursor import INVALID, OPTIONAL, Cursor
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Text
-from fvi_cli.scenes.structures.matrix_files import MatrixFileError, read_matrix
+from fvi_cli.scenes.data_files import SHA256, DataFileError, file_under, with_content
+from fvi_cli.scenes.structures.matrix_files import read_matrix
 from fvi_cli.scenes.structures.matrix_text import (
     LARGEST_TEXT,
     matrix_as_text,
@@ -29,27 +28,24 @@ def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
         if rows_of_text(values["content"]) is None:
             return at.refuse("not a matrix as fvi writes it", "content")
         return values
-    name, folder = excerpt(values["file"], 200), at.complaints.folder
-    file = Path(values["file"]) if folder is None else folder / values["file"]
+    file, name = file_under(values, at)
     try:
         found = read_matrix(file, name, values.get("variable"))
-    except MatrixFileError as error:
-        at.refuse(str(error), "file")
+    except DataFileError as error:
+        error.tell(at)
         return INVALID
     if positive and not is_definite(found.form):
         return at.refuse(
             f"{name}: an eigenvalue is zero or negative; a mass must be positive definite", "file"
         )
-    if values.get("sha256", found.sha256).lower() != found.sha256:
-        return at.refuse(f"{name} has changed: its sha256 is {found.sha256}", "sha256")
-    text = matrix_as_text(found.form)
-    if len(text) > LARGEST_TEXT:
-        return at.refuse(
-            f"{name}: its entries take {len(text)} characters in every result file, more than "
-            f"{LARGEST_TEXT}",
-            "file",
-        )
-    return {**values, "sha256": found.sha256, "content": text}
+    return with_content(
+        values,
+        at,
+        sha256=found.sha256,
+        text=matrix_as_text(found.form),
+        largest=LARGEST_TEXT,
+        what="its entries",
+    )
 
 
 _KEYS: Final = Record(
@@ -66,12 +62,7 @@ _KEYS: Final = Record(
             "Which matrix of a .mat or .npz file that holds several.",
             default=OPTIONAL,
         ),
-        Key(
-            "sha256",
-            Text(what="64 hexadecimal digits"),
-            "Of the file; filled in, and checked where it is given.",
-            default=OPTIONAL,
-        ),
+        SHA256,
         Key(
             "content",
             Text(what="a matrix as fvi writes it"),

@@ -1,0 +1,86 @@
+"""Files that are read together with a configuration, whose content then travels with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from fvi_cli.keys.complaints import excerpt
+from fvi_cli.keys.cursor import OPTIONAL, Cursor
+from fvi_cli.keys.records import Key
+from fvi_cli.keys.scalars import Text
+
+SHA256: Final = Key(
+    "sha256",
+    Text(what="64 hexadecimal digits"),
+    "Of the file; filled in, and checked where it is given.",
+    default=OPTIONAL,
+)
+
+
+class DataFileError(Exception):
+    """What is wrong with a file, one message for each mistake (no more than a few)."""
+
+    def __init__(self, *messages: str) -> None:
+        self.messages = messages
+        super().__init__("\n".join(messages))
+
+    def tell(self, at: Cursor) -> None:
+        """Complain about the key ``file``."""
+        for message in self.messages:
+            at.refuse(message, "file")
+
+
+def file_under(values: Mapping[str, Any], at: Cursor) -> tuple[Path, str]:
+    """The file of the key ``file``, beside the configuration, and what messages call it."""
+    folder = at.complaints.folder
+    path = Path(values["file"]) if folder is None else folder / values["file"]
+    return path, excerpt(values["file"], 200)
+
+
+def read_content(path: Path, name: str, largest: int) -> bytes:
+    """The bytes of a file that has no more than `largest`.
+
+    Raises
+    ------
+    DataFileError
+        If it cannot be read, or is larger.
+    """
+    try:
+        # a pipe or a device would be read for ever
+        if path.exists() and not path.is_file():
+            raise DataFileError(f"{name}: not a file")
+        with path.open("rb") as file:
+            content = file.read(largest + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or type(error).__name__
+        raise DataFileError(f"{name}: cannot be read: {reason}") from None
+    if len(content) > largest:
+        raise DataFileError(f"{name}: more than {largest // 10**6} MB: too large")
+    return content
+
+
+def with_content(
+    values: Mapping[str, Any], at: Cursor, *, sha256: str, text: str, largest: int, what: str
+) -> Any:
+    """The keys with ``sha256`` and ``content`` filled in from what was read.
+
+    Parameters
+    ----------
+    values, at
+        The keys, and where they stand.
+    sha256
+        Of the file.
+    text
+        Its content as it travels, of at most so many characters as `largest` says.
+    what
+        What takes that room, for the complaint.
+    """
+    name = excerpt(values["file"], 200)
+    if values.get("sha256", sha256).lower() != sha256:
+        return at.refuse(f"{name} has changed: its sha256 is {sha256}", "sha256")
+    if len(text) > largest:
+        told = f"{name}: {what} take {len(text)} characters in every result file"
+        return at.refuse(f"{told}, more than {largest}; thin them out", "file")
+    return {**values, "sha256": sha256, "content": text}
