@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from fvi_cli.reports.document import Block, Grid
@@ -65,6 +65,26 @@ class Column:
     compared: Within | None = SAME_NUMBER
     missing: str = ""
     is_extra: bool = False
+
+
+def row_of(columns: Iterable[Column], /, *sources: object, **given: Value) -> Row:
+    """The entries of a row: those that are given, the others by their names.
+
+    Parameters
+    ----------
+    columns
+        Every one gets an entry.
+    sources
+        The first that has an attribute of the name of a column says what stands there.
+    given
+        What has another name, or is to be worked out.
+    """
+    return {
+        one.name: given[one.name]
+        if one.name in given
+        else getattr(next(source for source in sources if hasattr(source, one.name)), one.name)
+        for one in columns
+    }
 
 
 def _nothing(stored: Row, fresh: Row) -> Container[str]:

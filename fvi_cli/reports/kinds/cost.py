@@ -9,7 +9,7 @@ from fvi_cli.integrator.baselines.peers import PEER_LIMITS
 from fvi_cli.integrator.method import PEER_NAMES, AnyMethod, Baseline
 from fvi_cli.reports.document import Block, Bullets, Code, Equation, Grid, Heading, Paragraph
 from fvi_cli.reports.naming import MethodName, method_names, number
-from fvi_cli.reports.table import Column, Report, Sheet, Value
+from fvi_cli.reports.table import Column, Report, Row, Sheet, Value, row_of
 from fvi_cli.studies.cost import CostTable
 from fvi_cli.studies.price import (
     ACCURACIES,
@@ -138,7 +138,7 @@ def cost_report(name: str, tables: Sequence[CostTable]) -> Report:
                 name="pareto_front",
                 columns=FRONT_COLUMNS,
                 rows=tuple(
-                    {"experiment": table.experiment, "case": curve.key, "n_steps": p.row.n_steps}
+                    row_of(FRONT_COLUMNS, p.row, table, case=curve.key)
                     for table in tables
                     for curve, p in pareto_front(cost_curves(table))
                 ),
@@ -157,20 +157,14 @@ def _sheet(tables: Sequence[CostTable]) -> Sheet:
     for table in tables:
         names = _names(table)
         for case in table.cases:
-            words: dict[str, Value] = {
-                "experiment": table.experiment,
-                "case": case.method.case,
-                "method": names[case.method.case].label,
-            }
-            own = [column.name for column in RUN_COLUMNS if column.name not in words]
-            rows += [words | {name: getattr(row, name) for name in own} for row in case.rows]
+            key, label = case.method.case, names[case.method.case].label
+            rows += [row_of(RUN_COLUMNS, row, table, case=key, method=label) for row in case.rows]
     keys = ("experiment", "case", "n_steps")
     return Sheet(name="runs", columns=RUN_COLUMNS, rows=tuple(rows), keys=keys)
 
 
 def _tolerance_sheet(tables: Sequence[CostTable]) -> Sheet:
-    rows: list[dict[str, Value]] = []
-    own = ("tolerance", "outcome", "error", "estimate", "n_steps", "degree", "rounds", "seconds")
+    rows: list[Row] = []
     for table in tables:
         names = _names(table)
         curves = [curve for curve in cost_curves(table) if not curve.is_exact_by_chance]
@@ -179,12 +173,13 @@ def _tolerance_sheet(tables: Sequence[CostTable]) -> Sheet:
             reached = [curve for curve in curves if not math.isnan(times[curve.key])]
             best = min(reached, key=lambda curve: times[curve.key], default=None)
             rows.append(
-                {
-                    "experiment": table.experiment,
-                    **{name: getattr(row, name) for name in own},
-                    "on_a_ladder": math.nan if best is None else times[best.key],
-                    "case": "-" if best is None else curve_name(best, names),
-                }
+                row_of(
+                    TOLERANCE_COLUMNS,
+                    row,
+                    table,
+                    on_a_ladder=math.nan if best is None else times[best.key],
+                    case="-" if best is None else curve_name(best, names),
+                )
             )
     return Sheet(
         name="tolerances",

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from fvi_cli.reports.document import Block, Bullets, Code, Grid, Heading, Paragraph
-from fvi_cli.reports.table import Column, Report, Sheet, Value, Within
+from fvi_cli.reports.table import Column, Report, Row, Sheet, Within, row_of
 from fvi_cli.studies.fits.result import FitResult, ModelFit
 
 ESTIMATED = Within(relative=1e-5, absolute=1e-9)
@@ -66,16 +66,14 @@ def fit_report(name: str, results: Sequence[FitResult]) -> Report:
                 name="parameters",
                 columns=PARAMETER_COLUMNS,
                 rows=tuple(
-                    {
-                        "parameter": one.name,
-                        "estimate": one.value,
-                        "standard_error": one.standard_error,
-                        "low": one.low,
-                        "high": one.high,
-                        "at_bound": one.at_bound,
-                        "experiment": result.name,
-                        "model": model.model.name,
-                    }
+                    row_of(
+                        PARAMETER_COLUMNS,
+                        one,
+                        parameter=one.name,
+                        estimate=one.value,
+                        experiment=result.name,
+                        model=model.model.name,
+                    )
                     for result, model in every
                     for one in model.estimates
                 ),
@@ -129,20 +127,18 @@ def fit_report(name: str, results: Sequence[FitResult]) -> Report:
     )
 
 
-def _model(result: FitResult, model: ModelFit) -> dict[str, Value]:
-    return {
-        "experiment": result.name,
-        "model": model.model.name,
-        "parameters": len(model.estimates),
-        "values": model.n_values,
-        "aicc": model.criterion,
-        "aicc_difference": _difference(result, model),
-        "whiteness": model.whiteness,
-        "steps": model.steps,
-        "discretisation": model.discretisation,
-        "status": "ok" if model.is_converged else "failed",
-        "message": model.message,
-    }
+def _model(result: FitResult, model: ModelFit) -> Row:
+    return row_of(
+        MODEL_COLUMNS,
+        model,
+        experiment=result.name,
+        model=model.model.name,
+        parameters=len(model.estimates),
+        values=model.n_values,
+        aicc=model.criterion,
+        aicc_difference=_difference(result, model),
+        status="ok" if model.is_converged else "failed",
+    )
 
 
 def _difference(result: FitResult, model: ModelFit) -> float:

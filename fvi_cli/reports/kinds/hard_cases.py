@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 from fvi_cli.reports.document import Block, Grid, Heading, Paragraph
-from fvi_cli.reports.table import Column, Report, Row, Sheet, Within
+from fvi_cli.reports.table import Column, Report, Row, Sheet, Within, row_of
 from fvi_cli.studies.hard_cases.case import Finding, HardCaseReport
 from fvi_cli.studies.hard_cases.suite import FLAGSHIP, examined_methods, hard_cases
 
@@ -48,7 +48,7 @@ def hard_case_report(found: HardCaseReport) -> Report:
             Sheet(
                 name="findings",
                 columns=COLUMNS,
-                rows=tuple(asdict(finding) for finding in found.findings),
+                rows=tuple(row_of(COLUMNS, finding) for finding in found.findings),
                 keys=("case", "quantity", "method"),
                 left_to_round_off=_left_to_round_off,
             ),

@@ -12,7 +12,7 @@ from fvi_cli.reports.document import Block, Heading
 from fvi_cli.reports.kinds.order_details import details, setting
 from fvi_cli.reports.kinds.order_summary import legend, names_of, summary
 from fvi_cli.reports.kinds.order_sweeps import split_sweeps, sweep_details
-from fvi_cli.reports.table import Column, Report, Row, Sheet, Value, Within
+from fvi_cli.reports.table import Column, Report, Row, Sheet, Value, Within, row_of
 from fvi_cli.studies.experiment import Observed
 from fvi_cli.studies.order import NEAR_FLOOR, OrderTable, with_orders
 
@@ -87,15 +87,7 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
     experiments = Sheet(
         name="experiments",
         columns=EXPERIMENT_COLUMNS,
-        rows=tuple(
-            {
-                "experiment": table.title,
-                "equation": table.equation,
-                "reference": table.reference,
-                "final_time": table.final_time,
-            }
-            for table in tables
-        ),
+        rows=tuple(row_of(EXPERIMENT_COLUMNS, table, experiment=table.title) for table in tables),
         keys=("experiment",),
         is_file=False,
     )
@@ -119,32 +111,17 @@ def _all_details(tables: Sequence[OrderTable]) -> Iterator[Block]:
         yield from sweep_details(members, names, setting(members))
 
 
-def _runs(tables: Sequence[OrderTable], swept: Sequence[str]) -> Iterator[dict[str, Value]]:
+def _runs(tables: Sequence[OrderTable], swept: Sequence[str]) -> Iterator[Row]:
     for table in tables:
         values = {key: _swept(table.swept[key]) if key in table.swept else None for key in swept}
         for case in table.cases:
             for row in case.rows:
-                yield {
-                    "experiment": table.experiment,
-                    "case": case.method.case,
+                own: dict[str, Value] = {
                     **case.columns(),
-                    "gamma": table.gamma,
-                    "norm": table.norm,
-                    "n_steps": row.n_steps,
-                    "step_size": float(row.step_size),
-                    "error": float(row.error),
-                    "pairwise_order": float(row.pairwise_order),
-                    "used_in_fit": row.used_in_fit,
-                    "slope": float(case.slope),
-                    "fit_residual": float(case.fit_residual),
-                    "expected_order": float(row.expected_order),
-                    "predicted": row.predicted,
-                    "status": row.status,
-                    **values,
-                    "floor": float(row.floor),
-                    "message": row.message,
+                    "case": case.method.case,
                     "remarks": "; ".join(row.remarks),
                 }
+                yield {**row_of((*COLUMNS, *EXTRA_COLUMNS), row, case, table, **own), **values}
 
 
 def _swept(value: object) -> Value:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fvi_cli.reports.document import Block, Code, Heading, Paragraph
-from fvi_cli.reports.table import Column, Report, Sheet, Value, Within
+from fvi_cli.reports.table import Column, Report, Row, Sheet, Value, Within, row_of
 from fvi_cli.studies.experiment import FinishedRun
 
 CLOSE = Within(relative=1e-3, absolute=1e-12)
@@ -41,27 +41,15 @@ EVENT_COLUMNS = (
 
 def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
     """Peaks and means of every quantity, and numbers and times of every event, of every run."""
-    quantities: list[dict[str, Value]] = []
-    events: list[dict[str, Value]] = []
+    quantities: list[Row] = []
+    events: list[Row] = []
     for one in finished:
         observed = one.trajectory.observed
         if observed is None:
             continue
         run = _run(one)
         for quantity, extent in observed.extents.items():
-            quantities.append(
-                {
-                    **run,
-                    "quantity": quantity,
-                    "peak": extent.peak,
-                    "peak_time": extent.peak_time,
-                    "least": extent.least,
-                    "greatest": extent.greatest,
-                    "rms": extent.rms,
-                    "error": float(one.error),
-                    "status": one.status,
-                }
-            )
+            quantities.append(row_of(COLUMNS, extent, one, **run, quantity=quantity))
         for event, found in observed.events.items():
             times = found.time
             events.append(

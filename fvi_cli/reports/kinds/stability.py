@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from fvi_cli.integrator.stability.prediction import TOLERATED_GROWTH
 from fvi_cli.reports.document import Block, Code, Grid, Heading, Paragraph
 from fvi_cli.reports.naming import method_names
-from fvi_cli.reports.table import Column, Report, Sheet, Value, Within
+from fvi_cli.reports.table import Column, Report, Row, Sheet, Within, row_of
 from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
 
 MOST_LINES = 200
@@ -87,27 +87,24 @@ def stability_report(name: str, tables: Sequence[StabilityTable]) -> Report:
     )
 
 
-def _run(table: StabilityTable, row: StabilityRow) -> dict[str, Value]:
+def _run(table: StabilityTable, row: StabilityRow) -> Row:
     seen = row.observation
-    return {
-        "experiment": table.experiment.name,
-        "member": "" if row.run.member is None else row.run.member.label,
-        "case": row.run.method.case,
-        "n_steps": row.run.n_steps,
-        "step_size": float(row.run.step_size),
-        "predicted": row.prediction.verdict,
-        "growth_per_step": float(row.prediction.growth_per_step),
-        "exact_growth_per_step": float(row.prediction.exact_growth),
-        "growing_modes": row.prediction.growing_modes,
-        "largest_stable_step": float(row.largest_stable_step),
-        "lasting_step": float(row.lasting_step),
-        "observed": None if seen is None else seen.verdict,
-        "observed_growth_per_step": math.nan if seen is None else float(seen.growth_per_step),
-        "observed_steps": None if seen is None else seen.n_steps,
-        "predicted_over_observed_steps": None if seen is None else seen.predicted,
-        "agrees": None if seen is None else seen.agrees,
-        "reason": row.prediction.reason,
-    }
+    return row_of(
+        COLUMNS,
+        row,
+        row.prediction,
+        row.run,
+        experiment=table.experiment.name,
+        member="" if row.run.member is None else row.run.member.label,
+        case=row.run.method.case,
+        predicted=row.prediction.verdict,
+        exact_growth_per_step=row.prediction.exact_growth,
+        observed=None if seen is None else seen.verdict,
+        observed_growth_per_step=math.nan if seen is None else seen.growth_per_step,
+        observed_steps=None if seen is None else seen.n_steps,
+        predicted_over_observed_steps=None if seen is None else seen.predicted,
+        agrees=None if seen is None else seen.agrees,
+    )
 
 
 def _words(name: str, tables: Sequence[StabilityTable]) -> list[Block]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from fvi_cli.reports.document import Block, Code, Heading, Paragraph
-from fvi_cli.reports.table import Column, Report, Row, Sheet, Within
+from fvi_cli.reports.table import Column, Report, Row, Sheet, Within, row_of
 from fvi_cli.studies.vibration.modes import ModeTable
 from fvi_cli.studies.vibration.response import ResponseTable
 
@@ -17,13 +17,7 @@ SMALL = Within(relative=1e-5, absolute=1e-9)
 
 MODE_COLUMNS = (
     Column("mode", "number of the mode, by |s|", "mode"),
-    Column(
-        "real",
-        "real part of s, 1/time",
-        "Re s",
-        ".6g",
-        compared=DECAY,
-    ),
+    Column("real", "real part of s, 1/time", "Re s", ".6g", compared=DECAY),
     Column("imaginary", "imaginary part of s, 1/time", "Im s", ".8g", compared=FREQUENCY),
     Column(
         "frequency_hz",
@@ -53,11 +47,7 @@ RESPONSE_COLUMNS = (
     Column("at", "coordinate, or combination of them"),
     Column("frequency_hz", "oscillations per unit of time (Hz for seconds)"),
     Column("real", "real part of the amplitude", compared=PART),
-    Column(
-        "imaginary",
-        "imaginary part of the amplitude",
-        compared=PART,
-    ),
+    Column("imaginary", "imaginary part of the amplitude", compared=PART),
     Column("magnitude", "size of the amplitude", compared=Within(relative=1e-6)),
     Column("phase", "argument of the amplitude, degrees", compared=Within(absolute=1e-4)),
 )
@@ -76,16 +66,15 @@ def mode_report(name: str, tables: Sequence[ModeTable]) -> Report:
     several = len(tables) > 1
     columns = (EXPERIMENT, *MODE_COLUMNS) if several else MODE_COLUMNS
     rows: list[Row] = [
-        {
-            "experiment": table.name,
-            "mode": number,
-            "real": mode.frequency.real,
-            "imaginary": mode.frequency.imag,
-            "frequency_hz": mode.hertz,
-            "damping_ratio": mode.damping_ratio,
-            "loss_factor": mode.loss_factor,
-            "residual": mode.residual,
-        }
+        row_of(
+            (EXPERIMENT, *MODE_COLUMNS),
+            mode,
+            experiment=table.name,
+            mode=number,
+            real=mode.frequency.real,
+            imaginary=mode.frequency.imag,
+            frequency_hz=mode.hertz,
+        )
         for table in tables
         for number, mode in enumerate(table.modes, start=1)
     ]
@@ -150,15 +139,14 @@ def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
         for i, hertz in enumerate(table.hertz)
     ]
     peaks: list[Row] = [
-        {
-            "experiment": table.name,
-            "at": peak.at,
-            "frequency_hz": peak.hertz,
-            "magnitude": peak.magnitude,
-            "low_hz": peak.low,
-            "high_hz": peak.high,
-            "loss_factor": peak.loss_factor,
-        }
+        row_of(
+            (EXPERIMENT, *PEAK_COLUMNS),
+            peak,
+            experiment=table.name,
+            frequency_hz=peak.hertz,
+            low_hz=peak.low,
+            high_hz=peak.high,
+        )
         for table in tables
         for peak in table.peaks
     ]
