@@ -184,21 +184,25 @@ def stored(folder: Path) -> set[str]:
     for path in sorted(folder.rglob("*.h5")):
         if path.name.startswith("."):
             continue
+        found |= complete_in(path)
         # a part has no configuration and so no listing
-        with h5py.File(path, "r") as file:
-            groups = [g for e in file.values() for c in e.values() for g in c.values()]
-            found |= {
-                one for group in groups if "complete" in group.attrs for one in _identities(group)
-            }
         if path.parent == folder / "results":
             list_runs(path)
     return found
 
 
-def _identities(group: h5py.Group) -> list[str]:
-    if "identity" in group:
-        return [str(one) for one in group["identity"].asstr()[()]]
-    return [str(group.attrs["identity"])]
+def complete_in(path: Path) -> set[str]:
+    """Identities of the complete runs of a file, or of a part of one."""
+    with h5py.File(path, "r") as file:
+        groups = [g for e in file.values() for c in e.values() for g in c.values()]
+        return {
+            str(one)
+            for group in groups
+            if "complete" in group.attrs
+            for one in (
+                group["identity"].asstr()[()] if "identity" in group else [group.attrs["identity"]]
+            )
+        }
 
 
 def files_of(folder: Path) -> set[str]:

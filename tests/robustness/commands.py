@@ -8,22 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import h5py
-
 import fvi_cli
+from benchmarks.robustness import LADDER, complete_in
 
-QUICK = """\
-name: quick
-problem:
-  kind: bagley-torvik
-  damping: [{order: 1.5, coefficient: 1.0}]
-  forcing: 15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5
-  initial: {position: 0.0, velocity: 0.0}
-  final_time: 1.0
-  exact: t**2.5
-method: {bdf: [1, 2, 3], sampling: nodes, degree: 1}
-ladder: {steps: [4, 8, 16, 24, 32, 48, 64, 96]}
-"""
+QUICK = LADDER.replace("48]", "48, 64, 96]")
 N_RUNS = 24
 
 # the direct sum over the history: the last run takes minutes, in little memory
@@ -99,19 +87,8 @@ def confined(folder: Path, script: str) -> subprocess.CompletedProcess[str] | No
 
 def complete_runs(path: Path) -> set[str]:
     """Complete runs in a file, which must be readable, and in the parts beside it."""
-    found: set[str] = set()
-    for one in [path, *path.with_suffix(".parts").glob("[!.]*.h5")]:
-        if not one.exists():
-            continue
-        with h5py.File(one, "r") as file:
-            for experiment in file.values():
-                for case, runs in experiment.items():
-                    found |= {
-                        f"{case} N={group.attrs['n_steps']}"
-                        for name, group in runs.items()
-                        if name != "convergence" and "complete" in group.attrs
-                    }
-    return found
+    files = [path, *path.with_suffix(".parts").glob("[!.]*.h5")]
+    return {run for one in files if one.exists() for run in complete_in(one)}
 
 
 def children(process_id: int) -> list[int]:
