@@ -26,8 +26,8 @@ from fvi_cli.config.machine import machine_bytes
 from fvi_cli.config.members import ReadMembers, check_total_memory, make_members
 from fvi_cli.config.memory import (
     bytes_at_most,
+    derivative_bytes,
     in_gigabytes,
-    predicted_bytes,
     run_bytes,
 )
 from fvi_cli.config.problem import break_points, make_problem
@@ -303,7 +303,7 @@ def _check_memory(
 
     def predicted(n_steps: int) -> int:
         if isinstance(problem, DerivativeProblem):
-            return predicted_bytes(n_steps, 1)
+            return derivative_bytes(n_steps)
         scene, found = problem.scene, [one.method for one in methods]
         generous = [bytes_at_most(method, n_steps, scene.dimension) for method in found]
         if available is not None and max(generous, default=0) <= available:

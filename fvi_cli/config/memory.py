@@ -15,18 +15,9 @@ GENEROUS_BYTES: Final = 2**28
 """More than the tables of any method take, whatever the number of steps."""
 
 
-def predicted_bytes(n_steps: int, dimension: int, *, every: int | None = None) -> int:
-    """Estimated memory of a run, in bytes.
-
-    Parameters
-    ----------
-    n_steps, dimension
-        N and d.
-    every
-        For a run that has no more in memory than every n-th point; None: one that needs them all.
-    """
-    points = n_steps if every is None else n_steps // every + 1
-    return 8 * DOUBLES_PER_STEP * points * dimension
+def derivative_bytes(n_steps: int) -> int:
+    """Estimated memory of a fractional derivative on so many steps, in bytes."""
+    return 8 * DOUBLES_PER_STEP * n_steps
 
 
 def bytes_at_most(method: AnyMethod, n_steps: int, dimension: int) -> int:

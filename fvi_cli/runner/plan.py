@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from fvi_cli.config.machine import machine_bytes
-from fvi_cli.config.memory import in_gigabytes, predicted_bytes, run_bytes
+from fvi_cli.config.memory import derivative_bytes, in_gigabytes, run_bytes
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.executors.batches import pack_size
 from fvi_cli.runner.executors.executor import crash
@@ -104,11 +104,11 @@ def check_memory(request: Request, settings: Settings) -> None:
     available = machine_bytes()
     if settings.workers == 1 or request.stored is not None or available is None:
         return
-    sizes = []
+    sizes: list[int] = []
     for experiment in request.loaded.experiments:
         problem = experiment.problem
         if not isinstance(problem, Problem):
-            sizes += [predicted_bytes(n, 1) for n in experiment.steps]
+            sizes += map(derivative_bytes, experiment.steps)
             continue
         together = pack_size(experiment) if experiment.members else 1
         sizes += [

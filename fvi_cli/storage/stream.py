@@ -211,11 +211,6 @@ class SealedStream(_Stream):
         self._size = size if self._seal is None else self._seal.size
         self._looked_at: set[int] = set()
 
-    @property
-    def is_sealed(self) -> bool:
-        """Whether there is a seal."""
-        return self._seal is not None
-
     def readinto(self, target: bytearray | memoryview) -> int:
         """Read as many bytes as fit and are there.
 

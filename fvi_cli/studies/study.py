@@ -85,17 +85,14 @@ def execute(run: Run, checkpoints: RunKeeper | None = None) -> FinishedRun:
     if isinstance(problem, DerivativeProblem):
         trajectory = _differentiate(problem, run)
     elif not run.observations.is_empty:
-        return observed_and_assessed(run, problem, prediction)
+        return _observed_and_assessed(run, problem, prediction)
     else:
         trajectory = _integrated(problem, run, checkpoints)
     return assessed(run, trajectory, prediction, reference_of(run))
 
 
-def observed_and_assessed(
-    run: Run,
-    problem: Problem,
-    prediction: StabilityPrediction,
-    reference: Reference | None = None,
+def _observed_and_assessed(
+    run: Run, problem: Problem, prediction: StabilityPrediction
 ) -> FinishedRun:
     """The run with its error on the mesh, reported at the times that are asked for.
 
@@ -106,14 +103,12 @@ def observed_and_assessed(
     on_mesh, reported = integrate_observed(
         problem.scene, run.method, steps, asked, diagnostics=run.experiment.diagnostics
     )
-    if asked.impacts:
-        reference = unknown_reference(problem.scene, "none (a motion with impacts)")
-    finished = assessed(
-        run,
-        dataclasses.replace(on_mesh, steps=None),
-        prediction,
-        reference_of(run) if reference is None else reference,
+    reference = (
+        unknown_reference(problem.scene, "none (a motion with impacts)")
+        if asked.impacts
+        else reference_of(run)
     )
+    finished = assessed(run, dataclasses.replace(on_mesh, steps=None), prediction, reference)
     reported = dataclasses.replace(
         reported,
         steps=None,

@@ -37,7 +37,6 @@ class ColeCole:
     time: float
     shift = 0.0
     masses = ()
-    at_start = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "order", fraction(self.order))

@@ -32,10 +32,6 @@ class RelaxationKernel(Protocol):
         """The kernel in words, such as ``relaxation of order 0.5``."""
 
     @property
-    def at_start(self) -> float:
-        """k(0); infinite where it is singular."""
-
-    @property
     def shift(self) -> float:
         """Rate l >= 0 from which on there is a density, 1/time."""
 

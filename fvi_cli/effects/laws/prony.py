@@ -47,11 +47,6 @@ class Exponentials:
         count = len(self.masses)
         return f"relaxation by {count} exponential{'s' * (count > 1)}"
 
-    @property
-    def at_start(self) -> float:
-        """The sum of the weights."""
-        return sum(weight for _, weight in self.masses)
-
     def log_density(self, log_rate: Array) -> Array:
         """There is none."""
         return np.full(np.shape(log_rate), -np.inf)

@@ -35,7 +35,6 @@ class TemperedPower:
     rate: float
     masses = ()
     peak = None
-    at_start = math.inf
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "order", fraction(self.order))

@@ -13,10 +13,10 @@ from fvi_cli.studies.hard_cases.judging import LAPLACE, largest_accurate, larges
 FINAL_TIME, N_STEPS = 16.0, 128
 
 
-def _setting(law: Law, *, stiffness: float = 1.0) -> Setting:
+def _setting(law: Law) -> Setting:
     scene = linear_oscillator(
         final_time=FINAL_TIME,
-        stiffness=stiffness,
+        stiffness=1.0,
         laws=(law,),
         initial_position=1.0,
         initial_velocity=0.5,

@@ -134,14 +134,11 @@ class Growth:
         Where the motion is then.
     factor
         By how much it grows in the run, from where it first is above round-off.
-    since
-        When that was.
     """
 
     time: float
     place: tuple[float, ...]
     factor: float
-    since: float
 
 
 def growth_of(run: Trajectory, times: Array, differences: Array, tolerance: float) -> Growth:
@@ -159,5 +156,4 @@ def growth_of(run: Trajectory, times: Array, differences: Array, tolerance: floa
         time=float(times[index]),
         place=tuple(run.position[nearest].tolist()),
         factor=largest / least,
-        since=float(times[begin]),
     )
