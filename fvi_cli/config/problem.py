@@ -18,8 +18,8 @@ from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.forces import with_parameters
 from fvi_cli.scenes.kinds import KINDS
 from fvi_cli.scenes.problem import AnyProblem
+from fvi_cli.scenes.records.samples import end_of_samples
 from fvi_cli.scenes.registry import build_problem
-from fvi_cli.scenes.samples import end_of_samples
 from fvi_cli.scenes.structures.matrix_keys import rows_of
 
 Array = NDArray[np.float64]

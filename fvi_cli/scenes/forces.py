@@ -17,10 +17,10 @@ from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Choice, Formula, Number, Text
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.at2_samples import SUFFIX, read_at2_samples
-from fvi_cli.scenes.csv_samples import read_csv_samples
-from fvi_cli.scenes.data_files import SHA256, DataFileError, file_under, with_content
-from fvi_cli.scenes.samples import (
+from fvi_cli.scenes.records.at2_samples import SUFFIX, read_at2_samples
+from fvi_cli.scenes.records.csv_samples import read_csv_samples
+from fvi_cli.scenes.records.data_files import SHA256, DataFileError, file_under, with_content
+from fvi_cli.scenes.records.samples import (
     LARGEST_TEXT,
     end_of_samples,
     sampled_component,

@@ -12,8 +12,8 @@ import pytest
 
 from fvi_cli.config import find_config, load_config, parse_config
 from fvi_cli.errors import ConfigError
+from fvi_cli.scenes.records.samples import samples_as_text, samples_from_text
 from fvi_cli.scenes.registry import build_problem
-from fvi_cli.scenes.samples import samples_as_text, samples_from_text
 
 CSV = "t,a,b\n0,0,1\n0.5,1,2\n1.0,-1e-1,3\n2,4,4\n"
 CONFIG = """\

@@ -19,8 +19,8 @@ from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.run import runge_kutta as on_mesh
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.mathematics.runge_kutta import gauss_tableau
+from fvi_cli.scenes.records.samples import samples_as_text
 from fvi_cli.scenes.registry import build_problem
-from fvi_cli.scenes.samples import samples_as_text
 
 GAUSS2 = Method(cq="gauss", degree=2, start="none")
 GAUSS2_GRADED = Method(cq="gauss", degree=2, start="graded")

@@ -10,9 +10,9 @@ from fvi_cli.integrator.observations.asked import known_names
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.csv_samples import CsvSamples, read_csv_samples
-from fvi_cli.scenes.data_files import DataFileError, file_under
 from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.records.csv_samples import CsvSamples, read_csv_samples
+from fvi_cli.scenes.records.data_files import DataFileError, file_under
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.fits.settings import PARTS, Amplitude, DataSet, Series
 from fvi_cli.studies.members import value_at, with_values

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import Form, symmetric_form
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
-from fvi_cli.scenes.data_files import DataFileError, read_content
+from fvi_cli.scenes.records.data_files import DataFileError, read_content
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -12,7 +12,7 @@ from fvi_cli.keys.containers import Checked
 from fvi_cli.keys.cursor import INVALID, OPTIONAL, Cursor
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Text
-from fvi_cli.scenes.data_files import SHA256, DataFileError, file_under, with_content
+from fvi_cli.scenes.records.data_files import SHA256, DataFileError, file_under, with_content
 from fvi_cli.scenes.structures.matrix_files import read_matrix
 from fvi_cli.scenes.structures.matrix_text import (
     LARGEST_TEXT,

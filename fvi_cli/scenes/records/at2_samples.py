@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 
 from fvi_cli.keys.complaints import excerpt
-from fvi_cli.scenes.csv_samples import LARGEST_FILE, CsvSamples
-from fvi_cli.scenes.data_files import DataFileError, read_content
-from fvi_cli.scenes.samples import MOST_SAMPLES
+from fvi_cli.scenes.records.csv_samples import LARGEST_FILE, CsvSamples
+from fvi_cli.scenes.records.data_files import DataFileError, read_content
+from fvi_cli.scenes.records.samples import MOST_SAMPLES
 
 SUFFIX: Final = ".at2"
 HEADER_LINES: Final = 4

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
-from fvi_cli.scenes.data_files import DataFileError, read_content
-from fvi_cli.scenes.samples import MOST_SAMPLES
+from fvi_cli.scenes.records.data_files import DataFileError, read_content
+from fvi_cli.scenes.records.samples import MOST_SAMPLES
 
 LARGEST_FILE: Final = 20_000_000
 MOST_MISTAKES: Final = 5
