@@ -9,7 +9,7 @@ from collections.abc import Callable, Hashable, Sequence
 
 from fvi_cli.runner.executors.batches import batches_of, execute_batch
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
-from fvi_cli.runner.executors.executor import Batch, ComputeBatch, Watch, compute_batches
+from fvi_cli.runner.executors.executor import Batch, ComputeBatch, Watch
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure, without_motion
 from fvi_cli.runner.progress import RunBar, run_bar
 from fvi_cli.runner.settings import Settings
@@ -84,7 +84,7 @@ def compute_runs(
             begun=begun,
         ) as bar,
         contextlib.closing(
-            compute_batches(batches, compute, executor=settings.executor(_watch(bar, title)))
+            settings.executor(_watch(bar, title)).compute(batches, compute)
         ) as computed,
     ):
         for batch in computed:

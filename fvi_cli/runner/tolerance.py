@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from fvi_cli.config.machine import machine_bytes
 from fvi_cli.runner.compute import Keep
-from fvi_cli.runner.executors.executor import Batch, compute_batches
+from fvi_cli.runner.executors.executor import Batch
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.settings import Settings
@@ -94,9 +94,7 @@ def _searched(
     wanted = settings.show_progress and len(waiting) > 1
     with (
         progress_bar(experiment.name, len(waiting), wanted=wanted) as advance,
-        contextlib.closing(
-            compute_batches(waiting, search_batch, executor=settings.executor())
-        ) as computed,
+        contextlib.closing(settings.executor().compute(waiting, search_batch)) as computed,
     ):
         for batch in computed:
             (finished,) = batch.finished

@@ -18,10 +18,11 @@ from fvi_cli.storage.fields.observed import (
     observed_summary,
 )
 from fvi_cli.storage.files import printable, reading, root_attributes
-from fvi_cli.storage.groups import Columns, run_groups
+from fvi_cli.storage.groups import StoredGroup, run_groups
 from fvi_cli.storage.provenance import canonical_json, sha256
 from fvi_cli.storage.records import RUN_KEYS
 from fvi_cli.storage.stream import read_seal
+from fvi_cli.storage.writing import WrittenGroup
 from fvi_cli.studies.members import value_in_words
 
 MOST_VALUES = 6
@@ -36,27 +37,8 @@ LISTING = "listing"
 """Attribute of the root: what a list of the runs says, as JSON."""
 
 
-class ListedGroup(Protocol):
-    """Runs of a group, read or just written."""
-
-    @property
-    def attributes(self) -> dict[str, Any]:
-        """What they have in common."""
-
-    @property
-    def by_member(self) -> Columns:
-        """What members differ in."""
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """What is swept."""
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether all is there."""
-
-    def __len__(self) -> int:
-        """Number of runs."""
+ListedGroup = StoredGroup | WrittenGroup
+"""Runs of a group, read or just written."""
 
 
 class Configuration(Protocol):

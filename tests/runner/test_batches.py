@@ -9,7 +9,7 @@ import pytest
 
 from fvi_cli.config import parse_config
 from fvi_cli.runner.executors.batches import batches_of, execute_batch
-from fvi_cli.runner.executors.executor import InProcess, compute_batches, longest_first
+from fvi_cli.runner.executors.executor import InProcess, longest_first
 from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.studies import members as members_module
 from fvi_cli.studies.reference import find_reference, find_references
@@ -144,7 +144,7 @@ def test_processes_give_the_same_members():
     batches = batches_of(experiment(OSCILLATORS).runs())
     found = {}
     for executor in (InProcess(), LocalProcesses(workers=2)):
-        for batch in compute_batches(batches, execute_batch, executor=executor):
+        for batch in executor.compute(batches, execute_batch):
             for one in batch.finished:
                 place = (one.run.method.case, one.run.n_steps, one.run.member.number)
                 found.setdefault(place, []).append(one.trajectory.position)

@@ -24,7 +24,7 @@ from fvi_cli.errors import ExecutorError
 from fvi_cli.runner.executors import executor as executor_module
 from fvi_cli.runner.executors.batches import execute_batch
 from fvi_cli.runner.executors.cluster import DaskCluster
-from fvi_cli.runner.executors.executor import InProcess, compute_batches
+from fvi_cli.runner.executors.executor import InProcess
 from fvi_cli.storage.code import own_code
 
 # the workers have the package, but not the tests
@@ -56,9 +56,9 @@ def cluster():
 def test_a_cluster_gives_the_same_numbers_to_the_last_bit(cluster):
     runs = local.experiment().runs()
     batches = local.batches_by_method(runs)
-    here = list(compute_batches(batches, execute_batch, executor=InProcess()))
+    here = list(InProcess().compute(batches, execute_batch))
     executor = DaskCluster(address=cluster.scheduler_address)
-    there = list(compute_batches(batches, execute_batch, executor=executor))
+    there = list(executor.compute(batches, execute_batch))
     assert local.numbers(here) == local.numbers(there)
     assert {f.run for batch in there for f in batch.finished} == set(runs)
     assert not any(batch.lost for batch in there)
@@ -81,17 +81,17 @@ def test_a_worker_killed_in_the_midst_is_replaced(cluster, tmp_path):
     dies_once = functools.partial(local.dies_once_of_sixteen, folder=str(tmp_path))
     batches = local.singles(local.experiment().runs())
     executor = DaskCluster(address=cluster.scheduler_address)
-    answers = list(compute_batches(batches, dies_once, executor=executor))
+    answers = list(executor.compute(batches, dies_once))
     assert len(list(tmp_path.iterdir())) == 2  # each killed its worker once
     assert not any(batch.lost for batch in answers)
-    here = compute_batches(batches, execute_batch, executor=InProcess())
+    here = InProcess().compute(batches, execute_batch)
     assert local.numbers(answers) == local.numbers(here)
 
 
 def test_a_batch_that_no_worker_survives_is_reported_and_the_others_go_on(cluster):
     batches = local.singles(local.experiment().runs()[:3])
     executor = DaskCluster(address=cluster.scheduler_address)
-    answers = list(compute_batches(batches, local.dies_of_sixteen, executor=executor))
+    answers = list(executor.compute(batches, local.dies_of_sixteen))
     assert sorted((f.run.n_steps, f.status) for b in answers for f in b.finished) == [
         (4, "ok"),
         (8, "ok"),
@@ -109,16 +109,16 @@ def test_where_the_scheduler_forgives_nothing_a_batch_is_sent_once_more_all_the_
     batches = local.singles(local.experiment().runs()[2:3])
     with start_cluster(1, 0) as strict:
         executor = DaskCluster(address=strict.scheduler_address)
-        (answer,) = compute_batches(batches, dies_once, executor=executor)
+        (answer,) = executor.compute(batches, dies_once)
         assert not answer.lost
-        (answer,) = compute_batches(batches, local.dies_of_sixteen, executor=executor)
+        (answer,) = executor.compute(batches, local.dies_of_sixteen)
         assert answer.lost
 
 
 def test_an_exception_on_a_worker_is_the_result_of_its_run(cluster):
     batches = local.singles(local.experiment().runs())
     executor = DaskCluster(address=cluster.scheduler_address)
-    answers = list(compute_batches(batches, local.awkward_at_sixteen, executor=executor))
+    answers = list(executor.compute(batches, local.awkward_at_sixteen))
     lost = [run for batch in answers for run in batch.lost]
     assert [run.n_steps for run in lost] == [16, 16]
     assert len(answers) == len(batches)
@@ -135,7 +135,7 @@ def test_a_scheduler_that_is_not_there_is_told(monkeypatch):
     batches = local.singles(local.experiment().runs())
     for address in (unused_address(), "nonsense://1", "tcp://256.0.0.1:1"):
         with pytest.raises(ExecutorError, match=re.escape(address) + ": no Dask scheduler"):
-            list(compute_batches(batches, execute_batch, executor=DaskCluster(address=address)))
+            list(DaskCluster(address=address).compute(batches, execute_batch))
 
 
 def test_a_port_that_stays_silent_is_told(monkeypatch):
@@ -147,7 +147,7 @@ def test_a_port_that_stays_silent_is_told(monkeypatch):
         address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
         began = time.monotonic()
         with pytest.raises(ExecutorError, match=re.escape(address) + ": no Dask scheduler"):
-            list(compute_batches(batches, execute_batch, executor=DaskCluster(address=address)))
+            list(DaskCluster(address=address).compute(batches, execute_batch))
         assert time.monotonic() - began < 10
 
 
@@ -162,10 +162,10 @@ def test_a_worker_with_other_code_is_refused_by_name(cluster, monkeypatch):
         code = dataclasses.replace(own_code(), **change)
         monkeypatch.setattr(executor_module, "own_code", lambda code=code: code)
         with pytest.raises(ExecutorError, match=rf"worker .* at tcp://.*{said}.*install the same"):
-            list(compute_batches(batches, execute_batch, executor=executor))
+            list(executor.compute(batches, execute_batch))
         monkeypatch.undo()
     # control: the same code is believed
-    assert len(list(compute_batches(batches, execute_batch, executor=executor))) == 2
+    assert len(list(executor.compute(batches, execute_batch))) == 2
 
 
 SCHEDULER = """
@@ -196,7 +196,7 @@ def test_a_scheduler_that_is_killed_is_told(tmp_path, monkeypatch):
     with scheduler:
         executor = DaskCluster(address=scheduler.stdout.readline().strip())
         batches = local.singles(local.experiment().runs()[:2])
-        stream = compute_batches(batches, local.sleeps_at_four, executor=executor)
+        stream = executor.compute(batches, local.sleeps_at_four)
         assert [f.run.n_steps for f in next(stream).finished] == [8]
         scheduler.kill()
         with pytest.raises(ExecutorError, match="scheduler is gone"):
@@ -207,4 +207,4 @@ def test_a_missing_package_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     batches = local.singles(local.experiment().runs())
     with pytest.raises(ExecutorError, match=r"--dask needs the package distributed: install fvi"):
-        list(compute_batches(batches, execute_batch, executor=DaskCluster(address="tcp://x:1")))
+        list(DaskCluster(address="tcp://x:1").compute(batches, execute_batch))

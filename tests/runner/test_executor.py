@@ -20,7 +20,7 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.runner.executors import executor as executor_module
 from fvi_cli.runner.executors.batches import execute_batch
-from fvi_cli.runner.executors.executor import InProcess, compute_batches
+from fvi_cli.runner.executors.executor import InProcess
 from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage.code import own_code
@@ -69,8 +69,8 @@ TWO = LocalProcesses(workers=2)
 def test_several_processes_give_the_same_numbers_to_the_last_bit():
     runs = experiment().runs()
     batches = batches_by_method(runs)
-    here = list(compute_batches(batches, execute_batch, executor=InProcess()))
-    there = list(compute_batches(batches, execute_batch, executor=TWO))
+    here = list(InProcess().compute(batches, execute_batch))
+    there = list(TWO.compute(batches, execute_batch))
     assert numbers(here) == numbers(there)
     assert len(numbers(here)) == 6
     # a batch comes back whole, in its order, with the very runs that were handed in
@@ -81,7 +81,7 @@ def test_several_processes_give_the_same_numbers_to_the_last_bit():
         assert not any(batch.lost for batch in answers)
     # control: another problem gives other numbers
     other = singles(experiment(stiffness=2.0, exact="auto").runs())
-    assert numbers(compute_batches(other, execute_batch, executor=InProcess())) != numbers(here)
+    assert numbers(InProcess().compute(other, execute_batch)) != numbers(here)
 
 
 def test_one_process_computes_when_asked_and_in_order():
@@ -92,7 +92,7 @@ def test_one_process_computes_when_asked_and_in_order():
         computed.append(batch)
         return execute_batch(batch)
 
-    stream = compute_batches(batches, compute, executor=InProcess())
+    stream = InProcess().compute(batches, compute)
     assert computed == []
     first = next(stream)
     assert computed == batches[:1]
@@ -103,7 +103,7 @@ def test_one_process_computes_when_asked_and_in_order():
 
 def test_leaving_early_ends_the_processes():
     before = set(multiprocessing.active_children())
-    stream = compute_batches(singles(experiment().runs()), execute_batch, executor=TWO)
+    stream = TWO.compute(singles(experiment().runs()), execute_batch)
     first = next(stream)
     assert np.isfinite(first.finished[0].error)
     assert set(multiprocessing.active_children()) > before
@@ -130,7 +130,7 @@ def test_an_exception_is_the_result_of_the_run_that_raises_it(executor):
     runs = experiment().runs()
     batches = [tuple(runs[:3]), *singles(runs[3:])]
     assert 16 in {run.n_steps for run in batches[0]}
-    answers = list(compute_batches(batches, awkward_at_sixteen, executor=executor))
+    answers = list(executor.compute(batches, awkward_at_sixteen))
     finished = [f for batch in answers for f in batch.finished]
     assert len(finished) == len(runs)
     assert {f.run.n_steps for f in finished if f.status == "failed"} == {16}
@@ -148,7 +148,7 @@ def test_the_place_of_a_mistake_is_told_without_the_folder_of_the_installation(c
 
     batches = singles(experiment().runs()[:1])
     with caplog.at_level("DEBUG", logger="fvi_cli"):
-        (batch,) = compute_batches(batches, mistaken, executor=InProcess())
+        (batch,) = InProcess().compute(batches, mistaken)
     (finished,) = batch.finished
     assert re.search(r"in fvi_cli(/\w+)+\.py:\d+: ", finished.trajectory.message)
     assert "Traceback" in caplog.text
@@ -158,11 +158,6 @@ def test_the_place_of_a_mistake_is_told_without_the_folder_of_the_installation(c
 def test_the_number_of_workers_is_checked(workers):
     with pytest.raises(ValueError, match=f"workers: {workers} is not allowed"):
         LocalProcesses(workers=workers)
-
-
-def test_an_empty_batch_is_refused():
-    with pytest.raises(ValueError, match="an empty batch"):
-        list(compute_batches([()], execute_batch, executor=InProcess()))
 
 
 # --- processes that die ---------------------------------------------------------------------------
@@ -188,16 +183,16 @@ def dies_once_of_sixteen(batch, folder):
 def test_a_batch_whose_process_died_is_computed_once_more(tmp_path):
     compute = functools.partial(dies_once_of_sixteen, folder=str(tmp_path))
     batches = singles(experiment().runs())
-    answers = list(compute_batches(batches, compute, executor=TWO))
+    answers = list(TWO.compute(batches, compute))
     assert len(list(tmp_path.iterdir())) == 2  # both have died once
     assert not any(batch.lost for batch in answers)
-    here = compute_batches(batches, execute_batch, executor=InProcess())
+    here = InProcess().compute(batches, execute_batch)
     assert numbers(answers) == numbers(here)
 
 
 def test_a_batch_of_which_every_process_dies_is_reported_and_the_others_go_on():
     batches = singles(experiment().runs())
-    answers = list(compute_batches(batches, dies_of_sixteen, executor=TWO))
+    answers = list(TWO.compute(batches, dies_of_sixteen))
     assert len(answers) == 6
     lost = [batch for batch in answers if batch.lost]
     assert [f.run.n_steps for batch in lost for f in batch.finished] == [16, 16]
@@ -217,7 +212,7 @@ sys.path.insert(0, {tests!r})
 import test_executor as t
 
 if __name__ == "__main__":
-    stream = t.compute_batches(t.singles(t.experiment().runs()), t.sleeps, executor=t.TWO)
+    stream = t.TWO.compute(t.singles(t.experiment().runs()), t.sleeps)
     next(stream)
 """
 

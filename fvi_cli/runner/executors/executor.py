@@ -80,32 +80,15 @@ class Executor(Protocol):
 
         Closing the generator, or an exception in the loop that reads it, ends what was begun.
         What `compute` raises is the result of the run that is to blame, and of no other.
+
+        Parameters
+        ----------
+        batches
+            What to compute; the runs of a batch, at least one, share their experiment.
+        compute
+            Function of one batch, which gives its finished runs in the same order; to be computed
+            in another process it must be importable by name.
         """
-
-
-def compute_batches(
-    batches: Sequence[Batch], compute: ComputeBatch, *, executor: Executor
-) -> Generator[FinishedBatch, None, None]:
-    """Compute every batch and yield each as soon as it is finished.
-
-    Parameters
-    ----------
-    batches
-        What to compute; the runs of a batch share their experiment.
-    compute
-        Function of one batch, which gives its finished runs in the same order; unless `executor`
-        computes in this process it must be importable by name.
-    executor
-        Where.
-
-    Raises
-    ------
-    ValueError
-        If a batch is empty.
-    """
-    if not all(batches):
-        raise ValueError("batches: an empty batch is not allowed")
-    yield from executor.compute(batches, compute)
 
 
 @dataclass(frozen=True, kw_only=True)
