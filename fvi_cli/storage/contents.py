@@ -23,10 +23,7 @@ from fvi_cli.storage.provenance import canonical_json, sha256
 from fvi_cli.storage.records import RUN_KEYS
 from fvi_cli.storage.stream import read_seal
 from fvi_cli.storage.writing import WrittenGroup
-from fvi_cli.studies.members import value_in_words
-
-MOST_VALUES = 6
-"""Values of a swept key that are told one by one."""
+from fvi_cli.studies.members import swept_in_words
 
 RESOLVED = "resolved_config_sha256"
 CONFIGURATION = ("config", "config_overrides", "resolved_config", RESOLVED)
@@ -252,15 +249,9 @@ def _stored_run(group: ListedGroup, variant: str) -> StoredRun:
 def _of_members(group: ListedGroup) -> dict[str, Any]:
     """What a line on members says beside what it says of any run."""
     errors = np.asarray(group.by_member["error"])
+    swept = [swept_in_words(key, group.by_member[key]) for key in group.keys]
     return {
         "error": float(np.nanmax(errors)) if np.isfinite(errors).any() else float("nan"),
         "members": len(group),
-        "swept": printable("; ".join(_told(key, group.by_member[key]) for key in group.keys)),
+        "swept": printable("; ".join(swept)),
     }
-
-
-def _told(key: str, values: Sequence[Any]) -> str:
-    distinct = list(dict.fromkeys(map(value_in_words, values)))
-    if len(distinct) <= MOST_VALUES:
-        return f"{key} = {', '.join(distinct)}"
-    return f"{key} = {distinct[0]} ... {distinct[-1]} ({len(distinct)} values)"

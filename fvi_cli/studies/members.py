@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,10 @@ BATCH_BYTES = 2**29
 
 DOUBLES_PER_STEP = 60
 """What a degree of freedom takes in memory for every step, by the hungriest method."""
+
+
+MOST_VALUES = 6
+"""Values of a swept key that are told one by one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, slots=True)
@@ -156,3 +160,11 @@ def value_at(specification: Mapping[str, Any], path: str) -> Any:
 def without_values(template: Mapping[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:
     """The mapping with ``swept`` in place of what members differ in: the same for all of them."""
     return with_values(template, dict.fromkeys(keys, "swept"))
+
+
+def swept_in_words(key: str, values: Sequence[object]) -> str:
+    """The values of a key, one by one or by their ends: ``stiffness = 1 ... 9 (17 values)``."""
+    distinct = list(dict.fromkeys(map(value_in_words, values)))
+    if len(distinct) <= MOST_VALUES:
+        return f"{key} = {', '.join(distinct)}"
+    return f"{key} = {distinct[0]} ... {distinct[-1]} ({len(distinct)} values)"

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from fvi_cli.reports.document import Block, Code, Grid, Heading, Paragraph, Words
 from fvi_cli.reports.naming import MethodName, number
-from fvi_cli.studies.members import value_in_words, values_in_words
+from fvi_cli.studies.members import swept_in_words, value_in_words, values_in_words
 from fvi_cli.studies.order import OrderCase, OrderTable
 from fvi_cli.studies.sweep_summary import counts_in_words
 
@@ -16,9 +16,6 @@ OrderEntry = Callable[[OrderCase], str]
 
 MOST_ROWS = 32
 """Members that have a row of their own."""
-
-MOST_VALUES = 6
-"""Values of a key that are told one by one."""
 
 
 def split_sweeps(
@@ -38,7 +35,7 @@ def sweep_summary(
 ) -> list[Block]:
     """What is swept, and the orders of its members."""
     keys = list(tables[0].swept)
-    told = "; ".join(_values(key, [table.swept[key] for table in tables]) for key in keys)
+    told = "; ".join(swept_in_words(key, [table.swept[key] for table in tables]) for key in keys)
     title: Words = (
         Code(tables[0].experiment),
         f": {len(tables)} members, {told}.",
@@ -46,13 +43,6 @@ def sweep_summary(
     few = len(keys) == 1 and len(tables) <= MOST_ROWS
     grid = _by_value(tables, keys[0], names, entry) if few else _by_method(tables, names)
     return [Paragraph(words=title), grid]
-
-
-def _values(key: str, values: Sequence[object]) -> str:
-    distinct = list(dict.fromkeys(map(value_in_words, values)))
-    if len(distinct) <= MOST_VALUES:
-        return f"{key} = {', '.join(distinct)}"
-    return f"{key} = {distinct[0]} ... {distinct[-1]} ({len(distinct)} values)"
 
 
 def _by_value(
