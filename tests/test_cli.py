@@ -258,6 +258,9 @@ def test_fail_fast_stops_at_the_first_failure(folder):
     assert result.exit_code == 1
     assert len(result.stdout.splitlines()) < 1 + 4 + 1
     assert not (folder / "results" / "quick.h5").exists()
+    # what failed makes no table
+    assert fvi("convergence", "diverging.yaml", "--fail-fast").exit_code == 1
+    assert not (folder / "results" / "tables").exists()
 
 
 # the direct sum over the history: the longest run takes minutes, in little memory
