@@ -15,6 +15,7 @@ import keyword
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Final, TypeVar, cast
 
@@ -220,6 +221,7 @@ def _number_as_text(number: float) -> str:
     return repr(value)
 
 
+@lru_cache(maxsize=256)
 def _translate(expression: Expression) -> tuple[Instruction, ...]:
     _check_names(expression)
     program: list[Instruction] = []

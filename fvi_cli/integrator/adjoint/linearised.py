@@ -162,7 +162,7 @@ class LinearisedRun:
         self.memory = RunMemory(scene, self._operator, steps.step_size)
         self.step_solves = 0
         sizes, self.of_size = np.unique(steps.step_size, return_inverse=True)
-        self.terms: list[TermTables] = [self.memory.tables(float(h)) for h in sizes]
+        self.terms = self.memory.tables(sizes)
         tables = steps.tables
         self.to_velocity = np.ascontiguousarray(tables.slopes[1:].T)
         self.to_position = np.ascontiguousarray(tables.basis[1:].T)
@@ -193,26 +193,25 @@ class LinearisedRun:
         size, b = tables.degree * d, tables.weights
         rate, test = self.rate_test, self.test
         # matrices of P and Q by q and v, times test functions, times the way to U
-        total = np.einsum("ni,im,xiab->xnamb", rate, v, found.mass, optimize=True)
-        total += h * np.einsum("ni,im,xiab->xnamb", rate, q, found.mixed, optimize=True)
-        total += h * np.einsum("ni,im,xiba->xnamb", test, v, found.mixed, optimize=True)
-        total += h**2 * np.einsum("ni,im,xiab->xnamb", test, q, found.stiffness, optimize=True)
-        h3 = h[..., 0]
-        gain = h3 * np.einsum("i,im,xiba->xamb", b, v, found.mixed, optimize=True)
-        gain += h3**2 * np.einsum("i,im,xiab->xamb", b, q, found.stiffness, optimize=True)
+        total = _assembled(rate, v, found.mass)
+        total = total + h**2 * _assembled(test, q, found.stiffness)
+        h3, only = h[..., 0], b[None]
+        gain = h3**2 * _assembled(only, q, found.stiffness)[:, 0]
+        if not is_linear:
+            turned = found.mixed.swapaxes(-1, -2)
+            total += h * (_assembled(rate, q, found.mixed) + _assembled(test, v, turned))
+            gain += h3 * _assembled(only, v, turned)[:, 0]
         by_position = np.einsum("ni,xiab->xnab", rate, found.mixed)
         by_position = by_position + h3 * np.einsum("ni,xiab->xnab", test, found.stiffness)
         own = np.einsum("i,xiab->xab", b, found.stiffness) * h[:, 0, 0]
         if self.memory.n_terms:
             local = np.array([one.local for one in self.terms])[self.of_size[chosen]]
-            damped = np.einsum("xkij,jm->xkim", local, v)
-            total -= h * np.einsum(
-                "ni,xkim,kab->xnamb", test, damped, self.memory.matrices, optimize=True
-            )
-            gain -= h3 * np.einsum("i,xkim,kab->xamb", b, damped, self.memory.matrices)
+            damped = np.tensordot(local @ v, self.memory.matrices, axes=(1, 0))
+            total -= h * np.einsum("ni,ximab->xnamb", test, damped)
+            gain -= h3 * np.einsum("i,ximab->xamb", b, damped)
         return _StepMatrices(
             of_step=of_step,
-            inverse=np.linalg.inv(total.reshape(-1, size, size)),
+            inverse=np.asarray(np.linalg.inv(total.reshape(-1, size, size)), dtype=float),
             by_position=by_position.reshape(-1, size, d),
             gain_by_unknowns=gain.reshape(-1, d, size),
             gain_by_position=own,
@@ -355,8 +354,15 @@ class LinearisedRun:
     def law_forces(self, scene: Scene) -> Array:
         """Forces of the relaxation laws of another scene on the motion of this run."""
         memory = RunMemory(replace(scene, damping=()), self._operator, self.steps.step_size)
-        sizes = np.unique(self.steps.step_size)
-        tables = [memory.tables(float(h)) for h in sizes]
+        tables = memory.tables(np.unique(self.steps.step_size))
         start = scene.initial_velocity
         plain, _ = memory.forces(tables, self.of_size.tolist(), self.velocity, start)
         return np.asarray(np.einsum("knia,kab->nib", plain, memory.matrices))
+
+
+def _assembled(left: Array, right: Array, matrices: Array) -> Array:
+    """Sums over i of left_ni right_im matrix_xiab, shape ``(x, n, d, m, d)``."""
+    n, m, (x, r, d, _) = left.shape[0], right.shape[1], matrices.shape
+    weights = (left[:, None, :] * right.T).reshape(n * m, r)
+    found = weights @ np.reshape(matrices, (x, r, d * d))
+    return np.asarray(found.reshape(x, n, m, d, d).transpose(0, 1, 3, 2, 4))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.convolution.damping import LARGEST_EXPONENT
-from fvi_cli.integrator.convolution.kernel import Kernel, power_kernel, power_kernel_slopes
+from fvi_cli.integrator.convolution.kernel import power_kernel, power_kernel_slopes
 from fvi_cli.integrator.convolution.stages import StageOperator
 from fvi_cli.mathematics.runge_kutta import tableau
 
@@ -110,40 +110,33 @@ class RunMemory:
         """Number K of terms."""
         return len(self._exponents) + len(self._laws)
 
-    def tables(self, h: float) -> TermTables:
-        """Numbers of a step of length `h`."""
-        k, m = self.n_terms, self._operator.n_stages
-        local, slopes = np.empty((k, m, m)), np.zeros((k, m, m))
-        for index, theta in enumerate(self._exponents):
-            local[index] = h**theta * self._blocks[index]
-            slopes[index] = h**theta * self._log_blocks[index] + math.log(h) * local[index]
-        for index, law in enumerate(self._laws, start=self.n_damping):
-            local[index] = self._operator.law_block(law, h)
-        if not k:
-            empty = np.zeros((0, m, 0))
-            return TermTables(
-                local=local,
-                local_slopes=slopes,
-                response=empty,
-                response_slopes=empty,
-                decay=np.zeros(0),
-                intake=np.zeros((0, m)),
+    def tables(self, sizes: Array) -> list[TermTables]:
+        """Numbers of steps of these lengths."""
+        k, m, j = self.n_terms, self._operator.n_stages, self.n_rates
+        rates = np.concatenate([*self._rates, np.zeros(0)])
+        every = self._operator.unweighted(np.outer(sizes, rates).ravel())
+        response = every.response.reshape(m, sizes.size, j)
+        decay = every.decay.reshape(sizes.size, j)
+        intake = every.intake.reshape(sizes.size, j, m)
+        found = []
+        for index, h in enumerate(sizes.tolist()):
+            local, slopes = np.empty((k, m, m)), np.zeros((k, m, m))
+            for term, theta in enumerate(self._exponents):
+                local[term] = h**theta * self._blocks[term]
+                slopes[term] = h**theta * self._log_blocks[term] + math.log(h) * local[term]
+            for term, law in enumerate(self._laws, start=self.n_damping):
+                local[term] = self._operator.law_block(law, h)
+            found.append(
+                TermTables(
+                    local=local,
+                    local_slopes=slopes,
+                    response=response[:, index] * self._weights[:, None, :],
+                    response_slopes=response[:, index] * self._slopes[:, None, :],
+                    decay=decay[index],
+                    intake=intake[index],
+                )
             )
-        tables = [
-            self._operator.step_tables(
-                Kernel(terms=(0.5,), rates=rates, weights=np.ones((1, rates.size))), h
-            )
-            for rates in self._rates
-        ]
-        response = np.concatenate([one.response for one in tables], axis=2)
-        return TermTables(
-            local=local,
-            local_slopes=slopes,
-            response=response * self._weights[:, None, :],
-            response_slopes=response * self._slopes[:, None, :],
-            decay=np.concatenate([one.decay for one in tables]),
-            intake=np.concatenate([one.intake for one in tables]),
-        )
+        return found
 
     def first_states(self, start_velocity: Array) -> Array:
         """States at the start, for every term, shape ``(K, J, d)``."""

@@ -11,7 +11,7 @@ and any z > 0. Eigenvectors of A lose a digit for every two stages.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -193,7 +193,11 @@ class StageOperator:
 
     def step_tables(self, kernel: Kernel, h: float) -> StepKernel:
         """History of `kernel` over a step of length `h`."""
-        z = h * kernel.rates
+        one = self.unweighted(h * kernel.rates)
+        return replace(one, response=kernel.weights[:, None, :] * one.response)
+
+    def unweighted(self, z: Array) -> StepKernel:
+        """History of exponentials of weight 1 over a step, whose rates times its length are z."""
         columns, signs, log_magnitudes = self._resolvent(z)
         rows = columns * z
         rows[1::2] *= -1.0
@@ -203,10 +207,7 @@ class StageOperator:
         else:
             intake = np.ascontiguousarray(rows.T)
         return StepKernel(
-            response=kernel.weights[:, None, :] * columns,
-            signs=signs,
-            log_magnitudes=log_magnitudes,
-            intake=intake,
+            response=columns[None], signs=signs, log_magnitudes=log_magnitudes, intake=intake
         )
 
     def block_tables(self, kernel: Kernel, h: float, steps: int) -> BlockKernel:

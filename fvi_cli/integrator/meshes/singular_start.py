@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from fvi_cli.effects.forcing import ForcingPiece
+from fvi_cli.effects.forcing import ForceComponent, ForcingPiece
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import ForcingQuadrature
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
@@ -70,17 +70,17 @@ def start_power(
     return min(powers, default=None)
 
 
-@lru_cache(maxsize=64)
 def fractional_power(piece: ForcingPiece) -> float | None:
     """Least fractional power of t with which a force begins; None where it begins smoothly."""
-    try:
-        series = [expand(component, LARGEST_POWER) for component in piece.components]
-    except (SeriesError, ExpressionError):
-        return UNKNOWN_FORCE
-    found = [
-        power
-        for one in series
-        for power in one.exponents[one.coefficients != 0].tolist()
-        if abs(power - round(power)) > 1e-9
-    ]
+    found = [power for one, _ in piece.distinct for power in _fractional_powers(one)]
     return min(found, default=None)
+
+
+@lru_cache(maxsize=64)
+def _fractional_powers(component: ForceComponent) -> tuple[float, ...]:
+    try:
+        series = expand(component, LARGEST_POWER)
+    except (SeriesError, ExpressionError):
+        return (UNKNOWN_FORCE,)
+    powers = series.exponents[series.coefficients != 0].tolist()
+    return tuple(power for power in powers if abs(power - round(power)) > 1e-9)
