@@ -34,6 +34,7 @@ def loaded_by_check(config: Path) -> set[str]:
     return set(done.stdout.splitlines()[-1].split())
 
 
+@pytest.mark.processes
 def test_checking_a_nonlinear_scene_loads_numpy_yaml_and_no_engine(tmp_path: Path):
     config = tmp_path / "small.yaml"
     config.write_text("problem: {kind: duffing, final_time: 1.0}\nladder: {steps: [8, 16]}\n")
@@ -44,6 +45,7 @@ def test_checking_a_nonlinear_scene_loads_numpy_yaml_and_no_engine(tmp_path: Pat
     assert not engine & loaded
 
 
+@pytest.mark.processes
 def test_what_few_configurations_call_for_is_loaded_with_them():
     # control: what is not loaded above can be seen
     assert "fvi_cli.integrator.baselines.run" in loaded_by_check(
