@@ -33,15 +33,9 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.diagnostics_request import NOTHING as NOTHING
 from fvi_cli.effects.diagnostics_request import Asked as Asked
-from fvi_cli.effects.symmetry import Symmetry
-from fvi_cli.integrator.equal_steps.balance_data import (
-    Motion,
-    control_places,
-    control_rates,
-    grid_velocity,
-    paired,
-    running_sum,
-)
+from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.steps.dynamics import General, Separable
+from fvi_cli.mathematics.lagrange import lobatto_basis
 
 Array = NDArray[np.float64]
 
@@ -93,18 +87,54 @@ class Diagnostics:
         )
 
 
-def diagnose(motion: Motion, asked: Asked) -> Diagnostics:
-    """The diagnostics that are asked for, on the whole grid of the motion."""
-    result = Diagnostics()
-    if asked.energy_balance:
-        result = _energy_balance(motion)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BalanceData:
+    """What the steps of a run gave, as its balances need it.
+
+    Parameters
+    ----------
+    steps
+        The run.
+    dynamics
+        The conservative part of the scene.
+    energy
+        Mechanical energy at the points of the mesh, shape ``(n + 1,)``.
+    damping, forcing
+        Load vectors of the damping force, opposite in sign to its action, and of the forcing,
+        shape ``(n, s + 1, d)``; None without.
+    kicks
+        Impulses of the damping force at the points, shape ``(n + 1, d)``, of methods that sample
+        it there.
+    stored
+        Energy in the memory of the damping, shape ``(n + 1,)``.
+    """
+
+    steps: RunSteps
+    dynamics: Separable | General
+    energy: Array
+    damping: Array | None
+    forcing: Array | None
+    kicks: Array | None = None
+    stored: Array | None = None
+
+
+def diagnose(motion: BalanceData, asked: Asked) -> Diagnostics:
+    """The diagnostics that are asked for, on the points of the mesh."""
+    result = _energy_balance(motion) if asked.energy_balance else Diagnostics()
     if not asked.symmetries:
         return result
-    maps = [one.momentum(motion.position, motion.momentum) for one in asked.symmetries]
-    defects = [
-        values - values[0] + _damping_less_forcing_along(motion, one)
-        for one, values in zip(asked.symmetries, maps, strict=True)
-    ]
+    steps = motion.steps
+    start = steps.position[:-1, None]
+    places = start + steps.step_size[:, None, None] * steps.unknowns
+    places = np.concatenate([start, places], axis=1)
+    maps, defects = [], []
+    for one in asked.symmetries:
+        along = one.direction(places)
+        pull = _summed(motion.damping, along) - _summed(motion.forcing, along)
+        if motion.kicks is not None:
+            pull += 0.5 * np.einsum("kd,kd->k", motion.kicks, one.direction(steps.position))
+        maps.append(one.momentum(steps.position, steps.momentum))
+        defects.append(maps[-1] - maps[-1][0] + pull)
     return replace(
         result,
         momentum_map=np.stack(maps, axis=1),
@@ -113,62 +143,48 @@ def diagnose(motion: Motion, asked: Asked) -> Diagnostics:
     )
 
 
-def _energy_balance(motion: Motion) -> Diagnostics:
-    rates = control_rates(motion)
-    worked = running_sum(paired(motion.forcing_moments, rates, motion.n_steps))
-    if motion.method.sampling == "nodes":
-        dissipated = _work_of_kicks(motion)
-    else:
-        dissipated = running_sum(paired(motion.damping_moments(), rates, motion.n_steps))
-    worked = worked - running_sum(_rate_of_lagrangian(motion, rates))
+def _energy_balance(motion: BalanceData) -> Diagnostics:
+    steps, dynamics = motion.steps, motion.dynamics
+    basis = lobatto_basis(steps.tables.degree)
+    slopes = basis.derivatives(basis.control_points)[1:]
+    rates = np.einsum("vj,nvd->njd", slopes, steps.unknowns)
+    dissipated = _summed(motion.damping, rates)
+    if motion.kicks is not None:
+        dissipated = _work_of_kicks(motion, motion.kicks)
+    worked = _summed(motion.forcing, rates)
+    if isinstance(dynamics, General) and dynamics.lagrangian.depends_on_time:
+        rate = dynamics.lagrangian.time_derivative(
+            steps.stage_position, steps.velocity, steps.stage_time
+        )
+        worked -= _running(steps.step_size * (rate @ steps.tables.weights))
     return Diagnostics(
         dissipated_work=dissipated,
         forcing_work=worked,
         energy_defect=motion.energy - motion.energy[0] + dissipated - worked,
+        stored_energy=motion.stored,
     )
 
 
-def _work_of_kicks(motion: Motion) -> Array:
+def _work_of_kicks(motion: BalanceData, kicks: Array) -> Array:
     """Work against kicks at the nodes, up to the middle of the kick at every grid point.
 
     The stored momentum is the one in the middle of a kick, so its velocity is the mean of those
     before and after it, and half a kick from there has its mean velocity a quarter of it earlier.
     """
-    h, n = motion.step_size, motion.n_steps
-    kick = h * motion.stepped.end_force[: n + 1, 0]
-    middle = grid_velocity(motion, motion.momentum)
-    whole = np.einsum("kd,kd->k", kick, middle)
-    half = 0.5 * np.einsum("kd,kd->k", kick, grid_velocity(motion, motion.momentum + 0.25 * kick))
-    return np.asarray(running_sum(whole[:-1]) + half)
+    steps, velocity = motion.steps, motion.dynamics.velocity
+    middle = velocity(steps.position, steps.momentum, steps.time)
+    earlier = velocity(steps.position, steps.momentum + 0.25 * kicks, steps.time)
+    whole, half = (np.einsum("kd,kd->k", kicks, one) for one in (middle, 0.5 * earlier))
+    return np.asarray(_running(whole[:-1]) + half)
 
 
-def _rate_of_lagrangian(motion: Motion, rates: Array) -> Array:
-    """Integral of the partial derivative of L by time over every step, shape ``(n,)``."""
-    lagrangian, tables = motion.scene.lagrangian, motion.tables
-    if lagrangian is None or not lagrangian.depends_on_time:
-        return np.zeros(motion.n_steps)
-    position = np.einsum("vm,kvd->kmd", tables.basis, control_places(motion))
-    velocity = np.einsum("vm,kvd->kmd", tables.basis, rates)
-    left = motion.step_size * np.arange(motion.n_steps, dtype=float)
-    time = left[:, None] + motion.step_size * tables.points
-    rate = lagrangian.time_derivative(position, velocity, time)
-    return np.asarray(motion.step_size * rate @ tables.weights)
+def _summed(loads: Array | None, values: Array) -> Array:
+    """Running sum over the steps of load vectors times values at the control points."""
+    if loads is None:
+        return np.zeros(values.shape[0] + 1)
+    return _running(np.einsum("nvd,nvd->n", loads, values))
 
 
-def _damping_less_forcing_along(motion: Motion, symmetry: Symmetry) -> Array:
-    """Running integral of both forces along a symmetry, shape ``(n + 1,)``."""
-    places = control_places(motion)
-    changes = paired(motion.forcing_moments, symmetry.direction(places), motion.n_steps)
-    return _damping_along(motion, symmetry, places) - running_sum(changes)
-
-
-def _damping_along(motion: Motion, symmetry: Symmetry, places: Array) -> Array:
-    """Running integral of the damping force along a symmetry, shape ``(n + 1,)``."""
-    total = running_sum(
-        paired(motion.damping_moments(), symmetry.direction(places), motion.n_steps)
-    )
-    if motion.method.sampling != "nodes":
-        return total
-    kick = motion.step_size * motion.stepped.end_force[: motion.n_steps + 1, 0]
-    along = np.einsum("kd,kd->k", kick, symmetry.direction(motion.position))
-    return np.asarray(total + 0.5 * along)
+def _running(changes: Array) -> Array:
+    """Sum of the changes over the steps up to every point, shape ``(n,)`` to ``(n + 1,)``."""
+    return np.concatenate([[0.0], np.cumsum(changes)])

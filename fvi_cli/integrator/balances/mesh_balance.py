@@ -15,19 +15,16 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import times
-from fvi_cli.effects.symmetry import Symmetry
-from fvi_cli.integrator.balances.diagnostics import Asked, Diagnostics
+from fvi_cli.integrator.balances.diagnostics import Asked, BalanceData, Diagnostics, diagnose
 from fvi_cli.integrator.convolution.damping import Damping
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.steps.dynamics import General, Separable
-from fvi_cli.mathematics.lagrange import lobatto_basis
 
 Array = NDArray[np.float64]
 
@@ -104,68 +101,24 @@ def diagnose_run(
     asked
         What is wanted.
     """
-    force, stored = np.zeros_like(steps.velocity), np.zeros(steps.n_steps + 1)
+    forces, stored = None, None
     if damping is not None:
         force, stored = damping_along(damping, steps)
-    vectors = _all_loads(loads.of_forcing, steps, fresh)
+        forces = np.einsum("vi,nid->nvd", steps.tables.test_weights, force)
+        forces *= steps.step_size[:, None, None]
     added = _all_loads(loads.of_damping, steps, fresh)
-    unknowns, h = steps.unknowns, steps.step_size
-    basis = lobatto_basis(steps.tables.degree)
-    weights = steps.tables.weights
-    result = Diagnostics()
-    energy = dynamics.energy(steps.position, steps.momentum, steps.time)
-    if asked.energy_balance:
-        dissipated = np.einsum("n,i,nid,nid->n", h, weights, steps.velocity, force)
-        worked = np.zeros(steps.n_steps)
-        slopes = basis.derivatives(steps.tables.control_points)[1:]
-        rates = np.einsum("vj,nvd->njd", slopes, unknowns)
-        if vectors is not None:
-            worked = np.einsum("nvd,nvd->n", vectors, rates)
-        if added is not None:
-            dissipated = dissipated - np.einsum("nvd,nvd->n", added, rates)
-        if isinstance(dynamics, General) and dynamics.lagrangian.depends_on_time:
-            rate = dynamics.lagrangian.time_derivative(
-                steps.stage_position, steps.velocity, steps.stage_time
-            )
-            worked = worked - h * (rate @ weights)
-        lost, gained = _running(dissipated), _running(worked)
-        result = Diagnostics(
-            dissipated_work=lost,
-            forcing_work=gained,
-            energy_defect=energy - energy[0] + lost - gained,
-            stored_energy=None if damping is None else stored,
-        )
-    if not asked.symmetries:
-        return result
-    places = np.concatenate(
-        [
-            steps.position[:-1, None],
-            steps.position[:-1, None] + h[:, None, None] * unknowns,
-        ],
-        axis=1,
-    )
-    maps, defects = [], []
-    for one in asked.symmetries:
-        value = one.momentum(steps.position, steps.momentum)
-        pull = _pull_along(one, steps, force)
-        for known in (vectors, added):
-            if known is not None:
-                pull = pull - np.einsum("nvd,nvd->n", known, one.direction(places))
-        maps.append(value)
-        defects.append(value - value[0] + _running(pull))
-    return replace(
-        result,
-        momentum_map=np.stack(maps, axis=1),
-        momentum_map_defect=np.stack(defects, axis=1),
-        map_names=tuple(one.name for one in asked.symmetries),
-    )
-
-
-def _pull_along(one: Symmetry, steps: RunSteps, force: Array) -> Array:
-    """Integral of the damping force along a symmetry over every step, shape ``(n,)``."""
-    along = one.direction(steps.stage_position)
-    return np.asarray(
-        np.einsum("n,i,nid,nid->n", steps.step_size, steps.tables.weights, along, force)
+    if added is not None:
+        forces = -added if forces is None else forces - added
+    return diagnose(
+        BalanceData(
+            steps=steps,
+            dynamics=dynamics,
+            energy=dynamics.energy(steps.position, steps.momentum, steps.time),
+            damping=forces,
+            forcing=_all_loads(loads.of_forcing, steps, fresh),
+            stored=stored,
+        ),
+        asked,
     )
 
 
@@ -188,7 +141,3 @@ def _all_loads(
                 found.append(own)
             begin = end
     return np.concatenate(found) if found else None
-
-
-def _running(changes: Array) -> Array:
-    return np.concatenate([[0.0], np.cumsum(changes)])

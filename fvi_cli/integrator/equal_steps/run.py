@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.diagnostics import Asked, diagnose
+from fvi_cli.integrator.balances.diagnostics import Asked, BalanceData, diagnose
 from fvi_cli.integrator.break_points import steps_at_break_points
-from fvi_cli.integrator.equal_steps.balance_data import Motion
 from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem
 from fvi_cli.integrator.equal_steps.routes import run
 from fvi_cli.integrator.equal_steps.weights import ChannelSource, build_memory
@@ -20,6 +19,7 @@ from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.loop import no_unique_solution
 from fvi_cli.integrator.run.regular import regular_until
+from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Status, Trajectory
@@ -64,19 +64,7 @@ def _integrate(scene: Scene, method: Method, n_steps: int, asked: Asked) -> Traj
     trajectory = finished_trajectory(method, prepared, stepped, seconds)
     if asked.is_empty or trajectory.momentum is None or trajectory.energy is None:
         return trajectory
-    motion = Motion(
-        scene=scene,
-        method=method,
-        tables=problem.tables,
-        memory=problem.memory,
-        step_size=problem.step_size,
-        stepped=stepped,
-        moments=problem.moments,
-        forcing_moments=prepared.forcing_moments,
-        position=trajectory.position,
-        momentum=trajectory.momentum,
-        energy=trajectory.energy,
-    )
+    motion = _balance_data(prepared, stepped, trajectory, trajectory.momentum, trajectory.energy)
     with np.errstate(all="ignore"):
         return replace(trajectory, diagnostics=diagnose(motion, asked))
 
@@ -174,6 +162,38 @@ def finished_trajectory(
         setup_seconds=seconds[0],
         stepping_seconds=seconds[1],
         remarks=prepared.remarks,
+    )
+
+
+def _balance_data(
+    prepared: Prepared, stepped: Stepped, trajectory: Trajectory, momentum: Array, energy: Array
+) -> BalanceData:
+    """What the balances of a trajectory need, with its momentum and energy."""
+    problem = prepared.problem
+    tables, h, n = problem.tables, problem.step_size, trajectory.position.shape[0] - 1
+    if stepped.increments is None:
+        raise ValueError("diagnostics: the increments of the steps were not kept")
+    rates = np.einsum("vr,nvd->nrd", tables.slopes[1:], stepped.increments[:n] / h)
+    force = stepped.end_force[: n + 1]
+    damping = h * np.einsum("vm,kmd->kvd", problem.memory.force_weights, force[:n])
+    forcing = None if prepared.forcing_moments is None else prepared.forcing_moments[:n]
+    if problem.moments is not None:
+        # what is known of the damping force itself: the jump of Riemann-Liouville at 0
+        damping = damping - problem.moments[:n] + (0.0 if forcing is None else forcing)
+    return BalanceData(
+        steps=RunSteps(
+            tables=tables,
+            time=trajectory.time,
+            position=trajectory.position,
+            momentum=momentum,
+            step_size=np.full(n, h),
+            velocity=rates,
+        ),
+        dynamics=dynamics_of(problem.scene),
+        energy=energy,
+        damping=damping,
+        forcing=forcing,
+        kicks=h * force[:, 0] if problem.skip_first_kick else None,
     )
 
 
