@@ -56,6 +56,9 @@ class GrowthBound:
             return np.asarray(self.size * np.exp(self.rate * time))
 
 
+NO_BOUND = GrowthBound(size=math.inf, rate=0.0)
+
+
 def growth_bound(problem: StepProblem) -> GrowthBound:
     """The bound of the run that `problem` describes, by all forces that are known beforehand."""
     force = 0.0

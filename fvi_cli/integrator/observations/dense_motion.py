@@ -24,13 +24,11 @@ from numpy.typing import NDArray
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.mesh_balance import damping_along
-from fvi_cli.integrator.growth_bound import GrowthBound
-from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.damper_work import alone, running_work, work_at
 from fvi_cli.integrator.observations.impacts import replayed
 from fvi_cli.integrator.run.runge_kutta import integrate_runge_kutta
-from fvi_cli.integrator.run.setup import RunSetup, prepare_run
+from fvi_cli.integrator.run.setup import prepare_on_mesh
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.mathematics.lagrange import lobatto_basis
@@ -274,25 +272,14 @@ def _second_run(scene: Scene, method: Method, steps: RunSteps) -> tuple[RunSteps
         second = integrate_runge_kutta(shorter, method, mesh, with_steps=True)
         whole = second.steps if second.status == "ok" else None
         return whole, f"{second.status}: {second.message}"
-    return replayed(prepared(shorter, method, mesh), steps), "failed"
-
-
-def prepared(scene: Scene, method: Method, mesh: Mesh) -> RunSetup:
-    """What steps on a mesh need."""
-    return prepare_run(
-        scene,
-        method,
-        shortest_step=mesh.shortest_step,
-        n_steps=mesh.equivalent_steps,
-        bound=GrowthBound(size=math.inf, rate=0.0),
-    )
+    return replayed(prepare_on_mesh(shorter, method, mesh), steps), "failed"
 
 
 def stage_forces(scene: Scene, method: Method, steps: RunSteps) -> Array | None:
     """Damping force at the stages of a run, shape ``(n, r, d)``; None without damping."""
     if not scene.active_forces or not steps.n_steps:
         return None
-    damping = prepared(scene, method, steps.mesh(scene.break_points)).damping
+    damping = prepare_on_mesh(scene, method, steps.mesh(scene.break_points)).damping
     if damping is None:  # pragma: no cover - there are forces
         return None
     with np.errstate(all="ignore"):

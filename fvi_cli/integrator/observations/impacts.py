@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.growth_bound import GrowthBound
+from fvi_cli.integrator.growth_bound import NO_BOUND
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
@@ -81,7 +81,7 @@ def integrate_with_impacts(
         method,
         shortest_step=shortest,
         n_steps=MOST_SHORTEST,
-        bound=GrowthBound(size=math.inf, rate=0.0),
+        bound=NO_BOUND,
     )
     surfaces = {
         name: Surface(impact=one, coordinates=coordinates, parameters=parameters)

@@ -5,15 +5,14 @@ from __future__ import annotations
 import time as clock
 from dataclasses import dataclass
 
-import numpy as np
-
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.balances.diagnostics import NOTHING
 from fvi_cli.integrator.growth_bound import scene_bound
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.run.march import March
-from fvi_cli.integrator.run.runge_kutta import mesh_for, status_of
-from fvi_cli.integrator.run.setup import first_marker, prepare_run
+from fvi_cli.integrator.run.runge_kutta import end_of, mesh_for, trajectory_of
+from fvi_cli.integrator.run.setup import first_marker, prepare_on_mesh
 from fvi_cli.integrator.run.sink import Sink
 from fvi_cli.integrator.trajectory import Trajectory
 
@@ -75,13 +74,7 @@ def integrate_part(
     done = 0 if checkpoint is None else checkpoint.done
     if until is not None and not done < until <= mesh.n_steps:
         raise ValueError(f"until: {until} is not allowed; it must be {done + 1} to {mesh.n_steps}")
-    setup = prepare_run(
-        scene,
-        method,
-        shortest_step=mesh.shortest_step,
-        n_steps=mesh.equivalent_steps,
-        bound=scene_bound(scene, step_size),
-    )
+    setup = prepare_on_mesh(scene, method, mesh, scene_bound(scene, step_size))
     sink = Sink(every=every, with_steps=False)
     marker = first_marker(setup) if checkpoint is None else checkpoint.marker()
     place = (0, 0) if checkpoint is None else (checkpoint.stretch, checkpoint.step)
@@ -94,27 +87,18 @@ def integrate_part(
     following = march.run(marker, stretch=place[0], step=place[1], until=until)
     if following is None and not march.failure:
         sink.finish(marker.time, marker.position.value, marker.momentum.value)
-    finished = clock.perf_counter()
-    position, momentum = sink.position, sink.momentum
-    with np.errstate(all="ignore"):
-        energy = setup.stepper.solver.dynamics.energy(position, momentum, sink.time)
-    finite = bool(np.isfinite(position).all() and np.isfinite(momentum).all())
-    trajectory = Trajectory(
-        time=sink.time,
-        position=position,
-        momentum=momentum,
-        energy=energy,
-        n_steps=n_steps,
-        step_size=step_size,
-        status=status_of(march.failure, finite=finite),
-        message=march.failure,
-        history_operations=march.operations,
-        newton=march.course.newton,
-        setup_seconds=ready - began,
-        stepping_seconds=finished - ready,
-        every=every,
+    trajectory = trajectory_of(
+        setup,
+        sink,
+        end_of(march),
+        n_steps,
+        every,
+        NOTHING,
+        (),
+        with_steps=False,
+        seconds=(ready - began, clock.perf_counter() - ready),
     )
-    if following is None:
+    if following is None or trajectory.status != "ok":
         return Part(trajectory=trajectory, checkpoint=None)
     return Part(
         trajectory=trajectory,

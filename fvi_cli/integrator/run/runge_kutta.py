@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.balances.mesh_balance import diagnose_run
-from fvi_cli.integrator.growth_bound import GrowthBound, scene_bound
+from fvi_cli.integrator.growth_bound import scene_bound
 from fvi_cli.integrator.local_error.examine import Examiner
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
@@ -22,7 +22,7 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.loop import march_adaptively
 from fvi_cli.integrator.run.march import March, MeshPlan
 from fvi_cli.integrator.run.regular import regular_until
-from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_run
+from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_on_mesh, prepare_run
 from fvi_cli.integrator.run.sink import Sink
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.run.unfinished import RunKeeper, march_with_checkpoints
@@ -37,8 +37,20 @@ MOST_SHORTEST = 256.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Ended:
-    """How the loop ended."""
+class Ended:
+    """How the loop ended.
+
+    Parameters
+    ----------
+    failure, newton
+        What stopped it, or empty, and the record of Newton's iteration.
+    rejected, operations
+        Steps that were done in vain, and multiply-adds of the memory.
+    earlier_seconds
+        Time of the steps before a checkpoint.
+    doubts
+        Times with what the steps there may have missed.
+    """
 
     failure: str
     newton: NewtonRecord
@@ -46,6 +58,16 @@ class _Ended:
     operations: int = 0
     earlier_seconds: float = 0.0
     doubts: tuple[tuple[float, str], ...] = ()
+
+
+def end_of(march: March, earlier_seconds: float = 0.0) -> Ended:
+    """How the steps of a mesh ended."""
+    return Ended(
+        failure=march.failure,
+        newton=march.course.newton,
+        operations=march.operations,
+        earlier_seconds=earlier_seconds,
+    )
 
 
 def mesh_for(scene: Scene, method: Method, n_steps: int) -> Mesh:
@@ -66,13 +88,7 @@ def mesh_for(scene: Scene, method: Method, n_steps: int) -> Mesh:
 def plan_runge_kutta(scene: Scene, method: Method, steps: int | Mesh) -> MeshPlan:
     """How :func:`integrate_runge_kutta` will do the steps of a run; no step is done."""
     mesh = steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps)
-    setup = prepare_run(
-        scene,
-        method,
-        shortest_step=mesh.shortest_step,
-        n_steps=mesh.equivalent_steps,
-        bound=GrowthBound(size=math.inf, rate=0.0),
-    )
+    setup = prepare_on_mesh(scene, method, mesh)
     return March(setup, mesh, Sink(every=1, with_steps=False)).plan()
 
 
@@ -131,18 +147,12 @@ def integrate_runge_kutta(
         mesh.check_breaks(scene.break_points)
         count = mesh.n_reported
         bound = scene_bound(scene, scene.final_time / max(count, 1))
-        setup = prepare_run(
-            scene,
-            method,
-            shortest_step=mesh.shortest_step,
-            n_steps=mesh.equivalent_steps,
-            bound=bound,
-        )
+        setup = prepare_on_mesh(scene, method, mesh, bound)
         ready = clock.perf_counter()
         ended = _given(setup, mesh, sink, checkpoints)
         finished = clock.perf_counter()
         fresh_at = tuple(one.begin for one in mesh.stretches if one.is_fresh)
-    return _trajectory(
+    return trajectory_of(
         setup,
         sink,
         ended,
@@ -155,7 +165,7 @@ def integrate_runge_kutta(
     )
 
 
-def _given(setup: RunSetup, mesh: Mesh, sink: Sink, checkpoints: RunKeeper | None) -> _Ended:
+def _given(setup: RunSetup, mesh: Mesh, sink: Sink, checkpoints: RunKeeper | None) -> Ended:
     """The steps of a mesh."""
     march, marker, earlier = March(setup, mesh, sink), first_marker(setup), 0.0
     if checkpoints is None:
@@ -165,12 +175,7 @@ def _given(setup: RunSetup, mesh: Mesh, sink: Sink, checkpoints: RunKeeper | Non
         marker, earlier = march_with_checkpoints(setup, mesh, sink, march, checkpoints)
     if not march.failure:
         sink.finish(marker.time, marker.position.value, marker.momentum.value)
-    return _Ended(
-        failure=march.failure,
-        newton=march.course.newton,
-        operations=march.operations,
-        earlier_seconds=earlier,
-    )
+    return end_of(march, earlier)
 
 
 def prepare_adaptive(scene: Scene, method: Method, steps: AdaptiveSteps) -> RunSetup:
@@ -206,7 +211,7 @@ def _controller(scene: Scene, method: Method, steps: AdaptiveSteps) -> StepContr
     )
 
 
-def _adaptive(setup: RunSetup, steps: AdaptiveSteps, sink: Sink) -> tuple[_Ended, float, int]:
+def _adaptive(setup: RunSetup, steps: AdaptiveSteps, sink: Sink) -> tuple[Ended, float, int]:
     """Steps that are found on the way."""
     scene = setup.scene
     controller = _controller(scene, setup.method, steps)
@@ -233,7 +238,7 @@ def _adaptive(setup: RunSetup, steps: AdaptiveSteps, sink: Sink) -> tuple[_Ended
         )
     sink.finish(marker.time, marker.position.value, marker.momentum.value)
     per_step = 0 if setup.damping is None else setup.damping.operations_per_step
-    ended = _Ended(
+    ended = Ended(
         failure=course.failure,
         newton=course.newton,
         rejected=course.rejected,
@@ -243,10 +248,10 @@ def _adaptive(setup: RunSetup, steps: AdaptiveSteps, sink: Sink) -> tuple[_Ended
     return ended, clock.perf_counter(), count
 
 
-def _trajectory(
+def trajectory_of(
     setup: RunSetup,
     sink: Sink,
-    ended: _Ended,
+    ended: Ended,
     n_steps: int,
     every: int,
     diagnostics: Asked,

@@ -12,8 +12,9 @@ from fvi_cli.integrator.convolution.damping import Damping
 from fvi_cli.integrator.convolution.reach import Reach, find_reach
 from fvi_cli.integrator.convolution.stages import StageOperator
 from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
-from fvi_cli.integrator.growth_bound import GrowthBound
+from fvi_cli.integrator.growth_bound import NO_BOUND, GrowthBound
 from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.loop import Marker, Stepper
 from fvi_cli.integrator.step_tables import step_tables
@@ -86,6 +87,19 @@ def prepare_run(
         stepper=Stepper(solver, StepLoads(scene, method, tables)),
         damping=damping,
         decoupling=decoupling,
+        bound=bound,
+    )
+
+
+def prepare_on_mesh(
+    scene: Scene, method: Method, mesh: Mesh, bound: GrowthBound = NO_BOUND
+) -> RunSetup:
+    """The same for the steps of a mesh."""
+    return prepare_run(
+        scene,
+        method,
+        shortest_step=mesh.shortest_step,
+        n_steps=mesh.equivalent_steps,
         bound=bound,
     )
 
