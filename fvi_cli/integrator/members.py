@@ -8,20 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.kinds import kinds_of, side_by_side
 from fvi_cli.integrator.batches.run import integrate_side_by_side
-from fvi_cli.integrator.blocks.batch import BatchProblem, BatchStepped, run_batch
-from fvi_cli.integrator.blocks.history import BatchedChannel
-from fvi_cli.integrator.blocks.linear import (
-    has_moments,
-    known_moments,
-    linear_system,
-    stepped_scene,
-)
-from fvi_cli.integrator.blocks.response import LinearSystem
+from fvi_cli.integrator.blocks.batch import BatchStepped, run_batch
+from fvi_cli.integrator.blocks.linear import batch_problem, stepped_scene
 from fvi_cli.integrator.counts import check_counts
 from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
 from fvi_cli.integrator.equal_steps.routes import LEAST_BLOCK_STEPS
@@ -31,8 +23,6 @@ from fvi_cli.integrator.growth_bound import GrowthBound, cut_at_bound
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.trajectory import Trajectory, thinned
-
-Array = NDArray[np.float64]
 
 
 def integrate_members(
@@ -160,7 +150,9 @@ def _integrate_batch(
     widths = [member.decoupling.batch for member in members]
     if len(set(widths)) > 1:
         members = [replace(m, decoupling=replace(m.decoupling, modes=None)) for m in members]
-    problem = _batch_problem(members, n_steps)
+    problem = batch_problem(
+        [(one.prepared.problem, one.decoupling) for one in members], stop_together=False
+    )
     ready = time.perf_counter()
     finished = run_batch(problem)
     if finished is None:
@@ -189,65 +181,4 @@ def _part(finished: BatchStepped, part: slice) -> BatchStepped:
         force=None if finished.force is None else finished.force[part],
         done=finished.done[part],
         operations=finished.operations[part],
-    )
-
-
-def _batch_problem(members: Sequence[_Ready], n_steps: int) -> BatchProblem:
-    """The systems of all members, one member after the other."""
-    systems = [linear_system(m.prepared.problem, m.decoupling) for m in members]
-    width = members[0].decoupling.batch
-
-    def moments(part: slice, first: int, last: int) -> Array:
-        begin, end = part.start // width, -(-part.stop // width)
-        parts = [
-            m.decoupling.forces(known_moments(m.prepared.problem, first, last))
-            for m in members[begin:end]
-        ]
-        return np.concatenate(parts)[part.start - begin * width : part.stop - begin * width]
-
-    driven = any(has_moments(m.prepared.problem) for m in members)
-    first = members[0].prepared.problem
-    on_nodes = first.skip_first_kick and bool(first.memory.channels)
-    return BatchProblem(
-        system=_joined(systems),
-        n_steps=n_steps,
-        position=np.concatenate(
-            [m.decoupling.positions(m.prepared.problem.position) for m in members]
-        ),
-        momentum=np.concatenate(
-            [m.decoupling.forces(m.prepared.problem.momentum) for m in members]
-        ),
-        first_offset=np.concatenate(
-            [m.decoupling.positions(m.prepared.problem.memory.first_offset) for m in members]
-        ),
-        moments=moments if driven else None,
-        with_force=on_nodes or (first.keep_force and bool(first.memory.channels)),
-        with_end=on_nodes,
-        limit=np.concatenate(
-            [m.prepared.problem.stop_beyond * m.decoupling.extents for m in members]
-        ),
-        stop_together=False,
-    )
-
-
-def _joined(systems: Sequence[LinearSystem]) -> LinearSystem:
-    """One batch of all systems; no stiffness is one of zero."""
-    first = systems[0]
-    stiffness = None
-    if any(system.stiffness is not None for system in systems):
-        stiffness = np.concatenate(
-            [np.zeros_like(s.mass) if s.stiffness is None else s.stiffness for s in systems]
-        )
-    return replace(
-        first,
-        mass=np.concatenate([s.mass for s in systems]),
-        stiffness=stiffness,
-        channels=tuple(
-            BatchedChannel(
-                channel=channel.channel,
-                directions=np.concatenate([s.channels[index].directions for s in systems]),
-            )
-            for index, channel in enumerate(first.channels)
-        ),
-        offset=np.concatenate([s.offset for s in systems]),
     )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,24 +56,70 @@ def run_linear_blocks(problem: StepProblem, decoupling: Decoupling) -> Stepped |
         As `run_steps` gives it, without the samples; with the damping force only where it is
         kept, or where the samples lie on the nodes.
     """
-    on_nodes = problem.skip_first_kick and bool(problem.memory.channels)
-    system = linear_system(problem, decoupling)
-    moments = partial(_batch_moments, problem, decoupling) if has_moments(problem) else None
-    finished = run_batch(
-        BatchProblem(
-            system=system,
-            n_steps=problem.n_steps,
-            position=decoupling.positions(problem.position),
-            momentum=decoupling.forces(problem.momentum),
-            first_offset=decoupling.positions(problem.memory.first_offset),
-            moments=moments,
-            with_force=on_nodes or (problem.keep_force and bool(system.channels)),
-            with_end=on_nodes,
-            limit=problem.stop_beyond * decoupling.extents,
-            stop_together=True,
-        )
-    )
+    finished = run_batch(batch_problem([(problem, decoupling)], stop_together=True))
     return None if finished is None else stepped_scene(problem, decoupling, finished)
+
+
+def batch_problem(
+    members: Sequence[tuple[StepProblem, Decoupling]], *, stop_together: bool
+) -> BatchProblem:
+    """The systems of scenes that share weights and steps, one scene after the other.
+
+    Parameters
+    ----------
+    members
+        Each with coordinates of as many systems.
+    stop_together
+        As for :class:`BatchProblem`.
+    """
+    first, width = members[0][0], members[0][1].batch
+
+    def moments(part: slice, begin: int, end: int) -> Array:
+        found = []
+        for index, (problem, own) in enumerate(members):
+            some = slice(max(part.start - index * width, 0), min(part.stop - index * width, width))
+            if some.start < some.stop:
+                found.append(own.forces(known_moments(problem, begin, end), some))
+        return np.concatenate(found)
+
+    on_nodes = first.skip_first_kick and bool(first.memory.channels)
+    return BatchProblem(
+        system=_joined([linear_system(problem, own) for problem, own in members]),
+        n_steps=first.n_steps,
+        position=np.concatenate([own.positions(one.position) for one, own in members]),
+        momentum=np.concatenate([own.forces(one.momentum) for one, own in members]),
+        first_offset=np.concatenate(
+            [own.positions(one.memory.first_offset) for one, own in members]
+        ),
+        moments=moments if any(has_moments(one) for one, _ in members) else None,
+        with_force=on_nodes or (first.keep_force and bool(first.memory.channels)),
+        with_end=on_nodes,
+        limit=np.concatenate([one.stop_beyond * own.extents for one, own in members]),
+        stop_together=stop_together,
+    )
+
+
+def _joined(systems: Sequence[LinearSystem]) -> LinearSystem:
+    """One batch of all systems; no stiffness is one of zero."""
+    first = systems[0]
+    stiffness = None
+    if any(system.stiffness is not None for system in systems):
+        stiffness = np.concatenate(
+            [np.zeros_like(s.mass) if s.stiffness is None else s.stiffness for s in systems]
+        )
+    return replace(
+        first,
+        mass=np.concatenate([s.mass for s in systems]),
+        stiffness=stiffness,
+        channels=tuple(
+            BatchedChannel(
+                channel=channel.channel,
+                directions=np.concatenate([s.channels[index].directions for s in systems]),
+            )
+            for index, channel in enumerate(first.channels)
+        ),
+        offset=np.concatenate([s.offset for s in systems]),
+    )
 
 
 def has_moments(problem: StepProblem) -> bool:
@@ -82,12 +129,6 @@ def has_moments(problem: StepProblem) -> bool:
         and problem.memory.known_force is None
         and not (problem.skip_first_kick and np.any(problem.memory.first_offset != 0))
     )
-
-
-def _batch_moments(
-    problem: StepProblem, decoupling: Decoupling, part: slice, first: int, last: int
-) -> Array:
-    return decoupling.forces(known_moments(problem, first, last), part)
 
 
 def stepped_scene(problem: StepProblem, decoupling: Decoupling, finished: BatchStepped) -> Stepped:
