@@ -287,7 +287,10 @@ def test_only_what_is_asked_for_is_computed(monkeypatch):
     count(on_mesh, "diagnose_run")
     count(RunSteps, "__init__")
     scene = kepler(0.05)
-    for method, made in ((GAUSS2, ["__init__", "diagnose_run"]), (POINTS, ["__init__", "diagnose"])):
+    for method, made in (
+        (GAUSS2, ["__init__", "diagnose_run"]),
+        (POINTS, ["__init__", "diagnose"]),
+    ):
         calls.clear()
         assert integrate(scene, method, 64).diagnostics is None
         assert integrate(scene, method, 64, diagnostics=NOTHING).diagnostics is None

@@ -26,11 +26,10 @@ from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem, noted
 from fvi_cli.integrator.equal_steps.stepping import Stepper
 from fvi_cli.integrator.steps.block_lengths import (
-    LARGEST_BLOCK,
     LARGEST_DENSE,
     LEAST_BLOCK,
-    LEAST_BLOCKS,
     BlockLengths,
+    newton_block,
 )
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.steps.newton_blocks import frozen_law
@@ -128,9 +127,8 @@ def plan_newton(
     size = convolved.size
     if scene.is_linear or scene.lagrangian is not None or LEAST_BLOCK * size > LARGEST_DENSE:
         return None
-    block = LARGEST_BLOCK
-    while block > LEAST_BLOCK and (block * size > LARGEST_DENSE or LEAST_BLOCKS * block > n_steps):
-        block //= 2
+    # even on few steps blocks are quicker than one step after the other
+    block = max(newton_block(size, n_steps), LEAST_BLOCK)
     return NewtonPlan(convolved=convolved, n_steps=n_steps, block=block, with_end=with_end)
 
 

@@ -15,9 +15,10 @@ from fvi_cli.integrator.growth_bound import first_outside
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.run.grouped_steps import grouped_steps
 from fvi_cli.integrator.run.loop import Course, Marker, no_unique_solution
-from fvi_cli.integrator.run.newton_stretch import NewtonStretch, newton_block
+from fvi_cli.integrator.run.newton_stretch import NewtonStretch
 from fvi_cli.integrator.run.setup import RunSetup
 from fvi_cli.integrator.run.sink import Sink
+from fvi_cli.integrator.steps.block_lengths import newton_block
 from fvi_cli.integrator.steps.block_response import LinearSystems
 from fvi_cli.integrator.steps.dynamics import General, Separable
 from fvi_cli.integrator.steps.linear_blocks import (
@@ -155,7 +156,7 @@ class March:
                 block = 0 if decoupling is None else block_length(stages, q, e, inside)
             else:
                 general = isinstance(dynamics, General)
-                block = newton_block(stages, d, inside, general=general)
+                block = newton_block(stages * d, inside, general=general)
             whole, rest = divmod(one.n_steps, self._chunk_steps)
             for count, times in ((self._chunk_steps, whole), (rest, 1)):
                 if count == 0 or times == 0:
@@ -292,7 +293,7 @@ class March:
         dynamics, h = self._solver.dynamics, one.step_size
         stages = self._solver.tables.points.size
         general = isinstance(dynamics, General)
-        block = newton_block(stages, dynamics.dimension, stretch_steps, general=general)
+        block = newton_block(stages * dynamics.dimension, stretch_steps, general=general)
         if block == 0:
             return self._single_steps(marker, h, count, loads)
         key = (h, block)

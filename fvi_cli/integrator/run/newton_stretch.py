@@ -6,31 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.run.loop import Course, Marker, Stepper
-from fvi_cli.integrator.steps.block_lengths import (
-    LARGEST_BLOCK,
-    LARGEST_DENSE,
-    LEAST_BLOCK,
-    LEAST_BLOCKS,
-    BlockLengths,
-)
+from fvi_cli.integrator.steps.block_lengths import BlockLengths
 from fvi_cli.integrator.steps.block_memory import BlockMemory
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.steps.newton_blocks import FrozenBlocks, frozen_law
 from fvi_cli.integrator.steps.step import StepFailedError
 
 Array = NDArray[np.float64]
-
-
-def newton_block(stages: int, dimension: int, n_steps: int, *, general: bool) -> int:
-    """Steps of the largest block; 0: steps are done one by one."""
-    size, least = stages * dimension, LEAST_BLOCKS
-    if general:
-        # velocities are unknowns as well, and the iteration takes longer
-        size, least = 2 * size, 4 * least
-    block = LARGEST_BLOCK
-    while block >= LEAST_BLOCK and (block * size > LARGEST_DENSE or least * block > n_steps):
-        block //= 2
-    return block if block >= LEAST_BLOCK else 0
 
 
 class NewtonStretch:

@@ -18,6 +18,28 @@ LONGEST_WAIT = 512
 """Single steps after vain attempts, at most."""
 
 
+def newton_block(size: int, n_steps: int, *, general: bool = False) -> int:
+    """Steps of the largest block of so many equal steps; 0: they are done one by one.
+
+    Parameters
+    ----------
+    size
+        Samples of a step times components.
+    n_steps
+        Number of steps.
+    general
+        Whether the Lagrangian is a general one.
+    """
+    least = LEAST_BLOCKS
+    if general:
+        # velocities are unknowns as well, and the iteration takes longer
+        size, least = 2 * size, 4 * least
+    block = LARGEST_BLOCK
+    while block >= LEAST_BLOCK and (block * size > LARGEST_DENSE or least * block > n_steps):
+        block //= 2
+    return block if block >= LEAST_BLOCK else 0
+
+
 class BlockLengths:
     """Lengths of the next blocks from how those before went.
 
