@@ -44,7 +44,7 @@ ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "results"
 CASES = hard_cases()
 METHODS = {named.name: named for named in examined_methods()}
-LONG = ("million-steps", "resonance", "chaotic-double-pendulum")
+LONG = ("million-steps", "resonance", "tiny-and-huge-scales", "chaotic-double-pendulum")
 STORED = stored_hard_cases()
 
 

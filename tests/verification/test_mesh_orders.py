@@ -55,14 +55,14 @@ def singular(order: float, final_time: float, mu: float) -> tuple[Scene, Exact]:
 
 @functools.cache
 def smooth(order: float) -> tuple[Scene, Array, Array]:
-    """A motion from rest under t^9 exp(-t), with its values at quarters of T and at T / 16."""
+    """A motion from rest under t^9 exp(-t), with its values at T / 4 and 9 T / 16."""
     scene = linear_oscillator(
         final_time=30.0,
         damping=damping(order, 0.7),
         stiffness=2.0,
         forcing=Forcing.from_text("t**9*exp(-t)/1e5"),
     )
-    times = 30.0 * np.array([1 / 16, 1 / 4, 9 / 16, 1.0])
+    times = 30.0 * np.array([1 / 4, 9 / 16])
 
     def transform(s: mpmath.mpc) -> mpmath.mpc:
         force = mpmath.factorial(9) / mpmath.mpf(10) ** 5 / (s + 1) ** 10
@@ -121,7 +121,7 @@ def test_smooth_motions_on_graded_meshes(order: float, m: int) -> None:
     errors = []
     for n in numbers:
         found = integrate(scene, Method(cq="gauss", degree=m), graded_mesh(30.0, n, 2.0))
-        places = [n // 4, n // 2, 3 * n // 4, n]
+        places = [n // 2, 3 * n // 4]
         assert np.allclose(found.time[places], times, rtol=1e-14)
         errors.append(float(np.abs(found.position[places, 0] - values).max()))
     assert slope(numbers, errors) == pytest.approx(2 * m, abs=0.15)
