@@ -133,29 +133,17 @@ def test_orders_above_one_meet_the_stages(order: float, degree: int) -> None:
 
 
 def test_energy_does_not_drift_without_damping() -> None:
-    run = integrate(bent(coefficient=0.0, final_time=400.0), GAUSS2, 4000)
+    run = integrate(bent(coefficient=0.0, final_time=160.0), GAUSS2, 1600)
     assert run.energy is not None
     assert run.history_operations == 0
     error = run.energy - run.energy[0]
-    first, last = np.abs(error[:2000]).max(), np.abs(error[2000:]).max()
+    first, last = np.abs(error[:800]).max(), np.abs(error[800:]).max()
     assert first < 1e-4
     assert last < 1.5 * first
     # control: damping takes energy away
     damped = integrate(bent(final_time=40.0), GAUSS2, 400)
     assert damped.energy is not None
     assert damped.energy[-1] < damped.energy[0] - 0.3
-
-
-def test_time_runs_backwards_without_damping() -> None:
-    forth = integrate(bent(coefficient=0.0), GAUSS3, 64)
-    lagrangian = bent().lagrangian
-    assert lagrangian is not None
-    assert forth.momentum is not None
-    turned = -lagrangian.velocity(forth.position[-1:], forth.momentum[-1:], 0.0)[0]
-    back = double_pendulum(
-        final_time=4.0, initial_position=forth.position[-1], initial_velocity=turned
-    )
-    assert integrate(back, GAUSS3, 64).position[::-1] == pytest.approx(forth.position, abs=1e-12)
 
 
 POLAR = {

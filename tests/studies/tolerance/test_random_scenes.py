@@ -1,4 +1,4 @@
-"""A random scene of each of ten kinds in every run of the tests, four hundred by a named command."""
+"""A random scene of each of ten kinds in every run of the tests, 400 by a named command."""
 
 from __future__ import annotations
 
