@@ -27,6 +27,7 @@ from fvi_cli.plotting.style import (
     few_decades,
     journal_style,
     legend_of,
+    lowest,
     new_figure,
     panel_grid,
 )
@@ -253,7 +254,7 @@ def parameter_figure(table: StabilityTable) -> Figure:
             axes.set_title(title)
         for axes in grid[:, 0]:
             axes.set_ylabel(keys[1] if len(keys) > 1 else "step size $h$")
-        for axes in grid[-1]:
+        for axes in lowest(grid):
             axes.set_xlabel(keys[0])
         if len(panels) > len(shown):
             note = f"the first {len(shown)} of {len(panels)} panels; all are in the table"

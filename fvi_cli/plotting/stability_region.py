@@ -22,6 +22,7 @@ from fvi_cli.plotting.style import (
     fraction,
     journal_style,
     legend_of,
+    lowest,
     new_figure,
 )
 from fvi_cli.studies.stability_study import StabilityTable
@@ -68,10 +69,8 @@ def region_figure(maps: Sequence[StabilityMap]) -> Figure:
                 _panel(axes, one)
                 axes.set_title(labels[one.method.case].replace(", ", "\n", 1), fontsize=SMALL_TEXT)
             row[0].set_ylabel(r"$\mu\, h^{2-\gamma} / m$")
-        for column in range(columns):
-            below = [axes for axes in grid[:, column] if axes.axison][-1]
-            below.set_xlabel("$h^2 k / m$")
-            below.tick_params(labelbottom=True)
+        for axes in lowest(grid):
+            axes.set_xlabel("$h^2 k / m$")
         figure.suptitle(
             rf"Stability regions, damping of order $\gamma = {fraction(order)}$;"
             "\npercentages: stable share of the area shown",

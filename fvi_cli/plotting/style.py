@@ -202,6 +202,14 @@ def panel_grid(
     return grid, list(grid.flat[:count])
 
 
+def lowest(grid: NDArray[np.object_]) -> list[Axes]:
+    """Of every column of a grid the lowest panel that is used, with numbers along its axis."""
+    found = [[axes for axes in column if axes.axison][-1] for column in grid.T]
+    for axes in found:
+        axes.tick_params(labelbottom=True)
+    return found
+
+
 def legend_above(figure: Figure, axes: Axes) -> None:
     """One legend above all panels, of what is labelled in `axes`."""
     legend_of(figure, axes.get_legend_handles_labels()[0], above=True)

@@ -7,6 +7,7 @@ import pytest
 
 import fvi_cli as fvi
 from fvi_cli.plotting.motions.labels import in_formula
+from fvi_cli.plotting.style import lowest, new_figure, panel_grid
 
 CONFIG = {
     "name": "seen",
@@ -123,3 +124,11 @@ def test_small_steps_are_written_as_powers_of_ten() -> None:
     assert in_formula(2.5e-5) == r"2.5 \times 10^{-5}"
     assert in_formula(1e-6) == "10^{-6}"
     assert in_formula(0.125) == "0.125"
+
+
+def test_a_column_that_ends_early_has_numbers_below_its_last_panel() -> None:
+    grid, used = panel_grid(new_figure(3.0), 3, 2, sharex=True)
+    assert [axes.axison for axes in grid.flat] == [True, True, True, False]
+    assert lowest(grid) == [used[2], used[1]]
+    told = [axes.xaxis.get_tick_params()["labelbottom"] for axes in used]
+    assert told == [False, True, True]

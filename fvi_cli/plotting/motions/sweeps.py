@@ -27,6 +27,7 @@ from fvi_cli.plotting.style import (
     journal_style,
     legend_of,
     logarithmic_ticks,
+    lowest,
     new_figure,
     panel_grid,
 )
@@ -167,10 +168,11 @@ def _panels(methods: Sequence[AnyMethod]) -> tuple[Figure, list[Axes]]:
     """One panel for each method, sharing their axes, with the methods as titles."""
     columns = min(2, len(methods))
     figure = new_figure((2.4 if columns == 1 else 1.8) * -(-len(methods) // columns) + 0.6)
-    _, panels = panel_grid(figure, len(methods), columns, sharex=True, sharey=True)
+    grid, panels = panel_grid(figure, len(methods), columns, sharex=True, sharey=True)
     styles = series_styles(methods)
     for axes, method in zip(panels, methods, strict=True):
         axes.set_title(styles[method.case].label)
+    lowest(grid)
     return figure, panels
 
 
