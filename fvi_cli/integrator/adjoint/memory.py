@@ -200,9 +200,7 @@ def _apart(parts: list[Array]) -> Array:
 def _logarithm(operator: StageOperator) -> Array:
     """The logarithm of the method's matrix, shape ``(m, m)``."""
     found = _of_coefficients(operator.tableau.name, operator.n_stages)
-    if operator.basis == "values":
-        return np.asarray(operator.to_values @ found @ operator.to_coefficients)
-    return found
+    return np.asarray(operator.to_values @ found @ operator.to_coefficients)
 
 
 @cache

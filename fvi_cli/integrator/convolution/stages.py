@@ -115,23 +115,16 @@ class StageOperator:
     ----------
     tableau
         Gauss, Radau IIA or Lobatto IIIC, m stages.
-    basis
-        ``values``: tables act on values at the stages; ``coefficients``: on the coefficients
-        ``to_coefficients @ values``, where differences between stages, small for smooth motions,
-        are rounded on their own.
 
     Raises
     ------
     ValueError
-        For another family of tableaux or another basis.
+        For another family of tableaux.
     """
 
     tableau: ButcherTableau
-    basis: str = "values"
 
     def __post_init__(self) -> None:
-        if self.basis not in ("values", "coefficients"):
-            raise ValueError(f"basis: {self.basis!r} is not one of values, coefficients")
         _matrix_entries(self.tableau)
 
     @property
@@ -176,9 +169,7 @@ class StageOperator:
             For an exponent outside (-1, 1).
         """
         power = _power(self.tableau.name, self.n_stages, float(theta))
-        if self.basis == "values":
-            power = self.to_values @ power @ self.to_coefficients
-        return power
+        return np.asarray(self.to_values @ power @ self.to_coefficients)
 
     def law_block(self, kernel: RelaxationKernel, h: float) -> Array:
         """The local block of a relaxation law over a step of length `h`, shape ``(m, m)``."""
@@ -187,9 +178,7 @@ class StageOperator:
             return np.asarray(h**theta * _power(self.tableau.name, self.n_stages, theta))
 
         block = kernel.on_integration(h * self.matrix, power)
-        if self.basis == "values":
-            block = self.to_values @ block @ self.to_coefficients
-        return np.asarray(block)
+        return np.asarray(self.to_values @ block @ self.to_coefficients)
 
     def step_tables(self, kernel: Kernel, h: float) -> StepKernel:
         """History of `kernel` over a step of length `h`."""
@@ -201,26 +190,12 @@ class StageOperator:
         columns, signs, log_magnitudes = self._resolvent(z)
         rows = columns * z
         rows[1::2] *= -1.0
-        if self.basis == "values":
-            columns = self.to_values @ columns
-            intake = rows.T @ self.to_coefficients
-        else:
-            intake = np.ascontiguousarray(rows.T)
         return StepKernel(
-            response=columns[None], signs=signs, log_magnitudes=log_magnitudes, intake=intake
+            response=(self.to_values @ columns)[None],
+            signs=signs,
+            log_magnitudes=log_magnitudes,
+            intake=rows.T @ self.to_coefficients,
         )
-
-    def block_tables(self, kernel: Kernel, h: float, steps: int) -> BlockKernel:
-        """History of `kernel` over `steps` steps of length `h`.
-
-        Raises
-        ------
-        ValueError
-            For fewer than one step.
-        """
-        if steps < 1:
-            raise ValueError(f"steps: {steps} is not allowed; it must be at least 1")
-        return block_of(self.step_tables(kernel, h), steps)
 
     def _resolvent(self, z: Array) -> tuple[Array, Array, Array]:
         """First column of ``(1 + z X)^{-1}``, shape ``(m, J)``, sign and logarithm of R(-z)."""
@@ -272,11 +247,6 @@ def block_of(step: StepKernel, steps: int) -> BlockKernel:
     )
 
 
-def gauss_operator(n_stages: int, basis: str = "values") -> StageOperator:
-    """The Gauss method with `n_stages` stages, 1 to 21."""
-    return StageOperator(tableau=tableau("gauss", n_stages), basis=basis)
-
-
 def _matrix_entries(method: ButcherTableau) -> tuple[Array, float]:
     """Entries xi_k below the diagonal of X, shape ``(m - 1,)``, and what the last one has more."""
     m = method.n_stages
@@ -300,4 +270,4 @@ def _power(name: str, n_stages: int, theta: float) -> Array:
     return power
 
 
-__all__ = ["BlockKernel", "StageOperator", "StepKernel", "block_of", "gauss_operator"]
+__all__ = ["BlockKernel", "StageOperator", "StepKernel", "block_of"]

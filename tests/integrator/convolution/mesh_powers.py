@@ -9,6 +9,9 @@ import mpmath as mp
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.integrator.convolution.stages import StageOperator
+from fvi_cli.mathematics.runge_kutta import tableau
+
 Array = NDArray[np.float64]
 
 _DIGITS = 40
@@ -134,3 +137,8 @@ def meshes(n: int) -> dict[str, Array]:
         "alternating": np.tile([1.0, 0.01], -(-n // 2))[:n],
         "geometric": 10.0 ** np.linspace(-8.0, 0.0, n),
     }
+
+
+def gauss_operator(n_stages: int) -> StageOperator:
+    """The Gauss method with so many stages."""
+    return StageOperator(tableau=tableau("gauss", n_stages))

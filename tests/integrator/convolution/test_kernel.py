@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mesh_powers import Array, local_power, mesh_power, meshes
+from mesh_powers import Array, gauss_operator, local_power, mesh_power, meshes
 from spread import spread
 
 from fvi_cli.integrator.convolution.kernel import Kernel, power_kernel
-from fvi_cli.integrator.convolution.stages import StageOperator, gauss_operator
+from fvi_cli.integrator.convolution.stages import StageOperator, block_of
 from fvi_cli.mathematics.runge_kutta import tableau
 
 KINDS = ("uniform", "random", "alternating", "geometric")
@@ -74,7 +74,7 @@ def test_every_block_of_the_mesh_power_is_right(kind, m, n):
 
 @spread(theta=[-0.98, -0.5, -0.02, 0.02, 0.5, 0.98], accuracy=[1e-13, 1e-10])
 def test_the_accuracy_asked_for_holds_at_every_lag(theta, accuracy):
-    n, operator = 10**6, gauss_operator(3, "coefficients")
+    n, operator = 10**6, gauss_operator(3)
     lags = np.unique(np.geomspace(1, n - 1, 40).astype(int))
 
     def blocks(final_time: float, demanded: float) -> Array:
@@ -82,7 +82,9 @@ def test_the_accuracy_asked_for_holds_at_every_lag(theta, accuracy):
             (theta,), shortest_step=1.0, final_time=final_time, stages=3, accuracy=demanded
         )
         step = operator.step_tables(kernel, 1.0)
-        return (step.response[0] * step.powers(lags - 1)[:, None, :]) @ step.intake
+        # on coefficients: differences between stages are small beside their mean
+        response = operator.to_coefficients @ step.response[0]
+        return (response * step.powers(lags - 1)[:, None, :]) @ step.intake @ operator.to_values
 
     exact = blocks(50.0 * n, 1e-15)
     errors = np.abs(blocks(float(n), accuracy) - exact)
@@ -130,14 +132,11 @@ def test_the_adjoint_is_the_power_on_the_reversed_mesh(kind, m):
 
 
 @pytest.mark.parametrize("name", ["gauss", "radau-iia", "lobatto-iiic"])
-def test_both_bases_and_all_families_agree_with_dense_resolvents(name):
+def test_all_families_agree_with_dense_resolvents(name):
     operator = StageOperator(tableau=tableau(name, 5))
-    other = StageOperator(tableau=tableau(name, 5), basis="coefficients")
     assert np.allclose(operator.to_values @ operator.to_coefficients, np.eye(5), atol=1e-14)
     kernel = power_kernel((-0.3, 0.6), shortest_step=0.01, final_time=10.0, stages=5)
-    step, own = operator.step_tables(kernel, 0.1), other.step_tables(kernel, 0.1)
-    assert np.allclose(operator.to_values @ own.response, step.response, rtol=1e-12, atol=1e-14)
-    assert np.allclose(own.intake @ operator.to_coefficients, step.intake, rtol=1e-12, atol=1e-15)
+    step = operator.step_tables(kernel, 0.1)
     method = operator.tableau
     for j in range(0, kernel.n_states, 7):
         z = 0.1 * kernel.rates[j]
@@ -153,7 +152,7 @@ def test_both_bases_and_all_families_agree_with_dense_resolvents(name):
 def test_blocks_are_their_steps():
     operator, h, size = gauss_operator(3), 0.05, 7
     kernel = power_kernel((-0.8, 0.25), shortest_step=h, final_time=1.0, stages=3)
-    block = operator.block_tables(kernel, h, size)
+    block = block_of(operator.step_tables(kernel, h), size)
     values = np.random.default_rng(4).standard_normal((2 * size, 3, 2))
     expected = apply(operator, kernel, np.full(2 * size, h), values)
     states = np.zeros((kernel.n_states, 2))

@@ -7,7 +7,7 @@ from functools import cache
 import mpmath as mp
 import numpy as np
 import pytest
-from mesh_powers import Array, mesh_function, meshes
+from mesh_powers import Array, gauss_operator, mesh_function, meshes
 from spread import spread
 
 from fvi_cli.config.method_names import method_named
@@ -20,7 +20,6 @@ from fvi_cli.effects.laws.prony import Exponentials, prony
 from fvi_cli.effects.laws.tempered import TemperedPower, tempered
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.convolution.kernel import power_kernel
-from fvi_cli.integrator.convolution.stages import gauss_operator
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
