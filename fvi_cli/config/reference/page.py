@@ -162,9 +162,6 @@ def _inner(schema: Schema, path: str) -> Iterator[Row]:
     for name, described in schema.get("properties", {}).items():
         needed = name in schema.get("required", ())
         yield from _rows(f"{path}.{name}" if path else name, described, is_required=needed)
-    under = schema.get("additionalProperties")
-    if isinstance(under, dict):
-        yield from _inner(under, f"{path}.NAME")
 
 
 def _allowed(schema: Schema) -> str:

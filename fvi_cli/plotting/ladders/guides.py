@@ -92,11 +92,6 @@ class _Triangle:
     below: bool
 
 
-def order_label(order: float) -> str:
-    """``order 2``, ``order 3/2``."""
-    return f"order {fraction(order)}"
-
-
 def draw_slopes(
     axes: Axes,
     curves: Sequence[Curve],
@@ -138,10 +133,11 @@ def draw_slopes(
     wanted = [(order, False) for order in orders]
     wanted += [(order, True) for order in sorted(stated.difference(orders))]
     for order, is_stated in wanted:
-        label = f"stated {order:g}" if is_stated else order_label(order)
+        label = f"stated {order:g}" if is_stated else f"order {fraction(order)}"
         size = (0.42 * SMALL_TEXT * len(label) / width, 1.0 * SMALL_TEXT / height)
         targets = []
-        for k in _stating(curves, order) if is_stated else _targets(curves, order):
+        stating = [k for k, curve in enumerate(curves) if curve.stated_order == order]
+        for k in stating if is_stated else _targets(curves, order):
             first, last = curves[k].span(order)
             targets.append((*scaled[k], (first - x0) / (x1 - x0), (last - x0) / (x1 - x0)))
         for clearance in _CLEARANCES:
@@ -160,10 +156,6 @@ def draw_slopes(
                 _draw_triangle(axes, chosen[0], label, (x0, x1, y0, y1), is_stated=is_stated)
                 drawn += 1
                 break
-
-
-def _stating(curves: Sequence[Curve], order: float) -> list[int]:
-    return [k for k, curve in enumerate(curves) if curve.stated_order == order]
 
 
 def _targets(curves: Sequence[Curve], order: float) -> list[int]:
