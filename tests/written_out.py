@@ -50,17 +50,6 @@ def left_operator_rk(method: ButcherTableau, theta: float, h: float, values: Arr
     return h**-theta * result
 
 
-def right_operator_rk(method: ButcherTableau, theta: float, h: float, values: Array) -> Array:
-    """Its adjoint in the product with the weights b of the method."""
-    weights, count = power_weights(method, theta, values.shape[0]), values.shape[0]
-    adjoint = method.b[None, None, :] * weights.transpose(0, 2, 1) / method.b[None, :, None]
-    adjoint = adjoint.transpose(0, 1, 2)
-    result = np.zeros_like(values)
-    for k in range(count):
-        result[k] = np.einsum("nij,nj...->i...", adjoint[: count - k], values[k:])
-    return h**-theta * result
-
-
 @dataclass(frozen=True, kw_only=True)
 class WrittenOut:
     """Positions and momenta on the grid, ``(N + 1, d)``, and stage velocities, ``(N, m, d)``."""

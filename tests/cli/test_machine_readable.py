@@ -86,7 +86,13 @@ def test_every_shipped_configuration_is_listed_with_what_it_shows() -> None:
     ]
 
 
-@pytest.mark.parametrize("name", shipped_configs())
+LONG_PLANS = ("full-order", "ensemble", "response-spectrum")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow if n in LONG_PLANS else ()) for n in shipped_configs()],
+)
 def test_every_shipped_configuration_can_be_run(name: str, tmp_path: Path) -> None:
     """None is refused, though some are predicted to blow up."""
     for plan in fvi.plan(name, output=tmp_path):

@@ -156,17 +156,6 @@ def test_members_of_a_sweep_have_the_mesh_and_the_start_they_ask_for(tmp_path: P
         assert again.finished[1].error == middle.error
 
 
-def test_a_graded_start_is_never_lost_in_a_batch() -> None:
-    scenes = [fvi.build_problem(free(0.5, stiffness=k)).scene for k in (1.0, 2.0)]
-    method = Method(cq="gauss", degree=3, start="graded")
-    together = integrate_members(scenes, method, 200)
-    plain = integrate_members(scenes, replace(method, start="none"), 200)
-    for scene, one, other in zip(scenes, together, plain, strict=True):
-        assert np.array_equal(one.position, integrate(scene, method, 200).position)
-        # control: without the graded start the numbers are others
-        assert np.abs(one.position - other.position).max() > 1e-10
-
-
 @spread(**{"start, grading": [("graded", 1.0), ("none", 2.0)]}, kind=["linear", "nonlinear"])
 def test_the_plan_tells_the_work_of_the_mesh(start: str, grading: float, kind: str) -> None:
     problem = PULSE if kind == "nonlinear" else free(0.5)

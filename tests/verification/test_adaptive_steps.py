@@ -119,27 +119,6 @@ def test_a_jump_that_no_formula_tells_of() -> None:
     assert error(found, exact(STEP_FORCED)) > 1e-7
 
 
-def test_podlubnys_example() -> None:
-    """Bagley-Torvik under a force of 8 up to t = 1, published values at the points of a table."""
-    scene = linear_oscillator(
-        final_time=30.0, damping=damping(1.5, 1.0), forcing=pieces(("8", 1.0), ("0", math.inf))
-    )
-    times = [0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 30.0]
-    values = [
-        0.6843347531500309,
-        2.315525822792576,
-        4.425462195857781,
-        3.843966774139771,
-        -0.4556413405384094,
-        0.5316198658594876,
-        0.187375156942063,
-        0.03587938288263848,
-    ]
-    found = run(scene, 1e-9, m=10)
-    assert found.steps is not None
-    assert np.abs(found.steps(times)[:, 0] - values).max() < 1e-11
-
-
 @pytest.mark.parametrize(
     ("mu", "order", "stiffness"), [(50.0, 0.5, 100.0), (20.0, 1.5, 30.0), (50.0, 1.9, 1.0)]
 )

@@ -142,17 +142,6 @@ def test_terms_of_one_order_add_up(sampling: str, derivative: str) -> None:
     assert a.history_operations == b.history_operations > 0
 
 
-def test_integer_order_has_a_finite_memory() -> None:
-    method = Method(cq="bdf3", degree=2)
-    scene = linear_oscillator(
-        final_time=3.0,
-        damping=[FractionalDamping(order=1.0, coefficient=0.2)],
-        initial_velocity=1.0,
-    )
-    counts = [integrate(scene, method, n).history_operations for n in (100, 200)]
-    assert counts[1] < 2.1 * counts[0]
-
-
 def test_quadrature_with_more_points_than_needed() -> None:
     problem = bagley_torvik_three_quarters()
     exact = problem.exact(np.linspace(0, 1, 65))

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
-from written_out import left_operator_rk, right_operator_rk
+from written_out import left_operator_rk
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
@@ -22,7 +22,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import predict_stability
-from fvi_cli.mathematics.operators import left_operator, right_operator
 from fvi_cli.mathematics.runge_kutta import gauss_tableau
 
 Array = np.ndarray
@@ -108,51 +107,7 @@ def check_dissipation(
     assert abs(energy[-1] - energy[0] + work(1e-4)) > 1e-9 * size
 
 
-# 2. the operators of two orders, one after the other, are that of the sum
-
-
-def check_semigroup(seed: int, a: float, share: float, stages: int, n_steps: int) -> None:
-    b = share * (0.95 - a if a > 0 else 0.95 + a)
-    rng = np.random.default_rng(seed)
-    tableau, h = gauss_tableau(stages), float(rng.uniform(0.01, 10.0))
-    values = rng.normal(size=(n_steps, stages, 2))
-    for left, x in (
-        (lambda e, v: left_operator_rk(tableau, e, h, v), values),
-        (lambda e, v: left_operator(stages, e, h, v), values[:, 0]),
-    ):
-        both = left(a, left(b, x))
-        size = max(np.abs(both).max(), np.abs(left(b, x)).max() * h**-a)
-        assert np.abs(left(a + b, x) - both).max() <= 1e-11 * size
-        assert np.abs(left(a + b + 1e-6, x) - both).max() > 1e-9 * np.abs(both).max()
-
-
-# 3. the operator to the right is the adjoint of that to the left
-
-
-def check_by_parts(seed: int, exponent: float, stages: int, n_steps: int) -> None:
-    rng = np.random.default_rng(seed)
-    tableau, h = gauss_tableau(stages), 0.1
-    x, y = rng.normal(size=(2, n_steps, stages))
-    b = tableau.b
-
-    def product(one: Array, other: Array) -> float:
-        return float(((one * other) @ b).sum())
-
-    left = product(left_operator_rk(tableau, exponent, h, x), y)
-    right = product(x, right_operator_rk(tableau, exponent, h, y))
-    size = h**-exponent * np.linalg.norm(x) * np.linalg.norm(y)
-    assert abs(left - right) <= 1e-12 * size
-    wrong = product(x, left_operator_rk(tableau, exponent, h, y))
-    assert abs(left - wrong) > 1e-8 * size
-    x, y = x[:, :1], y[:, :1]
-    left = float((left_operator(stages, exponent, h, x) * y).sum())
-    right = float((x * right_operator(stages, exponent, h, y)).sum())
-    assert abs(left - right) <= 1e-12 * size
-    wrong = float((x * left_operator(stages, exponent, h, y)).sum())
-    assert abs(left - wrong) > 1e-8 * size
-
-
-# 4. without damping the flow keeps areas: S^T J S = J
+# 2. without damping the flow keeps areas: S^T J S = J
 
 
 def flow(scene: Scene, method: Method, n_steps: int) -> Callable[[Array], Array]:
@@ -186,7 +141,7 @@ def check_symplectic(seed: int, d: int, index: int, n_steps: int) -> None:
     assert area_defect(damped) > 1e-3
 
 
-# 5. without damping the way back is the way there
+# 3. without damping the way back is the way there
 
 
 def way_back(scene: Scene, method: Method, n_steps: int) -> float:
@@ -215,7 +170,7 @@ def check_reversal(seed: int, d: int, index: int, n_steps: int) -> None:
     assert way_back(scene, METHODS[index], n_steps) > 1e-3
 
 
-# 6. units
+# 4. units
 
 
 def in_units(scene: Scene, *, second: float = 1.0, metre: float = 1.0, gram: float = 1.0) -> Scene:
@@ -272,7 +227,7 @@ def check_units(
     assert np.abs(found.position / 1e-9 - plain.position).max() > 1e-7 * size
 
 
-# 7. the order of the coordinates
+# 5. the order of the coordinates
 
 
 def check_permutation(seed: int, d: int, orders: list[float], index: int, n_steps: int) -> None:
@@ -322,25 +277,6 @@ PROPERTIES = {
             "velocity": st.booleans(),
         },
         check_dissipation,
-    ),
-    "semigroup": Property(
-        {
-            "seed": SEEDS,
-            "a": st.floats(-0.9, 0.9).filter(lambda a: abs(a) > 0.02),
-            "share": st.floats(0.05, 1.0),
-            "stages": STAGES,
-            "n_steps": st.integers(2, 100),
-        },
-        check_semigroup,
-    ),
-    "integration by parts": Property(
-        {
-            "seed": SEEDS,
-            "exponent": st.floats(-0.95, 0.95).filter(lambda a: abs(a) > 0.02),
-            "stages": STAGES,
-            "n_steps": st.integers(4, 100),
-        },
-        check_by_parts,
     ),
     "symplecticity": Property(
         {"seed": SEEDS, "d": DIMENSIONS, "index": INDICES, "n_steps": N_STEPS}, check_symplectic
