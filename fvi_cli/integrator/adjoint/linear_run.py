@@ -28,16 +28,10 @@ def linear_run(scene: Scene, method: Method, mesh: Mesh) -> LinearisedRun:
         If the equations of a step have no unique solution, or a step has too many unknowns.
     """
     tables, d = step_tables(method), scene.dimension
-    sizes = np.repeat(
-        [one.step_size for one in mesh.stretches], [one.n_steps for one in mesh.stretches]
-    )
-    time = np.concatenate(
-        [[0.0]]
-        + [
-            np.append(one.begin + one.step_size * np.arange(1, one.n_steps), one.end)
-            for one in mesh.stretches
-        ]
-    )
+    sizes = np.concatenate([np.full(one.n_steps, one.step_size) for one in mesh.stretches])
+    inside = [one.begin + one.step_size * np.arange(1, one.n_steps) for one in mesh.stretches]
+    ends = [np.append(own, one.end) for own, one in zip(inside, mesh.stretches, strict=True)]
+    time = np.concatenate([[0.0], *ends])
     nothing = np.zeros((time.size, d))
     stages = np.zeros((sizes.size, tables.points.size, d, 1))
     rest = RunSteps(

@@ -63,14 +63,16 @@ class Quantity:
         if self.of is None:
             return None
         text = self.of if isinstance(self.of, str) else self.of(asked.coordinates)
-        if text in (asked.quantities or {}):
-            text = (asked.quantities or {})[text].text
+        quantities = asked.quantities or {}
+        if text in quantities:
+            text = quantities[text].text
         names = known_names(asked.coordinates, (*asked.parameters, *asked.inputs))
         works = [name for name in work_names(scene) if name not in names]
         try:
             found = Expression.parse(text, variables=(*names, *works))
         except ValueError as error:
-            raise ValueError(f"quantity: {error}") from None
+            others = f"; quantities: {', '.join(quantities)}" if quantities else ""
+            raise ValueError(f"quantity: {error}{others}") from None
         for name in sorted(found.names.intersection(works)):
             raise ValueError(
                 f"quantity: {name} adds up from the beginning of the run, and has no derivative "

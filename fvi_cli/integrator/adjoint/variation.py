@@ -17,6 +17,7 @@ from fvi_cli.effects.matrices import entries
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun
+from fvi_cli.integrator.balances.mesh_balance import loads_along
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.steps_of_run import RunSteps
@@ -199,17 +200,10 @@ class _Rates:
 
 def loads_of(scene: Scene, method: Method, steps: RunSteps) -> Array:
     """Load vectors of all steps of a run, ``(n, s + 1, d)``."""
-    loads = StepLoads(scene, method, steps.tables)
-    every = np.zeros((steps.n_steps, steps.tables.degree + 1, scene.dimension))
-    if loads.is_empty:
-        return every
-    fresh = {0.0, *scene.break_points}
-    pairs = zip(steps.time[:-1].tolist(), steps.step_size.tolist(), strict=True)
-    for index, (time, h) in enumerate(pairs):
-        own = loads.of_steps(time, h, 1, is_fresh=time in fresh)
-        if own is not None:
-            every[index] = own[0]
-    return every
+    fresh = np.isin(steps.time[:-1], [0.0, *scene.break_points])
+    found = loads_along(StepLoads(scene, method, steps.tables).of_steps, steps, fresh)
+    nothing = np.zeros((steps.n_steps, steps.tables.degree + 1, scene.dimension))
+    return nothing if found is None else found
 
 
 def _have_same_laws(one: Scene, other: Scene) -> bool:

@@ -106,7 +106,7 @@ def diagnose_run(
         force, stored = damping_along(damping, steps)
         forces = np.einsum("vi,nid->nvd", steps.tables.test_weights, force)
         forces *= steps.step_size[:, None, None]
-    added = _all_loads(loads.of_damping, steps, fresh)
+    added = loads_along(loads.of_damping, steps, fresh)
     if added is not None:
         forces = -added if forces is None else forces - added
     return diagnose(
@@ -115,17 +115,27 @@ def diagnose_run(
             dynamics=dynamics,
             energy=dynamics.energy(steps.position, steps.momentum, steps.time),
             damping=forces,
-            forcing=_all_loads(loads.of_forcing, steps, fresh),
+            forcing=loads_along(loads.of_forcing, steps, fresh),
             stored=stored,
         ),
         asked,
     )
 
 
-def _all_loads(
+def loads_along(
     of_steps: Callable[..., Array | None], steps: RunSteps, fresh: NDArray[np.bool_]
 ) -> Array | None:
-    """Load vectors of all steps, shape ``(n, s + 1, d)``."""
+    """Load vectors of all steps of a run, shape ``(n, s + 1, d)``; None without forces.
+
+    Parameters
+    ----------
+    of_steps
+        As :meth:`fvi_cli.integrator.loads.step_loads.StepLoads.of_steps`.
+    steps
+        The run.
+    fresh
+        Steps that begin where a force may be singular, shape ``(n,)``.
+    """
     found = []
     for first, last in _pieces(steps.step_size):
         begin = first

@@ -93,7 +93,7 @@ def fit_model(settings: FitSettings, described: FitModel, *, with_scan: bool = T
             found += distinct([least_squares_from(model, model.start, bounds, tolerance=1e-3)])
     found = distinct(found)
     if not found:
-        return _failed(model, deviations, "no run comes to its end near the start")
+        return _failed(model, "no run comes to its end near the start")
     best, others = found[0], found[1:]
     bounds = next(b for b in _regions(model) if _holds(b, best.point))
     tolerance, ratio = FIRST_TOLERANCE, math.inf
@@ -102,7 +102,7 @@ def fit_model(settings: FitSettings, described: FitModel, *, with_scan: bool = T
         for _ in range(MOST_REWEIGHTINGS):
             again = least_squares_from(model, best.point, bounds)
             if again is None:
-                return _failed(model, deviations, "the run fails at the best point", best.point)
+                return _failed(model, "the run fails at the best point", best.point)
             best = again
             if is_known or len(every) == 1:
                 break
@@ -248,35 +248,28 @@ def _result(
         reach = (bounds[0][index], bounds[1][index])
         sides: list[Side] = []
         for sign, limit in ((-1.0, bounds[0][index]), (1.0, bounds[1][index])):
+            step = sign * threshold * errors[index]
             if is_clean:
                 # the misfit is round-off: only its curvature says anything
-                end = float(np.clip(best.point[index] + sign * threshold * errors[index], *reach))
-                sides.append(Side(end=end, is_bound=False, points=np.zeros((0, 2))))
-                continue
-            if not is_regular or not best.is_converged:
-                sides.append(Side(end=sign * math.inf, is_bound=False, points=np.zeros((0, 2))))
-                continue
-            sides.append(
-                profile_side(
-                    model,
-                    best.point,
-                    at_best,
-                    index,
-                    sign * threshold * errors[index],
-                    float(limit),
-                    variance=variance,
-                    threshold=threshold,
+                sides.append(Side(end=float(np.clip(best.point[index] + step, *reach))))
+            elif not is_regular or not best.is_converged:
+                sides.append(Side(end=sign * math.inf))
+            else:
+                sides.append(
+                    profile_side(
+                        model,
+                        best.point,
+                        at_best,
+                        index,
+                        step,
+                        float(limit),
+                        variance=variance,
+                        threshold=threshold,
+                    )
                 )
-            )
         low, high = (one.outer(side.end) for side in sides)
         ends = {(True, True): "both", (True, False): "low", (False, True): "high"}
-        tried = np.concatenate(
-            [
-                sides[0].points.reshape(-1, 2),
-                [[best.point[index], 0.0]],
-                sides[1].points.reshape(-1, 2),
-            ]
-        )
+        tried = np.concatenate([sides[0].points, [[best.point[index], 0.0]], sides[1].points])
         tried = tried[np.argsort(tried[:, 0])]
         profile = np.column_stack([[one.outer(u) for u in tried[:, 0]], tried[:, 1]])
         estimates.append(
@@ -356,35 +349,17 @@ def _series(
     )
 
 
-def _failed(
-    model: MotionModel, deviations: Sequence[float], message: str, point: Array | None = None
-) -> ModelFit:
+def _failed(model: MotionModel, message: str, point: Array | None = None) -> ModelFit:
     """What is reported where nothing could be computed."""
     values = model.values(model.start if point is None else point)
     return ModelFit(
         model=model.model,
         estimates=tuple(
-            Estimate(
-                name=one.name,
-                value=float(value),
-                standard_error=math.nan,
-                low=-math.inf,
-                high=math.inf,
-                at_bound="",
-                profile=np.zeros((0, 2)),
-            )
+            Estimate(name=one.name, value=float(value))
             for one, value in zip(model.free, values, strict=True)
         ),
         correlations=np.eye(len(model.free)),
-        series=(),
-        misfit=math.inf,
-        criterion=math.inf,
-        whiteness=1.0,
-        steps=0,
-        discretisation=math.inf,
-        others=(),
         evaluations=model.evaluations,
-        is_converged=False,
         message=message,
         assignments=tuple(model.assignments(number, values) for number in range(len(model.data))),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +36,8 @@ class Side:
     """
 
     end: float
-    is_bound: bool
-    points: Array
+    is_bound: bool = False
+    points: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 def quantile(freedom: int, *, is_known: bool) -> float:
@@ -91,10 +91,10 @@ def profile_side(
             root = math.sqrt(max(found[1] - at_best.cost, 0.0) / variance)
             points.append((value, sign * root))
         if abs(root - threshold) <= CLOSE * threshold:
-            return Side(end=value, is_bound=False, points=np.array(points))
+            return Side(end=value, points=np.array(points).reshape(-1, 2))
         if root < threshold:
             if is_bound:
-                return Side(end=value, is_bound=True, points=np.array(points))
+                return Side(end=value, is_bound=True, points=np.array(points).reshape(-1, 2))
             inner, root_inner = value, root
             if found is not None:
                 point = found[0]
@@ -109,9 +109,8 @@ def profile_side(
             if root_outer < math.inf:
                 share = (threshold - root_inner) / (root_outer - root_inner)
             distance = width * min(max(share, 0.05), 0.95)
-    if outer is None:
-        return Side(end=sign * math.inf, is_bound=False, points=np.array(points))
-    return Side(end=inner, is_bound=False, points=np.array(points))
+    end = sign * math.inf if outer is None else inner
+    return Side(end=end, points=np.array(points).reshape(-1, 2))
 
 
 def _others(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +36,11 @@ class Estimate:
 
     name: str
     value: float
-    standard_error: float
-    low: float
-    high: float
-    at_bound: str
-    profile: Array
+    standard_error: float = math.nan
+    low: float = -math.inf
+    high: float = math.inf
+    at_bound: str = ""
+    profile: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +70,7 @@ class SeriesFit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelFit:
-    """One model, fitted.
+    """One model, fitted; by default as where nothing could be computed.
 
     Parameters
     ----------
@@ -106,17 +107,17 @@ class ModelFit:
     model: FitModel
     estimates: tuple[Estimate, ...]
     correlations: Array
-    series: tuple[SeriesFit, ...]
-    misfit: float
-    criterion: float
-    whiteness: float
-    steps: int
-    discretisation: float
-    others: tuple[tuple[float, ...], ...]
     evaluations: int
-    is_converged: bool
     message: str
     assignments: tuple[dict[str, float], ...]
+    series: tuple[SeriesFit, ...] = ()
+    misfit: float = math.inf
+    criterion: float = math.inf
+    whiteness: float = 1.0
+    steps: int = 0
+    discretisation: float = math.inf
+    others: tuple[tuple[float, ...], ...] = ()
+    is_converged: bool = False
 
     @property
     def n_values(self) -> int:
