@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fvi_cli.studies.fits.fitting import fit_model
+from fvi_cli.studies.fits.model import Evaluation
 from fvi_cli.studies.fits.result import ModelFit
 from fvi_cli.studies.fits.settings import (
     Amplitude,
@@ -17,6 +18,7 @@ from fvi_cli.studies.fits.settings import (
     FitSettings,
     Series,
 )
+from fvi_cli.studies.fits.statistics import covariance
 
 WIDE = np.geomspace(0.05, 3.0, 40)
 
@@ -141,3 +143,16 @@ def test_several_minima_that_fit_alike_are_told() -> None:
     np.testing.assert_allclose(sorted(here[:2]), [0.4, 1.5], atol=0.02)
     assert any("another minimum fits alike" in one for one in found.warnings)
     np.testing.assert_allclose(found.others[0], here[[1, 0, 3, 2, 4]], rtol=1e-2)
+
+
+def test_a_parameter_without_influence_has_no_error() -> None:
+    slopes = np.array([[1.0, 0.0], [2.0, 0.0], [-1.0, 0.0]])
+    with np.errstate(all="raise"):
+        _, errors, is_told = covariance(Evaluation(residuals=np.ones(3), jacobian=slopes), 0.5)
+    assert not is_told
+    assert np.isinf(errors).all()
+    slopes[1, 1] = 3.0
+    _, errors, is_told = covariance(Evaluation(residuals=np.ones(3), jacobian=slopes), 0.5)
+    inverse = np.linalg.inv(slopes.T @ slopes)
+    assert is_told
+    np.testing.assert_allclose(errors, np.sqrt(0.5 * np.diag(inverse)), rtol=1e-12)
