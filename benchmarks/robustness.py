@@ -29,6 +29,7 @@ from fvi_cli.__main__ import INTERRUPTED, main
 from fvi_cli.config import parse_config
 from fvi_cli.errors import FviError
 from fvi_cli.storage import list_runs
+from fvi_cli.storage.groups import StoredGroup
 from fvi_cli.storage.provenance import origin
 
 LADDER = """\
@@ -200,7 +201,9 @@ def complete_in(path: Path) -> set[str]:
             for group in groups
             if "complete" in group.attrs
             for one in (
-                group["identity"].asstr()[()] if "identity" in group else [group.attrs["identity"]]
+                group["identity"].asstr()[()]
+                if "identity" in group
+                else [StoredGroup(group).said["identity"]]
             )
         }
 

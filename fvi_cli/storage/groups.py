@@ -11,7 +11,7 @@ checksums of their arrays, so that a listing is verified without reading them.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -36,6 +36,9 @@ from fvi_cli.storage.records import (
 
 COMPLETE = "complete"
 """Attribute of a group that is written last."""
+
+PACKED = "attributes"
+"""Attribute of a group in a part: all that is said of its runs, as one text of JSON."""
 
 CONVERGENCE = "convergence"
 """Group of a case that holds no run."""
@@ -65,7 +68,15 @@ class StoredGroup:
     @cached_property
     def keys(self) -> tuple[str, ...]:
         """What members of a sweep differ in; nothing where one run stands alone."""
-        return tuple(json.loads(self.group.attrs[SWEPT])) if SWEPT in self.group.attrs else ()
+        return tuple(json.loads(self.said[SWEPT])) if SWEPT in self.said else ()
+
+    @cached_property
+    def said(self) -> Mapping[str, Any]:
+        """What is said of the runs, not verified."""
+        packed = self.group.attrs.get(PACKED)
+        if packed is None:
+            return dict(self.group.attrs)
+        return {name: attribute(value) for name, value in json.loads(packed).items()}
 
     @cached_property
     def nodes(self) -> dict[str, h5py.Dataset]:
@@ -82,7 +93,7 @@ class StoredGroup:
     def attributes(self) -> dict[str, Any]:
         """Attributes of the group."""
         last = (COMPLETE, CHECKSUM)
-        said = {name: value for name, value in self.group.attrs.items() if name not in last}
+        said = {name: value for name, value in self.said.items() if name not in last}
         columns = {f"{name}[member]": values for name, values in self.by_member.items()}
         if checksum({**said, **columns}) != self.group.attrs[CHECKSUM]:
             raise ValueError(f"what is said in {self.group.name} is not what was written")
@@ -171,6 +182,27 @@ class StoredGroup:
     @cached_property
     def _bytes(self) -> int:
         return sum(int(node.nbytes) for node in self.nodes.values())
+
+
+def attribute(value: Any) -> Any:
+    """A value as other readers of HDF5 expect it: text, float64, int64, or an array of these.
+
+    Raises
+    ------
+    TypeError
+        For anything else; bool and None have no counterpart in netCDF.
+    """
+    if isinstance(value, str):
+        return value
+    if isinstance(value, int | np.integer) and not isinstance(value, bool):
+        return np.int64(value)
+    if isinstance(value, float | np.floating):
+        return np.float64(value)
+    if isinstance(value, np.ndarray | list):
+        values = np.asarray(value)
+        if values.dtype.kind in "if" and values.size:
+            return values
+    raise TypeError(f"attribute: {value!r} is not text, a number or an array of numbers")
 
 
 def children(group: h5py.Group) -> dict[str, Any]:

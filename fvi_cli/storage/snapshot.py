@@ -101,7 +101,7 @@ class Snapshot:
         path = str(group.group.name)
         self._groups[path] = group
         # a run that stands alone is verified when it is read
-        a = group.group.attrs if not group.keys else group.attributes
+        a = group.said if not group.keys else group.attributes
         specification = json.loads(a["specification"])
         # one text for all runs that share it
         variant = sys.intern(variant_of(specification, group.keys))

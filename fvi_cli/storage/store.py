@@ -246,10 +246,11 @@ class Store:
             # experiments may share a run, and a refusal has the identity of what it refuses
             names = [*columns["identity"], columns["experiment"][0], *columns["status"]]
             path = self.parts / f"{sha256(';'.join(names))}{SUFFIX}"
+            place = group_path(place_of(together[0].run))
             if path in self._parts:
                 self._parts.pop(path).close()
             with replacing(path) as new:
-                write_group(new.file, group_path(place_of(together[0].run)), columns, [records])
+                write_group(new.file, place, columns, [records], is_part=True)
             remove_checkpoints(self.parts, columns["identity"])
             for row, (finished, record) in enumerate(zip(together, records, strict=True)):
                 location = location_of(path, row, finished, record)
@@ -283,8 +284,7 @@ class Store:
             if held is not None and self._data_of(held) != self._data_of(location):
                 raise StorageError(
                     f"{location.file}: {location.group} has other numbers than the same run in "
-                    f"{held.file}: they were not made by the same code; compute one of them again "
-                    "(--fresh)"
+                    f"{held.file}: other code made them; compute one of them again (--fresh)"
                 )
             if held is None:
                 self._learn([location])

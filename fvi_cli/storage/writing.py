@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.storage.fields.observed import COUNTS, OCCURRENCE, observed_meaning, occurrences
-from fvi_cli.storage.groups import COMPLETE, MEMBER, Columns, datasets_below
+from fvi_cli.storage.groups import COMPLETE, MEMBER, PACKED, Columns, attribute, datasets_below
 from fvi_cli.storage.provenance import CHECKSUM, canonical_json, checksum, plain, sha256
 from fvi_cli.storage.records import (
     LONG_NAMES,
@@ -93,7 +93,12 @@ def columns_of(attributes: Sequence[Mapping[str, Any]]) -> Columns:
 
 
 def write_group(
-    file: h5py.File, path: str, columns: Columns, blocks: Iterable[Sequence[Record]]
+    file: h5py.File,
+    path: str,
+    columns: Columns,
+    blocks: Iterable[Sequence[Record]],
+    *,
+    is_part: bool = False,
 ) -> WrittenGroup:
     """Write a run, or members of a sweep, into one group.
 
@@ -108,11 +113,17 @@ def write_group(
         is what all have in common.
     blocks
         The runs in order, some at a time. The first block fixes the degrees of freedom.
+    is_part
+        Nobody but this package reads it, so that all that is said may be one text.
     """
     group = file.create_group(path, track_order=True)
     keys: list[str] = json.loads(columns[SWEPT][0]) if SWEPT in columns else []
     count, length = len(columns["identity"]), max(int(points) for points in columns[POINTS])
-    said = _say_of_members(group, columns, keys) if keys else _say(group, columns)
+    by_member: Columns = {}
+    if keys:
+        said, by_member = _said_of_members(group, columns, keys)
+    else:
+        said = {name: attribute(values[0]) for name, values in columns.items()}
     shared: dict[str, NDArray[Any]] = {}
     start = 0
     for block in blocks:
@@ -140,21 +151,17 @@ def write_group(
                     values[row, : record.datasets[name].shape[0]] = record.datasets[name]
             group[name][start : start + len(block)] = values
         start += len(block)
-    _attach_scales(group)
-    said["shared_sha256"] = group.attrs["shared_sha256"] = digest_of(shared)
-    group.attrs[CHECKSUM] = checksum(said)
+    said["shared_sha256"] = digest_of(shared)
+    if is_part:
+        group.attrs[PACKED] = json.dumps({name: plain(value) for name, value in said.items()})
+    else:
+        _attach_scales(group)
+        for name, value in said.items():
+            group.attrs[name] = value
+    of_members = {f"{name}{_OF_MEMBER}": values for name, values in by_member.items()}
+    group.attrs[CHECKSUM] = checksum(said | of_members)
     group.attrs[COMPLETE] = np.int64(1)
-    is_of_member = {name: name.endswith(_OF_MEMBER) for name in said}
-    return WrittenGroup(
-        attributes={name: value for name, value in said.items() if not is_of_member[name]},
-        by_member={
-            name.removesuffix(_OF_MEMBER): value
-            for name, value in said.items()
-            if is_of_member[name]
-        },
-        keys=tuple(keys),
-        count=count,
-    )
+    return WrittenGroup(attributes=said, by_member=by_member, keys=tuple(keys), count=count)
 
 
 def _label_occurrences(group: h5py.Group, name: str, columns: Columns) -> int:
@@ -167,16 +174,10 @@ def _label_occurrences(group: h5py.Group, name: str, columns: Columns) -> int:
     return most
 
 
-def _say(group: h5py.Group, columns: Columns) -> dict[str, Any]:
-    """Write the attributes of one run; returns them as they are read."""
-    said = {name: attribute(values[0]) for name, values in columns.items()}
-    for name, value in said.items():
-        group.attrs[name] = value
-    return said
-
-
-def _say_of_members(group: h5py.Group, columns: Columns, keys: Sequence[str]) -> dict[str, Any]:
-    """Write what is said of members; returns it as it is read."""
+def _said_of_members(
+    group: h5py.Group, columns: Columns, keys: Sequence[str]
+) -> tuple[dict[str, Any], Columns]:
+    """What members have in common, and what they differ in, which is written."""
     said: dict[str, Any] = {"specification": columns["specification"][0]}
     by_member: Columns = {key: columns[key] for key in keys}
     for name, values in columns.items():
@@ -188,13 +189,11 @@ def _say_of_members(group: h5py.Group, columns: Columns, keys: Sequence[str]) ->
             said[name] = attribute(summary)
         if differs or name in ALWAYS_BY_MEMBER:
             by_member[name] = values
-    for name, value in said.items():
-        group.attrs[name] = value
     group.create_dataset(MEMBER, data=np.arange(len(columns["identity"]))).make_scale(MEMBER)
     group[MEMBER].attrs["long_name"] = MEANINGS[MEMBER]
     for name, values in by_member.items():
         write_column(group, name, values, coordinates=() if name in keys else keys)
-    return said | {f"{name}{_OF_MEMBER}": values for name, values in by_member.items()}
+    return said, by_member
 
 
 def _same(one: Any, other: Any) -> bool:
@@ -203,27 +202,6 @@ def _same(one: Any, other: Any) -> bool:
     if isinstance(one, float) and isinstance(other, float):
         return one == other or (math.isnan(one) and math.isnan(other))
     return type(one) is type(other) and bool(one == other)
-
-
-def attribute(value: Any) -> Any:
-    """A value as other readers of HDF5 expect it: text, float64, int64, or an array of these.
-
-    Raises
-    ------
-    TypeError
-        For anything else; bool and None have no counterpart in netCDF.
-    """
-    if isinstance(value, bool) or value is None:
-        raise TypeError(f"attribute: {value!r} is not text, a number or an array of numbers")
-    if isinstance(value, str):
-        return value
-    if isinstance(value, int | np.integer):
-        return np.int64(value)
-    if isinstance(value, float | np.floating):
-        return np.float64(value)
-    if isinstance(value, np.ndarray) and value.dtype.kind in "if" and value.size:
-        return value
-    raise TypeError(f"attribute: {value!r} is not text, a number or an array of numbers")
 
 
 def write_column(
