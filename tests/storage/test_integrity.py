@@ -36,11 +36,21 @@ READERS = (
 )
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The file of results as it is written."""
+    folder = tmp_path_factory.mktemp("written")
+    (folder / "quick.yaml").write_text(CONFIG)
+    assert fvi("run", str(folder / "quick.yaml"), "-o", str(folder)).exit_code == 0
+    return (folder / "quick.h5").read_bytes()
+
+
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: bytes) -> Path:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "quick.yaml").write_text(CONFIG)
-    assert fvi("run", "quick.yaml").exit_code == 0
+    (tmp_path / "results").mkdir()
+    (tmp_path / FILE).write_bytes(written)
     return tmp_path
 
 
