@@ -80,8 +80,8 @@ def test_a_run_for_which_there_is_no_memory_is_refused_with_the_number(folder, m
 
 
 def test_a_dry_run_of_a_sweep_tells_what_members_take_together(folder):
-    """Packs of twenty take other blocks than one alone, and other operations."""
-    sweep = "sweep: {problem.stiffness: {from: 1, to: 5, number: 320}}\n"
+    """Packs of sixteen take other blocks than one alone, and other operations."""
+    sweep = "sweep: {problem.stiffness: {from: 1, to: 5, number: 256}}\n"
     alone = SCENE.replace("[64, 128]", "[1024]").replace(
         "{rk: gauss, degree: [2, 3]}", "{bdf: 2, sampling: nodes}"
     )
@@ -89,11 +89,11 @@ def test_a_dry_run_of_a_sweep_tells_what_members_take_together(folder):
     (folder / "alone.yaml").write_text(alone.replace("name: planned", "name: alone"))
     header, row = fvi("run", "planned.yaml", "--dry-run").stdout.splitlines()
     told = int(row[header.index("operations") :].split()[0])
-    assert "compute 320 members" in row
+    assert "compute 256 members" in row
     (single,) = fvi("run", "alone.yaml", "--dry-run").stdout.splitlines()[1:]
     assert f" {told} " not in single
     whole = fvi("run", "planned.yaml", "--dry-run", "-v").stdout
-    assert "20 members together" in whole
+    assert "16 members together" in whole
     assert f"operations of the history: {told:,}\n" in whole
     fvi("run", "planned.yaml", "-q")
     with h5py.File(Path("results/planned.h5")) as file:
