@@ -60,6 +60,7 @@ def test_the_table_tells_of_what_is_wrong() -> None:
         n_steps=20,
         seconds=0.02,
         by_hand=0.01,
+        once=0.008,
     )
     wrong = replace(row, error=2e-6)
     refused = replace(row, outcome="refused", reason="out of reach")
@@ -68,6 +69,7 @@ def test_the_table_tells_of_what_is_wrong() -> None:
     text = tolerance_table([row, wrong, refused, blind])
     (line,) = (line for line in text.splitlines() if line.startswith("| all |"))
     assert "| 4 | 2 | 1 | 1 | 1 of 2 judged | 2 |" in line
+    assert line.endswith("| 2, 2 | 2.5, 2.5 |")
     assert "refused, out of reach" in text
 
 
