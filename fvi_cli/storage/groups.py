@@ -75,7 +75,8 @@ class StoredGroup:
         """What is said of the runs, not verified."""
         packed = self.group.attrs.get(PACKED)
         if packed is None:
-            return dict(self.group.attrs)
+            # read one by one as they are asked for
+            return self.group.attrs  # type: ignore[no-any-return]
         return {name: attribute(value) for name, value in json.loads(packed).items()}
 
     @cached_property
