@@ -277,7 +277,14 @@ def test_symbol_power_refuses_the_pole_and_bad_exponents():
 # --- weights, as the tests write them out ------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "m"), METHODS)
+@pytest.mark.parametrize(
+    ("name", "m"),
+    # the other families with as many stages take seconds each
+    [
+        pytest.param(n, m, marks=pytest.mark.slow if m > 2 and n != "radau-iia" else ())
+        for n, m in METHODS
+    ],
+)
 def test_first_weights_agree_with_fifty_digits(name, m):
     references = cauchy_weights(name, m, (*THETAS, 0.6 + 1e-9))
     for theta in THETAS:
