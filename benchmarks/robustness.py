@@ -29,6 +29,7 @@ from fvi_cli.__main__ import INTERRUPTED, main
 from fvi_cli.config import parse_config
 from fvi_cli.errors import FviError
 from fvi_cli.storage import list_runs
+from fvi_cli.storage.code import own_code
 from fvi_cli.storage.groups import StoredGroup
 from fvi_cli.storage.provenance import origin
 
@@ -285,6 +286,8 @@ def preload() -> None:
     ):
         importlib.import_module(name)
     origin()
+    # sources that are edited meanwhile would make strangers of the commands that follow
+    own_code()
 
 
 def robustness_table(tallies: Sequence[Tally]) -> str:
