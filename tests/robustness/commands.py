@@ -8,8 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import h5py
+
 import fvi_cli
-from benchmarks.robustness import LADDER, complete_in
+from benchmarks.robustness import LADDER
+from fvi_cli.storage.groups import run_groups
 
 QUICK = LADDER.replace("48]", "48, 64, 96]")
 N_RUNS = 24
@@ -87,8 +90,16 @@ def confined(folder: Path, script: str) -> subprocess.CompletedProcess[str] | No
 
 def complete_runs(path: Path) -> set[str]:
     """Complete runs in a file, which must be readable, and in the parts beside it."""
-    files = [path, *path.with_suffix(".parts").glob("[!.]*.h5")]
-    return {run for one in files if one.exists() for run in complete_in(one)}
+    found: set[str] = set()
+    for one in [path, *path.with_suffix(".parts").glob("[!.]*.h5")]:
+        if one.exists():
+            with h5py.File(one, "r") as file:
+                found |= {
+                    f"{case} N={group.said['n_steps']}"
+                    for _, case, group in run_groups(file)
+                    if group.is_complete
+                }
+    return found
 
 
 def children(process_id: int) -> list[int]:
