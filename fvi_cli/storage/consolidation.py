@@ -12,7 +12,7 @@ import h5py
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.contents import LISTING, listing_of
 from fvi_cli.storage.files import replacing, say_also
-from fvi_cli.storage.groups import CONVERGENCE, Columns
+from fvi_cli.storage.groups import CONVERGENCE, MOST_ROWS, Columns
 from fvi_cli.storage.provenance import (
     canonical_json,
     origin,
@@ -171,7 +171,7 @@ def _blocks(
         record = opened(location.file).record(location)
         waiting.append(record)
         size += sum(values.nbytes for values in record.datasets.values())
-        if size >= BLOCK_BYTES:
+        if size >= BLOCK_BYTES or len(waiting) >= MOST_ROWS:
             yield waiting
             waiting, size = [], 0
     if waiting:

@@ -47,6 +47,9 @@ MEMBER = "member"
 
 _RESIDUALS = "newton_worst_residuals"
 
+MOST_ROWS = 1024
+"""Runs that are in memory at a time, at most: what is said of short ones is more than they are."""
+
 Columns = dict[str, list[Any]]
 """The attributes of runs by name, a value for each of them."""
 
@@ -178,7 +181,8 @@ class StoredGroup:
 
     def rows_at_a_time(self, most_bytes: int) -> int:
         """How many runs are read at a time."""
-        return max(1, min(len(self), most_bytes * len(self) // max(self._bytes, 1)))
+        within = most_bytes * len(self) // max(self._bytes, 1)
+        return max(1, min(len(self), MOST_ROWS, within))
 
     @cached_property
     def _bytes(self) -> int:
@@ -252,5 +256,7 @@ def run_groups(file: h5py.File) -> Iterator[tuple[str, str, StoredGroup]]:
 def _read_column(dataset: h5py.Dataset) -> list[Any]:
     if h5py.check_string_dtype(dataset.dtype) is None:
         return list(dataset[()].tolist())
-    texts = list(dataset.asstr()[()])
+    # most are the same for many members
+    known: dict[str, str] = {}
+    texts = [known.setdefault(text, text) for text in dataset.asstr()[()]]
     return [json.loads(t) for t in texts] if "encoding" in dataset.attrs else texts
