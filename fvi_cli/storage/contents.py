@@ -162,7 +162,7 @@ def list_runs(path: Path) -> StoredFile:
     StorageError
         If the file cannot be read or is not ours.
     """
-    with reading(path) as file:
+    with reading(path) as file, path.open("rb") as again:
         root = root_attributes(file)
         provenance = {
             printable(name): printable(str(value))
@@ -170,7 +170,7 @@ def list_runs(path: Path) -> StoredFile:
             if name not in (*CONFIGURATION[:3], LISTING)
         }
         # what no other program has touched is listed as it was written, whatever there is of it
-        if LISTING in root and read_seal(path) is not None:
+        if LISTING in root and read_seal(again.fileno()) is not None:
             runs = [_listed(one) for one in json.loads(root[LISTING])]
         else:
             runs = _runs_of([(experiment, group) for experiment, _, group in run_groups(file)])

@@ -54,8 +54,10 @@ def append_seal(handle: int) -> None:
         file.write(MARK + digests + _digest_of(size, digests))
 
 
-def read_seal(path: Path) -> Seal | None:
-    """The seal of a file; None where there is none.
+def read_seal(handle: int) -> Seal | None:
+    """The seal of an open file; None where there is none.
+
+    Not that of a path: another file may take its place between two looks at it.
 
     Raises
     ------
@@ -64,12 +66,11 @@ def read_seal(path: Path) -> Seal | None:
     ValueError
         If the seal is cut off in part, or is not the one that was written.
     """
-    whole = path.stat().st_size
+    whole = os.fstat(handle).st_size
     # a seal is the longer the longer the file: that of all bytes is longer than that of some
     longest = min(length_of(whole), whole)
-    with path.open("rb") as file:
-        file.seek(whole - longest)
-        end = file.read(longest)
+    os.lseek(handle, whole - longest, os.SEEK_SET)
+    end = _read_all(handle, longest)
     begin = end.rfind(MARK)
     if begin < 0:
         if any(end.endswith(MARK[:n]) for n in range(_ENOUGH, len(MARK))):
@@ -205,8 +206,12 @@ class SealedStream(_Stream):
     """
 
     def __init__(self, path: Path) -> None:
-        self._seal = read_seal(path)
         self._file = path.open("rb", buffering=0)
+        try:
+            self._seal = read_seal(self._file.fileno())
+        except BaseException:
+            self._file.close()
+            raise
         size = os.fstat(self._file.fileno()).st_size
         self._size = size if self._seal is None else self._seal.size
         self._looked_at: set[int] = set()
