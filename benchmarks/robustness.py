@@ -30,7 +30,7 @@ from fvi_cli.config import parse_config
 from fvi_cli.errors import FviError
 from fvi_cli.storage import list_runs
 from fvi_cli.storage.code import own_code
-from fvi_cli.storage.groups import StoredGroup
+from fvi_cli.storage.groups import run_groups
 from fvi_cli.storage.provenance import origin
 
 LADDER = """\
@@ -196,17 +196,8 @@ def stored(folder: Path) -> set[str]:
 def complete_in(path: Path) -> set[str]:
     """Identities of the complete runs of a file, or of a part of one."""
     with h5py.File(path, "r") as file:
-        groups = [g for e in file.values() for c in e.values() for g in c.values()]
-        return {
-            str(one)
-            for group in groups
-            if "complete" in group.attrs
-            for one in (
-                group["identity"].asstr()[()]
-                if "identity" in group
-                else [StoredGroup(group).said["identity"]]
-            )
-        }
+        complete = [group for _, _, group in run_groups(file) if group.is_complete]
+        return {str(one) for group in complete for one in group.columns["identity"]}
 
 
 def files_of(folder: Path) -> set[str]:

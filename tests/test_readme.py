@@ -69,6 +69,7 @@ def test_the_first_command_says_nothing_that_the_program_does_not_know(tmp_path)
 def printed(code):
     """What a program prints that is run here."""
     with contextlib.redirect_stdout(io.StringIO()) as output:
+        # text of our own; a process for it would import everything once more
         exec(compile(code, "README.md", "exec"), {"__name__": "example"})
     return output.getvalue()
 
