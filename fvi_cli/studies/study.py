@@ -85,14 +85,17 @@ def execute(run: Run, checkpoints: RunKeeper | None = None) -> FinishedRun:
     if isinstance(problem, DerivativeProblem):
         trajectory = _differentiate(problem, run)
     elif not run.observations.is_empty:
-        return _observed_and_assessed(run, problem, prediction)
+        return _observed_and_assessed(run, problem, prediction, checkpoints)
     else:
         trajectory = _integrated(problem, run, checkpoints)
     return assessed(run, trajectory, prediction, reference_of(run))
 
 
 def _observed_and_assessed(
-    run: Run, problem: Problem, prediction: StabilityPrediction
+    run: Run,
+    problem: Problem,
+    prediction: StabilityPrediction,
+    checkpoints: RunKeeper | None,
 ) -> FinishedRun:
     """The run with its error on the mesh, reported at the times that are asked for.
 
@@ -101,7 +104,12 @@ def _observed_and_assessed(
     asked = run.observations
     steps = run.n_steps if asked.impacts else run.steps
     on_mesh, reported = integrate_observed(
-        problem.scene, run.method, steps, asked, diagnostics=run.experiment.diagnostics
+        problem.scene,
+        run.method,
+        steps,
+        asked,
+        diagnostics=run.experiment.diagnostics,
+        checkpoints=checkpoints,
     )
     reference = (
         unknown_reference(problem.scene, "none (a motion with impacts)")

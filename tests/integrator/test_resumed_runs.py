@@ -11,6 +11,8 @@ from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.observations.asked import observations
+from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.run import march
 from fvi_cli.integrator.run.unfinished import UnfinishedRun
 
@@ -80,12 +82,12 @@ def short_chunks(monkeypatch):
     monkeypatch.setattr(march, "CHUNK", 32)
 
 
-def stopped_twice(scene, method, **options):
+def stopped_twice(scene, method, *asked, run=integrate, **options):
     kept = Kept(stops=(3, 4))
     for _ in range(2):
         with pytest.raises(InterruptedRunError):
-            integrate(scene, method, N, checkpoints=kept, **options)
-    found = integrate(scene, method, N, checkpoints=kept, **options)
+            run(scene, method, N, *asked, checkpoints=kept, **options)
+    found = run(scene, method, N, *asked, checkpoints=kept, **options)
     assert 0 < kept.taken_up[0] < kept.taken_up[1]
     return found
 
@@ -114,6 +116,24 @@ def test_diagnostics_and_polynomials_of_a_run_that_was_stopped_are_the_same():
     balance = [one.diagnostics.energy_defect for one in (resumed, straight)]
     assert np.array_equal(*balance)
     assert np.array_equal(resumed.steps.velocity, straight.steps.velocity)
+
+
+def test_what_is_observed_of_a_run_that_was_stopped_is_the_same():
+    asked = observations(
+        ("x",),
+        quantities={"force": "dx", "speed": "abs(vx)"},
+        events={"down": {"when": "x", "direction": "falling"}},
+    )
+    straight = integrate_observed(PENDULUM, NONE, N, asked)
+    resumed = stopped_twice(PENDULUM, NONE, asked, run=integrate_observed)
+    for one, other in zip(resumed, straight, strict=True):
+        assert_same(one, other)
+    found, expected = resumed[1].observed, straight[1].observed
+    assert expected.events["down"].time.size
+    assert np.array_equal(found.events["down"].time, expected.events["down"].time)
+    assert found.extents == expected.extents
+    for name, values in expected.quantities.items():
+        assert np.array_equal(found.quantities[name], values)
 
 
 def test_a_run_that_diverges_behind_a_checkpoint_says_the_same():

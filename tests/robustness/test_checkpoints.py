@@ -75,7 +75,9 @@ def interrupt_after(monkeypatch, count):
     return written
 
 
-@pytest.mark.parametrize("options", [(), ("--set", "store={every: 7}")])
+@pytest.mark.parametrize(
+    "options", [(), ("--set", "store={every: 7}"), ("--set", "quantities={force: dx}")]
+)
 def test_the_same_command_goes_on_after_two_interruptions(monkeypatch, options):
     run("-o", "straight", *options)
     with monkeypatch.context() as patch:

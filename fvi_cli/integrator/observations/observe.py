@@ -26,6 +26,7 @@ from fvi_cli.integrator.observations.pieces import (
     stations,
 )
 from fvi_cli.integrator.run.runge_kutta import AnySteps
+from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
@@ -109,11 +110,12 @@ def integrate_observed(
     *,
     every: int = 1,
     diagnostics: Asked = NOTHING,
+    checkpoints: RunKeeper | None = None,
 ) -> tuple[Trajectory, Trajectory]:
     """Integrate a scene and observe it, as :func:`observe` says.
 
-    `every` and `diagnostics` as for :func:`fvi_cli.integrator.integrate.integrate`; a run with
-    impacts has neither.
+    `every`, `diagnostics` and `checkpoints` as for
+    :func:`fvi_cli.integrator.integrate.integrate`; a run with impacts has none of them.
 
     Raises
     ------
@@ -123,7 +125,13 @@ def integrate_observed(
     check_observable(method)
     if not asked.impacts or not isinstance(method, Method):
         run = integrate(
-            scene, method, n_steps, every=every, diagnostics=diagnostics, with_steps=True
+            scene,
+            method,
+            n_steps,
+            every=every,
+            diagnostics=diagnostics,
+            with_steps=True,
+            checkpoints=checkpoints,
         )
         return observe(scene, method, run, asked)
     if not isinstance(n_steps, int):
