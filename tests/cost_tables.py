@@ -1,7 +1,5 @@
 """Tables of costs whose numbers are known."""
 
-from __future__ import annotations
-
 import csv
 import math
 from pathlib import Path
@@ -30,7 +28,7 @@ def row(n_steps: int, error: float, seconds: float, status: str = "ok") -> CostR
         peak_memory_bytes=8 * n_steps,
         history_operations=n_steps * n_steps,
         newton_iterations=0,
-        status=status,  # type: ignore[arg-type]
+        status=status,
     )
 
 

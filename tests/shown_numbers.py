@@ -1,7 +1,5 @@
 """Texts that show numbers, compared as numbers: what round-off changes is no difference."""
 
-from __future__ import annotations
-
 import re
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")

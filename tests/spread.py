@@ -1,7 +1,5 @@
 """Tests over many combinations, of which the default suite takes as many as show every value."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Committed results, read back."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

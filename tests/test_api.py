@@ -1,7 +1,5 @@
 """Whatever the command line does is one call away, and costs nothing until it is asked for."""
 
-from __future__ import annotations
-
 import base64
 import doctest
 import re
@@ -35,14 +33,14 @@ CONFIG = {
 }
 
 
-def test_the_examples_are_true() -> None:
+def test_the_examples_are_true():
     failed, tried = doctest.testmod(api)
     assert tried >= 8
     assert failed == 0
 
 
 @pytest.mark.processes
-def test_importing_the_package_loads_nothing() -> None:
+def test_importing_the_package_loads_nothing():
     program = "import sys, fvi_cli; print('numpy' in sys.modules); fvi_cli.integrate; print(1)"
     package = str(Path(fvi.__file__).parents[1])
     done = subprocess.run(
@@ -55,7 +53,7 @@ def test_importing_the_package_loads_nothing() -> None:
     assert done.stdout.split() == ["False", "1"]
 
 
-def test_every_public_name_is_there_and_no_other() -> None:
+def test_every_public_name_is_there_and_no_other():
     assert set(api.__all__) <= set(dir(fvi))
     for name in api.__all__:
         assert getattr(fvi, name) is getattr(api, name)
@@ -69,7 +67,7 @@ def test_every_public_name_is_there_and_no_other() -> None:
         _ = fvi.campagne
 
 
-def test_a_mapping_a_file_and_a_command_give_the_same(tmp_path: Path) -> None:
+def test_a_mapping_a_file_and_a_command_give_the_same(tmp_path):
     file = tmp_path / "free.yaml"
     file.write_text(yaml.safe_dump(CONFIG), encoding="utf-8")
     (outcome,) = fvi.run(CONFIG)
@@ -84,7 +82,7 @@ def test_a_mapping_a_file_and_a_command_give_the_same(tmp_path: Path) -> None:
     assert set(fvi.figures([again], name="free")) == {"free-convergence"}
 
 
-def test_results_are_reused_recalled_and_exported(tmp_path: Path) -> None:
+def test_results_are_reused_recalled_and_exported(tmp_path):
     (first,) = fvi.run(CONFIG, output=tmp_path)
     (second,) = fvi.run(CONFIG, output=tmp_path)
     (third,) = fvi.recall(tmp_path / "free.h5")
@@ -99,7 +97,7 @@ def test_results_are_reused_recalled_and_exported(tmp_path: Path) -> None:
     assert len(written) == 8  # each with a JSON file beside it
 
 
-def test_what_would_be_done_is_told(tmp_path: Path) -> None:
+def test_what_would_be_done_is_told(tmp_path):
     assert {plan.reason for plan in fvi.plan(CONFIG, output=tmp_path)} == {"new"}
     fvi.run(CONFIG, output=tmp_path)
     plans = fvi.plan({**CONFIG, "ladder": {"steps": [4, 8, 64]}}, output=tmp_path)
@@ -113,7 +111,7 @@ def test_what_would_be_done_is_told(tmp_path: Path) -> None:
     assert {finished.status for finished in outcome.finished} == {"refused"}
 
 
-def test_a_result_file_tells_what_it_holds(tmp_path: Path) -> None:
+def test_a_result_file_tells_what_it_holds(tmp_path):
     fvi.run(CONFIG, output=tmp_path)
     stored = fvi.contents(tmp_path / "free.h5")
     assert [run.n_steps for run in stored.runs] == [4, 8, 16, 32]
@@ -131,7 +129,7 @@ COMMANDS = {  # what each command prints under a heading, by the call that stand
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_calls_write_what_commands_write(command: str, tmp_path: Path) -> None:
+def test_calls_write_what_commands_write(command, tmp_path):
     config = tmp_path / "free.yaml"
     config.write_text(yaml.safe_dump(CONFIG), encoding="utf-8")
     done = CliRunner().invoke(app, [command, str(config), "--output", str(tmp_path / "command")])
@@ -152,7 +150,7 @@ def test_calls_write_what_commands_write(command: str, tmp_path: Path) -> None:
     assert fvi.compare(results, tmp_path / "command") != []
 
 
-def test_outcomes_are_written_as_tables_and_figures(tmp_path: Path) -> None:
+def test_outcomes_are_written_as_tables_and_figures(tmp_path):
     outcomes = fvi.run(CONFIG)
     written = fvi.write(outcomes, tmp_path, name="other")
     folders = [path.relative_to(tmp_path).parts[0] for path in written]
@@ -169,7 +167,7 @@ def test_outcomes_are_written_as_tables_and_figures(tmp_path: Path) -> None:
         fvi.as_text([])
 
 
-def test_stability_is_studied_over_a_parameter() -> None:
+def test_stability_is_studied_over_a_parameter():
     tables = fvi.stability(
         {**CONFIG, "method": [{"bdf": 3, "sampling": "nodes"}]},
         over=["problem.damping.0.coefficient=1:1000:4:log"],
@@ -182,7 +180,7 @@ def test_stability_is_studied_over_a_parameter() -> None:
         fvi.stability(fvi.load(CONFIG), over=["problem.stiffness=1:2:2"])
 
 
-def test_costs_are_measured() -> None:
+def test_costs_are_measured():
     integer = {**CONFIG["problem"], "damping": [{"order": 1.0, "coefficient": 0.7}]}
     tables = fvi.cost({**CONFIG, "problem": integer, "ladder": {"steps": [4, 8]}})
     (case,) = tables[0].cases
@@ -196,7 +194,7 @@ def test_costs_are_measured() -> None:
         fvi.compare(tables, ".")
 
 
-def test_hard_cases_are_measured_by_name() -> None:
+def test_hard_cases_are_measured_by_name():
     report = fvi.hard_cases(cases=["stiff-springs"], methods=["Gauss3", "BDF6 nodes"])
     holds = {finding.method: finding.holds for finding in report.findings}
     assert holds["Gauss3"]
@@ -206,28 +204,26 @@ def test_hard_cases_are_measured_by_name() -> None:
         fvi.hard_cases(cases=["stiff-spring"])
 
 
-def test_every_command_has_a_call() -> None:
+def test_every_command_has_a_call():
     named = set(re.findall(r"``fvi ([a-z-]+)``", api.__doc__ or ""))
     assert named == {command.__name__.replace("_", "-") for command in COMMANDS_OF_THE_LINE}
     called = set(re.findall(r":(?:func|class):`(\w+)`", api.__doc__ or ""))
     assert called <= set(api.__all__)
 
 
-def test_a_starter_and_the_schema_are_given() -> None:
+def test_a_starter_and_the_schema_are_given():
     assert fvi.load(yaml.safe_load(fvi.starter_config("pendulum"))).name == "my-pendulum"
     assert "$defs" in fvi.json_schema()
     assert "damped-oscillator" in fvi.shipped_configurations()
 
 
-def test_nothing_is_written_without_a_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_is_written_without_a_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     fvi.run(CONFIG)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_mistakes_are_exceptions_with_the_words_of_the_command_line() -> None:
+def test_mistakes_are_exceptions_with_the_words_of_the_command_line():
     with pytest.raises(fvi.ConfigError, match="final_time"):
         fvi.load({**CONFIG, "problem": {**CONFIG["problem"], "final_time": -1}})
     with pytest.raises(fvi.RequestError, match="damped-oscilator"):
@@ -236,7 +232,7 @@ def test_mistakes_are_exceptions_with_the_words_of_the_command_line() -> None:
         fvi.load(fvi.load(CONFIG), overrides=["name=other"])
 
 
-def test_a_scene_is_integrated_without_any_configuration() -> None:
+def test_a_scene_is_integrated_without_any_configuration():
     scene = fvi.linear_oscillator(
         final_time=8.0,
         damping=[fvi.FractionalDamping(order=0.5, coefficient=0.7)],
@@ -248,7 +244,7 @@ def test_a_scene_is_integrated_without_any_configuration() -> None:
     assert fvi.predict_stability(scene, method, 32).verdict == "stable"
 
 
-def test_methods_are_found_by_every_name_that_they_have() -> None:
+def test_methods_are_found_by_every_name_that_they_have():
     """What a method is called in files says it in full; short names take defaults."""
     for name in fvi.shipped_configurations():
         for experiment in fvi.load(name).experiments:
@@ -267,7 +263,7 @@ def test_methods_are_found_by_every_name_that_they_have() -> None:
             fvi.method_named(wrong)
 
 
-def test_a_scene_is_integrated_by_the_name_of_a_method() -> None:
+def test_a_scene_is_integrated_by_the_name_of_a_method():
     scene = fvi.lagrangian_scene(
         coordinates=["x"],
         lagrangian="vx**2/2 - x**2/2",
@@ -286,7 +282,7 @@ def test_a_scene_is_integrated_by_the_name_of_a_method() -> None:
     assert fvi.predict_stability(scene, "gauss3", 16).verdict == "stable"
 
 
-def test_arrays_stand_for_lists_and_what_cannot_be_written_is_told() -> None:
+def test_arrays_stand_for_lists_and_what_cannot_be_written_is_told():
     arrays = {
         "kind": "bagley-torvik",
         "mass": np.eye(2),
@@ -308,7 +304,7 @@ def test_arrays_stand_for_lists_and_what_cannot_be_written_is_told() -> None:
         fvi.load({**CONFIG, "problem": {**lists, "forcing": lambda t: t}})
 
 
-def test_an_outcome_is_short_and_has_a_table_and_a_figure_for_notebooks() -> None:
+def test_an_outcome_is_short_and_has_a_table_and_a_figure_for_notebooks():
     (outcome,) = fvi.run({**CONFIG, "method": [{"rk": "gauss", "degree": [2, 3]}]})
     lines = repr([outcome]).splitlines()
     assert len(lines) == 3

@@ -1,7 +1,5 @@
 """The benchmarks measure, count and say what they measured; no time is asserted."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import os

@@ -1,7 +1,5 @@
 """A tolerance in place of a ladder from the command line: chosen, stored, recalled, refused."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A sweep from the command line: few lines, all members stored, resumed, listed and exported."""
 
-from __future__ import annotations
-
 import csv
 
 import h5py

@@ -1,7 +1,5 @@
 """Pages of docs/ say what the program does: they are compared, run, or made by it."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import re
@@ -31,14 +29,14 @@ COMMANDS = typer.main.get_command(app).commands
 FENCED = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-def test_the_reference_of_keys_is_up_to_date() -> None:
+def test_the_reference_of_keys_is_up_to_date():
     # if it is not: fvi schema --markdown > docs/configuration.md
     assert PAGES["configuration.md"] == configuration_reference()
     printed = CliRunner().invoke(app, ["schema", "--markdown"])
     assert printed.stdout == configuration_reference()
 
 
-def test_the_reference_names_every_key_of_the_schema() -> None:
+def test_the_reference_names_every_key_of_the_schema():
     def keys(schema: object) -> set[str]:
         if isinstance(schema, list):
             return set().union(*map(keys, schema))
@@ -54,7 +52,7 @@ def test_the_reference_names_every_key_of_the_schema() -> None:
 
 
 @pytest.mark.parametrize("page", sorted(PAGES))
-def test_what_is_linked_is_there(page: str) -> None:
+def test_what_is_linked_is_there(page):
     for link in re.findall(r"\]\((?!http)([^)]+)\)", PAGES[page]):
         path, _, place = link.partition("#")
         target = ROOT / "docs" / path if path else ROOT / "docs" / page
@@ -65,7 +63,7 @@ def test_what_is_linked_is_there(page: str) -> None:
 
 
 @pytest.mark.parametrize("page", sorted(PAGES))
-def test_commands_that_are_shown_exist(page: str) -> None:
+def test_commands_that_are_shown_exist(page):
     lines = [line for kind, text in FENCED.findall(PAGES[page]) if kind == "sh" for line in [text]]
     shown = re.findall(r"`(fvi [^`]+)`", PAGES[page]) + "".join(lines).splitlines()
     for line in shown:
@@ -92,16 +90,14 @@ PYTHON = [
 
 
 @pytest.mark.parametrize(("page", "number"), PYTHON)
-def test_examples_run(
-    page: str, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_examples_run(page, number, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     _, block = FENCED.findall(PAGES[page])[number]
     exec(compile(block, f"{page}, block {number}", "exec"), {"__name__": "example"})
     assert list(tmp_path.iterdir()) == []
 
 
-def test_configurations_that_are_shown_are_valid() -> None:
+def test_configurations_that_are_shown_are_valid():
     shown = [
         text
         for page in PAGES.values()
@@ -131,7 +127,7 @@ COSTS = {
 }
 
 
-def test_which_method_is_cheapest_follows_from_the_measured_costs() -> None:
+def test_which_method_is_cheapest_follows_from_the_measured_costs():
     columns = {}
     for table in itertools.chain(*COSTS.values()):
         sheets = {sheet.name: sheet for sheet in cost_report("all", [table]).sheets}
@@ -144,7 +140,7 @@ def test_which_method_is_cheapest_follows_from_the_measured_costs() -> None:
     assert cells("which-method.md", f"| error | {' | '.join(columns)} |") == expected
 
 
-def test_the_page_of_costs_says_what_was_measured() -> None:
+def test_the_page_of_costs_says_what_was_measured():
     page = (ROOT / "results/cost.md").read_text(encoding="utf-8")
     for name, tables in COSTS.items():
         report = cost_report(name, tables)
@@ -158,7 +154,7 @@ def test_the_page_of_costs_says_what_was_measured() -> None:
     assert to_markdown([Bullets(items=("1.0e+00 to 1.0e-13: nobody",))]).strip() not in page
 
 
-def test_expected_orders_are_those_of_the_program() -> None:
+def test_expected_orders_are_those_of_the_program():
     def free(order: float) -> fvi.Scene:
         return fvi.linear_oscillator(
             final_time=8.0,
@@ -190,9 +186,7 @@ def test_expected_orders_are_those_of_the_program() -> None:
         assert orders == expected, name
 
 
-def test_a_new_configuration_comes_with_its_schema(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_new_configuration_comes_with_its_schema(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     made = CliRunner().invoke(app, ["new", "first"])
     assert made.stdout.split() == ["first.yaml"]
@@ -228,7 +222,7 @@ def test_a_new_configuration_comes_with_its_schema(
         ("fvi hard-cases --method Gauss4", {"Gauss4"}),
     ],
 )
-def test_the_shell_completes(typed: str, proposed: set[str]) -> None:
+def test_the_shell_completes(typed, proposed):
     words = typed.split(" ")
     environment = {
         "_FVI_COMPLETE": "complete_bash",
@@ -239,13 +233,13 @@ def test_the_shell_completes(typed: str, proposed: set[str]) -> None:
     assert set(done.stdout.split()) == proposed
 
 
-def test_every_shipped_configuration_is_proposed() -> None:
+def test_every_shipped_configuration_is_proposed():
     from fvi_cli.cli.completion import shipped_names
 
     assert shipped_names("") == list(shipped_configs())
 
 
-def test_formulas_in_docstrings_stand_in_one_line_each() -> None:
+def test_formulas_in_docstrings_stand_in_one_line_each():
     # the reference that is made from them shows others as they are written
     broken = [
         f"{path.relative_to(ROOT)}: {line.strip()}"
@@ -257,13 +251,13 @@ def test_formulas_in_docstrings_stand_in_one_line_each() -> None:
 
 
 @pytest.mark.parametrize("page", [*sorted(PAGES), "../CONTRIBUTING.md"])
-def test_files_that_are_named_are_there(page: str) -> None:
+def test_files_that_are_named_are_there(page):
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
     for path in re.findall(r"`((?:fvi_cli|configs|docs|tests)/[\w./-]*)`", text):
         assert (ROOT / path).exists(), path
 
 
-def test_the_citation_is_complete() -> None:
+def test_the_citation_is_complete():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert {"cff-version", "message", "title", "authors"} <= set(citation)
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")

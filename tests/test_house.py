@@ -1,7 +1,5 @@
 """The shape of the house: rooms, floors and sizes that no other tool holds."""
 
-from __future__ import annotations
-
 import ast
 import runpy
 import tomllib

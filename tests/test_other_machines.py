@@ -5,8 +5,6 @@ than other processors and libraries do. Every comparison has its control: an err
 that is off by one per cent is found (three in a figure, which has three digits).
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import json
@@ -106,13 +104,13 @@ def near_one_millionth(errors: list[float]) -> float:
 
 
 @pytest.mark.parametrize("name", ORDER_TABLES)
-def test_the_rows_follow_from_their_errors(name: str) -> None:
+def test_the_rows_follow_from_their_errors(name):
     # else what is changed below would be a change of the rules as well
     assert repr(changed(computed(name), errors_by(lambda error: error))) == repr(computed(name))
 
 
 @spread(seed=range(3), name=ORDER_TABLES)
-def test_nothing_is_stale_or_written_for_round_off(name: str, seed: int, tmp_path: Path) -> None:
+def test_nothing_is_stale_or_written_for_round_off(name, seed, tmp_path):
     for path in TABLES.glob(f"{name}.*"):
         shutil.copy(path, tmp_path)
     before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in tmp_path.iterdir()}
@@ -130,7 +128,7 @@ def test_nothing_is_stale_or_written_for_round_off(name: str, seed: int, tmp_pat
 
 
 @pytest.mark.parametrize("name", ORDER_TABLES)
-def test_what_is_printed_is_the_same_on_every_machine(name: str) -> None:
+def test_what_is_printed_is_the_same_on_every_machine(name):
     draw = round_off(1)
 
     def row_of(row: OrderRow) -> OrderRow:
@@ -144,7 +142,7 @@ def test_what_is_printed_is_the_same_on_every_machine(name: str) -> None:
     assert differences_of_texts(shown, made) == []
 
 
-def test_rows_of_the_tables_of_the_paper_are_all_used() -> None:
+def test_rows_of_the_tables_of_the_paper_are_all_used():
     for name in ("table-1", "table-2"):
         rows = [row for table in computed(name) for case in table.cases for row in case.rows]
         assert len(rows) == 72
@@ -164,7 +162,7 @@ def _drawn(figure: dict, change: Change) -> dict:
 
 
 @pytest.mark.parametrize("path", FIGURES, ids=lambda path: path.stem)
-def test_no_figure_is_stale_for_round_off(path: Path) -> None:
+def test_no_figure_is_stale_for_round_off(path):
     if path.stem.endswith("-cost"):
         pytest.skip("costs are never the same twice")
     drawn = json.loads(path.read_text(encoding="utf-8"))
@@ -178,7 +176,7 @@ def test_no_figure_is_stale_for_round_off(path: Path) -> None:
         assert compare_drawn(drawn, wrong)
 
 
-def test_no_hard_case_is_stale_for_round_off() -> None:
+def test_no_hard_case_is_stale_for_round_off():
     report = stored_hard_cases()
     for seed in range(3):
         change = round_off(seed)

@@ -1,7 +1,5 @@
 """The plan on the command line: dry runs, stored files, and runs for which there is no memory."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

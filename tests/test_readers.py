@@ -1,7 +1,5 @@
 """The pages for three readers: what they show is what is shipped, and their numbers are so."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess
@@ -25,13 +23,13 @@ def page(name: str) -> str:
 
 
 @pytest.mark.parametrize("name", SHOWN)
-def test_the_configuration_on_the_page_is_the_one_that_comes_with_the_package(name: str) -> None:
+def test_the_configuration_on_the_page_is_the_one_that_comes_with_the_package(name):
     (shown,) = re.findall(r"```yaml\n(.*?)```", page(name), re.DOTALL)
     shipped = (ROOT / f"configs/{SHOWN[name]}.yaml").read_text(encoding="utf-8")
     assert shown[shown.index("name:") :] == shipped[shipped.index("\nname:") + 1 :]
 
 
-def test_the_peaks_on_the_page_are_those_of_the_building() -> None:
+def test_the_peaks_on_the_page_are_those_of_the_building():
     changes = [
         "ladder.steps=[160]",
         "method.degree=[3, 4]",
@@ -57,7 +55,7 @@ def test_the_peaks_on_the_page_are_those_of_the_building() -> None:
 
 
 @pytest.mark.processes
-def test_the_table_of_a_problem_of_ones_own_compiles_in_a_paper(tmp_path: Path) -> None:
+def test_the_table_of_a_problem_of_ones_own_compiles_in_a_paper(tmp_path):
     changes = ["ladder.steps=[16, 32, 64]", "problem.final_time=2.0"]
     changes += ["method={rk: gauss, degree: [2, 3]}"]
     tables = fvi.order_tables(fvi.run(fvi.load("elastic-pendulum", overrides=changes)))
@@ -79,7 +77,7 @@ def test_the_table_of_a_problem_of_ones_own_compiles_in_a_paper(tmp_path: Path) 
 
 
 @pytest.mark.processes
-def test_the_notebook_runs_and_shows_what_it_promises(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_notebook_runs_and_shows_what_it_promises(monkeypatch):
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
     # the kernel draws into the notebook
@@ -98,7 +96,7 @@ def test_the_notebook_runs_and_shows_what_it_promises(monkeypatch: pytest.Monkey
     assert [number for number, found in enumerate(kinds) if "image/png" in found] == [4, 5]
 
 
-def test_the_orders_on_the_page_are_those_of_the_stored_table() -> None:
+def test_the_orders_on_the_page_are_those_of_the_stored_table():
     stored = (ROOT / "results/tables/elastic-pendulum.md").read_text(encoding="utf-8")
     (row,) = re.findall(r"^\| elastic-pendulum \|.*\|$", stored, re.MULTILINE)
     found = [cell.strip() for cell in row.strip("|").split("|")[3:]]

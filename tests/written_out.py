@@ -10,8 +10,6 @@ with the weights :math:`W_n` from an integral over a circle inside of the unit o
 shared with the engine but the tableaux and the derivatives of the scene.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

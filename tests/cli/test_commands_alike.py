@@ -1,7 +1,5 @@
 """What commands have in common they do alike."""
 
-from __future__ import annotations
-
 import inspect
 
 import pytest

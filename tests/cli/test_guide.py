@@ -1,7 +1,5 @@
 """``fvi guide`` shows the pages of docs/."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from typer.testing import CliRunner

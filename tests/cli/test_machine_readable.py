@@ -1,7 +1,5 @@
 """``--json``: one document on standard output, nothing else, with the keys that docs promise."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -32,7 +30,7 @@ def promised(head: str) -> set[str]:
     return set(re.findall(r"`(\w+)`", line))
 
 
-def test_a_run_and_what_is_stored_of_it(tmp_path: Path) -> None:
+def test_a_run_and_what_is_stored_of_it(tmp_path):
     made = document("run", *QUICK, "--json", "-o", str(tmp_path))
     assert made["files"] == [(tmp_path / "bagley-torvik-1-2.h5").as_posix()]
     assert set(made) | set(made["runs"][0]) == promised("run --json")
@@ -45,7 +43,7 @@ def test_a_run_and_what_is_stored_of_it(tmp_path: Path) -> None:
     assert {run["reason"] for run in planned["runs"]} == {"stored"}
 
 
-def test_what_is_no_number_is_null_and_members_tell_their_values(tmp_path: Path) -> None:
+def test_what_is_no_number_is_null_and_members_tell_their_values(tmp_path):
     sweep = ("--set", "sweep={problem.damping.0.coefficient: [1.0, 1e5]}")
     # another coefficient has another solution, and the paper has no orders for this method
     sweep += ("--set", "problem.exact=auto", "--set", "claims={}")
@@ -59,7 +57,7 @@ def test_what_is_no_number_is_null_and_members_tell_their_values(tmp_path: Path)
     assert set(values) == {1.0, 1e5}
 
 
-def test_a_check_tells_mistakes_as_well() -> None:
+def test_a_check_tells_mistakes_as_well():
     good = document("check", "bagley-torvik-1-2", "accuracy", "--json")
     (experiment,) = good["configurations"][0]["experiments"]
     keys = set(good) | set(good["configurations"][0]) | set(experiment)
@@ -71,7 +69,7 @@ def test_a_check_tells_mistakes_as_well() -> None:
     assert "did you mean 'problem'" in bad["complaints"][0]
 
 
-def test_every_shipped_configuration_is_listed_with_what_it_shows() -> None:
+def test_every_shipped_configuration_is_listed_with_what_it_shows():
     listed = document("list", "--json")["configurations"]
     assert set(listed[0]) | {"configurations"} == promised("list --json")
     assert [one["name"] for one in listed] == list(shipped_configs())
@@ -93,13 +91,13 @@ LONG_PLANS = ("full-order", "ensemble", "response-spectrum")
     "name",
     [pytest.param(n, marks=pytest.mark.slow if n in LONG_PLANS else ()) for n in shipped_configs()],
 )
-def test_every_shipped_configuration_can_be_run(name: str, tmp_path: Path) -> None:
+def test_every_shipped_configuration_can_be_run(name, tmp_path):
     """None is refused, though some are predicted to blow up."""
     for plan in fvi.plan(name, output=tmp_path):
         assert plan.action in ("compute", "try first", "candidate")
 
 
-def test_stability_regions_runs_though_most_of_it_blows_up(tmp_path: Path) -> None:
+def test_stability_regions_runs_though_most_of_it_blows_up(tmp_path):
     coarse = ("--set", "ladder.steps=[16, 64]")
     found = document("run", "stability-regions", *coarse, "--json", "-o", str(tmp_path))
     diverged = {run["case"] for run in found["runs"] if run["status"] == "diverged"}

@@ -1,9 +1,5 @@
 """Short names of options, the variable of the environment, and the help."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 from typer.testing import CliRunner
 
@@ -18,9 +14,7 @@ QUICK = (
 @pytest.mark.parametrize(
     ("options", "variable"), [(("-o", "here"), "there"), ((), "here"), (("--output", "here"), "")]
 )
-def test_the_folder_is_an_option_or_a_variable(
-    options: tuple[str, ...], variable: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_folder_is_an_option_or_a_variable(options, variable, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     environment = {"FVI_OUTPUT": variable} if variable else {}
     done = CliRunner(env=environment).invoke(app, ["run", *QUICK, *options, "-j", "1"])
@@ -29,7 +23,7 @@ def test_the_folder_is_an_option_or_a_variable(
     assert (tmp_path / "here" / "bagley-torvik-1-2.h5").is_file()
 
 
-def test_summaries_are_whole_on_a_screen_of_80_columns() -> None:
+def test_summaries_are_whole_on_a_screen_of_80_columns():
     shown = CliRunner().invoke(app, ["--help"]).stdout
     assert max(map(len, shown.splitlines())) <= 80
     words = " ".join(shown.split())

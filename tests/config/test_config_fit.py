@@ -1,7 +1,5 @@
 """``fit``: what is read, and what is refused at its line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -49,10 +47,9 @@ fit:
 """
 
 
-def test_what_is_read(folder: Path) -> None:
+def test_what_is_read(folder):
     (experiment,) = read(folder, GOOD).experiments
     settings = experiment.fit
-    assert settings is not None
     (data,) = settings.data
     assert data.name == "decay"
     assert [(one.name, one.component, one.is_velocity) for one in data.series] == [
@@ -75,21 +72,20 @@ def test_what_is_read(folder: Path) -> None:
     assert settings.deviations == {"x": 0.01, "vx": 0.02}
 
 
-def test_values_are_changed_by_set(folder: Path) -> None:
+def test_values_are_changed_by_set(folder):
     changes = (
         "fit.parameters.problem.stiffness.start=3.5",
         "fit.parameters.problem.initial.position.from=0.5",
         "fit.noise=0.1",
     )
     settings = read(folder, GOOD, changes).experiments[0].fit
-    assert settings is not None
     found = {one.key: one for one in settings.models[0].parameters}
     assert found["problem.stiffness"].start == 3.5
     assert found["problem.initial.position"].low == 0.5
     assert settings.deviations == {"x": 0.1, "vx": 0.1}
 
 
-def test_runs_do_not_depend_on_measurements(folder: Path) -> None:
+def test_runs_do_not_depend_on_measurements(folder):
     assert "fit" not in read(folder, GOOD).resolved["experiments"][0]
 
 
@@ -122,7 +118,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_what_is_refused(folder: Path, wrong: str) -> None:
+def test_what_is_refused(folder, wrong):
     key = wrong.partition(":")[0]
     entries = {
         "data": "data: {file: decay.csv, columns: {x: x}}",
@@ -136,7 +132,7 @@ def test_what_is_refused(folder: Path, wrong: str) -> None:
     assert str(folder / "decay.yaml") in str(refused.value)
 
 
-def test_a_parameter_without_influence_is_told_at_its_line(folder: Path) -> None:
+def test_a_parameter_without_influence_is_told_at_its_line(folder):
     path = folder / "decay.yaml"
     path.write_text(
         HEAD.replace("coefficient: 0.4", "coefficient: 0.0")
@@ -152,7 +148,7 @@ def test_a_parameter_without_influence_is_told_at_its_line(folder: Path) -> None
     assert load_config(path).experiments[0].fit is not None
 
 
-def test_a_configuration_without_fit_is_told(folder: Path) -> None:
+def test_a_configuration_without_fit_is_told(folder):
     done = CliRunner().invoke(app, ["fit", "damped-oscillator", "-o", str(folder / "out")])
     assert done.exit_code == 2
     assert "nothing is fitted; write fit: with data and parameters" in done.stderr

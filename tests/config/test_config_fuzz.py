@@ -1,7 +1,5 @@
 """Texts from strangers: whatever stands in them, nothing but a complaint comes out."""
 
-from __future__ import annotations
-
 import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings

@@ -1,7 +1,5 @@
 """Checking a configuration loads no engine, and thousands of members are checked soon."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -35,7 +33,7 @@ def loaded_by_check(config: Path) -> set[str]:
 
 
 @pytest.mark.processes
-def test_checking_a_nonlinear_scene_loads_numpy_yaml_and_no_engine(tmp_path: Path):
+def test_checking_a_nonlinear_scene_loads_numpy_yaml_and_no_engine(tmp_path):
     config = tmp_path / "small.yaml"
     config.write_text("problem: {kind: duffing, final_time: 1.0}\nladder: {steps: [8, 16]}\n")
     loaded = loaded_by_check(config)
@@ -53,7 +51,7 @@ def test_what_few_configurations_call_for_is_loaded_with_them():
     )
 
 
-def test_members_that_share_a_force_have_it_read_once(caplog: pytest.LogCaptureFixture):
+def test_members_that_share_a_force_have_it_read_once(caplog):
     text = (
         "name: many\nproblem: {kind: duffing, forcing: sin(t), final_time: 1.0}\n"
         "ladder: {steps: [8]}\nsweep: {problem.mass: {from: 1, to: 2, number: %d}}\n"
@@ -70,7 +68,7 @@ def test_members_that_share_a_force_have_it_read_once(caplog: pytest.LogCaptureF
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
 @pytest.mark.parametrize("name", ["pipe", "/dev/zero"])
-def test_a_force_from_a_pipe_or_a_device_is_refused_without_reading(tmp_path: Path, name: str):
+def test_a_force_from_a_pipe_or_a_device_is_refused_without_reading(tmp_path, name):
     os.mkfifo(tmp_path / "pipe")
     text = f"problem: {{kind: duffing, forcing: {{file: {name}, column: a}}, final_time: 1}}\n"
     with pytest.raises(ConfigError, match="not a file"):

@@ -1,7 +1,5 @@
 """Defaults and combinations of methods, and what is resolved."""
 
-from __future__ import annotations
-
 import pytest
 
 from fvi_cli.config import parse_config
@@ -95,7 +93,7 @@ def test_without_methods_the_default_is_gauss_of_degree_3():
 
 def test_lists_are_combined_and_the_order_is_that_of_the_keys():
     found = methods("[{degree: [1, 2], bdf: [1, 2], sampling: nodes}, {baseline: explicit-euler}]")
-    assert [m.case for m in found] == [  # type: ignore[attr-defined]
+    assert [m.case for m in found] == [
         "bdf1-nodes-s1-gauss1-none",
         "bdf1-nodes-s2-gauss2-none",
         "bdf2-nodes-s1-gauss1-none",

@@ -1,7 +1,5 @@
 """Every kind of mistake: what is said of it, and where."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 
@@ -38,7 +36,7 @@ DERIVATIVE = (
 
 def complaints_about(text: str, **options: object) -> tuple[str, ...]:
     with pytest.raises(ConfigError) as caught:
-        parse_config(text, "f.yaml", **options)  # type: ignore[arg-type]
+        parse_config(text, "f.yaml", **options)
     return caught.value.complaints
 
 
@@ -438,35 +436,35 @@ def test_text_of_strangers_stays_in_one_printable_line():
 
 
 class TestFiles:
-    def test_not_utf_8(self, tmp_path: Path):
+    def test_not_utf_8(self, tmp_path):
         path = tmp_path / "f.yaml"
         path.write_bytes(b"name: a\nx: gr\xf6sse\n")
         with pytest.raises(ConfigError, match=r"f.yaml:2:6: not UTF-8 \(byte 0xf6\)"):
             load_config(path)
 
-    def test_utf_16(self, tmp_path: Path):
+    def test_utf_16(self, tmp_path):
         path = tmp_path / "f.yaml"
         path.write_bytes(VALID.encode("utf-16"))
         with pytest.raises(ConfigError, match=r"f.yaml:1:1: not UTF-8"):
             load_config(path)
 
-    def test_too_large(self, tmp_path: Path):
+    def test_too_large(self, tmp_path):
         path = tmp_path / "f.yaml"
         path.write_bytes(b"#" * 1_000_001)
         with pytest.raises(ConfigError, match=r"f.yaml:1:1: more than 1000000 bytes"):
             load_config(path)
 
-    def test_a_byte_order_mark_is_harmless(self, tmp_path: Path):
+    def test_a_byte_order_mark_is_harmless(self, tmp_path):
         path = tmp_path / "f.yaml"
         path.write_bytes(b"\xef\xbb\xbf" + VALID.encode())
         assert load_config(path).text == VALID
 
     @pytest.mark.parametrize("name", ["missing.yaml", "."])
-    def test_not_readable(self, tmp_path: Path, name: str):
+    def test_not_readable(self, tmp_path, name):
         with pytest.raises(ConfigError, match="cannot be read"):
             load_config(tmp_path / name)
 
-    def test_nothing_is_written(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def test_nothing_is_written(self, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
         Path("good.yaml").write_text(VALID)
         Path("bad.yaml").write_text(VALID.replace("1 + t", "__import__('os').mkdir('x')"))

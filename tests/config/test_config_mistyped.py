@@ -1,7 +1,5 @@
 """Configurations as people mistype them: each is told its place and what to write instead."""
 
-from __future__ import annotations
-
 import pytest
 
 from fvi_cli.config import parse_config
@@ -25,7 +23,7 @@ def told(text: str) -> tuple[str, ...]:
     return caught.value.complaints
 
 
-def test_the_text_itself_is_valid() -> None:
+def test_the_text_itself_is_valid():
     assert parse_config(TEXT, "w.yaml").name == "w"
 
 
@@ -57,7 +55,7 @@ def test_the_text_itself_is_valid() -> None:
         ("ladder: {steps: [8, 16]}", "steps: [8]", "write ladder: {steps: [16, 32, 64]}"),
     ],
 )
-def test_what_is_mistyped_in_a_problem(old: str, new: str, complaint: str) -> None:
+def test_what_is_mistyped_in_a_problem(old, new, complaint):
     assert any(complaint in one for one in told(TEXT.replace(old, new, 1)))
 
 
@@ -82,11 +80,11 @@ def test_what_is_mistyped_in_a_problem(old: str, new: str, complaint: str) -> No
         ("units: mm", "such as {length: mm, time: s}"),
     ],
 )
-def test_what_is_mistyped_beside_it(line: str, complaint: str) -> None:
+def test_what_is_mistyped_beside_it(line, complaint):
     assert any(complaint in one for one in told(f"{TEXT}{line}\n"))
 
 
 @pytest.mark.parametrize("name", ["events", "impacts"])
-def test_what_is_missing_is_told_once(name: str) -> None:
+def test_what_is_missing_is_told_once(name):
     (one,) = told(f"{TEXT}{name}: {{floor: {{}}}}\n")
     assert f"9:{len(name) + 11}: {name}.floor.when: missing" in one

@@ -1,7 +1,5 @@
 """Changes by ``--set``."""
 
-from __future__ import annotations
-
 import pytest
 
 from fvi_cli.config import parse_config
@@ -20,13 +18,13 @@ ladder: {steps: [2, 4]}
 
 def changed(*overrides: str) -> dict[str, object]:
     (experiment,) = parse_config(TEXT, "f.yaml", overrides=overrides).resolved["experiments"]
-    return experiment  # type: ignore[no-any-return]
+    return experiment
 
 
 def test_values_are_replaced():
     found = changed("problem.mass=2", "problem.damping.0.order=0.5", "ladder.steps=[3, 6]")
-    assert found["problem"]["mass"] == 2.0  # type: ignore[index]
-    assert found["problem"]["damping"] == [{"order": 0.5, "coefficient": 1.0}]  # type: ignore[index]
+    assert found["problem"]["mass"] == 2.0
+    assert found["problem"]["damping"] == [{"order": 0.5, "coefficient": 1.0}]
     assert found["ladder"] == {"steps": [3, 6]}
 
 
@@ -39,7 +37,7 @@ def test_the_last_one_counts():
 
 
 def test_a_value_may_hold_an_equals_sign_and_an_expression():
-    assert changed("problem.forcing=1 + t**2")["problem"]["forcing"] == "1 + t**2"  # type: ignore[index]
+    assert changed("problem.forcing=1 + t**2")["problem"]["forcing"] == "1 + t**2"
     with pytest.raises(ConfigError, match=r"--set: problem\.forcing: column 3: '=' is not allowed"):
         changed("problem.forcing=t == 2")
 

@@ -1,7 +1,5 @@
 """Forces from CSV files: how they are read, what is kept of them, and every mistake."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

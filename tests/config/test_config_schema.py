@@ -1,7 +1,5 @@
 """What editors check by the JSON schema is what the program reads."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import jsonschema
@@ -32,17 +30,17 @@ def plain(text: str) -> Any:
     return values_of(node)
 
 
-def test_the_schema_is_one() -> None:
+def test_the_schema_is_one():
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
 
 
 @pytest.mark.parametrize("name", shipped_configs())
-def test_shipped_configurations_fit(name: str) -> None:
+def test_shipped_configurations_fit(name):
     CHECK.validate(plain(find_config(name).read_text(encoding="utf-8")))
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_starters_fit(kind: str) -> None:
+def test_starters_fit(kind):
     CHECK.validate(plain(starter_config(kind)))
 
 
@@ -64,7 +62,7 @@ def test_starters_fit(kind: str) -> None:
         "allow_unstable: yes",
     ],
 )
-def test_mistakes_do_not_fit(entry: str) -> None:
+def test_mistakes_do_not_fit(entry):
     CHECK.validate(plain(CONFIG))
     key = entry.partition(":")[0]
     lines = [line for line in CONFIG.splitlines() if not line.startswith(f"{key}:")]

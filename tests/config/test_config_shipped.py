@@ -1,7 +1,5 @@
 """The shipped configurations, how they are found, and that a wheel carries them."""
 
-from __future__ import annotations
-
 import functools
 import json
 from pathlib import Path
@@ -137,7 +135,7 @@ def test_the_schema_describes_every_key():
     assert len(found) > 10
     for record in found:
         assert record["additionalProperties"] is False
-        for name, described in record["properties"].items():  # type: ignore[union-attr, attr-defined]
+        for name, described in record["properties"].items():
             if "$ref" in described:
                 assert described["$ref"].removeprefix("#/$defs/") in schema["$defs"]
             else:

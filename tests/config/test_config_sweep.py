@@ -1,7 +1,5 @@
 """Sweeps in configurations: what members they make, and what is said of mistakes."""
 
-from __future__ import annotations
-
 import itertools
 
 import pytest

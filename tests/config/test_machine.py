@@ -1,7 +1,5 @@
 """How much memory can still be taken: the least of everything that limits it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -24,7 +22,7 @@ def tree(root: Path, files: dict[str, str]) -> Path:
 MACHINE = {"proc/meminfo": "MemTotal:  64000000 kB\nMemAvailable:  9000 kB\nHugePages_Total:  0\n"}
 
 
-def test_what_is_available_and_not_what_there_is(tmp_path: Path) -> None:
+def test_what_is_available_and_not_what_there_is(tmp_path):
     assert machine_bytes(tree(tmp_path, MACHINE)) == 9000 * 1024
 
 
@@ -38,9 +36,7 @@ def test_what_is_available_and_not_what_there_is(tmp_path: Path) -> None:
         (("max", "max", "max"), 9000 * 1024),
     ],
 )
-def test_every_group_around_the_process_counts(
-    tmp_path: Path, limits: tuple[str, str, str], left: int
-) -> None:
+def test_every_group_around_the_process_counts(tmp_path, limits, left):
     places = ("slurm/job_7/step_0", "slurm/job_7", "slurm")
     groups = {
         f"sys/fs/cgroup/{place}/memory.max": limit
@@ -50,7 +46,7 @@ def test_every_group_around_the_process_counts(
     assert machine_bytes(root) == left
 
 
-def test_what_is_taken_is_gone_but_for_cached_files(tmp_path: Path) -> None:
+def test_what_is_taken_is_gone_but_for_cached_files(tmp_path):
     files = {
         "proc/self/cgroup": "0::/\n",
         "sys/fs/cgroup/memory.max": "5000000\n",
@@ -60,7 +56,7 @@ def test_what_is_taken_is_gone_but_for_cached_files(tmp_path: Path) -> None:
     assert machine_bytes(tree(tmp_path, MACHINE | files)) == 3500000
 
 
-def test_groups_of_version_1(tmp_path: Path) -> None:
+def test_groups_of_version_1(tmp_path):
     files = {
         "proc/self/cgroup": "4:memory:/docker/abc\n3:cpu,cpuacct:/docker/abc\n0::/\n",
         "sys/fs/cgroup/memory/docker/memory.limit_in_bytes": "6000000",
@@ -71,7 +67,7 @@ def test_groups_of_version_1(tmp_path: Path) -> None:
     assert machine_bytes(tree(tmp_path, MACHINE | files)) == 5 * MEGA
 
 
-def test_a_container_that_does_not_see_its_group_has_the_outermost(tmp_path: Path) -> None:
+def test_a_container_that_does_not_see_its_group_has_the_outermost(tmp_path):
     files = {
         "proc/self/cgroup": "0::/../../docker/abc\n",
         "sys/fs/cgroup/memory.max": "4000000\n",
@@ -79,13 +75,13 @@ def test_a_container_that_does_not_see_its_group_has_the_outermost(tmp_path: Pat
     assert machine_bytes(tree(tmp_path, MACHINE | files)) == 4 * MEGA
 
 
-def test_groups_that_have_nothing_left_leave_nothing(tmp_path: Path) -> None:
+def test_groups_that_have_nothing_left_leave_nothing(tmp_path):
     files = {"sys/fs/cgroup/memory.max": "4000\n", "sys/fs/cgroup/memory.current": "5000\n"}
     assert machine_bytes(tree(tmp_path, MACHINE | files)) == 0
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no limit of that kind")
-def test_the_limit_of_the_address_space() -> None:
+def test_the_limit_of_the_address_space():
     code = (
         "import resource; from fvi_cli.config.machine import machine_bytes\n"
         "resource.setrlimit(resource.RLIMIT_AS, (4 * 10**9, resource.RLIM_INFINITY))\n"

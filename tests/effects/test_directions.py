@@ -1,27 +1,25 @@
 """Linear combinations of coordinates on which a force acts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from fvi_cli.effects.directions import Directions
 
 
-def test_a_damper_between_two_bodies() -> None:
+def test_a_damper_between_two_bodies():
     directions = Directions.from_text(["x2 - x1"], ("x1", "x2", "x3"))
     assert directions.rows.tolist() == [[-1.0, 1.0, 0.0]]
     assert directions.factored(0.5).form.tolist() == [[0.5, -0.5, 0.0], [-0.5, 0.5, 0.0], [0, 0, 0]]
 
 
-def test_combinations_are_read_exactly() -> None:
+def test_combinations_are_read_exactly():
     directions = Directions.from_text(
         ["(a - 2*b)/4 + 3*(b + a)", "-a", "+b**1 - (1 - 1)"], ("a", "b")
     )
     assert directions.rows.tolist() == [[3.25, 2.5], [-1.0, 0.0], [0.0, 1.0]]
 
 
-def test_a_matrix_couples_the_directions() -> None:
+def test_a_matrix_couples_the_directions():
     rng = np.random.default_rng(3)
     rows = rng.normal(size=(2, 4))
     inner = np.array([[2.0, -1.0], [-1.0, 3.0]])
@@ -48,12 +46,12 @@ def test_a_matrix_couples_the_directions() -> None:
         ("x1 +", "complete"),
     ],
 )
-def test_what_is_not_linear_is_refused(text: str, message: str) -> None:
+def test_what_is_not_linear_is_refused(text, message):
     with pytest.raises(ValueError, match=message):
         Directions.from_text([text], ("x1", "x2"))
 
 
-def test_a_matrix_of_the_wrong_size_is_refused() -> None:
+def test_a_matrix_of_the_wrong_size_is_refused():
     directions = Directions.from_text(["x1"], ("x1", "x2"))
     with pytest.raises(ValueError, match="size 2 for 1 entries"):
         directions.factored(np.eye(2))

@@ -1,7 +1,5 @@
 """Effects check themselves."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -23,11 +21,11 @@ def scene(**keywords: object) -> Scene:
         "final_time": 1.0,
         **keywords,
     }
-    return Scene(**values)  # type: ignore[arg-type]
+    return Scene(**values)
 
 
 @pytest.mark.parametrize("order", [0.0, 2.0, -0.5, 3.0, math.nan])
-def test_orders_lie_between_0_and_2(order: float) -> None:
+def test_orders_lie_between_0_and_2(order):
     with pytest.raises(ValueError, match="order"):
         FractionalDamping(order=order, coefficient=np.eye(1))
 
@@ -42,12 +40,12 @@ def test_orders_lie_between_0_and_2(order: float) -> None:
         ([[0.0]], "positive definite"),
     ],
 )
-def test_masses_are_positive_definite(matrix: list[list[float]], message: str) -> None:
+def test_masses_are_positive_definite(matrix, message):
     with pytest.raises(ValueError, match=message):
         Inertia(mass=np.array(matrix))
 
 
-def test_values_cannot_be_changed_afterwards() -> None:
+def test_values_cannot_be_changed_afterwards():
     inertia = Inertia(mass=np.eye(2))
     with pytest.raises(ValueError, match="read-only"):
         inertia.mass[0, 0] = 2.0
@@ -65,12 +63,12 @@ def test_values_cannot_be_changed_afterwards() -> None:
         ({"derivative": "weyl"}, "caputo, riemann-liouville"),
     ],
 )
-def test_scenes_refuse_what_does_not_fit(keywords: dict[str, object], message: str) -> None:
+def test_scenes_refuse_what_does_not_fit(keywords, message):
     with pytest.raises(ValueError, match=message):
         scene(**keywords)
 
 
-def test_expression_potentials_agree_with_their_own_derivatives() -> None:
+def test_expression_potentials_agree_with_their_own_derivatives():
     names = ("x", "y", "k")
     texts = {
         "energy": "k*x**2*y + cos(y)",
@@ -109,14 +107,14 @@ def test_expression_potentials_agree_with_their_own_derivatives() -> None:
     ("ends", "message"),
     [((2.0, 1.0), "increase"), ((-1.0,), "increase from 0"), ((0.0,), "increase from 0")],
 )
-def test_pieces_follow_each_other(ends: tuple[float, ...], message: str) -> None:
+def test_pieces_follow_each_other(ends, message):
     value = (Expression.parse("1", variables=("t",)),)
     pieces = [ForcingPiece(components=value, until=end) for end in (*ends, math.inf)]
     with pytest.raises(ValueError, match=message):
         Forcing(pieces=tuple(pieces))
 
 
-def test_forcing_needs_a_last_piece_without_end() -> None:
+def test_forcing_needs_a_last_piece_without_end():
     value = (Expression.parse("1", variables=("t",)),)
     with pytest.raises(ValueError, match="at least one"):
         Forcing(pieces=())
@@ -124,7 +122,7 @@ def test_forcing_needs_a_last_piece_without_end() -> None:
         Forcing(pieces=(ForcingPiece(components=value, until=1.0),))
 
 
-def test_what_does_nothing_is_not_active() -> None:
+def test_what_does_nothing_is_not_active():
     terms = (
         FractionalDamping(order=0.5, coefficient=np.zeros((2, 2))),
         FractionalDamping(order=1.0, coefficient=np.eye(2)),

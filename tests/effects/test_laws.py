@@ -1,7 +1,5 @@
 """Relaxation laws: their transforms against their spectra, and what they refuse."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Forces that are known at samples: values between them, expansions, and what they refuse."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from spread import spread

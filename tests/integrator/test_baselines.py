@@ -1,7 +1,5 @@
 """Baselines: their orders on known solutions, the work they count, and what they refuse."""
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import sys

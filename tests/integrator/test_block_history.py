@@ -1,7 +1,5 @@
 """History by FFT doubling against the sum written out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from spread import spread
@@ -57,7 +55,7 @@ KINDS = ("scalar", "finite", "several")
 
 
 @spread(kind=KINDS, **{"n, group": [(64, 8), (61, 8), (7, 8), (96, 16), (130, 16)]}, d=[1, 3])
-def test_steps_one_at_a_time(kind: str, n: int, group: int, d: int) -> None:
+def test_steps_one_at_a_time(kind, n, group, d):
     m = 2
     channels = random_channels(kind, n + 1, d)
     samples = RNG.normal(size=(n + 1, m, d))
@@ -80,7 +78,7 @@ def test_steps_one_at_a_time(kind: str, n: int, group: int, d: int) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_one_wrong_weight_is_seen(kind: str) -> None:
+def test_one_wrong_weight_is_seen(kind):
     """The control: the last weight that matters, changed by a tenth of a percent."""
     n, group, m = 64, 8, 2
     channels = random_channels(kind, n, 1)
@@ -110,7 +108,7 @@ def test_one_wrong_weight_is_seen(kind: str) -> None:
     assert np.abs(by_groups([wrong, *channels[1:]]) - expected).max() > 1e-9 * scale
 
 
-def test_operations_grow_like_n_log_n_squared() -> None:
+def test_operations_grow_like_n_log_n_squared():
     """Counted, not timed: against the direct sum, which quadruples."""
     counts = []
     for n in (2**10, 2**12, 2**14):
@@ -125,7 +123,7 @@ def test_operations_grow_like_n_log_n_squared() -> None:
     assert counts[2] < 2**27 / 8
 
 
-def test_a_finite_memory_costs_no_transform() -> None:
+def test_a_finite_memory_costs_no_transform():
     counts = []
     for n in (256, 512):
         channel = Channel(direction=np.eye(1), weights=decaying(4, ()))

@@ -1,7 +1,5 @@
 """The solution's expansion at the start, against its Laplace transform."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -42,7 +40,7 @@ def transformed_back(order: float, cutoff: float) -> dict[float, float]:
 
 
 @pytest.mark.parametrize("order", [0.37, 0.5, 1.2, 1.5, 1.9])
-def test_coefficients_are_those_of_the_laplace_transform(order: float) -> None:
+def test_coefficients_are_those_of_the_laplace_transform(order):
     """Orders whose powers meet among them: 1.5 has t**4 in two ways."""
     expected = transformed_back(order, 8.0)
     found = solution_expansion(oscillator(order), 8.0)

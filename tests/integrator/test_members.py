@@ -3,8 +3,6 @@
 Gauss methods have loops of their own, see :mod:`test_side_by_side`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
@@ -105,16 +103,16 @@ def coupled(kind: str, seed: int) -> Scene:
 
 
 @spread(method=METHODS, forcing=[None, "cos(2*t)"])
-def test_each_member_is_what_it_is_alone(method: Method, forcing: str | None) -> None:
+def test_each_member_is_what_it_is_alone(method, forcing):
     agree(oscillators(5, forcing=forcing), method, 300)
 
 
 @pytest.mark.parametrize("orders", [(), (1.0,), (1.4,), (0.3, 1.5), (0.5, 1.0, 0.5)])
-def test_orders(orders: tuple[float, ...]) -> None:
+def test_orders(orders):
     agree(oscillators(3, orders), BDF2, 200)
 
 
-def test_terms_in_any_sequence() -> None:
+def test_terms_in_any_sequence():
     # the same orders, with the coefficients of one scene at those of the other
     terms = [
         FractionalDamping(order=0.5, coefficient=np.array([[0.2]])),
@@ -135,25 +133,25 @@ def test_terms_in_any_sequence() -> None:
     agree(scenes, BDF2, 100)
 
 
-def test_riemann_liouville() -> None:
+def test_riemann_liouville():
     scenes = [replace(scene, derivative="riemann-liouville") for scene in oscillators(3)]
     agree(scenes, BDF2, 100)
 
 
 @spread(kind=["modal", "general", "uncoupled"], method=METHODS)
-def test_several_degrees_of_freedom(kind: str, method: Method) -> None:
+def test_several_degrees_of_freedom(kind, method):
     agree([coupled(kind, seed) for seed in range(4)], method, 150)
 
 
-def test_members_with_and_without_modes() -> None:
+def test_members_with_and_without_modes():
     agree([coupled("modal", 1), coupled("general", 2), coupled("uncoupled", 3)], BDF2, 80)
 
 
-def test_more_members_than_a_slice_holds() -> None:
+def test_more_members_than_a_slice_holds():
     agree(oscillators(130), BDF2, 64)
 
 
-def test_break_points_of_the_forcing() -> None:
+def test_break_points_of_the_forcing():
     scenes = oscillators(3)
     force = Forcing(
         pieces=(
@@ -174,7 +172,7 @@ def counted(call: Callable[[], object]) -> tuple[int, int]:
     return batches.call_count, alone.call_count
 
 
-def test_those_that_fit_together_are_one_batch() -> None:
+def test_those_that_fit_together_are_one_batch():
     scenes = oscillators(4)
     assert counted(lambda: integrate_members(scenes, BDF2, 64)) == (1, 0)
     mixed = [*scenes, *oscillators(2, (0.7,)), replace(scenes[0], final_time=4.0)]
@@ -197,13 +195,13 @@ def test_those_that_fit_together_are_one_batch() -> None:
     ],
     ids=lambda method: method.case,
 )
-def test_methods_that_take_members_one_by_one(method: AnyMethod) -> None:
+def test_methods_that_take_members_one_by_one(method):
     batch = integrate_members(oscillators(2), method, 40)
     for scene, one in zip(oscillators(2), batch, strict=True):
         assert np.array_equal(one.position, integrate(scene, method, 40).position)
 
 
-def test_a_member_that_diverges_does_not_spoil_the_others() -> None:
+def test_a_member_that_diverges_does_not_spoil_the_others():
     method = Method(cq="bdf2", sampling="nodes", degree=1)
     scenes = oscillators(4, (1.5,))
     # explicit in the damping: unstable for a large coefficient
@@ -219,7 +217,7 @@ def test_a_member_that_diverges_does_not_spoil_the_others() -> None:
         assert difference(one, other) <= TOLERANCE
 
 
-def test_operations_are_those_of_the_member() -> None:
+def test_operations_are_those_of_the_member():
     scenes = oscillators(3)
     batch = integrate_members(scenes, BDF2, 600)
     assert len({one.history_operations for one in batch}) == 1
@@ -237,7 +235,7 @@ def test_operations_are_those_of_the_member() -> None:
     assert sum(one.history_operations for one in again) == seen[0] > 0
 
 
-def test_thinned() -> None:
+def test_thinned():
     scenes = oscillators(2)
     batch = integrate_members(scenes, BDF2, 50, every=7)
     for scene, one in zip(scenes, batch, strict=True):
@@ -246,7 +244,7 @@ def test_thinned() -> None:
         assert difference(one, alone) <= TOLERANCE
 
 
-def test_wrong_numbers_are_refused() -> None:
+def test_wrong_numbers_are_refused():
     with pytest.raises(ValueError, match="n_steps: 0 is not allowed"):
         integrate_members(oscillators(2), BDF2, 0)
     with pytest.raises(ValueError, match="every: 0 is not allowed"):
@@ -254,7 +252,7 @@ def test_wrong_numbers_are_refused() -> None:
     assert integrate_members([], BDF2, 8) == []
 
 
-def test_a_wrong_member_would_be_seen() -> None:
+def test_a_wrong_member_would_be_seen():
     """The control: one weight of ten thousand in one coefficient."""
     scenes = oscillators(3)
     batch = integrate_members(scenes, BDF2, 100)
@@ -265,7 +263,7 @@ def test_a_wrong_member_would_be_seen() -> None:
 
 
 @pytest.mark.parametrize("n_steps", [3, 32, 33])
-def test_singular_steps_end_a_run_wherever_they_begin(n_steps: int) -> None:
+def test_singular_steps_end_a_run_wherever_they_begin(n_steps):
     """On a mesh of its own, singly and in blocks: what was done before them is kept."""
     scene = linear_oscillator(stiffness=-64.0, final_time=1.0 + 0.25 * n_steps, initial_position=1)
     mesh = Mesh(
@@ -278,11 +276,10 @@ def test_singular_steps_end_a_run_wherever_they_begin(n_steps: int) -> None:
     assert run.status == "failed"
     assert "the equations of a step of length 0.25 have no unique solution" in run.message
     assert run.time == pytest.approx(0.1 * np.arange(11))
-    assert run.energy is not None
     assert run.energy.size == 11
 
 
-def test_a_singular_frozen_response_is_no_failure() -> None:
+def test_a_singular_frozen_response_is_no_failure():
     """A pendulum that begins upside down: its linear scene there has no unique step, it has."""
     swing = pendulum(final_time=128.0, initial_position=math.pi, initial_velocity=1e-3)
     run = integrate(swing, Method(cq="gauss", degree=1), 64)
@@ -290,7 +287,7 @@ def test_a_singular_frozen_response_is_no_failure() -> None:
     assert "unique" not in run.message
 
 
-def test_a_baseline_step_without_a_solution() -> None:
+def test_a_baseline_step_without_a_solution():
     scene = linear_oscillator(stiffness=-1.0, final_time=2.0, initial_position=1.0)
     assert integrate(scene, Baseline(name="implicit-euler"), 2).status == "failed"
     assert integrate(scene, Baseline(name="implicit-euler"), 4).status == "ok"

@@ -1,7 +1,5 @@
 """Methods check themselves and name themselves."""
 
-from __future__ import annotations
-
 import pytest
 
 from fvi_cli.integrator.method import Baseline, Method, RuleSpecification, method_columns
@@ -28,7 +26,7 @@ from fvi_cli.integrator.method import Baseline, Method, RuleSpecification, metho
         (Baseline(name="explicit-euler"), "explicit-euler"),
     ],
 )
-def test_cases(method: Method | Baseline, case: str) -> None:
+def test_cases(method, case):
     assert method.case == case
     assert set(method_columns(method)) == {"cq", "sampling", "degree", "quadrature", "start"}
 
@@ -57,19 +55,19 @@ def test_cases(method: Method | Baseline, case: str) -> None:
         ({"cq": "bdf1", "degree": 1, "start_exponents": (2.5,)}, "only start: weights"),
     ],
 )
-def test_what_makes_no_method_is_refused(fields: dict[str, object], message: str) -> None:
+def test_what_makes_no_method_is_refused(fields, message):
     with pytest.raises(ValueError, match=message):
-        Method(**fields)  # type: ignore[arg-type]
+        Method(**fields)
 
 
-def test_rules_and_baselines_check_themselves() -> None:
+def test_rules_and_baselines_check_themselves():
     with pytest.raises(ValueError, match="lobatto takes 2 to 64"):
         RuleSpecification(rule="lobatto", points=1)
     with pytest.raises(ValueError, match="explicit-euler"):
         Baseline(name="leapfrog")
 
 
-def test_orders_on_smooth_data() -> None:
+def test_orders_on_smooth_data():
     assert Method(cq="bdf6", degree=2, sampling="nodes").classical_order == 2
     assert Method(cq="bdf6", degree=2).classical_order == 4
     assert Method(cq="gauss", degree=3).classical_order == 6

@@ -1,7 +1,5 @@
 """The plan of a run: what it says beforehand against what the run then does."""
 
-from __future__ import annotations
-
 import tracemalloc
 from unittest.mock import patch
 

@@ -1,7 +1,5 @@
 """A run that was stopped, and stopped again, ends in the bits of one that never was."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import asdict, replace
 

@@ -1,7 +1,5 @@
 """Members of a sweep side by side on one mesh give what each of them gives alone."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
@@ -149,7 +147,7 @@ KINDS = {
 
 
 @spread(kind=KINDS, method=METHODS[:2])
-def test_each_is_what_it_is_alone(kind: str, method: Method) -> None:
+def test_each_is_what_it_is_alone(kind, method):
     scenes = KINDS[kind]()
     assert companions(scenes, method, 60) == [len(scenes)] * len(scenes)
     for scene, one in zip(scenes, integrate_members(scenes, method, 60), strict=True):
@@ -160,7 +158,7 @@ LINEAR = ["springs", "undamped", "several terms", "forced", "coupled", "modes"]
 
 
 @pytest.mark.parametrize("kind", LINEAR)
-def test_whole_blocks_of_linear_members(kind: str) -> None:
+def test_whole_blocks_of_linear_members(kind):
     scenes = KINDS[kind]()
     blocks = patch.object(march_module, "SideBlocks", wraps=march_module.SideBlocks)
     with blocks as made:
@@ -175,13 +173,13 @@ def test_whole_blocks_of_linear_members(kind: str) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS[2:], ids=lambda method: method.case)
-def test_other_methods(method: Method) -> None:
+def test_other_methods(method):
     for scenes in (springs(4, 0.5, 1.5, forcing=FORCE), swings(16, 0.6)):
         for scene, one in zip(scenes, integrate_members(scenes, method, 50), strict=True):
             assert difference(one, integrate(scene, method, 50)) <= TOLERANCE
 
 
-def test_orders_of_their_own_share_the_states() -> None:
+def test_orders_of_their_own_share_the_states():
     scenes = [swings(1, order)[0] for order in np.linspace(0.05, 1.95, 20)]
     assert companions(scenes, GAUSS2, 40) == [20] * 20
     for scene, one in zip(scenes, integrate_members(scenes, GAUSS2, 40), strict=True):
@@ -190,7 +188,7 @@ def test_orders_of_their_own_share_the_states() -> None:
     assert companions(scenes, GRADED3, 40) == [1] * 20
 
 
-def test_riemann_liouville() -> None:
+def test_riemann_liouville():
     scenes = [
         replace(scene, derivative="riemann-liouville")
         for scene in (*springs(4, 0.5), *swings(16, 0.7))
@@ -200,7 +198,7 @@ def test_riemann_liouville() -> None:
 
 
 @pytest.mark.parametrize("scenes", [springs(11, 0.5, 1.5), swings(11, 0.5), modal(6)])
-def test_who_stands_beside_changes_nothing(scenes: list[Scene]) -> None:
+def test_who_stands_beside_changes_nothing(scenes):
     """To the last bit, in any company."""
     together = integrate_side_by_side(scenes, GAUSS2, 50)
     for places in ([3], [5, 0, 4], [*range(1, 6)], [*range(6)] * 5):
@@ -211,7 +209,7 @@ def test_who_stands_beside_changes_nothing(scenes: list[Scene]) -> None:
             assert asdict(one.newton) == asdict(together[place].newton)
 
 
-def test_one_that_cannot_be_solved_tells_itself() -> None:
+def test_one_that_cannot_be_solved_tells_itself():
     """A midpoint step of length 2 / sqrt(-k) has a singular matrix."""
     method = Method(cq="gauss", degree=1)
     scenes = springs(6)
@@ -236,7 +234,7 @@ def falling(count: int) -> list[Scene]:
     ]
 
 
-def test_some_that_run_away_do_not_disturb_the_others() -> None:
+def test_some_that_run_away_do_not_disturb_the_others():
     scenes = falling(18)
     runs = integrate_members(scenes, GAUSS2, 100)
     statuses = [run.status for run in runs]
@@ -253,13 +251,13 @@ def test_some_that_run_away_do_not_disturb_the_others() -> None:
         assert np.array_equal(one.position, other.position)
 
 
-def test_thinned() -> None:
+def test_thinned():
     for scenes in (springs(4, 0.5), swings(16, 0.5)):
         for scene, one in zip(scenes, integrate_members(scenes, GRADED3, 50, every=7), strict=True):
             assert difference(one, integrate(scene, GRADED3, 50, every=7)) <= TOLERANCE
 
 
-def test_work_is_that_of_one_loop() -> None:
+def test_work_is_that_of_one_loop():
     """No step is done for a member alone; what the memory takes is what is counted."""
     scenes = swings(24, 0.5)
     counted = [0]
@@ -290,7 +288,7 @@ def test_work_is_that_of_one_loop() -> None:
     assert all(100 < run.newton.iterations < 1000 for run in runs)
 
 
-def test_a_wrong_member_would_be_seen() -> None:
+def test_a_wrong_member_would_be_seen():
     """The control: one weight of ten thousand in one coefficient."""
     scenes = swings(16, 0.5)
     runs = integrate_members(scenes, GAUSS2, 40)
@@ -300,7 +298,7 @@ def test_a_wrong_member_would_be_seen() -> None:
     assert difference(runs[3], alone) > 1e3 * TOLERANCE
 
 
-def test_who_goes_together() -> None:
+def test_who_goes_together():
     few = [*springs(3, 0.5), *swings(15, 0.5)]
     assert companions(few, GAUSS2, 40) == [1] * 18
     many = [*springs(4, 0.5), *swings(16, 0.5), springs(1, 0.5, forcing=FORCE)[0]]
@@ -330,7 +328,7 @@ LAWS: dict[str, Callable[[float], Law]] = {
 
 
 @spread(name=["zener", "narrow", "prony", "tempered"], orders=[(), (0.5, 1.5)])
-def test_laws_stand_side_by_side(name: str, orders: tuple[float, ...]) -> None:
+def test_laws_stand_side_by_side(name, orders):
     scenes = with_laws(6, LAWS[name], *orders)
     assert companions(scenes, GRADED3, 24) == [6] * 6
     found = integrate_members(scenes, GRADED3, 24)
@@ -342,7 +340,7 @@ def test_laws_stand_side_by_side(name: str, orders: tuple[float, ...]) -> None:
     assert np.array_equal(fewer[1].position, found[1].position)
 
 
-def test_laws_side_by_side_with_nonlinear_springs() -> None:
+def test_laws_side_by_side_with_nonlinear_springs():
     scenes = [replace(one, laws=(LAWS["zener"](1.0),)) for one in swings(17, 0.5)]
     assert companions(scenes, GRADED3, 24) == [17] * 17
     found = integrate_members(scenes, GRADED3, 24)
@@ -350,7 +348,7 @@ def test_laws_side_by_side_with_nonlinear_springs() -> None:
         assert np.abs(one.position - integrate(scene, GRADED3, 24).position).max() < 1e-12
 
 
-def test_laws_with_rates_of_their_own_stand_apart() -> None:
+def test_laws_with_rates_of_their_own_stand_apart():
     scenes = [
         *with_laws(4, LAWS["prony"]),
         *with_laws(4, lambda c: prony(moduli=[1.0], times=[0.7], coefficient=c)),

@@ -1,7 +1,5 @@
 """Starting weights: exact on powers, and what they do to the order."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.special import gamma as gamma_function
@@ -18,9 +16,7 @@ from fvi_cli.scenes.named import linear_oscillator
 
 
 @spread(offset=[0.0, 0.21], order=[0.5, 1.0, 1.5], bdf_order=[1, 3, 6])
-def test_the_corrected_quadrature_is_exact_on_the_powers(
-    bdf_order: int, order: float, offset: float
-) -> None:
+def test_the_corrected_quadrature_is_exact_on_the_powers(bdf_order, order, offset):
     exponents = (2.0, 2.5, 3.0)
     n = 200
     weights, condition = starting_weights(bdf_order, order, exponents, n, offset=offset)
@@ -50,7 +46,6 @@ def oscillator(order: float, v0: float = 1.0, x0: float = 0.0):
         initial_velocity=v0,
     )
     solution = match_scene(scene)
-    assert solution is not None
     return scene, solution.position
 
 
@@ -63,7 +58,7 @@ def last_order(scene, exact, method: Method, ladder=(64, 128, 256)) -> float:
 
 
 @pytest.mark.parametrize("bdf_order", [3, 4, 5, 6])
-def test_classical_damping_at_the_points_reaches_order_p(bdf_order: int) -> None:
+def test_classical_damping_at_the_points_reaches_order_p(bdf_order):
     scene, exact = oscillator(1.0)
     degree = (bdf_order + 1) // 2
     corrected = Method(cq=f"bdf{bdf_order}", degree=degree, start="weights")
@@ -77,7 +72,7 @@ def test_classical_damping_at_the_points_reaches_order_p(bdf_order: int) -> None
     assert expected_order(scene, plain, "max", 256) == 2
 
 
-def test_an_exact_singular_force_is_seen_wrong_by_the_points() -> None:
+def test_an_exact_singular_force_is_seen_wrong_by_the_points():
     """Order 1.5 with weights, 2.5 without: plain quadrature hides what exact values show."""
     scene, exact = oscillator(0.5)
     ladder = (256, 512, 1024)
@@ -89,7 +84,7 @@ def test_an_exact_singular_force_is_seen_wrong_by_the_points() -> None:
     assert expected_order(scene, plain, "max", 256) == pytest.approx(2.5)
 
 
-def test_ill_conditioned_weights_are_reported() -> None:
+def test_ill_conditioned_weights_are_reported():
     scene, _ = oscillator(0.5, x0=1.0)
     good = integrate(scene, Method(cq="bdf2", degree=1, start="weights"), 64)
     bad = integrate(scene, Method(cq="bdf6", degree=3, start="weights"), 64)
@@ -97,7 +92,7 @@ def test_ill_conditioned_weights_are_reported() -> None:
     assert "ill conditioned" in bad.remarks[0]
 
 
-def test_weights_are_left_out_where_there_are_too_few_steps() -> None:
+def test_weights_are_left_out_where_there_are_too_few_steps():
     scene, _ = oscillator(0.5)
     trajectory = integrate(scene, Method(cq="bdf6", degree=3, start="weights"), 4)
     assert "too few" in trajectory.remarks[0]

@@ -1,7 +1,5 @@
 """Moments, break points, baselines, Newton's iteration and what an integration reports."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -32,7 +30,7 @@ def loads(text: str, method: Method, h: float, n_steps: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("power", [-0.9, -0.5, 0.5, 1.5, 3.0])
-def test_exact_moments_of_powers(power: float) -> None:
+def test_exact_moments_of_powers(power):
     """Against the integrals of t**(power + j), on the first, second and tenth step."""
     method = Method(cq="bdf1", degree=2, forcing_quadrature="exact")
     force, h = f"t**({power})", 0.3
@@ -59,7 +57,7 @@ def test_exact_moments_of_powers(power: float) -> None:
 
 
 @pytest.mark.parametrize("stages", [1, 2, 3])
-def test_projected_moments_are_those_of_polynomials_on_the_points(stages: int) -> None:
+def test_projected_moments_are_those_of_polynomials_on_the_points(stages):
     """For forces of degree below the number of points, projection changes nothing."""
     exact = Method(cq="gauss", degree=stages, forcing_quadrature="exact")
     projected = replace(exact, forcing_quadrature="projected")
@@ -79,7 +77,7 @@ def piecewise(*ends: float, final_time: float = 3.0) -> Scene:
     return linear_oscillator(final_time=final_time, forcing=Forcing(pieces=tuple(pieces)))
 
 
-def test_break_points_on_the_grid() -> None:
+def test_break_points_on_the_grid():
     scene = piecewise(1.0, 1.5)
     assert steps_at_break_points(scene, 6) == (2, 3)
     assert steps_at_break_points(scene, 600) == (200, 300)
@@ -91,16 +89,15 @@ def test_break_points_on_the_grid() -> None:
     assert steps_at_break_points(piecewise(0.1, final_time=0.3), 3) == (1,)
 
 
-def test_one_sided_values_at_break_points() -> None:
+def test_one_sided_values_at_break_points():
     forcing = piecewise(1.0).forcing
-    assert forcing is not None
     values = forcing.on_steps(np.array([0.0, 1.0]), 1.0, np.array([0.0, 1.0]))
     assert values[..., 0].tolist() == [[0.0, 0.0], [1.0, 1.0]]
     assert forcing(np.array([1.0, 1.0 + 1e-12]))[:, 0].tolist() == [0.0, 1.0]
 
 
 @spread(name=["explicit-euler", "implicit-euler"], order=[0.5, 1.0, 1.5])
-def test_euler_is_of_order_1(name: str, order: float) -> None:
+def test_euler_is_of_order_1(name, order):
     scene = linear_oscillator(
         final_time=2.0,
         damping=[FractionalDamping(order=order, coefficient=0.5)],
@@ -115,7 +112,7 @@ def test_euler_is_of_order_1(name: str, order: float) -> None:
     assert np.log2(errors[-2] / errors[-1]) == pytest.approx(1.0, abs=0.1)
 
 
-def test_euler_with_classical_damping_is_the_textbook_scheme() -> None:
+def test_euler_with_classical_damping_is_the_textbook_scheme():
     scene = linear_oscillator(
         final_time=1.0,
         damping=[FractionalDamping(order=1.0, coefficient=0.2)],
@@ -133,7 +130,7 @@ def test_euler_with_classical_damping_is_the_textbook_scheme() -> None:
     assert implicit.position[-1, 0] == pytest.approx(y, abs=1e-14)
 
 
-def test_implicit_euler_on_the_pendulum() -> None:
+def test_implicit_euler_on_the_pendulum():
     scene = pendulum(
         final_time=2.0,
         damping=[FractionalDamping(order=0.5, coefficient=0.3)],
@@ -145,7 +142,7 @@ def test_implicit_euler_on_the_pendulum() -> None:
     assert trajectory.newton.iterations > 400
 
 
-def test_newton_converges_quadratically_and_keeps_its_history() -> None:
+def test_newton_converges_quadratically_and_keeps_its_history():
     scene = pendulum(final_time=4.0, initial_position=2.5, initial_velocity=0.5)
     method = Method(cq="bdf1", degree=2, sampling="nodes", history="direct")
     record = integrate(scene, method, 8).newton
@@ -155,7 +152,7 @@ def test_newton_converges_quadratically_and_keeps_its_history() -> None:
     assert residuals[1] < residuals[0] ** 1.5
 
 
-def test_a_step_without_solution_fails_with_evidence() -> None:
+def test_a_step_without_solution_fails_with_evidence():
     """V = -exp(x) pulls so hard that no long step exists."""
     names = ("x",)
     runaway = ExpressionPotential(
@@ -181,14 +178,14 @@ def test_a_step_without_solution_fails_with_evidence() -> None:
 
 
 @pytest.mark.parametrize("n_steps", [0, -3, 2.0, True, "8"])
-def test_step_counts_must_be_positive_integers(n_steps: object) -> None:
+def test_step_counts_must_be_positive_integers(n_steps):
     scene = linear_oscillator(final_time=1.0, initial_position=1.0)
     for method in (Method(cq="bdf1", degree=1), Method(cq="gauss", degree=2)):
         with pytest.raises(ValueError, match=r"n_steps: .* an integer >= 1, a Mesh or Adaptive"):
-            integrate(scene, method, n_steps)  # type: ignore[arg-type]
+            integrate(scene, method, n_steps)
 
 
-def test_final_time_is_reached_exactly() -> None:
+def test_final_time_is_reached_exactly():
     scene = linear_oscillator(final_time=0.3, initial_position=1.0)
     trajectory = integrate(scene, Method(cq="gauss", degree=2), 3)
     assert trajectory.time[-1] == pytest.approx(0.3, abs=1e-16)

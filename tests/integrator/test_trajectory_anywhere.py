@@ -1,7 +1,5 @@
 """Meshes, adaptive steps and values at any time, as programs call them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -19,7 +17,7 @@ def fine() -> fvi.Trajectory:
     return fvi.integrate(SCENE, "gauss8", fvi.AdaptiveSteps(tolerance=1e-10), with_steps=True)
 
 
-def test_position_and_velocity_at_any_time(fine: fvi.Trajectory) -> None:
+def test_position_and_velocity_at_any_time(fine):
     times = np.linspace(0.0, 10.0, 777)
     other = fvi.integrate(SCENE, "gauss6-graded", 200, with_steps=True)
     assert fine(times).shape == (777, 1)
@@ -32,7 +30,7 @@ def test_position_and_velocity_at_any_time(fine: fvi.Trajectory) -> None:
     assert np.abs(fine.velocity(0.0)).max() < 1e-6
 
 
-def test_times_outside_and_steps_that_were_not_kept_are_told(fine: fvi.Trajectory) -> None:
+def test_times_outside_and_steps_that_were_not_kept_are_told(fine):
     with pytest.raises(ValueError, match=r"the run goes from 0 to 10"):
         fine(10.5)
     with pytest.raises(ValueError, match=r"the run goes from 0 to 10"):
@@ -45,7 +43,7 @@ def test_times_outside_and_steps_that_were_not_kept_are_told(fine: fvi.Trajector
         fvi.integrate(SCENE, "bdf2", 20, with_steps=True)
 
 
-def test_a_name_with_a_mesh_means_the_method_on_its_steps(fine: fvi.Trajectory) -> None:
+def test_a_name_with_a_mesh_means_the_method_on_its_steps(fine):
     mesh = fvi.graded_mesh(10.0, 100, 2.5)
     by_name = fvi.integrate(SCENE, "gauss4", mesh)
     by_value = fvi.integrate(SCENE, fvi.Method(cq="gauss", degree=4), mesh)

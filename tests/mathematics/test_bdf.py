@@ -1,7 +1,5 @@
 """Generating polynomials and convolution-quadrature weights."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 
@@ -74,14 +72,14 @@ def budget_used(weights: Array, exact: list[int]) -> float:
 
 
 @pytest.mark.parametrize("bdf_order", BDF_ORDERS)
-def test_generating_polynomial_is_its_definition_rounded_once(bdf_order: int) -> None:
+def test_generating_polynomial_is_its_definition_rounded_once(bdf_order):
     exact = exact_polynomial(bdf_order)
     assert generating_polynomial(bdf_order).tolist() == [float(c) for c in exact]
     quotient = [sum(exact[: m + 1], start=Fraction(0)) for m in range(bdf_order)]
     assert quotient_polynomial(bdf_order).tolist() == [float(c) for c in quotient]
 
 
-def test_known_formulas() -> None:
+def test_known_formulas():
     assert generating_polynomial(1).tolist() == [1, -1]
     assert generating_polynomial(2).tolist() == [1.5, -2, 0.5]
     assert generating_polynomial(3).tolist() == [11 / 6, -3, 1.5, -1 / 3]
@@ -89,7 +87,7 @@ def test_known_formulas() -> None:
 
 
 @pytest.mark.parametrize("bdf_order", BDF_ORDERS)
-def test_symbol_has_the_order_of_the_formula(bdf_order: int) -> None:
+def test_symbol_has_the_order_of_the_formula(bdf_order):
     """gamma_p(exp(-h)) = h - h^(p+1) / (p+1) + ..., as gamma_infinity(z) = -log z."""
     ratios = []
     for h in (0.04, 0.02):
@@ -100,7 +98,7 @@ def test_symbol_has_the_order_of_the_formula(bdf_order: int) -> None:
 
 
 @pytest.mark.parametrize("bdf_order", BDF_ORDERS)
-def test_symbol_is_the_polynomial(bdf_order: int) -> None:
+def test_symbol_is_the_polynomial(bdf_order):
     z = 0.9 * np.exp(1j * np.linspace(0, 6, 17))
     by_powers = np.polynomial.polynomial.polyval(z, generating_polynomial(bdf_order))
     np.testing.assert_allclose(symbol_at(bdf_order, z), by_powers, rtol=0, atol=2e-14)
@@ -111,7 +109,7 @@ def test_symbol_is_the_polynomial(bdf_order: int) -> None:
 
 
 @spread(kind=sorted(WEIGHTS), order=[-1.7, -0.5, 0.3, 1.5, 2.0], bdf_order=BDF_ORDERS)
-def test_weights_sum_to_the_power_of_the_symbol(kind: str, order: float, bdf_order: int) -> None:
+def test_weights_sum_to_the_power_of_the_symbol(kind, order, bdf_order):
     z = 0.8 * np.exp(1j * np.linspace(0, 3, 7))
     weights = WEIGHTS[kind](bdf_order, order, 300)
     # The real part of gamma_p may be negative (p > 2): take the branch through the factors.
@@ -155,7 +153,7 @@ PRINTED = {
 
 
 @pytest.mark.parametrize(("bdf_order", "order"), sorted(PRINTED))
-def test_first_weights_to_all_printed_digits(bdf_order: int, order: float) -> None:
+def test_first_weights_to_all_printed_digits(bdf_order, order):
     weights = convolution_weights(bdf_order, order, 4)
     np.testing.assert_allclose(weights, PRINTED[bdf_order, order], rtol=1.2e-14)
 
@@ -165,7 +163,7 @@ def test_first_weights_to_all_printed_digits(bdf_order: int, order: float) -> No
     order=[*ORDERS, -1.7, -1.0, -0.5, 0.01, 1.99, 1 + 1e-9],
     kind=sorted(WEIGHTS),
 )
-def test_weights_against_integer_arithmetic(kind: str, bdf_order: int, order: float) -> None:
+def test_weights_against_integer_arithmetic(kind, bdf_order, order):
     exact = reference(kind, bdf_order, order, 4096)
     weights = WEIGHTS[kind](bdf_order, order, 4096)
     assert budget_used(weights, exact) < 0.1
@@ -175,7 +173,7 @@ def test_weights_against_integer_arithmetic(kind: str, bdf_order: int, order: fl
 
 
 @pytest.mark.parametrize("kind", sorted(WEIGHTS))
-def test_the_comparison_notices_a_small_error(kind: str) -> None:
+def test_the_comparison_notices_a_small_error(kind):
     """Control: a change of order by 1e-12, or of one weight by 2e-13 of itself, is refused."""
     exact = reference(kind, 3, 0.5, 4096)
     assert budget_used(WEIGHTS[kind](3, 0.5 + 1e-12, 4096), exact) > 1
@@ -190,7 +188,7 @@ def _value(polynomial: list[mp.mpf], z: mp.mpc) -> mp.mpc:
 
 
 @pytest.mark.parametrize("bdf_order", BDF_ORDERS)
-def test_integer_arithmetic_agrees_with_mpmath(bdf_order: int) -> None:
+def test_integer_arithmetic_agrees_with_mpmath(bdf_order):
     """The reference by another route: Cauchy's integral on a small circle, in 50 digits."""
     with mp.workdps(60):
         polynomial = [mp.mpf(c.numerator) / c.denominator for c in exact_polynomial(bdf_order)]
@@ -204,7 +202,7 @@ def test_integer_arithmetic_agrees_with_mpmath(bdf_order: int) -> None:
 
 
 @pytest.mark.parametrize("bdf_order", BDF_ORDERS)
-def test_integer_orders_are_exact_stencils(bdf_order: int) -> None:
+def test_integer_orders_are_exact_stencils(bdf_order):
     first = exact_polynomial(bdf_order)
     second = [Fraction(0)] * (2 * bdf_order + 1)
     for i, a in enumerate(first):
@@ -222,7 +220,7 @@ def test_integer_orders_are_exact_stencils(bdf_order: int) -> None:
 
 
 @pytest.mark.parametrize("bdf_order", BDF_ORDERS)
-def test_integral_is_the_inverse_of_the_derivative(bdf_order: int) -> None:
+def test_integral_is_the_inverse_of_the_derivative(bdf_order):
     for order in (0.3, 1.0, 1.5):
         product = np.convolve(
             convolution_weights(bdf_order, order, 500), convolution_weights(bdf_order, -order, 500)
@@ -231,7 +229,7 @@ def test_integral_is_the_inverse_of_the_derivative(bdf_order: int) -> None:
 
 
 @spread(bdf_order=[1, 2, 4, 6], order=[0.3, 1.5, 1.9, -0.5], kind=sorted(WEIGHTS))
-def test_no_drift_at_a_million_weights(kind: str, order: float, bdf_order: int) -> None:
+def test_no_drift_at_a_million_weights(kind, order, bdf_order):
     """The sum over q_p**order times gamma-function ratios, in 50 digits."""
     shift = 1 if kind == "difference" else 0
     weights = WEIGHTS[kind](bdf_order, order, 2**20)
@@ -249,7 +247,7 @@ def test_no_drift_at_a_million_weights(kind: str, order: float, bdf_order: int) 
             assert abs(weights[n] / exact - 1) < 2e-15
 
 
-def test_a_running_product_would_drift() -> None:
+def test_a_running_product_would_drift():
     """Control: the plain recurrence of the binomial series fails the bound above by far."""
     n = np.arange(1, 2**20)
     drifted = np.cumprod((n - 1 - 1.9) / n)[-1]
@@ -258,7 +256,7 @@ def test_a_running_product_would_drift() -> None:
 
 
 @spread(n_weights=[1, 2, 23, 24, 25, 26, 1023, 1024, 1025, 1026], bdf_order=[1, 3, 6])
-def test_fewer_weights_are_the_first_ones(n_weights: int, bdf_order: int) -> None:
+def test_fewer_weights_are_the_first_ones(n_weights, bdf_order):
     for weights in WEIGHTS.values():
         all_of_them = weights(bdf_order, 0.7, 2000)
         few = weights(bdf_order, 0.7, n_weights)
@@ -266,7 +264,7 @@ def test_fewer_weights_are_the_first_ones(n_weights: int, bdf_order: int) -> Non
         np.testing.assert_allclose(few, all_of_them[:n_weights], rtol=5e-14, atol=1e-18)
 
 
-def test_arguments_out_of_range() -> None:
+def test_arguments_out_of_range():
     for weights in WEIGHTS.values():
         for bdf_order in (0, 7, -1):
             with pytest.raises(ValueError, match=f"bdf_order: {bdf_order} is not one of 1 to 6"):

@@ -1,7 +1,5 @@
 """Ranges of formulas hold every value, and shrink with what they are taken of."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -26,11 +24,11 @@ FORMULAS = [
 
 def at(text: str, value: object, functions: object) -> object:
     formula = Expression.parse(text.replace("x0", "3"), variables=("x",))
-    return formula.evaluate({"x": value}, functions)  # type: ignore[arg-type]
+    return formula.evaluate({"x": value}, functions)
 
 
 @pytest.mark.parametrize("text", FORMULAS)
-def test_every_value_lies_in_the_range(text: str) -> None:
+def test_every_value_lies_in_the_range(text):
     random = np.random.default_rng(3)
     low = random.uniform(-3.5, 3.5, 200)
     high = low + 10.0 ** random.uniform(-4, 0, 200)
@@ -47,7 +45,7 @@ def test_every_value_lies_in_the_range(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", FORMULAS[:4])
-def test_ranges_shrink_to_the_values(text: str) -> None:
+def test_ranges_shrink_to_the_values(text):
     """The control: an enclosure that is always everything would pass the test above."""
     points = np.linspace(-1.0, 2.5, 57)
     narrow = at(text, Interval(points, points + 1e-9), INTERVAL_FUNCTIONS)
@@ -56,7 +54,7 @@ def test_ranges_shrink_to_the_values(text: str) -> None:
     assert (narrow.width <= 1e-5 * (1 + np.abs(values))).all()
 
 
-def test_a_narrow_wall_shows_in_the_range() -> None:
+def test_a_narrow_wall_shows_in_the_range():
     wall = at(
         "-5*exp(-((x-2)/0.003)**2)", Interval(np.array([1.0]), np.array([3.0])), INTERVAL_FUNCTIONS
     )
@@ -65,7 +63,7 @@ def test_a_narrow_wall_shows_in_the_range() -> None:
     assert wall.high[0] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_quotients_and_powers_at_zero() -> None:
+def test_quotients_and_powers_at_zero():
     around = Interval(np.array([-1.0, 1.0]), np.array([1.0, 2.0]))
     assert around.inverse().low.tolist() == [-np.inf, 0.5]
     assert (around**2).low.tolist() == [0.0, 1.0]

@@ -1,7 +1,5 @@
 """The Lagrange basis on [0, 1]."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ DEGREES = range(1, 21)
 
 
 @pytest.mark.parametrize("degree", DEGREES)
-def test_exact_at_control_points(degree: int) -> None:
+def test_exact_at_control_points(degree):
     basis = lobatto_basis(degree)
     assert basis.degree == degree
     assert (basis.control_points[0], basis.control_points[-1]) == (0.0, 1.0)
@@ -21,7 +19,7 @@ def test_exact_at_control_points(degree: int) -> None:
 
 
 @pytest.mark.parametrize("degree", DEGREES)
-def test_partition_of_unity_to_round_off(degree: int) -> None:
+def test_partition_of_unity_to_round_off(degree):
     basis = lobatto_basis(degree)
     points = np.linspace(0, 1, 201)
     assert np.abs(basis.values(points).sum(axis=0) - 1).max() < 2e-15
@@ -30,7 +28,7 @@ def test_partition_of_unity_to_round_off(degree: int) -> None:
 
 
 @pytest.mark.parametrize("degree", DEGREES)
-def test_polynomials_are_reproduced_up_to_the_degree_and_no_further(degree: int) -> None:
+def test_polynomials_are_reproduced_up_to_the_degree_and_no_further(degree):
     basis = lobatto_basis(degree)
     points = gauss_rule(7).nodes
     for power in range(degree + 1):
@@ -46,7 +44,7 @@ def test_polynomials_are_reproduced_up_to_the_degree_and_no_further(degree: int)
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 7, 13, 20])
-def test_values_and_derivatives_against_products_in_fifty_digits(degree: int) -> None:
+def test_values_and_derivatives_against_products_in_fifty_digits(degree):
     basis = lobatto_basis(degree)
     points = np.concatenate(
         [np.linspace(0, 1, 8), basis.control_points[:3], [1e-9, 1 - 1e-12, 0.5 + 1e-15]]
@@ -67,19 +65,19 @@ def test_values_and_derivatives_against_products_in_fifty_digits(degree: int) ->
                 assert abs(derivatives[j, i] - slope) < 2e-15 * scale
 
 
-def test_degree_one_is_the_straight_line() -> None:
+def test_degree_one_is_the_straight_line():
     basis = lobatto_basis(1)
     points = np.array([0.0, 0.25, 0.5, 1.0])
     assert np.array_equal(basis.values(points), [1 - points, points])
     assert np.array_equal(basis.derivatives(points), [np.full(4, -1.0), np.ones(4)])
 
 
-def test_scalars_and_lists_are_points_too() -> None:
+def test_scalars_and_lists_are_points_too():
     assert lobatto_basis(3).values(0.3).shape == (4, 1)
     assert lobatto_basis(3).derivatives([0.3, 0.4]).shape == (4, 2)
 
 
-def test_basis_is_made_once_and_cannot_be_changed() -> None:
+def test_basis_is_made_once_and_cannot_be_changed():
     assert lobatto_basis(4) is lobatto_basis(4)
     with pytest.raises(ValueError, match="read-only"):
         lobatto_basis(4).control_points[0] = 0.5
@@ -89,7 +87,7 @@ def test_basis_is_made_once_and_cannot_be_changed() -> None:
     assert basis.control_points[0] == 0.0
 
 
-def test_other_control_points() -> None:
+def test_other_control_points():
     """Gauss points: integrating the basis gives the weights of the rule."""
     rule = gauss_rule(5)
     fine = lobatto_rule(8)
@@ -109,12 +107,12 @@ def test_other_control_points() -> None:
         ([0.0, 1e-320, 1.0], "too close"),
     ],
 )
-def test_unusable_control_points_are_refused(points: object, complaint: str) -> None:
+def test_unusable_control_points_are_refused(points, complaint):
     with pytest.raises(ValueError, match=complaint):
         LagrangeBasis(control_points=np.array(points))
 
 
 @pytest.mark.parametrize("degree", [-1, 0, 21])
-def test_degrees_out_of_range(degree: int) -> None:
+def test_degrees_out_of_range(degree):
     with pytest.raises(ValueError, match=f"degree: {degree} is not allowed; it must be 1 to 20"):
         lobatto_basis(degree)

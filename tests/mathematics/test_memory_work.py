@@ -1,7 +1,5 @@
 """Fractional integrals and works by splines."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -11,7 +9,7 @@ from fvi_cli.mathematics.memory_work import fractional_integral, work_along
 
 
 @pytest.mark.parametrize("order", [0.1, 0.5, 1.0, 1.7])
-def test_quintic_polynomials_are_integrated_exactly(order: float) -> None:
+def test_quintic_polynomials_are_integrated_exactly(order):
     t = np.arange(65) / 16
     powers = np.arange(6)
     values = t[:, None] ** powers
@@ -25,7 +23,7 @@ def test_quintic_polynomials_are_integrated_exactly(order: float) -> None:
     assert (np.abs(wrong - np.transpose(exact)).max(axis=0) / size).max() > 1e-7
 
 
-def test_order_six_or_more_on_a_smooth_function() -> None:
+def test_order_six_or_more_on_a_smooth_function():
     """J^{1/2} of sin by its power series."""
     errors = []
     for n in (32, 64, 128):
@@ -38,13 +36,13 @@ def test_order_six_or_more_on_a_smooth_function() -> None:
     assert errors[-1] < 1e-10
 
 
-def test_work_of_a_spring() -> None:
+def test_work_of_a_spring():
     t = 2.0 * np.arange(201) / 200
     work = work_along(np.stack([np.sin(t), t], 1), np.stack([np.cos(t), t**2], 1), 0.01)
     np.testing.assert_allclose(work, np.sin(t) ** 2 / 2 + t**4 / 4, atol=1e-12)
     assert np.abs(work - np.sin(t) ** 2 / 2).max() > 1.0
 
 
-def test_an_order_that_is_not_positive_is_refused() -> None:
+def test_an_order_that_is_not_positive_is_refused():
     with pytest.raises(ValueError, match="order"):
         fractional_integral(0.0, 0.1, np.ones((8, 1)))

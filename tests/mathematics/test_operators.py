@@ -1,7 +1,5 @@
 """Discrete fractional operators on a grid."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -30,7 +28,7 @@ def toeplitz(bdf_order: int, exponent: float, n: int) -> Array:
 
 
 @spread(exponent=[-1.5, -1.0, -0.3, 0.0, 0.5, 1.0, 1.7, 2.0], bdf_order=BDF_ORDERS)
-def test_operators_are_a_toeplitz_matrix_and_its_transpose(bdf_order: int, exponent: float) -> None:
+def test_operators_are_a_toeplitz_matrix_and_its_transpose(bdf_order, exponent):
     matrix = toeplitz(bdf_order, exponent, 60)
     for values in (random_sequence(60), random_sequence(60, 3)):
         left = left_operator(bdf_order, exponent, STEP, values)
@@ -42,7 +40,7 @@ def test_operators_are_a_toeplitz_matrix_and_its_transpose(bdf_order: int, expon
 
 
 @spread(exponent=[-0.5, 0.5, 1.5], n=[1024, 1025, 3000])
-def test_transform_and_direct_sum_agree(exponent: float, n: int) -> None:
+def test_transform_and_direct_sum_agree(exponent, n):
     values = random_sequence(n, 2)
     weights = convolution_weights(3, exponent, n)
     found = left_operator(3, exponent, STEP, values)
@@ -73,18 +71,18 @@ SEMIGROUP_PAIRS = [(0.25, 0.25), (0.75, 0.75), (0.3, 1.2), (1.5, -1.5), (-0.4, -
 
 
 @spread(**{"a, b": SEMIGROUP_PAIRS}, n=[200, 2000], bdf_order=BDF_ORDERS)
-def test_semigroup_to_round_off(bdf_order: int, n: int, a: float, b: float) -> None:
+def test_semigroup_to_round_off(bdf_order, n, a, b):
     assert semigroup_defect(bdf_order, a, b, a + b, n) < 1e-14
 
 
 @pytest.mark.parametrize("bdf_order", BDF_ORDERS)
-def test_semigroup_needs_the_sum_of_the_exponents(bdf_order: int) -> None:
+def test_semigroup_needs_the_sum_of_the_exponents(bdf_order):
     """Control: a total order that is wrong by 1e-9 is seen."""
     assert semigroup_defect(bdf_order, 0.25, 0.25, 0.5 + 1e-9, 200) > 1e-12
 
 
 @spread(exponent=[-0.5, 0.25, 0.75, 1.0, 1.5], n=[200, 2000], bdf_order=BDF_ORDERS)
-def test_asymmetric_integration_by_parts(bdf_order: int, n: int, exponent: float) -> None:
+def test_asymmetric_integration_by_parts(bdf_order, n, exponent):
     x, y = random_sequence(n), random_sequence(n + 1)[:n]
     left = left_operator(bdf_order, exponent, STEP, x)
     right = right_operator(bdf_order, exponent, STEP, y)
@@ -96,7 +94,7 @@ def test_asymmetric_integration_by_parts(bdf_order: int, n: int, exponent: float
 
 
 @pytest.mark.parametrize("bdf_order", BDF_ORDERS)
-def test_split_of_the_damping_does_not_matter(bdf_order: int) -> None:
+def test_split_of_the_damping_does_not_matter(bdf_order):
     """sum (J_-^a X)(J_+^b Y) = sum (J_-^(a+b) X) Y for every split of the order."""
     x, y = random_sequence(300), random_sequence(301)[:300]
     whole = left_operator(bdf_order, 1.5, STEP, x) @ y
@@ -105,7 +103,7 @@ def test_split_of_the_damping_does_not_matter(bdf_order: int) -> None:
         assert split == pytest.approx(whole, rel=1e-11)
 
 
-def test_signs() -> None:
+def test_signs():
     t = STEP * np.arange(50)
     left = left_operator(2, 1.0, STEP, t**2)
     np.testing.assert_allclose(left[2:], 2 * t[2:], atol=1e-12)
@@ -156,21 +154,21 @@ def power_orders(bdf_order: int, order: float, beta: float, order_used: float) -
         (5, 1.5, 1.7),
     ],
 )
-def test_order_on_powers_depends_on_the_norm(bdf_order: int, order: float, beta: float) -> None:
+def test_order_on_powers_depends_on_the_norm(bdf_order, order, beta):
     """Lubich 1986: h^p + h^(beta+1) at fixed t, h^(beta-order) at the first grid points."""
     at_one, in_maximum = power_orders(bdf_order, order, beta, order)
     assert at_one == pytest.approx(min(bdf_order, beta + 1), abs=0.1)
     assert in_maximum == pytest.approx(min(bdf_order, beta - order), abs=0.1)
 
 
-def test_order_is_lost_with_a_wrong_exponent() -> None:
+def test_order_is_lost_with_a_wrong_exponent():
     """Control for the test above."""
     at_one, in_maximum = power_orders(2, 0.5, 3.7, 0.5 + 1e-3)
     assert abs(at_one - 2) > 0.5
     assert abs(in_maximum - 2) > 0.5
 
 
-def test_bad_arguments() -> None:
+def test_bad_arguments():
     for operator in (left_operator, right_operator):
         for step_size in (0.0, -1.0, math.nan, math.inf):
             with pytest.raises(ValueError, match="step_size"):

@@ -1,7 +1,5 @@
 """Quadrature rules on [0, 1]."""
 
-from __future__ import annotations
-
 import functools
 
 import mpmath as mp
@@ -24,7 +22,7 @@ EVERY_RULE = [(name, n) for name in RULES for n in range(LEAST[name], 65)]
 
 
 @pytest.mark.parametrize("name", RULES)
-def test_moments_are_right_to_round_off_and_symmetry_is_exact(name: str) -> None:
+def test_moments_are_right_to_round_off_and_symmetry_is_exact(name):
     for n in range(LEAST[name], 65):
         rule = RULES[name](n)
         k = np.arange(rule.exactness + 1)
@@ -42,7 +40,7 @@ def test_moments_are_right_to_round_off_and_symmetry_is_exact(name: str) -> None
 
 
 @pytest.mark.parametrize(("name", "n"), [(name, n) for name, n in EVERY_RULE if n <= 6])
-def test_order_is_sharp(name: str, n: int) -> None:
+def test_order_is_sharp(name, n):
     rule = RULES[name](n)
     defect = rule.weights @ rule.nodes**rule.order - 1 / (rule.order + 1)
     assert abs(defect) > 1e-8
@@ -52,7 +50,7 @@ def test_order_is_sharp(name: str, n: int) -> None:
 @pytest.mark.parametrize(
     ("name", "n"), [(name, n) for name, n in EVERY_RULE if n in (1, 2, 3, 5, 12, 20, 33, 64)]
 )
-def test_nodes_and_weights_against_forty_digits(name: str, n: int) -> None:
+def test_nodes_and_weights_against_forty_digits(name, n):
     """Roots polished in mpmath; weights by another formula, from the derivative alone."""
     rule = RULES[name](n)
     with mp.workdps(40):
@@ -115,7 +113,7 @@ def _weights(name: str, n: int, roots: list[mp.mpf]) -> list[mp.mpf]:
     return [(1 + x) / (2 * n * n * _value(before, x) ** 2) for x in roots]
 
 
-def test_rules_of_the_textbooks() -> None:
+def test_rules_of_the_textbooks():
     """Hairer, Wanner, Solving Ordinary Differential Equations II, section IV.5."""
     root = np.sqrt
     expected = {
@@ -143,7 +141,7 @@ def test_rules_of_the_textbooks() -> None:
         np.testing.assert_allclose(RULES[name](n).weights, weights, rtol=0, atol=2e-16)
 
 
-def test_rules_are_made_once_and_cannot_be_changed() -> None:
+def test_rules_are_made_once_and_cannot_be_changed():
     rule = gauss_rule(3)
     assert gauss_rule(3) is rule
     with pytest.raises(ValueError, match="read-only"):
@@ -153,7 +151,7 @@ def test_rules_are_made_once_and_cannot_be_changed() -> None:
 
 
 @spread(name=sorted(RULES), n=[-1, 0, 1, 65])
-def test_numbers_of_points_out_of_range(name: str, n: int) -> None:
+def test_numbers_of_points_out_of_range(name, n):
     if n == 1 and name != "lobatto":
         assert RULES[name](n).n_points == 1
         return
@@ -182,8 +180,6 @@ def test_numbers_of_points_out_of_range(name: str, n: int) -> None:
         ),
     ],
 )
-def test_wrong_rules_are_refused(
-    name: str, nodes: list[float], weights: list[float], complaint: str
-) -> None:
+def test_wrong_rules_are_refused(name, nodes, weights, complaint):
     with pytest.raises(ValueError, match=complaint):
         QuadratureRule(name=name, nodes=np.array(nodes), weights=np.array(weights))

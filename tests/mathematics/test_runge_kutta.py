@@ -4,8 +4,6 @@ References are computed with mpmath from tableaux made there in 50 digits, weigh
 integral over a circle.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import mpmath as mp

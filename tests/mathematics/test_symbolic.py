@@ -1,7 +1,5 @@
 """Symbolic derivatives and the programs made of them."""
 
-from __future__ import annotations
-
 import mpmath
 import numpy as np
 import pytest
@@ -33,7 +31,7 @@ def tree(text: str) -> symbolic.Symbolic:
 
 
 @pytest.mark.parametrize("text", TEXTS)
-def test_a_formula_survives_both_ways_out(text: str) -> None:
+def test_a_formula_survives_both_ways_out(text):
     values = {"x": np.array([0.7, 1.3, 2.9]), "y": np.array([0.4, 2.2, 1.1])}
     direct = Expression.parse(text, variables=NAMES).evaluate(values, NUMPY_FUNCTIONS)
     (program,) = symbolic.compile_formulas([tree(text)]).evaluate(values, NUMPY_FUNCTIONS)
@@ -43,7 +41,7 @@ def test_a_formula_survives_both_ways_out(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", TEXTS)
-def test_derivatives_are_those_of_50_digits(text: str) -> None:
+def test_derivatives_are_those_of_50_digits(text):
     (derivative,) = symbolic.compile_formulas([tree(text).diff(symbolic.symbol("x"))]).evaluate(
         {"x": np.array([1.3]), "y": np.array([2.2])}, NUMPY_FUNCTIONS
     )
@@ -72,7 +70,7 @@ def test_derivatives_are_those_of_50_digits(text: str) -> None:
     assert np.broadcast_to(derivative, 1)[0] == pytest.approx(float(expected), rel=1e-13, abs=1e-14)
 
 
-def test_equal_parts_are_computed_once() -> None:
+def test_equal_parts_are_computed_once():
     x = symbolic.symbol("x")
     formula = tree("sin(x*y)*exp(sin(x*y))")
     program = symbolic.compile_formulas([formula, formula.diff(x), formula.diff(x, x)])
@@ -80,7 +78,7 @@ def test_equal_parts_are_computed_once() -> None:
     assert sorted(map(str, calls)) == ["cos", "exp", "sin"]
 
 
-def test_programs_work_on_power_series() -> None:
+def test_programs_work_on_power_series():
     t = PowerSeries.variable(6.0)
     (value,) = symbolic.compile_formulas([tree("sin(x)/(1 + y**2)")]).evaluate(
         {"x": t, "y": t**1.5}, SERIES_FUNCTIONS
@@ -94,11 +92,11 @@ def test_programs_work_on_power_series() -> None:
     ("text", "number"),
     [("(cos(x)*y)**2 + (sin(x)*y)**2 - y**2 + 3", 3.0), ("(x + y)**2 - x**2 - y**2 - 2*x*y", 0.0)],
 )
-def test_variables_that_drop_out_are_seen_to(text: str, number: float) -> None:
+def test_variables_that_drop_out_are_seen_to(text, number):
     assert symbolic.constant(symbolic.settled(tree(text))) == pytest.approx(number, abs=1e-14)
 
 
-def test_a_variable_that_stays_is_no_constant() -> None:
+def test_a_variable_that_stays_is_no_constant():
     assert symbolic.constant(symbolic.settled(tree("(x + y)**2 - x**2"))) is None
 
 
@@ -110,12 +108,12 @@ def test_a_variable_that_stays_is_no_constant() -> None:
         ("((2*x)**9000)**9000", "not a finite real number"),
     ],
 )
-def test_what_has_no_real_derivative_is_refused(text: str, message: str) -> None:
+def test_what_has_no_real_derivative_is_refused(text, message):
     with pytest.raises(ExpressionError, match=message):
         symbolic.compile_formulas([tree(text)])
 
 
-def test_huge_powers_are_not_multiplied_out() -> None:
+def test_huge_powers_are_not_multiplied_out():
     # at once, without integers of a billion digits
     formula = tree("(x + 2*y)**900000")
     assert symbolic.settled(formula) == formula
@@ -129,6 +127,6 @@ def test_huge_powers_are_not_multiplied_out() -> None:
         (" + ".join(f"sin({k}*x)*cos({k}*y)" for k in range(400)), "more than 3000"),
     ],
 )
-def test_formulas_that_would_explode_are_refused(text: str, message: str) -> None:
+def test_formulas_that_would_explode_are_refused(text, message):
     with pytest.raises(ExpressionError, match=message):
         tree(text)

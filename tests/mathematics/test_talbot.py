@@ -1,7 +1,5 @@
 """Inversion of Laplace transforms in many digits."""
 
-from __future__ import annotations
-
 import math
 
 import mpmath
@@ -11,7 +9,7 @@ import pytest
 from fvi_cli.mathematics.transforms.talbot import talbot_inverse
 
 
-def test_values_from_outside() -> None:
+def test_values_from_outside():
     """Unit step from rest, x'' + D^g x + x = 1 (oracles: closed form and 120-digit Talbot)."""
     table = {
         0.5: (0.387738214241533, 0.887286182411692, 0.668914627671081, 0.877181068558190),
@@ -25,7 +23,7 @@ def test_values_from_outside() -> None:
         np.testing.assert_allclose(found, values, rtol=2e-14)
 
 
-def test_poles_on_the_imaginary_axis_at_long_times() -> None:
+def test_poles_on_the_imaginary_axis_at_long_times():
     times = (10.0, 100.0)
     exact = [t * math.sin(t) / 2 for t in times]
     found = talbot_inverse(lambda s: s / (s * s + 1) ** 2, times, largest_frequency=1.0)
@@ -36,6 +34,6 @@ def test_poles_on_the_imaginary_axis_at_long_times() -> None:
 
 
 @pytest.mark.parametrize("time", [0.0, -1.0, math.inf, math.nan])
-def test_times_out_of_range_are_refused(time: float) -> None:
+def test_times_out_of_range_are_refused(time):
     with pytest.raises(ValueError, match="times"):
         talbot_inverse(lambda s: 1 / s, (time,), largest_frequency=1.0)

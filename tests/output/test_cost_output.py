@@ -1,7 +1,5 @@
 """Costs as tables, page and picture."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import functools

@@ -1,7 +1,5 @@
 """Figures of motions: what they draw is what the runs say, in the right places."""
 
-from __future__ import annotations
-
 import re
 
 import matplotlib as mpl
@@ -117,7 +115,7 @@ def drawn(figure: Figure) -> dict[str, dict[str, np.ndarray]]:
     }
 
 
-def test_balance_shows_energy_works_and_a_sum_that_does_not_move(oscillator: Study) -> None:
+def test_balance_shows_energy_works_and_a_sum_that_does_not_move(oscillator):
     figure = balance_figure(*oscillator)
     lines = drawn(figure)
     best = oscillator[1][-1].trajectory
@@ -130,7 +128,7 @@ def test_balance_shows_energy_works_and_a_sum_that_does_not_move(oscillator: Stu
     assert max(two, three) < 1e-14
 
 
-def test_momenta_show_every_symmetry_and_leave_out_methods_without(planet: Study) -> None:
+def test_momenta_show_every_symmetry_and_leave_out_methods_without(planet):
     figure = momenta_figure(*planet)
     values = drawn(figure)["angular momentum"]["y"]
     assert values[0] == pytest.approx(1.1)
@@ -138,7 +136,7 @@ def test_momenta_show_every_symmetry_and_leave_out_methods_without(planet: Study
     assert len(figure.axes[1].lines) == 1
 
 
-def test_paths_lead_from_the_start_through_the_stored_points(planet: Study) -> None:
+def test_paths_lead_from_the_start_through_the_stored_points(planet):
     figure = path_figure(*planet)
     lines = drawn(figure)
     place = planet[1][0].trajectory.position
@@ -148,7 +146,7 @@ def test_paths_lead_from_the_start_through_the_stored_points(planet: Study) -> N
     assert figure.axes[0].get_aspect() == 1.0
 
 
-def test_a_double_pendulum_moves_in_space() -> None:
+def test_a_double_pendulum_moves_in_space():
     experiment, finished = made(PENDULUM)
     lines = drawn(path_figure(experiment, finished))
     inner, outer = lines["first mass"], lines["second mass"]
@@ -158,16 +156,15 @@ def test_a_double_pendulum_moves_in_space() -> None:
     assert (inner["x"][0], inner["y"][0]) == pytest.approx((np.sin(2.0), -np.cos(2.0)))
 
 
-def test_phase_portraits_have_a_panel_for_every_component(planet: Study) -> None:
+def test_phase_portraits_have_a_panel_for_every_component(planet):
     figure = phase_figure(*planet)
     assert [axes.get_xlabel() for axes in figure.axes] == ["position $x$", "position $y$"]
     assert [axes.get_ylabel() for axes in figure.axes] == ["momentum $p_{x}$", "momentum $p_{y}$"]
     first = planet[1][0].trajectory
-    assert first.momentum is not None
     assert np.array_equal(np.asarray(figure.axes[1].lines[0].get_ydata()), first.momentum[:, 1])
 
 
-def test_a_long_chain_is_drawn_by_some_of_its_masses_in_their_places() -> None:
+def test_a_long_chain_is_drawn_by_some_of_its_masses_in_their_places():
     experiment, finished = made(CHAIN)
     lines = drawn(waterfall_figure(experiment, finished))
     masses = {
@@ -184,13 +181,13 @@ def test_a_long_chain_is_drawn_by_some_of_its_masses_in_their_places() -> None:
     assert all(line["y"][0] == index for index, line in masses.items())
 
 
-def test_the_axis_of_a_chain_names_its_first_and_its_last_mass() -> None:
+def test_the_axis_of_a_chain_names_its_first_and_its_last_mass():
     experiment, finished = made(CHAIN.replace("masses: 40", "masses: 20"))
     axes = waterfall_figure(experiment, finished).axes[0]
     assert list(axes.get_yticks()) == [1, 5, 10, 15, 20]
 
 
-def test_a_frame_is_drawn_above_the_ground_that_shakes_it() -> None:
+def test_a_frame_is_drawn_above_the_ground_that_shakes_it():
     experiment, finished = made(FRAME)
     above, below = waterfall_figure(experiment, finished).axes
     assert "storey" in above.get_ylabel()
@@ -202,7 +199,7 @@ def test_a_frame_is_drawn_above_the_ground_that_shakes_it() -> None:
     assert len(waterfall_figure(*made(still)).axes) == 1
 
 
-def test_a_string_is_drawn_in_its_shapes() -> None:
+def test_a_string_is_drawn_in_its_shapes():
     experiment, finished = made(STRING)
     figure = waterfall_figure(experiment, finished)
     lines = drawn(figure)
@@ -216,7 +213,7 @@ def test_a_string_is_drawn_in_its_shapes() -> None:
     assert bar in (0.05, 0.1)
 
 
-def test_what_cannot_be_drawn_is_told_with_its_reason(oscillator: Study) -> None:
+def test_what_cannot_be_drawn_is_told_with_its_reason(oscillator):
     experiment, finished = oscillator
     text = OSCILLATOR.replace("store: {diagnostics: [energy-balance]}", "")
     figures_key = "figures: [balance, momenta, phase, path, waterfall]\n"
@@ -234,9 +231,7 @@ def test_what_cannot_be_drawn_is_told_with_its_reason(oscillator: Study) -> None
             draw(experiment, finished)
 
 
-def test_everything_is_legible_and_told_apart_without_colour(
-    oscillator: Study, planet: Study
-) -> None:
+def test_everything_is_legible_and_told_apart_without_colour(oscillator, planet):
     for figure in (
         balance_figure(*oscillator),
         phase_figure(*planet),
@@ -249,14 +244,11 @@ def test_everything_is_legible_and_told_apart_without_colour(
         assert min(sizes) >= 7
         for axes in figure.axes:
             assert axes.get_ylabel()
-            looks = [
-                (line.get_marker(), str(line._unscaled_dash_pattern))  # type: ignore[attr-defined]
-                for line in axes.lines
-            ]
+            looks = [(line.get_marker(), str(line._unscaled_dash_pattern)) for line in axes.lines]
             assert len(set(looks)) == len(looks)
 
 
-def test_comparison_forgives_rounding_in_a_defect_and_nothing_else(oscillator: Study) -> None:
+def test_comparison_forgives_rounding_in_a_defect_and_nothing_else(oscillator):
     experiment, finished = oscillator
     old = plotting.drawn_data(balance_figure(experiment, finished))
     assert (

@@ -1,7 +1,5 @@
 """Figures of quantities and sections draw what was observed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -32,13 +30,12 @@ def outcome() -> fvi.Outcome:
     return fvi.run(CONFIG)[0]
 
 
-def test_quantities_over_time_with_their_peaks(outcome: fvi.Outcome) -> None:
+def test_quantities_over_time_with_their_peaks(outcome):
     figures = fvi.figures(outcome)
     assert set(figures) == {"seen-quantities", "seen-section"}
     panels = figures["seen-quantities"].axes
     assert [axes.get_ylabel() for axes in panels] == ["force", "a"]
     observed = outcome.finished[-1].trajectory.observed
-    assert observed is not None
     for axes, name in zip(panels, ("force", "a"), strict=True):
         drawn = axes.lines[1].get_ydata()
         assert np.array_equal(drawn, observed.quantities[name])
@@ -47,15 +44,14 @@ def test_quantities_over_time_with_their_peaks(outcome: fvi.Outcome) -> None:
         assert peak_time == observed.extents[name].peak_time
 
 
-def test_a_section_has_a_point_for_every_event(outcome: fvi.Outcome) -> None:
+def test_a_section_has_a_point_for_every_event(outcome):
     (axes,) = fvi.figures(outcome)["seen-section"].axes
     observed = outcome.finished[0].trajectory.observed
-    assert observed is not None
     assert axes.lines[0].get_xdata().size == observed.events["period"].time.size == 6
     assert axes.get_xlabel() == "position $x$"
 
 
-def test_round_off_does_not_fill_a_panel() -> None:
+def test_round_off_does_not_fill_a_panel():
     chain = {"kind": "chain", "masses": 2, "initial": {"position": [1.0, 0.0]}, "final_time": 20.0}
     config = {**CONFIG, "problem": {**chain, "exact": "none"}, "method": {"rk": "gauss"}}
     config |= {"events": {"turn": {"when": "vx1"}}, "figures": ["section"], "quantities": {}}
@@ -80,7 +76,7 @@ MEMBERS = {
 
 
 @pytest.mark.parametrize("count", [3, 8])
-def test_members_of_a_sweep(count: int) -> None:
+def test_members_of_a_sweep(count):
     amplitudes = {"from": 0.5, "to": 1.2, "number": count}
     swept = {**MEMBERS, "sweep": {"problem.parameters.amplitude": amplitudes}}
     (outcome,) = fvi.run(swept)
@@ -106,7 +102,7 @@ def test_members_of_a_sweep(count: int) -> None:
         assert others[0].get_ylabel() == r"velocity $\dot x$ (mm/ms)"
 
 
-def test_units_are_labels_and_belong_to_something() -> None:
+def test_units_are_labels_and_belong_to_something():
     (plain,) = fvi.run({**MEMBERS, "units": {}})
     (named,) = fvi.run({**MEMBERS, "figures": ["trajectory", "energy", "phase"]})
     one, other = plain.finished[0], named.finished[0]
@@ -120,13 +116,13 @@ def test_units_are_labels_and_belong_to_something() -> None:
         fvi.load({**MEMBERS, "units": {"forse": "N"}})
 
 
-def test_small_steps_are_written_as_powers_of_ten() -> None:
+def test_small_steps_are_written_as_powers_of_ten():
     assert in_formula(2.5e-5) == r"2.5 \times 10^{-5}"
     assert in_formula(1e-6) == "10^{-6}"
     assert in_formula(0.125) == "0.125"
 
 
-def test_a_column_that_ends_early_has_numbers_below_its_last_panel() -> None:
+def test_a_column_that_ends_early_has_numbers_below_its_last_panel():
     grid, used = panel_grid(new_figure(3.0), 3, 2, sharex=True)
     assert [axes.axison for axes in grid.flat] == [True, True, True, False]
     assert lowest(grid) == [used[2], used[1]]

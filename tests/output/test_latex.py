@@ -1,7 +1,5 @@
 """The LaTeX forms compile as part of a plain article, and nothing in them runs off the page."""
 
-from __future__ import annotations
-
 import math
 import re
 import shutil
@@ -42,11 +40,11 @@ EQUATIONS = {name: kind.equation for name, kind in KINDS.items()}
         ("t^a^b", "t^{a}{}^{b}"),
     ],
 )
-def test_equations_are_mathematics(text: str, typeset: str) -> None:
+def test_equations_are_mathematics(text, typeset):
     assert to_mathematics(text) == [(typeset, True)]
 
 
-def test_words_between_formulas_stay_words() -> None:
+def test_words_between_formulas_stay_words():
     found = to_mathematics(EQUATIONS["double-pendulum"])
     assert found[0] == ("two rods, angles", False)
     assert (r"c\,D^{\gamma}", True) in found
@@ -155,7 +153,7 @@ def faults(log: str) -> list[str]:
 
 
 @needs_latex
-def test_every_report_compiles_within_the_page(tmp_path: Path) -> None:
+def test_every_report_compiles_within_the_page(tmp_path):
     texts = {
         name: text
         for report in every_report()
@@ -170,7 +168,7 @@ def test_every_report_compiles_within_the_page(tmp_path: Path) -> None:
 
 
 @needs_latex
-def test_a_table_that_is_too_wide_and_a_mistake_are_found(tmp_path: Path) -> None:
+def test_a_table_that_is_too_wide_and_a_mistake_are_found(tmp_path):
     wide = to_latex([Grid(header=("a" * 200, "b"), rows=(("1", "2"),), text_columns=0)])
     assert any("Overfull" in line for line in faults(compiled(tmp_path, {"wide.tex": wide})))
     wrong = to_latex([Paragraph(words="a")]).replace("a\\par", "$a\\par")
@@ -178,7 +176,7 @@ def test_a_table_that_is_too_wide_and_a_mistake_are_found(tmp_path: Path) -> Non
 
 
 @needs_latex
-def test_whatever_the_words_they_compile(tmp_path: Path) -> None:
+def test_whatever_the_words_they_compile(tmp_path):
     blocks = [
         Heading(level=1, words=HOSTILE),
         Paragraph(words=(Equation(HOSTILE), Code(HOSTILE))),

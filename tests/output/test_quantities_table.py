@@ -1,7 +1,5 @@
 """Tables of quantities and events: what the command writes, and that a check can fail."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 
@@ -40,14 +38,13 @@ def _fvi(folder: Path, *options: str) -> tuple[int, str]:
     return found.exit_code, found.output
 
 
-def test_tables_hold_what_was_observed(folder: Path) -> None:
+def test_tables_hold_what_was_observed(folder):
     code, text = _fvi(folder)
     assert code == 0, text
     with (folder / "tables/asked-quantities.csv").open() as file:
         rows = list(csv.DictReader(file))
     (outcome,) = fvi.recall(folder / "asked.h5")
     observed = outcome.finished[1].trajectory.observed
-    assert observed is not None
     own = [row for row in rows if row["case"] == "gauss-s4-graded"]
     assert [row["quantity"] for row in own] == ["torque", "a"]
     assert float(own[0]["peak"]) == observed.extents["torque"].peak
@@ -60,7 +57,7 @@ def test_tables_hold_what_was_observed(folder: Path) -> None:
     assert "\\begin{tabular}" in (folder / "tables/asked-quantities.tex").read_text()
 
 
-def test_a_check_holds_until_something_changes(folder: Path) -> None:
+def test_a_check_holds_until_something_changes(folder):
     _fvi(folder)
     assert _fvi(folder, "--check")[0] == 0
     code, text = _fvi(folder, "--check", "--set", "problem.initial.position=1.1")
@@ -68,7 +65,7 @@ def test_a_check_holds_until_something_changes(folder: Path) -> None:
     assert "peak" in text
 
 
-def test_nothing_asked_for_is_told(folder: Path) -> None:
+def test_nothing_asked_for_is_told(folder):
     (folder / "bare.yaml").write_text(TEXT[: TEXT.index("quantities")].replace("asked", "bare"))
     found = CliRunner().invoke(
         app, ["quantities", str(folder / "bare.yaml"), "-q", "--output", str(folder)]
@@ -77,7 +74,7 @@ def test_nothing_asked_for_is_told(folder: Path) -> None:
     assert "no quantities, events or impacts are asked for" in found.output
 
 
-def test_sparse_matrices_stand_in_mappings() -> None:
+def test_sparse_matrices_stand_in_mappings():
     matrix = csr_array([[2.0, -1.0], [-1.0, 2.0]])
     problem = {"kind": "bagley-torvik", "mass": [[1, 0], [0, 1]], "stiffness": matrix}
     problem |= {"initial": {"position": [1.0, 0.0]}, "final_time": 1.0, "exact": "none"}

@@ -1,7 +1,5 @@
 """The figure of response spectra: what it draws, and when it is not drawn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -29,7 +27,7 @@ SWEEP = {
 }
 
 
-def test_it_draws_largest_displacements_over_periods() -> None:
+def test_it_draws_largest_displacements_over_periods():
     outcomes = fvi.run(fvi.load(SWEEP))
     figures = fvi.figures(outcomes)
     assert set(figures) == {"spectra-spectrum"}
@@ -54,7 +52,7 @@ def test_it_draws_largest_displacements_over_periods() -> None:
     assert upper.lines[0].get_ydata()[-1] == np.abs(soft[0].trajectory.position).max()
 
 
-def test_of_one_oscillator_or_of_many_coordinates_there_is_none() -> None:
+def test_of_one_oscillator_or_of_many_coordinates_there_is_none():
     alone = {key: value for key, value in SWEEP.items() if key != "sweep"}
     (outcome,) = fvi.run(fvi.load(alone))
     (line,) = left_out([(outcome.experiment, outcome.finished)])

@@ -1,7 +1,5 @@
 """Orders of the members of a sweep, from the configuration to tables and figures."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import io

@@ -1,7 +1,5 @@
 """Order tables say what the runs say, in four forms, and notice when the files say otherwise."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import io

@@ -1,7 +1,5 @@
 """The command line as a process of its own, for tests that kill, starve or confine it."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

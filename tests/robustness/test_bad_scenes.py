@@ -1,7 +1,5 @@
 """Scenes that make no sense, at the start or on the way: the place is named, the rest is kept."""
 
-from __future__ import annotations
-
 import h5py
 import pytest
 from typer.testing import CliRunner

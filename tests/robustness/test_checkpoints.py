@@ -1,7 +1,5 @@
 """A command that is ended in the midst of a long run goes on from its checkpoint."""
 
-from __future__ import annotations
-
 import errno
 import logging
 import signal

@@ -1,7 +1,5 @@
 """What happens to a command from outside: results that are finished survive it."""
 
-from __future__ import annotations
-
 import errno
 import os
 import random

@@ -1,7 +1,5 @@
 """Inputs from strangers: no traceback, no hang, nothing is executed, nothing written elsewhere."""
 
-from __future__ import annotations
-
 import contextlib
 import faulthandler
 import os

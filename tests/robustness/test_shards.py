@@ -1,7 +1,5 @@
 """Parts of a configuration, computed by several commands and joined, are the whole."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
@@ -91,7 +89,7 @@ def numbers(path: Path) -> dict[str, object]:
     return found
 
 
-def test_every_run_is_in_one_part_and_packs_stay_whole() -> None:
+def test_every_run_is_in_one_part_and_packs_stay_whole():
     experiments = parse_config(CONFIG, "all.yaml").experiments
     whole = [run for one in experiments for run in one.runs()]
     for count in (1, 2, 3, 7, 100):
@@ -112,7 +110,7 @@ def test_every_run_is_in_one_part_and_packs_stay_whole() -> None:
     assert max(work) <= 1.2 * min(work)
 
 
-def test_parts_that_are_joined_are_the_whole_bit_by_bit(results: Path) -> None:
+def test_parts_that_are_joined_are_the_whole_bit_by_bit(results):
     parts = sorted((results / "parts").glob("*.h5"))
     assert [path.name for path in parts] == [f"all.shard-{k}-of-3.h5" for k in (1, 2, 3)]
     target = results / "joined" / "all.h5"
@@ -132,7 +130,7 @@ def test_parts_that_are_joined_are_the_whole_bit_by_bit(results: Path) -> None:
     assert target.stat().st_mtime_ns == written
 
 
-def test_a_part_finds_what_it_has_computed(results: Path) -> None:
+def test_a_part_finds_what_it_has_computed(results):
     output = ("-o", results / "parts", "--shard", "2/3", "--dry-run")
     code, told = fvi("run", results / "all.yaml", *output)
     assert code == 0
@@ -141,14 +139,14 @@ def test_a_part_finds_what_it_has_computed(results: Path) -> None:
 
 
 @pytest.mark.parametrize("shard", ["0/3", "4/3", "2", "a/3", "1/0", "-1/2", "1/2/3"])
-def test_a_part_that_there_is_not_is_refused(shard: str, tmp_path: Path) -> None:
+def test_a_part_that_there_is_not_is_refused(shard, tmp_path):
     code, told = fvi("run", "damped-oscillator", f"--shard={shard}", "-o", tmp_path / "new")
     assert code == 2
     assert told.startswith(f"--shard {shard}: is not ")
     assert not (tmp_path / "new").exists()
 
 
-def test_files_that_do_not_belong_together_are_refused(results: Path, tmp_path: Path) -> None:
+def test_files_that_do_not_belong_together_are_refused(results, tmp_path):
     (tmp_path / "all.yaml").write_text(CONFIG.replace("to: 4.0", "to: 5.0"))
     assert fvi("run", tmp_path / "all.yaml", "-q", "-o", tmp_path, "--shard", "1/3")[0] == 0
     own, other = (folder / "all.shard-1-of-3.h5" for folder in (results / "parts", tmp_path))
@@ -162,7 +160,7 @@ def test_files_that_do_not_belong_together_are_refused(results: Path, tmp_path: 
         assert said in told
 
 
-def test_what_is_damaged_or_differs_is_not_joined(results: Path, tmp_path: Path) -> None:
+def test_what_is_damaged_or_differs_is_not_joined(results, tmp_path):
     parts = sorted((results / "parts").glob("*.h5"))
     own = [Path(shutil.copy(path, tmp_path)) for path in parts]
     content = bytearray(own[1].read_bytes())
@@ -189,9 +187,7 @@ def test_what_is_damaged_or_differs_is_not_joined(results: Path, tmp_path: Path)
 
 
 @pytest.mark.parametrize("waits", [False, True])
-def test_a_command_waits_for_another_if_it_is_told_to(
-    waits: bool, results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command_waits_for_another_if_it_is_told_to(waits, results, tmp_path, monkeypatch):
     source = shutil.copy(results / "parts" / "all.shard-1-of-3.h5", tmp_path)
     target = tmp_path / "new"
     held, release, said = threading.Event(), threading.Event(), []
@@ -248,7 +244,7 @@ def shell(folder: Path, script: str, **variables: str) -> str:
 
 @pytest.mark.processes
 @pytest.mark.skipif(shutil.which("bash") is None, reason="runs scripts of bash")
-def test_the_job_array_and_the_rules_of_the_page(tmp_path: Path) -> None:
+def test_the_job_array_and_the_rules_of_the_page(tmp_path):
     config = CONFIG.partition("  - name: one")[0] + "name: many\n"
     array, rules = shown("bash"), shown("snakemake")
     assert "#SBATCH --array=1-4\n" in array

@@ -1,7 +1,5 @@
 """Members of a sweep, computed together: the same numbers as alone, whatever becomes of others."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

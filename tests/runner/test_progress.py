@@ -1,7 +1,5 @@
 """How long the rest takes: told when there is ground for it, and near the truth."""
 
-from __future__ import annotations
-
 import itertools
 
 import pytest
@@ -18,7 +16,7 @@ class Clock:
         return self.now
 
 
-def test_an_estimate_waits_until_there_is_ground_for_it_and_then_is_near_the_truth() -> None:
+def test_an_estimate_waits_until_there_is_ground_for_it_and_then_is_near_the_truth():
     """Runs of 0.05 s and 10 microseconds a step: by their share of steps the first mislead most."""
     clock = Clock()
     runs = [2**k for k in range(2, 20)] * 3
@@ -36,7 +34,7 @@ def test_an_estimate_waits_until_there_is_ground_for_it_and_then_is_near_the_tru
     assert pace.left == 0
 
 
-def test_time_spent_on_a_reference_does_not_count() -> None:
+def test_time_spent_on_a_reference_does_not_count():
     clock = Clock()
     pace = Pace(total=100, clock=clock)
     for _ in range(60):
@@ -53,5 +51,5 @@ def test_time_spent_on_a_reference_does_not_count() -> None:
 @pytest.mark.parametrize(
     ("seconds", "words"), [(0, "0:00"), (59.6, "1:00"), (3599, "59:59"), (3661, "1:01:01")]
 )
-def test_times_in_words(seconds: float, words: str) -> None:
+def test_times_in_words(seconds, words):
     assert in_minutes(seconds) == words

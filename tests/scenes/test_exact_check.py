@@ -1,7 +1,5 @@
 """A given solution is believed only where it solves the equation from the initial data."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.special import roots_jacobi
@@ -17,9 +15,7 @@ from fvi_cli.scenes.registry import build_problem
 
 
 def problem_of(**keys: object) -> Problem:
-    problem = build_problem({"kind": "damped-oscillator", "final_time": 8.0, **keys})
-    assert isinstance(problem, Problem)
-    return problem
+    return build_problem({"kind": "damped-oscillator", "final_time": 8.0, **keys})
 
 
 FREE = {"position": 1.0, "velocity": 0.5}
@@ -49,7 +45,7 @@ SOLVED = {
 
 
 @pytest.mark.parametrize("name", SOLVED)
-def test_closed_forms_solve_their_equations_and_others_do_not(name: str) -> None:
+def test_closed_forms_solve_their_equations_and_others_do_not(name):
     problem = SOLVED[name]
     exact = problem.exact
     assert exact is not None
@@ -67,21 +63,21 @@ def test_closed_forms_solve_their_equations_and_others_do_not(name: str) -> None
     )
 
 
-def test_a_nonlinear_scene() -> None:
+def test_a_nonlinear_scene():
     """The pendulum from rest at the bottom with rate 2, without damping: 2 asin(tanh t)."""
     pendulum = {
         "kind": "pendulum",
         "initial": {"position": 0.0, "velocity": 2.0},
         "final_time": 12.0,
     }
-    scene = build_problem(pendulum).scene  # type: ignore[union-attr]
+    scene = build_problem(pendulum).scene
     solution = lambda t: 2 * np.arcsin(np.tanh(t))[:, None]  # noqa: E731
     assert objection(solution, scene) == ""
     slower = lambda t: 2 * np.arcsin(np.tanh(t - 1e-4 * t**3 / (1 + t**3)))[:, None]  # noqa: E731
     assert "does not solve" in objection(slower, scene)
 
 
-def test_a_motion_that_is_zero() -> None:
+def test_a_motion_that_is_zero():
     assert objection(lambda t: np.zeros((t.size, 1)), problem_of().scene) == ""
     assert "derivative 0 at t = 0, but initial.velocity is 0.5" in objection(
         lambda t: np.zeros((t.size, 1)), problem_of(initial={"velocity": 0.5}).scene
@@ -100,9 +96,7 @@ def test_a_motion_that_is_zero() -> None:
         ),
     ],
 )
-def test_a_changed_problem_with_the_old_solution_is_refused_at_its_line(
-    change: str, told: str
-) -> None:
+def test_a_changed_problem_with_the_old_solution_is_refused_at_its_line(change, told):
     for command in ("check", "convergence"):
         result = CliRunner().invoke(app, [command, "damped-oscillator", "--set", change])
         assert result.exit_code == 2
@@ -112,7 +106,7 @@ def test_a_changed_problem_with_the_old_solution_is_refused_at_its_line(
     assert CliRunner().invoke(app, found).exit_code == 0
 
 
-def test_shipped_solutions_are_right() -> None:
+def test_shipped_solutions_are_right():
     # loading checks those that are given
     assert all(fvi.load(name).experiments for name in fvi.shipped_configurations())
 

@@ -1,7 +1,5 @@
 """Every kind of scene has its equation on a page, a configuration and a committed picture."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -19,13 +17,13 @@ GALLERY = {
 }
 
 
-def test_the_gallery_has_every_kind_once() -> None:
+def test_the_gallery_has_every_kind_once():
     assert sorted(GALLERY) == sorted(SCENES)
     assert all(one.name == f"gallery-{kind}" for kind, one in GALLERY.items())
 
 
 @pytest.mark.parametrize("kind", SCENES)
-def test_every_kind_is_documented_and_pictured(kind: str) -> None:
+def test_every_kind_is_documented_and_pictured(kind):
     (figure,) = GALLERY[kind].figures
     path = f"results/figures/gallery-{kind}-{figure}"
     assert f"\n## {kind}\n\n    {KINDS[kind].equation}\n" in PAGE
@@ -35,7 +33,7 @@ def test_every_kind_is_documented_and_pictured(kind: str) -> None:
     assert json.loads((ROOT / f"{path}.json").read_text(encoding="utf-8"))["panels"]
 
 
-def test_every_kind_has_a_configuration_beside_the_gallery() -> None:
+def test_every_kind_has_a_configuration_beside_the_gallery():
     others = {
         experiment.problem.kind
         for name in shipped_configs()

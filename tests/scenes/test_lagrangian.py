@@ -1,7 +1,5 @@
 """Scenes from a Lagrangian: what is recognised, and what is refused."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 
@@ -25,10 +23,10 @@ GAUSS3 = Method(cq="gauss", degree=3, start="graded")
 
 def single(lagrangian: str, **keywords: object) -> Scene:
     keywords = {"final_time": 4.0, "initial_position": 1.0, **keywords}
-    return lagrangian_scene(coordinates=["x"], lagrangian=lagrangian, **keywords)  # type: ignore[arg-type]
+    return lagrangian_scene(coordinates=["x"], lagrangian=lagrangian, **keywords)
 
 
-def test_the_pendulum_is_the_pendulum() -> None:
+def test_the_pendulum_is_the_pendulum():
     damping = [FractionalDamping(order=0.5, coefficient=0.3)]
     text = "m*(l*vx)**2/2 - m*g*l*(1 - cos(x))"
     made = single(text, parameters={"m": 1.0, "l": 1.0, "g": 4.0}, damping=damping)
@@ -44,7 +42,7 @@ def test_the_pendulum_is_the_pendulum() -> None:
     assert np.abs(integrate(other, GAUSS3, 64).position - a.position).max() > 1e-3
 
 
-def test_a_chain_is_recognised_as_matrices() -> None:
+def test_a_chain_is_recognised_as_matrices():
     damping = [FractionalDamping(order=0.5, coefficient=0.2 * np.eye(3))]
     made = lagrangian_scene(
         final_time=4.0,
@@ -71,7 +69,7 @@ def test_a_chain_is_recognised_as_matrices() -> None:
     assert np.abs(a.position - b.position).max() < 1e-13
 
 
-def test_forces_in_the_lagrangian_are_forces() -> None:
+def test_forces_in_the_lagrangian_are_forces():
     made = single("vx**2/2 - x**2 + x*sin(3*t) - 2*x", forcing=Forcing.from_text("t"))
     plain = linear_oscillator(
         final_time=4.0,
@@ -83,7 +81,7 @@ def test_forces_in_the_lagrangian_are_forces() -> None:
     assert np.abs(a.position - b.position).max() < 1e-14
 
 
-def test_a_spring_whose_end_is_shaken() -> None:
+def test_a_spring_whose_end_is_shaken():
     made = single("vx**2/2 - (x - sin(3*t))**2")
     plain = linear_oscillator(
         final_time=4.0,
@@ -96,13 +94,13 @@ def test_a_spring_whose_end_is_shaken() -> None:
     assert np.abs(a.position - b.position).max() < 1e-14
 
 
-def test_a_mass_that_is_constant_after_all() -> None:
+def test_a_mass_that_is_constant_after_all():
     made = single("((l*cos(x)*vx)**2 + (l*sin(x)*vx)**2)/2 + cos(x)", parameters={"l": 2.0})
     assert made.inertia.mass == pytest.approx(np.array([[4.0]]), abs=1e-14)
     assert isinstance(made.potential, ExpressionPotential)
 
 
-def test_free_motion_has_no_potential() -> None:
+def test_free_motion_has_no_potential():
     made = single("m*vx**2/2 + 3 + 0*x", parameters={"m": 2.0})
     assert made.potential is None
     assert made.forcing is None
@@ -134,7 +132,7 @@ def test_free_motion_has_no_potential() -> None:
         ),
     ],
 )
-def test_mistakes_are_named(keywords: dict[str, object], message: str) -> None:
+def test_mistakes_are_named(keywords, message):
     given: dict[str, object] = {
         "coordinates": ["x"],
         "lagrangian": "vx**2 - x**2",
@@ -142,7 +140,7 @@ def test_mistakes_are_named(keywords: dict[str, object], message: str) -> None:
         **keywords,
     }
     with pytest.raises(ValueError, match=message.replace("(", r"\(")):
-        lagrangian_scene(**given)  # type: ignore[arg-type]
+        lagrangian_scene(**given)
 
 
 CASE = """name: a
@@ -157,9 +155,9 @@ ladder: {steps: [4]}
 """
 
 
-def test_a_configuration_names_its_coordinates() -> None:
+def test_a_configuration_names_its_coordinates():
     (experiment,) = parse_config(CASE, "a.yaml").experiments
-    scene = experiment.problem.scene  # type: ignore[union-attr]
+    scene = experiment.problem.scene
     assert scene.damping[0].coefficient.tolist() == [[1.0, -1.0], [-1.0, 1.0]]
     assert scene.potential.stiffness.tolist() == [[2.0, -2.0], [-2.0, 2.0]]
 
@@ -180,7 +178,7 @@ def test_a_configuration_names_its_coordinates() -> None:
         ),
     ],
 )
-def test_mistakes_in_a_configuration(old: str, new: str, messages: list[str]) -> None:
+def test_mistakes_in_a_configuration(old, new, messages):
     with pytest.raises(RequestError) as caught:
         parse_config(CASE.replace(old, new), "a.yaml")
     for message in messages:
@@ -189,7 +187,7 @@ def test_mistakes_in_a_configuration(old: str, new: str, messages: list[str]) ->
 
 @pytest.mark.processes
 @pytest.mark.parametrize("kind", ["pendulum", "lagrangian"])
-def test_only_lagrangians_import_sympy(kind: str) -> None:
+def test_only_lagrangians_import_sympy(kind):
     own = "" if kind == "pendulum" else ", 'coordinates': ['x'], 'lagrangian': 'vx**2 - x**2'"
     code = (
         "import sys\n"

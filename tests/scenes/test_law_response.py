@@ -1,7 +1,5 @@
 """Exact solutions with relaxation laws, against inversions in many digits."""
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

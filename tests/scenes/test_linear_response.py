@@ -193,7 +193,6 @@ def test_classical_damping_of_the_follow_up():
             v0=[0.4, 0.0],
         )
     )
-    assert exact is not None
     t = np.linspace(0.0, 30.0, 97)
     w = math.sqrt(31) / 8
     root = math.sqrt(31)
@@ -208,7 +207,6 @@ def test_bagley_torvik_with_fractional_powers_in_the_force(order, gamma_factor):
     power = "t" if order == 1.5 else "t**2"
     text = f"15/4*sqrt(t) + {gamma_factor}*sqrt(pi)*{power} + t**2.5"
     exact = match_scene(scene(damping=((order, 1.0),), forcing=pieces((text, math.inf))))
-    assert exact is not None
     t = np.linspace(0.0, 1.0, 65)
     assert exact.position(t)[:, 0] == pytest.approx(t**2.5, abs=1e-14)
 
@@ -222,7 +220,6 @@ def test_general_order_with_a_manufactured_solution():
     exact = match_scene(
         scene(stiffness=3.0, damping=((0.7, 0.4),), forcing=pieces((text, math.inf)))
     )
-    assert exact is not None
     assert exact.source == "characteristic roots and branch-cut integral"
     t = np.linspace(0.0, 6.0, 61)
     expected = t**2.3 + t**4
@@ -243,7 +240,6 @@ def test_pieces_are_superposed():
 
 def test_scene_with_a_step_force():
     exact = match_scene(scene(damping=((1.5, 1.0),), forcing=pieces(("8", 1.0), ("0", math.inf))))
-    assert exact is not None
     assert exact.position(np.array([1.0, 2.0]))[:, 0] == pytest.approx(
         [2.315525822792576, 4.425462195857781], abs=2e-15
     )
@@ -263,7 +259,6 @@ def test_modes_of_a_chain():
             forcing=Forcing.from_text("1", "t"),
         )
     )
-    assert exact is not None
     times = np.linspace(0.0, 10.0, 33)
     modes = [
         linear_response(
@@ -284,7 +279,6 @@ def test_unequal_masses_and_a_rigid_motion():
     mass = np.diag([1.0, 3.0])
     stiffness = np.array([[1.0, -1.0], [-1.0, 1.0]])
     exact = match_scene(scene(mass=mass, stiffness=stiffness, x0=[1.0, 0.0], v0=[0.0, 1.0]))
-    assert exact is not None
     times = np.linspace(0.0, 10.0, 21)
     position = exact.position(times)
     assert position @ [0.25, 0.75] == pytest.approx(0.25 + 0.75 * times, abs=1e-14)

@@ -1,7 +1,5 @@
 """Exported numbers are the stored ones, in every format, whatever a group holds."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path
@@ -48,7 +46,7 @@ def read_csv(path: Path) -> tuple[dict[str, object], dict[str, list[str]]]:
     return json.loads(path.with_suffix(".json").read_text(encoding="utf-8")), columns
 
 
-def test_csv_holds_every_number_to_the_last_digit(stored: Path, tmp_path: Path) -> None:
+def test_csv_holds_every_number_to_the_last_digit(stored, tmp_path):
     written = export_file(stored, "csv", tmp_path)
     assert len(written) == 8
     attributes, columns = read_csv(tmp_path / "two-masses-gauss-s2-graded-n000008.csv")
@@ -65,7 +63,7 @@ def test_csv_holds_every_number_to_the_last_digit(stored: Path, tmp_path: Path) 
     assert (attributes["experiment"], attributes["n_steps"]) == ("two-masses", 8)
 
 
-def test_npz_and_mat_hold_the_same_arrays(stored: Path, tmp_path: Path) -> None:
+def test_npz_and_mat_hold_the_same_arrays(stored, tmp_path):
     (npz,) = export_file(stored, "npz", tmp_path)
     (mat,) = export_file(stored, "mat", tmp_path)
     matlab = loadmat(mat, simplify_cells=True)
@@ -81,7 +79,7 @@ def test_npz_and_mat_hold_the_same_arrays(stored: Path, tmp_path: Path) -> None:
             assert attributes["n_steps"] == structure["attributes"]["n_steps"] == len(values) - 1
 
 
-def test_members_become_rows() -> None:
+def test_members_become_rows():
     batch = StoredArrays(
         experiment="sweep",
         case="gauss-s3-graded",
@@ -164,12 +162,12 @@ def lines_of(run: StoredArrays) -> list[str]:
         ),
     ],
 )
-def test_columns_are_called_as_the_coordinates(problem, size, names) -> None:
+def test_columns_are_called_as_the_coordinates(problem, size, names):
     header = lines_of(one_run(problem, np.array([0.0, 1.0]), size))[0]
     assert header == f"time,{names},energy"
 
 
-def test_times_are_rounded_once_and_others_left() -> None:
+def test_times_are_rounded_once_and_others_left():
     dusty = np.arange(101) * 0.01 * (1 - 2e-16)
     dusty[1] = 0.009999999999999998
     words = [line.split(",")[0] for line in lines_of(one_run({"final_time": 1.0}, dusty))[1:]]
@@ -180,7 +178,7 @@ def test_times_are_rounded_once_and_others_left() -> None:
     assert [float(word) for word in words] == graded.tolist()
 
 
-def test_names_that_matlab_would_take_for_one_stay_apart(tmp_path: Path) -> None:
+def test_names_that_matlab_would_take_for_one_stay_apart(tmp_path):
     def run(experiment: str) -> StoredArrays:
         return StoredArrays(
             experiment=experiment,
@@ -200,7 +198,7 @@ def test_names_that_matlab_would_take_for_one_stay_apart(tmp_path: Path) -> None
     assert found == [3.0, 3.0, 70.0, 71.0]
 
 
-def test_command_prints_what_it_writes(stored: Path, tmp_path: Path) -> None:
+def test_command_prints_what_it_writes(stored, tmp_path):
     arguments = ["export", str(stored), "--to", "npz", "--output", str(tmp_path)]
     done = CliRunner().invoke(app, arguments)
     assert done.exit_code == 0
@@ -211,7 +209,7 @@ def test_command_prints_what_it_writes(stored: Path, tmp_path: Path) -> None:
     assert "csv, npz, mat" in done.stderr
 
 
-def test_mistakes_are_told(tmp_path: Path) -> None:
+def test_mistakes_are_told(tmp_path):
     strange = tmp_path / "strange.h5"
     strange.write_bytes(b"not HDF5")
     with pytest.raises(StorageError, match="not a result file"):

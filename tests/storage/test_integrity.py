@@ -1,9 +1,6 @@
 """Nothing is taken from a file that is not as it was written, whoever reads it."""
 
-from __future__ import annotations
-
 import os
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -77,9 +74,7 @@ def one_attribute_more(file: h5py.File) -> None:
 
 
 @spread(reader=READERS, change=[smaller_error, other_status, other_norm, one_attribute_more])
-def test_a_changed_attribute_is_noticed_by_every_reader(
-    change: Callable[[h5py.File], None], reader: tuple[str, ...]
-) -> None:
+def test_a_changed_attribute_is_noticed_by_every_reader(change, reader):
     assert fvi(*reader).exit_code == 0  # control
     with h5py.File(FILE, "r+") as file:
         change(file)
@@ -146,9 +141,7 @@ STRANGE = [
 
 
 @pytest.mark.parametrize("change", STRANGE)
-def test_what_was_not_written_by_us_is_refused_by_all_who_read_numbers(
-    change: Callable[[h5py.File], None],
-) -> None:
+def test_what_was_not_written_by_us_is_refused_by_all_who_read_numbers(change):
     with h5py.File(FILE, "r+") as file:
         change(file)
     for reader in READERS[1:]:
@@ -157,7 +150,7 @@ def test_what_was_not_written_by_us_is_refused_by_all_who_read_numbers(
         assert f"{FILE}: is damaged or not a result file" in result.stderr
 
 
-def test_the_root_is_verified() -> None:
+def test_the_root_is_verified():
     with h5py.File(FILE, "r+") as file:
         file.attrs["resolved_config"] = file.attrs["resolved_config"].replace("cos(t)", "sin(t)")
     for reader in READERS[:3]:
@@ -166,7 +159,7 @@ def test_the_root_is_verified() -> None:
         assert "what is said of the file is not what was written" in result.stderr
 
 
-def test_nothing_from_a_file_steers_the_terminal() -> None:
+def test_nothing_from_a_file_steers_the_terminal():
     with h5py.File(FILE, "r+") as file:
         file[GROUP].attrs["\x1b[2J"] = "x"
         file["\x1b]0;title\x07"] = 1.0
@@ -175,7 +168,7 @@ def test_nothing_from_a_file_steers_the_terminal() -> None:
         assert "\x1b" not in fvi(*reader).output
 
 
-def test_a_pipe_in_the_place_of_a_file_does_not_hang() -> None:
+def test_a_pipe_in_the_place_of_a_file_does_not_hang():
     Path(FILE).unlink()
     os.mkfifo(FILE)
     for reader in READERS:
@@ -184,7 +177,7 @@ def test_a_pipe_in_the_place_of_a_file_does_not_hang() -> None:
         assert "is no ordinary file" in result.stderr
 
 
-def test_an_older_format_is_told_what_to_do() -> None:
+def test_an_older_format_is_told_what_to_do():
     with h5py.File(FILE, "r+") as file:
         file.attrs["format"] = 1
     for reader in READERS:
@@ -196,7 +189,7 @@ def test_an_older_format_is_told_what_to_do() -> None:
 # --- the seal -------------------------------------------------------------------------------------
 
 
-def test_every_flipped_bit_of_a_sealed_file_is_noticed_where_it_is_read(tmp_path: Path) -> None:
+def test_every_flipped_bit_of_a_sealed_file_is_noticed_where_it_is_read(tmp_path):
     path = tmp_path / "sealed"
     content = bytes(range(256)) * 3 * (seal.BLOCK // 256) + b"rest"
     path.write_bytes(content)
@@ -227,7 +220,7 @@ def test_every_flipped_bit_of_a_sealed_file_is_noticed_where_it_is_read(tmp_path
             SealedStream(path)
 
 
-def test_a_listing_of_a_large_file_does_not_read_all_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_listing_of_a_large_file_does_not_read_all_of_it(monkeypatch):
     arguments = ("run", "quick.yaml", "--set", "ladder.steps=[100000]", "--fresh", "-q")
     assert fvi(*arguments).exit_code == 0
     blocks = -(-Path(FILE).stat().st_size // seal.BLOCK)
@@ -246,7 +239,7 @@ def test_a_listing_of_a_large_file_does_not_read_all_of_it(monkeypatch: pytest.M
     assert len(looked_at) == blocks
 
 
-def test_a_listing_opens_no_group(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_listing_opens_no_group(monkeypatch):
     whole = asdict(list_runs(Path(FILE)))
     assert len(whole["runs"]) > 1
     with monkeypatch.context() as patch:
@@ -260,7 +253,7 @@ def test_a_listing_opens_no_group(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not list_runs(Path(FILE)).runs
 
 
-def test_a_listing_tells_of_a_damaged_block(tmp_path: Path) -> None:
+def test_a_listing_tells_of_a_damaged_block(tmp_path):
     content = bytearray(Path(FILE).read_bytes())
     content[content.index(b'"case": "') + 9] ^= 1
     Path(FILE).write_bytes(content)

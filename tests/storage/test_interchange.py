@@ -1,7 +1,5 @@
 """Whatever a file holds, xarray finds the same numbers in it, by h5netcdf and by netCDF4."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 from typing import Any
@@ -83,7 +81,7 @@ def groups_of(path: Path) -> dict[str, dict[str, Any]]:
 
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
-def test_every_file_is_opened_with_the_numbers_in_it(files: list[Path], engine: Any) -> None:
+def test_every_file_is_opened_with_the_numbers_in_it(files, engine):
     statuses = set()
     for path in files:
         expected = groups_of(path)
@@ -107,7 +105,7 @@ def test_every_file_is_opened_with_the_numbers_in_it(files: list[Path], engine: 
     assert {"ok", "refused"} <= statuses
 
 
-def test_parts_are_among_them(files: list[Path]) -> None:
+def test_parts_are_among_them(files):
     names = set(groups_of(files[0]))
     parts = [set(groups_of(path)) for path in files[1:]]
     assert len(parts) >= 8

@@ -1,7 +1,5 @@
 """The package needs nothing that only Unix has: a configuration runs with that hidden."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -60,7 +58,7 @@ def in_hiding(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.processes
-def test_a_configuration_runs_without_what_windows_lacks(tmp_path: Path) -> None:
+def test_a_configuration_runs_without_what_windows_lacks(tmp_path):
     done = in_hiding(tmp_path, HIDING)
     assert done.returncode == 0, done.stderr
     assert done.stdout == "['ok', 'ok']\n['ok', 'ok']\n2\n"

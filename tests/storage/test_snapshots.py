@@ -1,10 +1,7 @@
 """What a command reads of a file is one state of it, whoever replaces it meanwhile."""
 
-from __future__ import annotations
-
 import itertools
 import threading
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -39,9 +36,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return modes
 
 
-def test_a_command_opens_its_file_at_most_twice(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, opened: list[str]
-) -> None:
+def test_a_command_opens_its_file_at_most_twice(tmp_path, monkeypatch, opened):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "ten.yaml").write_text(CONFIG)
 
@@ -70,7 +65,7 @@ def stamped(stiffness: float) -> list[FinishedRun]:
     return finished
 
 
-def test_a_reader_beside_a_writer_never_mixes_two_problems(tmp_path: Path) -> None:
+def test_a_reader_beside_a_writer_never_mixes_two_problems(tmp_path):
     problems = {value: stamped(value) for value in (1.0, 2.0)}
     path = t.store(tmp_path, problems[1.0])
     stop = threading.Event()
@@ -94,7 +89,6 @@ def test_a_reader_beside_a_writer_never_mixes_two_problems(tmp_path: Path) -> No
                     found = [stored.finished(finished.run) for finished in problems[value]]
                     # those of the other problem may not all be written yet
                     for one in found if value == 1.0 else filter(None, found):
-                        assert one is not None
                         assert one.error == value
                         assert np.all(one.trajectory.position == value)
             reads += 1
@@ -103,9 +97,7 @@ def test_a_reader_beside_a_writer_never_mixes_two_problems(tmp_path: Path) -> No
         writer.join()
 
 
-def test_parts_that_go_into_the_file_while_they_are_read_are_found_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_parts_that_go_into_the_file_while_they_are_read_are_found_there(tmp_path, monkeypatch):
     monkeypatch.setattr(store, "PARTS_KEPT", 1)
     runs = stamped(1.0)
     with open_results(tmp_path, "sample") as results:
@@ -127,7 +119,7 @@ def test_parts_that_go_into_the_file_while_they_are_read_are_found_there(
         assert stored.finished(runs[0].run) is not None
 
 
-def test_a_file_that_is_open_is_read_as_it_was(tmp_path: Path) -> None:
+def test_a_file_that_is_open_is_read_as_it_was(tmp_path):
     runs = stamped(1.0)
     path = t.store(tmp_path, runs)
     with read_results(path) as stored:
@@ -139,9 +131,7 @@ def test_a_file_that_is_open_is_read_as_it_was(tmp_path: Path) -> None:
         assert stored.finished(runs[0].run) is None
 
 
-def test_a_file_that_is_replaced_while_it_is_opened_is_read_as_it_was(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_is_replaced_while_it_is_opened_is_read_as_it_was(tmp_path, monkeypatch):
     path, successor = tmp_path / "one", tmp_path / "other"
     for place, content in ((path, b"1" * 5000), (successor, b"2" * 9000)):
         with place.open("w+b") as file:

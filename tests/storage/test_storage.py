@@ -1,7 +1,5 @@
 """Result files: what goes in comes out, other readers understand it, faults destroy nothing."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json
@@ -149,7 +147,7 @@ def path(tmp_path: Path, runs: list[FinishedRun]) -> Path:
 # --- what goes in comes out -----------------------------------------------------------------------
 
 
-def test_every_field_comes_back_bit_by_bit(tmp_path: Path, runs: list[FinishedRun]) -> None:
+def test_every_field_comes_back_bit_by_bit(tmp_path, runs):
     with open_results(tmp_path, "sample") as results:
         for finished in runs:
             assert results.finished(finished.run) is None
@@ -164,7 +162,6 @@ def test_every_field_comes_back_bit_by_bit(tmp_path: Path, runs: list[FinishedRu
     with read_results(tmp_path / "sample.h5") as results:
         for finished, run in zip(runs, experiment().runs(), strict=True):
             found = results.finished(run)
-            assert found is not None
             assert found.run is run
             assert_same(replace(found, run=finished.run), finished)
     assert sorted(tree(tmp_path)) == ["sample.h5"]
@@ -178,9 +175,7 @@ def test_every_field_comes_back_bit_by_bit(tmp_path: Path, runs: list[FinishedRu
         np.zeros((1, 1)),
     ],
 )
-def test_runs_that_came_to_nothing_come_back_as_they_are(
-    tmp_path: Path, position: np.ndarray
-) -> None:
+def test_runs_that_came_to_nothing_come_back_as_they_are(tmp_path, position):
     run = experiment().runs()[0]
     trajectory = Trajectory(
         time=np.arange(float(len(position))),
@@ -199,13 +194,12 @@ def test_runs_that_came_to_nothing_come_back_as_they_are(
         assert_same(results.finished(run), finished)
 
 
-def test_a_thinned_grid_keeps_first_and_last_point(tmp_path: Path) -> None:
+def test_a_thinned_grid_keeps_first_and_last_point(tmp_path):
     own = experiment(store_every=3)
     finished = made_up(own.runs()[1])
     path = store(tmp_path, [finished])
     with read_results(path) as results:
         found = results.finished(finished.run)
-    assert found is not None
     kept = [0, 3, 6, 8]
     assert found.trajectory.time.tolist() == finished.trajectory.time[kept].tolist()
     assert found.trajectory.position.tolist() == finished.trajectory.position[kept].tolist()
@@ -216,7 +210,7 @@ def test_a_thinned_grid_keeps_first_and_last_point(tmp_path: Path) -> None:
 # --- identity -------------------------------------------------------------------------------------
 
 
-def test_identity_is_made_of_what_determines_the_numbers() -> None:
+def test_identity_is_made_of_what_determines_the_numbers():
     first = experiment().runs()[0]
     assert provenance.identity(first) == provenance.identity(experiment().runs()[0])
     assert provenance.identity(first) == provenance.identity(experiment(name="other").runs()[0])
@@ -234,9 +228,7 @@ def test_identity_is_made_of_what_determines_the_numbers() -> None:
 
 
 @pytest.mark.parametrize("constant", ["FORMAT", "SOLVER_VERSION"])
-def test_runs_of_an_older_program_are_not_taken(
-    path: Path, monkeypatch: pytest.MonkeyPatch, constant: str
-) -> None:
+def test_runs_of_an_older_program_are_not_taken(path, monkeypatch, constant):
     run = experiment().runs()[0]
     with read_results(path) as results:
         assert results.finished(run) is not None
@@ -244,7 +236,7 @@ def test_runs_of_an_older_program_are_not_taken(
         assert results.finished(run) is None
 
 
-def test_experiments_that_share_a_run_both_have_it(tmp_path: Path) -> None:
+def test_experiments_that_share_a_run_both_have_it(tmp_path):
     one, two, three = (experiment(name=name) for name in ("one", "two", "three"))
     with open_results(tmp_path, "sample") as results:
         results.add(made_up(one.runs()[0]))
@@ -270,7 +262,7 @@ def attributes_of(path: Path) -> Iterator[tuple[str, Any]]:
     yield from found
 
 
-def test_layout_is_as_documented(path: Path) -> None:
+def test_layout_is_as_documented(path):
     with h5py.File(path) as file:
         group = file["sample/bdf2-nodes-s1-gauss1-none/n000008"]
         assert list(group) == ["time", "dof", "position", "momentum", "energy"]
@@ -312,7 +304,7 @@ def test_layout_is_as_documented(path: Path) -> None:
         assert table["status"].asstr()[()].tolist() == ["ok", "ok"]
 
 
-def test_every_axis_has_a_scale_and_every_attribute_a_type_of_netcdf(path: Path) -> None:
+def test_every_axis_has_a_scale_and_every_attribute_a_type_of_netcdf(path):
     without: list[str] = []
     seen: list[str] = []
 
@@ -336,7 +328,7 @@ def test_every_axis_has_a_scale_and_every_attribute_a_type_of_netcdf(path: Path)
 
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
-def test_xarray_opens_every_group(path: Path, runs: list[FinishedRun], engine: Any) -> None:
+def test_xarray_opens_every_group(path, runs, engine):
     group = "/sample/gauss-s3-graded/n000008"
     with xr.open_dataset(path, group=group, engine=engine) as opened:
         found = opened.load()
@@ -357,7 +349,7 @@ def test_xarray_opens_every_group(path: Path, runs: list[FinishedRun], engine: A
     assert len(groups) == 1 + 1 + 4 + 4 * 3
 
 
-def test_netcdf4_reads_the_whole_tree(path: Path) -> None:
+def test_netcdf4_reads_the_whole_tree(path):
     with netCDF4.Dataset(path) as file:
         run = file["sample/bdf2-nodes-s1-gauss1-none/n000008"]
         assert run["position"].dimensions == ("time", "dof")
@@ -365,7 +357,7 @@ def test_netcdf4_reads_the_whole_tree(path: Path) -> None:
         assert run.getncattr("status") == "ok"
 
 
-def test_the_root_says_where_the_file_comes_from(path: Path) -> None:
+def test_the_root_says_where_the_file_comes_from(path):
     stored = read_configuration(path)
     assert stored.text == TEXT
     assert read_configuration(path).text == TEXT
@@ -382,7 +374,7 @@ def test_the_root_says_where_the_file_comes_from(path: Path) -> None:
     assert said["git_commit"] == "unknown" or len(said["git_commit"]) in (40, 64)
 
 
-def test_no_name_of_user_or_machine_and_no_absolute_path_is_inside(path: Path) -> None:
+def test_no_name_of_user_or_machine_and_no_absolute_path_is_inside(path):
     values = [str(value) for name, value in attributes_of(path) if not name.startswith("/@config")]
     assert len(values) > 100
     text = "\n".join(values)
@@ -409,7 +401,7 @@ def git(folder: Path, *arguments: str) -> str:
 
 
 @pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
-def test_commit_and_changes_are_those_of_the_checkout_of_the_package(tmp_path: Path) -> None:
+def test_commit_and_changes_are_those_of_the_checkout_of_the_package(tmp_path):
     package = tmp_path / "package"
     package.mkdir()
     init = package / "__init__.py"
@@ -443,7 +435,7 @@ def places(path: Path) -> set[tuple[str, str, int]]:
     return {(run.experiment, run.case, run.n_steps) for run in list_runs(path).runs}
 
 
-def test_what_is_current_is_not_written_again(tmp_path: Path, runs: list[FinishedRun]) -> None:
+def test_what_is_current_is_not_written_again(tmp_path, runs):
     path = store(tmp_path, runs)
     before = path.stat()
     with open_results(tmp_path, "sample") as results:
@@ -463,13 +455,13 @@ def test_what_is_current_is_not_written_again(tmp_path: Path, runs: list[Finishe
     assert len(places(path)) == len(runs)
 
 
-def test_without_a_finished_run_there_is_no_file(tmp_path: Path) -> None:
+def test_without_a_finished_run_there_is_no_file(tmp_path):
     with open_results(tmp_path, "sample") as results:
         assert results.consolidate(CONFIGURATION) is None
     assert tree(tmp_path) == {}
 
 
-def test_runs_that_were_not_asked_for_again_are_kept(path: Path, runs: list[FinishedRun]) -> None:
+def test_runs_that_were_not_asked_for_again_are_kept(path, runs):
     longer = experiment(steps=(16,))
     store(path.parent, [made_up(run) for run in longer.runs()])
     store(path.parent, [made_up(run) for run in experiment(name="another").runs()])
@@ -491,9 +483,7 @@ def test_runs_that_were_not_asked_for_again_are_kept(path: Path, runs: list[Fini
 BESIDE = "problem.exact = t**3, problem.stiffness = 1"
 
 
-def test_an_experiment_that_has_become_another_one_is_not_mixed_with_what_it_was(
-    path: Path, runs: list[FinishedRun]
-) -> None:
+def test_an_experiment_that_has_become_another_one_is_not_mixed_with_what_it_was(path, runs):
     other = experiment(name="other")
     store(path.parent, [made_up(run) for run in other.runs()])
     changed = experiment(stiffness=2.0, steps=(8, 16), methods=(BDF,))
@@ -521,9 +511,7 @@ def test_an_experiment_that_has_become_another_one_is_not_mixed_with_what_it_was
     }
 
 
-def test_fresh_forgets_nothing_before_something_new_is_there(
-    path: Path, runs: list[FinishedRun]
-) -> None:
+def test_fresh_forgets_nothing_before_something_new_is_there(path, runs):
     before = tree(path.parent)
     with open_results(path.parent, "sample", fresh=True) as results:
         assert results.finished(runs[0].run) is None
@@ -531,9 +519,7 @@ def test_fresh_forgets_nothing_before_something_new_is_there(
     assert tree(path.parent) == before
 
 
-def test_other_files_in_the_folder_of_parts_are_left_alone(
-    tmp_path: Path, runs: list[FinishedRun]
-) -> None:
+def test_other_files_in_the_folder_of_parts_are_left_alone(tmp_path, runs):
     parts = tmp_path / "sample.parts"
     parts.mkdir()
     (parts / "notes.txt").write_text("mine")
@@ -582,9 +568,7 @@ KILLED = """
 
 @pytest.mark.processes
 @pytest.mark.parametrize("moment", [1, 9])
-def test_killed_between_write_and_rename_only_that_run_is_lost(
-    tmp_path: Path, runs: list[FinishedRun], moment: int
-) -> None:
+def test_killed_between_write_and_rename_only_that_run_is_lost(tmp_path, runs, moment):
     done = in_a_process(KILLED, tmp_path, moment)
     assert done.returncode == -signal.SIGKILL, done.stderr
     left = [name for name in tree(tmp_path) if name.endswith(".part")]
@@ -603,9 +587,7 @@ def test_killed_between_write_and_rename_only_that_run_is_lost(
     assert len(places(tmp_path / "sample.h5")) == 8
 
 
-def test_parts_that_wait_are_read_beside_and_without_the_file(
-    tmp_path: Path, runs: list[FinishedRun]
-) -> None:
+def test_parts_that_wait_are_read_beside_and_without_the_file(tmp_path, runs):
     with open_results(tmp_path, "sample") as results:
         results.add(runs[0])
     path = tmp_path / "sample.h5"
@@ -644,9 +626,7 @@ FULL = """
 
 @pytest.mark.processes
 @pytest.mark.parametrize("limit", [0, 1000, 5000, 30_000])
-def test_a_full_disk_is_told_and_destroys_nothing(
-    tmp_path: Path, runs: list[FinishedRun], limit: int
-) -> None:
+def test_a_full_disk_is_told_and_destroys_nothing(tmp_path, runs, limit):
     path = store(tmp_path, runs[:2])
     before = path.read_bytes()
     assert len(before) > 30_000
@@ -667,7 +647,7 @@ def test_a_full_disk_is_told_and_destroys_nothing(
             assert_same(stored.finished(finished.run), finished)
 
 
-def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_is_told(tmp_path):
     (tmp_path / "file").write_text("")
     with (
         pytest.raises(StorageError, match=r"file/below: cannot be written: Not a directory"),
@@ -682,9 +662,7 @@ def test_a_folder_that_cannot_be_made_is_told(tmp_path: Path) -> None:
     assert list(tree(tmp_path)) == ["file"]
 
 
-def test_a_folder_that_may_not_be_written_is_told(
-    path: Path, runs: list[FinishedRun], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_that_may_not_be_written_is_told(path, runs, monkeypatch):
     before = tree(path.parent)
 
     def refuse(*arguments: object, **keywords: object) -> None:
@@ -737,9 +715,7 @@ KINDS = {
 
 
 @pytest.mark.parametrize("how", KINDS)
-def test_a_file_that_is_not_ours_or_not_whole_is_named_and_left_as_it_is(
-    path: Path, how: str
-) -> None:
+def test_a_file_that_is_not_ours_or_not_whole_is_named_and_left_as_it_is(path, how):
     damaged(path, how)
     before = tree(path.parent)
     expected = rf"sample\.h5: {KINDS[how]}"
@@ -757,7 +733,7 @@ def test_a_file_that_is_not_ours_or_not_whole_is_named_and_left_as_it_is(
     assert tree(path.parent) == before
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_file_that_is_not_there_is_named(tmp_path):
     for read in (read_configuration, list_runs):
         with pytest.raises(StorageError, match=r"absent\.h5: no such file"):
             read(tmp_path / "absent.h5")
@@ -765,7 +741,7 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
         read_results(tmp_path / "absent.h5").__enter__()
 
 
-def test_a_damaged_part_is_named(tmp_path: Path, runs: list[FinishedRun]) -> None:
+def test_a_damaged_part_is_named(tmp_path, runs):
     with open_results(tmp_path, "sample") as results:
         results.add(runs[0])
     (part,) = (tmp_path / "sample.parts").iterdir()
@@ -779,7 +755,7 @@ def recall(path: Path, runs: list[FinishedRun]) -> int:
         return sum(results.finished(finished.run) is not None for finished in runs)
 
 
-def test_cut_anywhere_a_file_is_told_to_be_damaged(path: Path, runs: list[FinishedRun]) -> None:
+def test_cut_anywhere_a_file_is_told_to_be_damaged(path, runs):
     content = path.read_bytes()
     assert recall(path, runs) == len(runs)
     random = np.random.default_rng(1)
@@ -793,7 +769,7 @@ def seal_of(content: bytes) -> bytes:
     return bytes(content[content.rindex(stream_module.MARK) :])
 
 
-def test_numbers_that_have_changed_since_are_noticed(path: Path, runs: list[FinishedRun]) -> None:
+def test_numbers_that_have_changed_since_are_noticed(path, runs):
     with h5py.File(path) as file:
         dataset = file[f"sample/{BDF.case}/n000008/position"]
         place = dataset.id.get_offset() + 24
@@ -810,9 +786,7 @@ def test_numbers_that_have_changed_since_are_noticed(path: Path, runs: list[Fini
             results.finished(runs[1].run)
 
 
-def test_a_file_that_the_library_would_search_for_ever_is_told_to_be_damaged(
-    path: Path, runs: list[FinishedRun]
-) -> None:
+def test_a_file_that_the_library_would_search_for_ever_is_told_to_be_damaged(path, runs):
     """A heap of texts of variable length whose directory is empty: h5py does not come back."""
     content = bytearray(path.read_bytes())
     begin = content.index(b"GCOL")
@@ -824,7 +798,7 @@ def test_a_file_that_the_library_would_search_for_ever_is_told_to_be_damaged(
         list_runs(path)
 
 
-def test_a_run_that_is_not_complete_is_not_finished(path: Path, runs: list[FinishedRun]) -> None:
+def test_a_run_that_is_not_complete_is_not_finished(path, runs):
     with h5py.File(path, "r+") as file:
         del file[f"sample/{BDF.case}/n000004"].attrs["complete"]
     with read_results(path) as results:
@@ -833,7 +807,7 @@ def test_a_run_that_is_not_complete_is_not_finished(path: Path, runs: list[Finis
     assert [run.is_complete for run in list_runs(path).runs] == [False] + 7 * [True]
 
 
-def test_after_a_failure_a_stream_goes_on_in_memory(tmp_path: Path) -> None:
+def test_after_a_failure_a_stream_goes_on_in_memory(tmp_path):
     """The same random writes and reads on a stream that fails half way and on plain memory."""
     random = np.random.default_rng(3)
     memory = io.BytesIO()
@@ -863,9 +837,7 @@ def test_after_a_failure_a_stream_goes_on_in_memory(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 10, 50])
-def test_an_interrupt_in_the_midst_of_writing_leaves_what_was_there(
-    path: Path, runs: list[FinishedRun], monkeypatch: pytest.MonkeyPatch, count: int
-) -> None:
+def test_an_interrupt_in_the_midst_of_writing_leaves_what_was_there(path, runs, monkeypatch, count):
     before = tree(path.parent)
     real = os.write
     calls = 0
@@ -904,9 +876,7 @@ HOLD = """
 
 
 @pytest.mark.processes
-def test_a_file_is_held_by_one_process_until_it_ends_in_whatever_way(
-    tmp_path: Path, runs: list[FinishedRun]
-) -> None:
+def test_a_file_is_held_by_one_process_until_it_ends_in_whatever_way(tmp_path, runs):
     package = str(Path(fvi_cli.__file__).parents[1])
     holder = subprocess.Popen(
         [sys.executable, "-c", textwrap.dedent(HOLD), str(tmp_path)],
@@ -916,7 +886,6 @@ def test_a_file_is_held_by_one_process_until_it_ends_in_whatever_way(
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), package])},
     )
     with holder:
-        assert holder.stdout is not None
         assert holder.stdout.readline() == "held\n"
         with (
             pytest.raises(StorageError, match=r"sample\.h5: another fvi is writing it.*--output"),
@@ -931,7 +900,7 @@ def test_a_file_is_held_by_one_process_until_it_ends_in_whatever_way(
     store(tmp_path, runs[:1])
 
 
-def test_a_file_is_held_once_in_a_process_and_free_after_an_error(tmp_path: Path) -> None:
+def test_a_file_is_held_once_in_a_process_and_free_after_an_error(tmp_path):
     def fail() -> None:
         with open_results(tmp_path, "sample"):
             with pytest.raises(StorageError, match="another fvi"):
@@ -944,6 +913,6 @@ def test_a_file_is_held_once_in_a_process_and_free_after_an_error(tmp_path: Path
         pass
 
 
-def test_methods_have_different_names_in_files() -> None:
+def test_methods_have_different_names_in_files():
     methods: tuple[AnyMethod, ...] = experiment().methods
     assert len({method.case for method in methods}) == len(methods)

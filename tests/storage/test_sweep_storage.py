@@ -1,7 +1,5 @@
 """Members of a sweep in files: one group for all, read back, resumed, and opened by others."""
 
-from __future__ import annotations
-
 import json
 import warnings
 

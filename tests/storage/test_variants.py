@@ -1,7 +1,5 @@
 """Runs of other values side by side in a file: listed, picked, exported, forgotten."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 from pathlib import Path
@@ -53,7 +51,7 @@ def errors(*arguments: str) -> list[str]:
         return [row["error"] for row in csv.DictReader(file)]
 
 
-def test_runs_of_other_values_stay_and_are_taken_again() -> None:
+def test_runs_of_other_values_stay_and_are_taken_again():
     assert "4 runs, 0 of them stored" in told()
     assert "4 runs, 0 of them stored" in told(*STIFF)
     assert "4 runs, 4 of them stored" in told()
@@ -73,7 +71,7 @@ def test_runs_of_other_values_stay_and_are_taken_again() -> None:
     }
 
 
-def test_a_file_stands_for_its_own_configuration_unless_other_values_are_set() -> None:
+def test_a_file_stands_for_its_own_configuration_unless_other_values_are_set():
     told(*STIFF)
     told()
     assert errors(FILE) == errors("quick.yaml")
@@ -87,7 +85,7 @@ def test_a_file_stands_for_its_own_configuration_unless_other_values_are_set() -
     assert "stiffness" in wrong.stderr
 
 
-def test_what_is_asked_for_lies_where_the_contract_says_and_all_is_exported() -> None:
+def test_what_is_asked_for_lies_where_the_contract_says_and_all_is_exported():
     told()
     told(*STIFF)
     with h5py.File(FILE) as file:
@@ -105,7 +103,7 @@ def test_what_is_asked_for_lies_where_the_contract_says_and_all_is_exported() ->
     assert len([name for name in names if name.endswith(".csv")]) == 8
 
 
-def test_what_is_forgotten_is_listed_first_and_nothing_else_goes() -> None:
+def test_what_is_forgotten_is_listed_first_and_nothing_else_goes():
     told()
     told(*STIFF)
     before = Path(FILE).read_bytes()
@@ -138,7 +136,7 @@ def test_what_is_forgotten_is_listed_first_and_nothing_else_goes() -> None:
         (("--set", "problem.stifness=7"), "stiffness"),
     ],
 )
-def test_a_mistake_forgets_nothing(arguments: tuple[str, ...], words: str) -> None:
+def test_a_mistake_forgets_nothing(arguments, words):
     told()
     before = Path(FILE).read_bytes()
     assert words in fvi("forget", FILE, *arguments, code=2).stderr
@@ -161,7 +159,7 @@ ladder: {steps: [64, 128]}
 """
 
 
-def test_a_refusal_and_what_it_refuses_are_both_kept() -> None:
+def test_a_refusal_and_what_it_refuses_are_both_kept():
     Path("quick.yaml").write_text(UNSTABLE)
     refused = fvi("run", "quick.yaml", code=1)
     assert refused.stdout.count("refused") == 2
@@ -177,7 +175,7 @@ def test_a_refusal_and_what_it_refuses_are_both_kept() -> None:
     assert {run.variant for run in list_runs(Path(FILE)).runs} == {"", "allow_unstable = False"}
 
 
-def test_fresh_replaces_run_by_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fresh_replaces_run_by_run(monkeypatch):
     """What is interrupted has lost nothing that was finished before."""
     told()
     real, calls = compute.execute_batch, []

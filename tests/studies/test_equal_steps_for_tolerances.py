@@ -1,7 +1,5 @@
 """A method and equal steps for a tolerance: what is chosen, kept and refused."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -26,13 +24,12 @@ from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
 def oscillator(order: float, *, coefficient: float = 0.3, **given: object) -> Scene:
     values: dict[str, object] = {"final_time": 8.0, "initial_position": 1.0, **given}
     damping = [FractionalDamping(order=order, coefficient=np.array([[coefficient]]))]
-    return linear_oscillator(damping=damping, **values)  # type: ignore[arg-type]
+    return linear_oscillator(damping=damping, **values)
 
 
 def solved(scene: Scene, methods: object = USUAL_CANDIDATES, **asked: object) -> Trajectory:
     """A run that must be met."""
-    _, run = solve_on_equal_steps(scene, methods, **asked)  # type: ignore[arg-type]
-    assert run.assessment is not None
+    _, run = solve_on_equal_steps(scene, methods, **asked)
     assert run.assessment.outcome == "met", run.assessment
     assert run.assessment.estimate <= run.assessment.tolerance
     assert np.ptp(np.diff(run.time)) <= 1e-9 * run.time[-1]
@@ -41,24 +38,22 @@ def solved(scene: Scene, methods: object = USUAL_CANDIDATES, **asked: object) ->
 
 def true_error(scene: Scene, run: Trajectory, norm: str = "max") -> float:
     solution = match_scene(scene)
-    assert solution is not None
-    return error_norm(run.position, solution.position(run.time), run.step_size, norm)  # type: ignore[arg-type]
+    return error_norm(run.position, solution.position(run.time), run.step_size, norm)
 
 
 def estimate(run: Trajectory) -> float:
-    assert run.assessment is not None
     return run.assessment.estimate
 
 
 @spread(tolerance=[1e-3, 1e-6, 1e-9, 1e-11], order=[0.3, 1.0, 1.9])
-def test_tolerance_is_kept_against_the_characteristic_roots(order: float, tolerance: float) -> None:
+def test_tolerance_is_kept_against_the_characteristic_roots(order, tolerance):
     scene = oscillator(order, initial_velocity=0.5)
     run = solved(scene, tolerance=tolerance)
     assert true_error(scene, run) <= estimate(run)
     assert math.log2(run.n_steps).is_integer()
 
 
-def test_a_run_on_a_quarter_of_the_steps_would_not_have_kept_it() -> None:
+def test_a_run_on_a_quarter_of_the_steps_would_not_have_kept_it():
     scene, gauss2 = oscillator(1.0), Method(cq="gauss", degree=2)
     run = solved(scene, [gauss2], tolerance=1e-8)
     coarse = integrate(scene, gauss2, run.n_steps // 4)
@@ -66,19 +61,19 @@ def test_a_run_on_a_quarter_of_the_steps_would_not_have_kept_it() -> None:
 
 
 @pytest.mark.parametrize("norm", ["max", "final", "l2"])
-def test_every_norm_is_kept(norm: str) -> None:
+def test_every_norm_is_kept(norm):
     scene = oscillator(0.5)
     run = solved(scene, tolerance=1e-7, norm=norm)
     assert true_error(scene, run, norm) <= estimate(run)
 
 
-def test_relative_tolerances_do_not_depend_on_the_unit_of_length() -> None:
+def test_relative_tolerances_do_not_depend_on_the_unit_of_length():
     large, small = (solved(oscillator(0.5, initial_position=x), relative=1e-7) for x in (1e3, 1e-3))
     assert large.n_steps == small.n_steps
     assert estimate(large) == pytest.approx(1e6 * estimate(small), rel=1e-2)
 
 
-def test_only_the_methods_that_are_given_are_used() -> None:
+def test_only_the_methods_that_are_given_are_used():
     scene = oscillator(0.5)
     bdf = Method(cq="bdf2", degree=1, forcing_quadrature="exact")
     methods: list[tuple[AnyMethod, float]] = [
@@ -91,13 +86,13 @@ def test_only_the_methods_that_are_given_are_used() -> None:
         assert true_error(scene, run) <= estimate(run) <= tolerance
 
 
-def test_the_cheaper_of_two_methods_is_taken() -> None:
+def test_the_cheaper_of_two_methods_is_taken():
     midpoint, gauss = Method(cq="gauss", degree=1), Method(cq="gauss", degree=3, start="graded")
     for methods in ([midpoint, gauss], [gauss, midpoint]):
         assert solve_on_equal_steps(oscillator(0.5), methods, tolerance=1e-9)[0] == gauss
 
 
-def test_break_points_lie_on_the_grid() -> None:
+def test_break_points_lie_on_the_grid():
     def constant(value: str) -> tuple[Expression]:
         return (Expression.parse(value, variables=("t",)),)
 
@@ -111,7 +106,7 @@ def test_break_points_lie_on_the_grid() -> None:
     assert true_error(scene, run) <= 1e-8
 
 
-def test_a_short_feature_of_the_force_is_not_missed() -> None:
+def test_a_short_feature_of_the_force_is_not_missed():
     scene = oscillator(
         1.0, initial_position=0.0, forcing=Forcing.from_text("exp(-((t - 3.28)/0.004)**2)")
     )
@@ -125,7 +120,7 @@ def test_a_short_feature_of_the_force_is_not_missed() -> None:
         assert np.abs(coarse.position).max() < 1e-3 * largest
 
 
-def test_stiff_modes_and_layers_are_not_mistaken_for_rest() -> None:
+def test_stiff_modes_and_layers_are_not_mistaken_for_rest():
     # Gauss methods leave an unresolved mode where it is: two coarse runs agree
     scene = linear_oscillator(
         final_time=1.0,
@@ -144,7 +139,7 @@ def test_stiff_modes_and_layers_are_not_mistaken_for_rest() -> None:
     assert true_error(aliased, solved(aliased, tolerance=1e-3)) <= 1e-3
 
 
-def test_nonlinear_scenes_agree_with_far_more_steps() -> None:
+def test_nonlinear_scenes_agree_with_far_more_steps():
     damping = [FractionalDamping(order=0.5, coefficient=np.array([[0.3]]))]
     swing = pendulum(final_time=5.0, damping=damping, initial_position=np.array([1.0]))
     both = double_pendulum(
@@ -158,14 +153,13 @@ def test_nonlinear_scenes_agree_with_far_more_steps() -> None:
         assert np.abs(run.position - fine.position[::8]).max() <= estimate(run)
 
 
-def test_what_cannot_be_reached_is_refused_with_what_was_reached() -> None:
+def test_what_cannot_be_reached_is_refused_with_what_was_reached():
     scene, midpoint = oscillator(0.5), Method(cq="gauss", degree=1)
     for asked, words in (
         ({"tolerance": 1e-11, "available_bytes": 10**6}, "the memory there is: the best error"),
         ({"tolerance": 1e-18}, "the best error reached is"),
     ):
-        _, run = solve_on_equal_steps(scene, [midpoint], **asked)  # type: ignore[arg-type]
-        assert run.assessment is not None
+        _, run = solve_on_equal_steps(scene, [midpoint], **asked)
         assert run.assessment.outcome == "refused"
         assert words in run.assessment.reason
         assert run.assessment.estimate > 0

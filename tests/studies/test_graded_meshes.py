@@ -1,10 +1,7 @@
 """Graded meshes and graded starts from configuration to file, and runs without a reference."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +15,6 @@ from fvi_cli.integrator.meshes.mesh import graded_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.plan import plan_run
-from fvi_cli.scenes.problem import Problem
 from fvi_cli.storage.provenance import identity
 from fvi_cli.studies import reference
 from fvi_cli.studies.norms import error_norm
@@ -58,8 +54,8 @@ def experiment(ladder: dict[str, Any], problem: dict[str, Any], **method: Any) -
     ],
 )
 def test_a_graded_mesh_multiplies_the_order_of_a_singular_start(
-    order: float, degree: int, grading: float, expected: float, steps: list[int]
-) -> None:
+    order, degree, grading, expected, steps
+):
     ladder = {"steps": steps, "grading": grading}
     own = experiment(ladder, free(order), rk="gauss", degree=degree, start="none")
     runs = list(fvi.study(own))
@@ -69,7 +65,7 @@ def test_a_graded_mesh_multiplies_the_order_of_a_singular_start(
     assert residual < 0.05
 
 
-def test_what_is_not_known_of_orders_is_not_stated() -> None:
+def test_what_is_not_known_of_orders_is_not_stated():
     (plain,) = experiment({"steps": 8}, free(0.5), degree=4, start="none").methods
     scene = fvi.build_problem(free(0.5)).scene
     assert expected_order(scene, plain, "max", 64, grading=1.5) == 3.75
@@ -82,9 +78,8 @@ def test_what_is_not_known_of_orders_is_not_stated() -> None:
 
 
 @pytest.mark.parametrize("order", [0.4, 1.6])
-def test_the_adaptive_reference_knows_its_error(order: float) -> None:
+def test_the_adaptive_reference_knows_its_error(order):
     problem = fvi.build_problem(free(order))
-    assert isinstance(problem, Problem)
     assert problem.exact is not None
     found = reference.find_reference(replace(problem, exact=None), (16,), grading=2.0)
     times = graded_mesh(8.0, 300, 2.0)
@@ -104,7 +99,7 @@ PULSE = {
 }
 
 
-def test_break_points_are_points_of_a_graded_mesh() -> None:
+def test_break_points_are_points_of_a_graded_mesh():
     own = experiment({"steps": [16, 32, 64], "grading": 2.5}, PULSE, rk="gauss", degree=2)
     runs = list(fvi.study(own))
     for one in runs:
@@ -115,7 +110,7 @@ def test_break_points_are_points_of_a_graded_mesh() -> None:
     assert runs[0].expected_order == 4.0
 
 
-def test_the_mesh_is_part_of_a_run_and_is_stored(tmp_path: Path) -> None:
+def test_the_mesh_is_part_of_a_run_and_is_stored(tmp_path):
     source = {
         "name": "mesh",
         "problem": free(0.5),
@@ -138,7 +133,7 @@ def test_the_mesh_is_part_of_a_run_and_is_stored(tmp_path: Path) -> None:
     assert identity(plain) == identity(runs[-1])
 
 
-def test_members_of_a_sweep_have_the_mesh_and_the_start_they_ask_for(tmp_path: Path) -> None:
+def test_members_of_a_sweep_have_the_mesh_and_the_start_they_ask_for(tmp_path):
     for ladder, start in (({"steps": 64, "grading": 2.0}, "none"), ({"steps": 64}, "graded")):
         source = {
             "name": f"sweep-{start}",
@@ -157,7 +152,7 @@ def test_members_of_a_sweep_have_the_mesh_and_the_start_they_ask_for(tmp_path: P
 
 
 @spread(**{"start, grading": [("graded", 1.0), ("none", 2.0)]}, kind=["linear", "nonlinear"])
-def test_the_plan_tells_the_work_of_the_mesh(start: str, grading: float, kind: str) -> None:
+def test_the_plan_tells_the_work_of_the_mesh(start, grading, kind):
     problem = PULSE if kind == "nonlinear" else free(0.5)
     ladder = {"steps": 73, "grading": grading}
     (run,) = experiment(ladder, problem, degree=3, start=start).runs()
@@ -167,7 +162,7 @@ def test_the_plan_tells_the_work_of_the_mesh(start: str, grading: float, kind: s
     assert ("halved" in planned.start) == (start == "graded")
 
 
-def test_the_norm_l2_weighs_every_point_by_its_step() -> None:
+def test_the_norm_l2_weighs_every_point_by_its_step():
     times = np.array([0.0, 0.1, 0.5, 2.0])
     error = np.array([[0.0], [3.0], [2.0], [1.0]])
     found = error_norm(error, np.zeros((4, 1)), np.diff(times, prepend=0.0), "l2")
@@ -188,14 +183,12 @@ def test_the_norm_l2_weighs_every_point_by_its_step() -> None:
         ({"steps": 73}, {"rk": "lobatto-iiic", "start": "graded"}, "for rk: gauss only"),
     ],
 )
-def test_what_cannot_be_is_refused_with_what_to_do(
-    ladder: dict[str, Any], method: dict[str, Any], complaint: str
-) -> None:
+def test_what_cannot_be_is_refused_with_what_to_do(ladder, method, complaint):
     with pytest.raises(fvi.ConfigError, match=complaint):
         experiment(ladder, PULSE, **method)
 
 
-def test_methods_refuse_a_graded_start_that_they_cannot_have() -> None:
+def test_methods_refuse_a_graded_start_that_they_cannot_have():
     with pytest.raises(ValueError, match="with bdf2 take weights"):
         Method(cq="bdf2", degree=1, start="graded")
     with pytest.raises(ValueError, match="fft is for BDF only"):
@@ -203,9 +196,7 @@ def test_methods_refuse_a_graded_start_that_they_cannot_have() -> None:
     assert fvi.method_named("gauss3-graded").case == "gauss-s3-graded"
 
 
-def test_no_reference_is_computed_where_none_is_wanted(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_no_reference_is_computed_where_none_is_wanted(monkeypatch, tmp_path):
     calls: list[int] = []
 
     def counted(scenes: list[fvi.Scene], method: Method, n_steps: int) -> list[fvi.Trajectory]:

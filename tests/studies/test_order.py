@@ -1,7 +1,5 @@
 """Order fits on errors that are known."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -11,7 +9,6 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.planning.expected_order import expected_order
-from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed
 from fvi_cli.studies.norms import error_norm
@@ -52,7 +49,7 @@ def made_up(errors: list[float], statuses: list[Observed] | None = None) -> list
 
 
 @pytest.mark.parametrize("order", [0.5, 1.0, 2.0, 6.0])
-def test_slope_of_a_pure_power_is_its_order(order: float) -> None:
+def test_slope_of_a_pure_power_is_its_order(order):
     runs = made_up([0.3 * 2.0 ** (-order * j) for j in range(5)])
     (case,) = order_table(runs[0].run.experiment, runs).cases
     assert case.slope == pytest.approx(order, abs=1e-12)
@@ -62,14 +59,14 @@ def test_slope_of_a_pure_power_is_its_order(order: float) -> None:
     assert all(r.pairwise_order == pytest.approx(order, abs=1e-12) for r in case.rows[1:])
 
 
-def test_one_wrong_error_shows_in_slope_and_residual() -> None:
+def test_one_wrong_error_shows_in_slope_and_residual():
     runs = made_up([0.3, 0.075, 0.01875, 0.3 * 4.0**-3 * 1.3])
     (case,) = order_table(runs[0].run.experiment, runs).cases
     assert abs(case.slope - 2) > 0.05
     assert case.fit_residual > 0.02
 
 
-def test_only_observed_trouble_leaves_the_fit_and_no_row_is_dropped() -> None:
+def test_only_observed_trouble_leaves_the_fit_and_no_row_is_dropped():
     statuses: list[Observed] = ["diverged", "ok", "failed", "ok", "refused", "ok", "floor"]
     errors = [1e30, 1 / 4, math.nan, 1 / 64, math.nan, 1 / 1024, 1e-16]
     runs = made_up(errors, statuses)
@@ -81,13 +78,13 @@ def test_only_observed_trouble_leaves_the_fit_and_no_row_is_dropped() -> None:
     assert math.isnan(case.last_order)
 
 
-def test_too_few_rows_have_no_slope() -> None:
+def test_too_few_rows_have_no_slope():
     assert all(math.isnan(x) for x in fit_slope([4], [0.1]))
     assert math.isnan(pairwise_order(0.0, 0.1, 2, 4))
     assert math.isnan(pairwise_order(math.inf, 0.1, 2, 4))
 
 
-def test_norms() -> None:
+def test_norms():
     position = np.array([[0.0, 0.0], [1.0, -3.0], [0.5, 1.0]])
     exact = np.zeros((3, 2))
     assert error_norm(position, exact, 0.5, "max") == 3.0
@@ -101,10 +98,10 @@ def test_norms() -> None:
     with pytest.raises(ValueError, match="shapes differ"):
         error_norm(position, exact[:2], 0.5, "max")
     with pytest.raises(ValueError, match="not one of max, final, l2"):
-        error_norm(position, exact, 0.5, "mean")  # type: ignore[arg-type]
+        error_norm(position, exact, 0.5, "mean")
 
 
-def test_a_study_yields_every_run_in_order_and_takes_finished_ones() -> None:
+def test_a_study_yields_every_run_in_order_and_takes_finished_ones():
     own = experiment(methods=(METHOD, Baseline(name="implicit-euler")))
     first = list(study(own))
     assert [(r.run.method.case, r.run.n_steps) for r in first] == [
@@ -120,7 +117,7 @@ def test_a_study_yields_every_run_in_order_and_takes_finished_ones() -> None:
     assert table.gamma == "0.5"
 
 
-def test_claims_and_expected_failures_are_looked_up_by_case_or_its_beginning() -> None:
+def test_claims_and_expected_failures_are_looked_up_by_case_or_its_beginning():
     own = experiment(claims={"bdf2": 1.9}, expect={"bdf2-nodes-s1": "unstable"})
     assert own.claim(METHOD) == 1.9
     assert own.expects_failure(METHOD)
@@ -139,7 +136,7 @@ def pendulum(**keywords: object) -> dict[str, object]:
     }
 
 
-def test_a_refined_reference_states_its_error() -> None:
+def test_a_refined_reference_states_its_error():
     problem = build_problem(pendulum())
     reference = find_reference(problem, (16, 32, 48))
     assert "refined run" in reference.source
@@ -150,7 +147,7 @@ def test_a_refined_reference_states_its_error() -> None:
     assert np.abs(finer.values(times[::3]) - reference.values(times[::3])).max() < 1e-12
 
 
-def test_ladders_without_a_common_grid_get_a_reference_at_any_time() -> None:
+def test_ladders_without_a_common_grid_get_a_reference_at_any_time():
     problem = build_problem(pendulum())
     apart = find_reference(problem, (127, 131))
     assert "adaptive steps" in apart.source
@@ -161,7 +158,7 @@ def test_ladders_without_a_common_grid_get_a_reference_at_any_time() -> None:
         assert np.abs(apart.values(times) - together.values(times)).max() < 1e-12
 
 
-def test_a_reference_that_fails_costs_the_errors_but_not_the_runs() -> None:
+def test_a_reference_that_fails_costs_the_errors_but_not_the_runs():
     """Negative damping that blows up before the end: runs are kept, their errors are unknown."""
     specification = pendulum(
         damping=[{"order": 1.5, "coefficient": -60.0}], final_time=40.0, omega=3.0
@@ -184,9 +181,7 @@ def test_a_reference_that_fails_costs_the_errors_but_not_the_runs() -> None:
 
 
 @pytest.mark.parametrize(("error", "is_unreliable"), [(2.6, True), (1e-9, False)])
-def test_a_reference_that_is_no_better_than_the_runs_is_called_unreliable(
-    error: float, is_unreliable: bool
-) -> None:
+def test_a_reference_that_is_no_better_than_the_runs_is_called_unreliable(error, is_unreliable):
     run = experiment(steps=(8,)).runs()[0]
     trajectory = execute(run).trajectory
     reference = Reference(
@@ -211,9 +206,7 @@ JUMP = {"pieces": [{"until": 1.0, "value": 1}, {"value": 0}]}
         ("bagley-torvik", 0.25, Method(cq="gauss", degree=2), 0.25),
     ],
 )
-def test_orders_behind_a_jump_of_the_force(
-    kind: str, order: float, method: Method, tolerance: float
-) -> None:
+def test_orders_behind_a_jump_of_the_force(kind, order, method, tolerance):
     problem = build_problem(
         {
             "kind": kind,
@@ -223,7 +216,6 @@ def test_orders_behind_a_jump_of_the_force(
             "final_time": 4.0,
         }
     )
-    assert isinstance(problem, Problem)
     scene = problem.scene
     truth = solve(scene, relative=1e-11)
     coarse, fine = (integrate(scene, method, n) for n in (64, 128))

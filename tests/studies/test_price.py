@@ -1,7 +1,5 @@
 """Prices: times to accuracies, orders, who is cheapest, on curves that are known."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

@@ -1,9 +1,5 @@
 """What is stored, and measured, of a run that keeps every n-th point only."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from spread import spread
@@ -30,7 +26,7 @@ report: {norm: NORM}
 
 
 @pytest.mark.parametrize("norm", ["max", "final", "l2"])
-def test_errors_are_those_of_the_kept_points(tmp_path: Path, norm: str) -> None:
+def test_errors_are_those_of_the_kept_points(tmp_path, norm):
     path = tmp_path / "thinned.yaml"
     path.write_text(CONFIG.replace("NORM", norm))
     experiment = load_config(path).experiments[0]
@@ -53,9 +49,7 @@ def test_errors_are_those_of_the_kept_points(tmp_path: Path, norm: str) -> None:
 
 
 @spread(norm=["max", "final", "l2"], second=[1.0, 1e8, 1e-12])
-def test_status_and_floor_do_not_depend_on_the_unit_of_time(
-    tmp_path: Path, norm: str, second: float
-) -> None:
+def test_status_and_floor_do_not_depend_on_the_unit_of_time(tmp_path, norm, second):
     """One sound run, one at round-off, one that is ten times off, by other clocks."""
     text = f"""\
 name: clocks

@@ -8,8 +8,6 @@ forcing f(T - t), :math:`y_k = x_{N-k}`: the mirror system adds no physics. This
 test that; it is written literally, in positions and with the plain weights.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

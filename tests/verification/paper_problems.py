@@ -1,7 +1,5 @@
 """The three problems of the paper and their ladders (arXiv 2403.18362, numerical examples)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from fvi_cli.integrator.integrate import integrate
@@ -46,9 +44,7 @@ def bagley_torvik_three_quarters() -> Problem:
 
 
 def _problem(**specification: object) -> Problem:
-    problem = build_problem(specification)
-    assert isinstance(problem, Problem)
-    return problem
+    return build_problem(specification)
 
 
 def errors(problem: Problem, method: Method, ladder: tuple[int, ...]) -> np.ndarray:

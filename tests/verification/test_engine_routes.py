@@ -1,7 +1,5 @@
 """The engine's routes give what one step after the other gives."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -61,13 +59,13 @@ SMALL = 1e-3
 
 
 @spread(orders=[(0.3,), (1.0,), (1.5,), (0.5, 1.0), (0.3, 1.5)], method=LINEAR_METHODS)
-def test_linear_blocks(method: Method, orders: tuple[float, ...]) -> None:
+def test_linear_blocks(method, orders):
     for derivative, n_steps in (("caputo", 333), ("riemann-liouville", 64), ("caputo", 5)):
         scene = oscillator(orders, derivative, SMALL)
         assert difference(prepare(scene, method, n_steps).problem) <= TOLERANCE
 
 
-def test_many_groups_agree() -> None:
+def test_many_groups_agree():
     method = Method(cq="bdf3", degree=2)
     scene = oscillator((0.3, 1.5), "caputo", SMALL)
     assert difference(prepare(scene, method, 2500).problem) <= TOLERANCE
@@ -82,7 +80,7 @@ def wrong_weight(problem: StepProblem, lag: int) -> StepProblem:
 
 
 @pytest.mark.parametrize("lag", [0, 1, 40, 300])
-def test_one_wrong_weight_is_seen(lag: int) -> None:
+def test_one_wrong_weight_is_seen(lag):
     for method in (Method(cq="bdf2", degree=2), Method(cq="bdf2", sampling="nodes", degree=1)):
         problem = prepare(oscillator((0.5,), "caputo", 0.5), method, 600).problem
         assert difference(problem) <= TOLERANCE
@@ -101,7 +99,7 @@ def positive(rng: np.random.Generator, d: int) -> np.ndarray:
         Method(cq="bdf3", degree=2),
     ],
 )
-def test_three_degrees_of_freedom(kind: str, method: Method) -> None:
+def test_three_degrees_of_freedom(kind, method):
     rng = np.random.default_rng(5)
     mass, stiffness = positive(rng, 3), positive(rng, 3)
     if kind == "uncoupled":
@@ -124,7 +122,7 @@ def test_three_degrees_of_freedom(kind: str, method: Method) -> None:
             assert difference(prepare(scene, method, n_steps).problem) <= TOLERANCE
 
 
-def test_a_chain_too_large_for_dense_blocks_takes_steps_with_the_fast_history() -> None:
+def test_a_chain_too_large_for_dense_blocks_takes_steps_with_the_fast_history():
     d, n_steps = 300, 260
     stiffness = 2.0 * np.eye(d) - np.eye(d, k=1) - np.eye(d, k=-1)
     mixed = np.diag(1.0 + np.arange(d) / d)
@@ -141,7 +139,7 @@ def test_a_chain_too_large_for_dense_blocks_takes_steps_with_the_fast_history() 
 
 
 @pytest.mark.parametrize("sampling", ["nodes", "points"])
-def test_added_force_and_known_parts(sampling: str) -> None:
+def test_added_force_and_known_parts(sampling):
     """Starting weights, exact moments, and mixed orders with v0."""
     scene = oscillator((0.5, 1.5), "caputo", 1e-3)
     rng = np.random.default_rng(3)
@@ -164,7 +162,7 @@ NONLINEAR_METHODS = [
 
 
 @spread(method=NONLINEAR_METHODS, orders=[(0.5,), (1.0,), (1.5, 0.5)])
-def test_newton_on_whole_blocks(method: Method, orders: tuple[float, ...]) -> None:
+def test_newton_on_whole_blocks(method, orders):
     scene = pendulum(
         final_time=20.0,
         damping=[FractionalDamping(order=order, coefficient=0.05) for order in orders],
@@ -181,7 +179,7 @@ def test_newton_on_whole_blocks(method: Method, orders: tuple[float, ...]) -> No
     assert finished.worst_residuals[-1] < 1e-9 * finished.worst_residuals[0]
 
 
-def test_newton_sees_one_wrong_weight() -> None:
+def test_newton_sees_one_wrong_weight():
     scene = pendulum(
         final_time=5.0,
         damping=[FractionalDamping(order=0.5, coefficient=0.5)],
@@ -191,7 +189,7 @@ def test_newton_sees_one_wrong_weight() -> None:
     assert difference(problem, wrong_weight(problem, 100)) > 100 * TOLERANCE
 
 
-def test_steps_too_long_for_any_block_fall_back_to_single_steps() -> None:
+def test_steps_too_long_for_any_block_fall_back_to_single_steps():
     """A stiff pendulum over a few turns per step: the frozen response does not contract."""
     scene = pendulum(
         final_time=20.0,
@@ -203,7 +201,7 @@ def test_steps_too_long_for_any_block_fall_back_to_single_steps() -> None:
     assert difference(problem) <= 1e-9
 
 
-def test_growth_beyond_the_range_of_numbers_stops_with_what_is_finished() -> None:
+def test_growth_beyond_the_range_of_numbers_stops_with_what_is_finished():
     scene = linear_oscillator(
         final_time=66.0,
         damping=[FractionalDamping(order=1.5, coefficient=1.0)],
@@ -220,7 +218,7 @@ def test_growth_beyond_the_range_of_numbers_stops_with_what_is_finished() -> Non
     assert np.abs(ratio - 1).max() < 1e-6
 
 
-def test_work_is_counted() -> None:
+def test_work_is_counted():
     scene = oscillator((0.5,), "caputo", 0.5)
     method = Method(cq="bdf2", degree=2)
     fast = [run(prepare(scene, method, n).problem, "fft").operations for n in (2**12, 2**14)]
@@ -235,7 +233,7 @@ def test_work_is_counted() -> None:
     assert counts[1] < 2.1 * counts[0]
 
 
-def test_auto_takes_the_direct_sum_for_a_few_steps_only() -> None:
+def test_auto_takes_the_direct_sum_for_a_few_steps_only():
     scene = oscillator((0.5,), "caputo", 0.5)
     method = Method(cq="bdf2", degree=2)
     for n_steps, same in ((8, "direct"), (100, "fft")):

@@ -5,8 +5,6 @@ runs, runs in parts and runs with diagnostics must end with the same status, and
 differ by less than 1e-11 of the largest position while that is below 1e3 times the first.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -245,12 +243,12 @@ def check_all(seed: int, kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_all_routes_agree(kind: str) -> None:
+def test_all_routes_agree(kind):
     few = 1 if kind in GENERAL else 3
     settings(max_examples=few, **QUIET)(given(seed=SEEDS)(lambda seed: check_all(seed, kind)))()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_all_routes_agree_on_many_scenes(kind: str) -> None:
+def test_all_routes_agree_on_many_scenes(kind):
     settings(max_examples=150, **QUIET)(given(seed=SEEDS)(lambda seed: check_all(seed, kind)))()

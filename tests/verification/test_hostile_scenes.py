@@ -1,7 +1,5 @@
 """Scenes on which routes once disagreed, commands ended, or steps were wasted by the million."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +22,7 @@ GROWING = {
 
 
 @pytest.mark.parametrize("name", GROWING)
-def test_routes_agree_on_mass_matrices_that_move_and_negative_stiffness(name: str) -> None:
+def test_routes_agree_on_mass_matrices_that_move_and_negative_stiffness(name):
     lagrangian, final_time, status = GROWING[name]
     scene = lagrangian_scene(
         coordinates=("x",),
@@ -75,7 +73,7 @@ experiments:
 """
 
 
-def test_extreme_units_end_no_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_extreme_units_end_no_command(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("extreme.yaml").write_text(EXTREME, encoding="utf-8")
     far, near = fvi.run("extreme.yaml")
@@ -84,7 +82,7 @@ def test_extreme_units_end_no_command(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize("order", [1.5, 1.75, 1.99])
-def test_strong_damping_takes_few_steps(order: float) -> None:
+def test_strong_damping_takes_few_steps(order):
     scene = linear_oscillator(
         final_time=5.0,
         stiffness=1.0,
@@ -96,7 +94,6 @@ def test_strong_damping_takes_few_steps(order: float) -> None:
     exact = linear_response(
         mass=1.0, stiffness=1.0, damping=((order, 50.0),), position=1.0, velocity=0.5
     )
-    assert found.assessment is not None
     assert found.assessment.outcome == "met"
     # once 2.6e5 to 4.2e6
     assert found.time.size < 40

@@ -5,8 +5,6 @@ orders of damping above 1 a second part of the error, of order m + 5 - gamma, sh
 scenes here stay above that.)
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Sequence
@@ -49,7 +47,6 @@ def singular(order: float, final_time: float, mu: float) -> tuple[Scene, Exact]:
         initial_velocity=0.5,
     )
     found = match_scene(scene)
-    assert found is not None
     return scene, found.position
 
 
@@ -83,7 +80,6 @@ def nonlinear(name: str, order: float) -> tuple[Scene, Exact]:
     scene = duffing(**data) if name == "duffing" else pendulum(omega=1.5, **data)
     method = Method(cq="gauss", degree=12)
     found = integrate(scene, method, AdaptiveSteps(tolerance=1e-11), with_steps=True)
-    assert found.steps is not None
     return scene, found.steps
 
 
@@ -107,7 +103,7 @@ NUMBERS = (48, 64, 96, 128)
 
 
 @spread(order=ORDERS, m=STAGES)
-def test_singular_motions_on_graded_meshes(order: float, m: int) -> None:
+def test_singular_motions_on_graded_meshes(order, m):
     scene, exact = singular(order, 8.0, 0.7)
     method, r = Method(cq="gauss", degree=m), grading(order, m)
     errors = [error(scene, exact, method, graded_mesh(8.0, n, r)) for n in NUMBERS]
@@ -115,7 +111,7 @@ def test_singular_motions_on_graded_meshes(order: float, m: int) -> None:
 
 
 @spread(order=ORDERS, m=STAGES)
-def test_smooth_motions_on_graded_meshes(order: float, m: int) -> None:
+def test_smooth_motions_on_graded_meshes(order, m):
     scene, times, values = smooth(order)
     numbers = (240, 300, 360, 480) if m == 1 else (96, 128, 160, 192)
     errors = []
@@ -128,7 +124,7 @@ def test_smooth_motions_on_graded_meshes(order: float, m: int) -> None:
 
 
 @spread(order=ORDERS, m=[3, 4])
-def test_finer_steps_inside_the_first_one_alone_are_not_enough(order: float, m: int) -> None:
+def test_finer_steps_inside_the_first_one_alone_are_not_enough(order, m):
     """The control: the step after them is as long as its distance from the singular point."""
     scene, exact = singular(order, 8.0, 0.7)
     errors = []
@@ -157,7 +153,7 @@ NONLINEAR = [
 
 
 @pytest.mark.parametrize(("name", "order", "m"), NONLINEAR)
-def test_nonlinear_motions(name: str, order: float, m: int) -> None:
+def test_nonlinear_motions(name, order, m):
     scene, exact = nonlinear(name, order)
     r = grading(order, m)
     numbers = (128, 160, 192, 224)

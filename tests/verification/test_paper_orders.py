@@ -1,7 +1,5 @@
 """Tables 1 and 2 of the paper, measured."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from paper_problems import (
@@ -39,7 +37,7 @@ MEASURED = {
 
 @pytest.mark.parametrize(("degree", "name"), MEASURED)
 @pytest.mark.parametrize("bdf_order", [1, 2, 3])
-def test_slopes_of_tables_1_and_2(degree: int, name: str, bdf_order: int) -> None:
+def test_slopes_of_tables_1_and_2(degree, name, bdf_order):
     make, ladder = PROBLEMS[name]
     method = Method(cq=f"bdf{bdf_order}", sampling="nodes", degree=degree)
     values = errors(make(), method, ladder)
@@ -48,7 +46,7 @@ def test_slopes_of_tables_1_and_2(degree: int, name: str, bdf_order: int) -> Non
     assert last_order(values) == pytest.approx(expected_last, abs=0.0051)
 
 
-def test_order_1_8_of_the_paper_is_not_asymptotic() -> None:
+def test_order_1_8_of_the_paper_is_not_asymptotic():
     """On a longer ladder the pairwise order of BDF2, degree 1 keeps falling towards 1.5."""
     ladder = tuple(2**j for j in range(6, 13))
     method = Method(cq="bdf2", sampling="nodes", degree=1)
@@ -59,7 +57,7 @@ def test_order_1_8_of_the_paper_is_not_asymptotic() -> None:
 
 
 @pytest.mark.parametrize(("degree", "expected"), [(1, 1.78), (2, 1.94)])
-def test_corrected_bdf3(degree: int, expected: float) -> None:
+def test_corrected_bdf3(degree, expected):
     """One starting weight on node 1, exact on t**(5/2): measured, not "almost three"."""
     method = Method(
         cq="bdf3", sampling="nodes", degree=degree, start="weights", start_exponents=(2.5,)
@@ -68,7 +66,7 @@ def test_corrected_bdf3(degree: int, expected: float) -> None:
     assert slope(LADDER_UNIT, values) == pytest.approx(expected, abs=0.0051)
 
 
-def test_correction_removes_the_accident_on_the_damped_oscillator() -> None:
+def test_correction_removes_the_accident_on_the_damped_oscillator():
     """The missing half kick at 0 is hidden by the uncorrected start, and shows with weights."""
     ladder = (16, 32, 64, 128, 256, 512)
     plain = Method(cq="bdf3", sampling="nodes", degree=2)
@@ -80,7 +78,7 @@ def test_correction_removes_the_accident_on_the_damped_oscillator() -> None:
     assert last_order(errors(problem, corrected, ladder)) == pytest.approx(1.0, abs=0.05)
 
 
-def test_bdf5_and_bdf6_blow_up_on_the_ladder_of_the_paper() -> None:
+def test_bdf5_and_bdf6_blow_up_on_the_ladder_of_the_paper():
     """BDF5 in between (it is stable again for h < 0.0032), BDF6 on all of it (h < 0.00075)."""
     problem = bagley_torvik_three_quarters()
     fifth = errors(problem, Method(cq="bdf5", sampling="nodes", degree=1), LADDER_UNIT)

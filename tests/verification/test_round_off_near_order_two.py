@@ -10,8 +10,6 @@ weights times samples in doubles are off by up to thirty times that. With expone
 alternating part is a state of its own and nothing cancels.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np
@@ -91,14 +89,14 @@ def distances(order: float, n_steps: int) -> dict[str, float]:
 
 
 @needs_long_doubles
-def test_usual_orders_keep_thirteen_digits() -> None:
+def test_usual_orders_keep_thirteen_digits():
     for order in (0.5, 1.5):
         assert max(distances(order, 1024).values()) < 1e-13
 
 
 @needs_long_doubles
 @pytest.mark.parametrize("order", [1.9, 1.98])
-def test_exponentials_lose_no_more_than_rounded_weights(order: float) -> None:
+def test_exponentials_lose_no_more_than_rounded_weights(order):
     found = distances(order, 2048)
     assert found["exponentials"] < 2e-12
     # no sum of rounded weights could do better than this
@@ -106,7 +104,7 @@ def test_exponentials_lose_no_more_than_rounded_weights(order: float) -> None:
 
 
 @pytest.mark.parametrize("degree", [3, 5])
-def test_odd_degrees_keep_ten_digits_on_many_steps(degree: int) -> None:
+def test_odd_degrees_keep_ten_digits_on_many_steps(degree):
     method = Method(cq="gauss", degree=degree, start="graded")
     found = integrate(oscillator(1.98), method, 2**16, every=256)
     exact = linear_response(

@@ -1,7 +1,5 @@
 """Two routes to one number: the integrator against the algorithm written literally."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from paper_problems import bagley_torvik_three_quarters, damped_oscillator
@@ -55,7 +53,7 @@ def literal_galerkin(order, mu, k, v0, force, final_time, n_steps, bdf_order, de
 
 
 @pytest.mark.parametrize("bdf_order", [1, 2, 3])
-def test_degree_1_is_the_midpoint_rule_written_out(bdf_order: int) -> None:
+def test_degree_1_is_the_midpoint_rule_written_out(bdf_order):
     problem = bagley_torvik_three_quarters()
     method = Method(cq=f"bdf{bdf_order}", sampling="nodes", degree=1)
     ours = integrate(problem.scene, method, 32).position[:, 0]
@@ -67,7 +65,7 @@ def test_degree_1_is_the_midpoint_rule_written_out(bdf_order: int) -> None:
 
 
 @spread(degree=[1, 2, 3, 4], bdf_order=[1, 3])
-def test_any_degree_is_the_algorithm_of_the_paper(degree: int, bdf_order: int) -> None:
+def test_any_degree_is_the_algorithm_of_the_paper(degree, bdf_order):
     problem = damped_oscillator()
     method = Method(cq=f"bdf{bdf_order}", sampling="nodes", degree=degree)
     ours = integrate(problem.scene, method, 64).position[:, 0]
@@ -76,7 +74,7 @@ def test_any_degree_is_the_algorithm_of_the_paper(degree: int, bdf_order: int) -
 
 
 @pytest.mark.parametrize("sampling", ["nodes", "points"])
-def test_zero_damping_is_the_conservative_integrator_and_costs_no_history(sampling: str) -> None:
+def test_zero_damping_is_the_conservative_integrator_and_costs_no_history(sampling):
     method = Method(cq="bdf2", sampling=sampling, degree=2)
     common = {"final_time": 5.0, "stiffness": 2.0, "initial_position": 1.0}
     zero = linear_oscillator(
@@ -91,7 +89,7 @@ def test_zero_damping_is_the_conservative_integrator_and_costs_no_history(sampli
     assert np.abs(a.position[:, 0] - exact).max() < 1e-4
 
 
-def test_degrees_of_freedom_of_a_rotated_system_are_those_of_its_modes() -> None:
+def test_degrees_of_freedom_of_a_rotated_system_are_those_of_its_modes():
     """Two uncoupled oscillators seen in rotated coordinates."""
     angle = 0.7
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
@@ -129,7 +127,7 @@ def test_degrees_of_freedom_of_a_rotated_system_are_those_of_its_modes() -> None
 
 
 @spread(sampling=["nodes", "points"], derivative=["caputo", "riemann-liouville"])
-def test_terms_of_one_order_add_up(sampling: str, derivative: str) -> None:
+def test_terms_of_one_order_add_up(sampling, derivative):
     """Two terms cost and do what their sum does."""
     method = Method(cq="bdf3", sampling=sampling, degree=2)
     common = {"final_time": 3.0, "initial_velocity": 1.0, "derivative": derivative}
@@ -142,7 +140,7 @@ def test_terms_of_one_order_add_up(sampling: str, derivative: str) -> None:
     assert a.history_operations == b.history_operations > 0
 
 
-def test_quadrature_with_more_points_than_needed() -> None:
+def test_quadrature_with_more_points_than_needed():
     problem = bagley_torvik_three_quarters()
     exact = problem.exact(np.linspace(0, 1, 65))
     for rule in (

@@ -4,8 +4,6 @@ Knots at thirds of the steps of every grid of the ladder, so that each of them l
 place of a step, or of its mirror image, on every grid; and knots on all grids.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -47,7 +45,6 @@ def motion_between_corners(scene: Scene, n_steps: int) -> np.ndarray:
 
     On every interval x = a + b s + (x0 - a) cos s + (v0 - b) sin s.
     """
-    assert scene.forcing is not None
     (force,) = scene.forcing.samples
     grid = 3.0 / n_steps * np.arange(n_steps + 1)
     result = np.zeros(n_steps + 1)

@@ -1,7 +1,5 @@
 """The pendulum on its separatrix, whose solution is known: what Newton leaves is amplified e^T."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,7 @@ from fvi_cli.scenes.named import pendulum
 
 
 @pytest.mark.parametrize("n_steps", [512, 1024])
-def test_newton_on_blocks_goes_on_to_round_off(n_steps: int) -> None:
+def test_newton_on_blocks_goes_on_to_round_off(n_steps):
     """x'' + sin x = 0, x(0) = 0, x'(0) = 2: x = 2 asin(tanh t). e^12 units of round-off: 4e-11.
 
     Single steps leave 2e-11 on any mesh. Blocks lose a few units more, in products of up to 512

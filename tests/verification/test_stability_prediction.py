@@ -1,7 +1,5 @@
 """What is predicted of a run is what is observed, on random linear scenes and methods."""
 
-from __future__ import annotations
-
 import sys
 import time
 from dataclasses import replace
@@ -127,7 +125,7 @@ def contradictions(seed: int, count: int) -> tuple[list[str], dict[str, int]]:
     return wrong, verdicts
 
 
-def test_what_is_predicted_is_observed() -> None:
+def test_what_is_predicted_is_observed():
     wrong, verdicts = contradictions(seed=20, count=40)
     assert not wrong
     assert verdicts["unknown"] == 0
@@ -135,7 +133,7 @@ def test_what_is_predicted_is_observed() -> None:
 
 
 @pytest.mark.slow
-def test_what_is_predicted_is_observed_in_two_thousand_cases() -> None:
+def test_what_is_predicted_is_observed_in_two_thousand_cases():
     wrong, verdicts = contradictions(seed=7, count=2000)
     assert not wrong
     assert verdicts["unknown"] == 0
@@ -144,7 +142,7 @@ def test_what_is_predicted_is_observed_in_two_thousand_cases() -> None:
 
 
 @pytest.mark.parametrize("count", [60, pytest.param(2000, marks=pytest.mark.slow)])
-def test_extreme_scenes_are_decided(count: int) -> None:
+def test_extreme_scenes_are_decided(count):
     random = np.random.default_rng(5)
     seconds = []
     for _ in range(count):
@@ -160,7 +158,7 @@ def test_extreme_scenes_are_decided(count: int) -> None:
     tell_times("extreme scalar scenes", seconds)
 
 
-def test_a_wrong_prediction_would_be_noticed() -> None:
+def test_a_wrong_prediction_would_be_noticed():
     # the control: one order more in the prediction than in the run
     random = np.random.default_rng(3)
     scene = linear_oscillator(

@@ -3,8 +3,6 @@
 Every row of the plan's table has a test here, and a control in which the work does appear.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 import os

@@ -1,7 +1,5 @@
 """Derivatives of runs: against extended precision, differences, and each other."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
@@ -145,7 +143,7 @@ def in_extended_precision(name: str, order: int = 0) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("name", DAMPINGS)
-def test_against_forty_digits(name: str) -> None:
+def test_against_forty_digits(name):
     terms = DAMPINGS[name]
     values = values_of(terms)
 
@@ -161,7 +159,7 @@ def test_against_forty_digits(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["small", "near 2", "viscous", "on both sides of 1"])
-def test_accelerations_and_forces_against_forty_digits(name: str) -> None:
+def test_accelerations_and_forces_against_forty_digits(name):
     terms = DAMPINGS[name]
     values = values_of(terms)
 
@@ -312,7 +310,7 @@ def energy_like(position: Any, velocity: Any) -> Any:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_against_central_differences(name: str) -> None:
+def test_against_central_differences(name):
     family, values = SCENES[name]
     quantity = Quantity(times=np.array([0.0, 0.9, 2.0]), value=energy_like)
     steps = graded_mesh(family(values).final_time, 12, 2.0)
@@ -340,7 +338,7 @@ def of_everything(names: Sequence[str]) -> str:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_expressions_against_central_differences(name: str, monkeypatch: Any) -> None:
+def test_expressions_against_central_differences(name, monkeypatch):
     family, values = SCENES[name]
     steps = graded_mesh(family(values).final_time, 12, 2.0)
     method = Method(cq="gauss", degree=3, start="none")
@@ -379,7 +377,7 @@ def test_expressions_against_central_differences(name: str, monkeypatch: Any) ->
 
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("method", ["gauss", "radau-iia", "lobatto-iiic"])
-def test_forwards_and_backwards_are_transposed(name: str, method: str) -> None:
+def test_forwards_and_backwards_are_transposed(name, method):
     family, values = SCENES[name]
     scene = family(values)
     solver = Method(cq=method, degree=3, start="none")
@@ -416,7 +414,7 @@ def test_forwards_and_backwards_are_transposed(name: str, method: str) -> None:
     np.testing.assert_allclose(forwards, backwards, rtol=0, atol=1e-13 * scale)
 
 
-def test_both_ways_and_a_misfit() -> None:
+def test_both_ways_and_a_misfit():
     times = np.linspace(0.2, 5.9, 23)
     data = np.cos(times)
     quantity = misfit(times, data, deviation=0.3)
@@ -434,7 +432,7 @@ def test_both_ways_and_a_misfit() -> None:
     np.testing.assert_allclose(again.derivatives, backwards.derivatives, rtol=1e-12)
 
 
-def test_fifty_parameters_take_two_runs() -> None:
+def test_fifty_parameters_take_two_runs():
     springs = {f"spring {i}": 1.0 + 0.1 * i for i in range(25)}
     dampers = {f"damper {i}": 0.1 + 0.01 * i for i in range(25)}
 
@@ -456,7 +454,7 @@ def test_fifty_parameters_take_two_runs() -> None:
     assert np.flatnonzero(np.abs(found.derivatives) > 1e-15).tolist() == [3, 28]
 
 
-def test_numbers_of_a_scene_by_name() -> None:
+def test_numbers_of_a_scene_by_name():
     scene = fvi.linear_oscillator(
         mass=[[2.0, 0.3], [0.3, 1.0]],
         stiffness=[[3.0, -1.0], [-1.0, 2.0]],
@@ -519,7 +517,7 @@ def test_numbers_of_a_scene_by_name() -> None:
     )
 
 
-def test_what_has_no_derivatives() -> None:
+def test_what_has_no_derivatives():
     with pytest.raises(ValueError, match="keeps no polynomials"):
         gradient_of(pendulum(PENDULUM), Method(cq="bdf2", degree=1), 8, position_at(1.0), [])
     with pytest.raises(ValueError, match="the run goes from 0 to 6"):
@@ -528,11 +526,10 @@ def test_what_has_no_derivatives() -> None:
         position_at(float("nan"))
 
 
-def test_a_smoothed_peak() -> None:
+def test_a_smoothed_peak():
     """Close above the peak, with the derivative of the value at its time where it is one time."""
     scene, mesh = pendulum(PENDULUM), graded_mesh(6.0, 24, 2.0)
     observed = fvi.integrate(scene, "gauss8", mesh, quantities={"a": "ax"}).observed
-    assert observed is not None
     peak = observed.extents["a"].peak
     times = np.linspace(0.0, 6.0, 61)
     soft = fvi.gradient(scene, "gauss8", mesh, fvi.smoothed_peak("ax", times, sharpness=80.0))
@@ -565,7 +562,7 @@ FRAME = {
 }
 
 
-def test_quantities_of_an_experiment() -> None:
+def test_quantities_of_an_experiment():
     (experiment,) = fvi.load(FRAME).experiments
     changed = {**FRAME, "output": {"times": [1.3]}}
     (outcome,) = fvi.run(changed)
@@ -590,7 +587,7 @@ def test_quantities_of_an_experiment() -> None:
         fvi.gradient(experiment, "gauss8", 16, fvi.quantity_at("drift", 1.3), names)
 
 
-def test_parameters_in_expressions() -> None:
+def test_parameters_in_expressions():
     """Energies have the numbers of the scene in them, also where these stand for themselves."""
 
     def swinging(omega: float, x: float) -> Scene:
@@ -618,7 +615,7 @@ def test_parameters_in_expressions() -> None:
     assert found["omega"] == pytest.approx((sides[0] - sides[1]) / 2e-4, rel=1e-6)
 
 
-def test_expressions_without_derivatives() -> None:
+def test_expressions_without_derivatives():
     scene = pendulum(PENDULUM)
     for wrong, said in (
         ("work_1", "work_1 adds up"),
@@ -634,7 +631,7 @@ def test_expressions_without_derivatives() -> None:
 
 
 @pytest.mark.parametrize("name", ["riemann-liouville", "zener"])
-def test_linear_runs_by_their_linearised_equations(name: str) -> None:
+def test_linear_runs_by_their_linearised_equations(name):
     family, values = SCENES[name]
     scene, mesh = family(values), graded_mesh(3.0, 12, 2.0)
     one = linear_run(scene, GAUSS8, mesh).steps
@@ -645,7 +642,7 @@ def test_linear_runs_by_their_linearised_equations(name: str) -> None:
     np.testing.assert_allclose(one.velocity, other.velocity, rtol=0, atol=1e-11)
 
 
-def test_numbers_of_laws_by_name() -> None:
+def test_numbers_of_laws_by_name():
     """Each against the law made anew with another number."""
     laws = {
         "zener": lambda c: fvi.fractional_zener(

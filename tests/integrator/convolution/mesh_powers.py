@@ -1,7 +1,5 @@
 """Functions of the integration matrix of a mesh, in as many digits as they need."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 

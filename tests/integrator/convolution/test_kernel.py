@@ -1,7 +1,5 @@
 """Powers of integration on any mesh against powers of the mesh's matrix."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Relaxation laws on any mesh, against functions of the mesh's matrix and exact solutions."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import mpmath as mp

@@ -1,7 +1,5 @@
 """What a step is believed for: kinks, walls and pulses that its stages do not see."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -38,7 +36,7 @@ def one_coordinate(lagrangian: str, position: float, velocity: float, final_time
     )
 
 
-def test_a_ball_between_two_slopes() -> None:
+def test_a_ball_between_two_slopes():
     """x'' = -sign(x) from 1: parabolas with turns at sqrt(2) (1 + 2 k), x(9) = -.867532."""
     found = run(one_coordinate("0.5*vx**2 - abs(x)", 1.0, 0.0, 9.0), 1e-4)
     quarter = math.sqrt(2.0)
@@ -51,14 +49,14 @@ def test_a_ball_between_two_slopes() -> None:
     assert found.position[-1, 0] == pytest.approx(exact, abs=1e-12)
 
 
-def test_the_mesh_has_no_points_at_kinks_of_a_smooth_formula() -> None:
+def test_the_mesh_has_no_points_at_kinks_of_a_smooth_formula():
     """The control: with the kink rounded off there is nothing to find."""
     found = run(one_coordinate("0.5*vx**2 - sqrt(x**2 + 1e-4)", 1.0, 0.0, 9.0), 1e-4)
     assert np.abs(found.time - math.sqrt(2.0)).min() > 1e-9
 
 
 @pytest.mark.parametrize("width", [0.03, 0.003])
-def test_a_narrow_wall_is_met(width: float) -> None:
+def test_a_narrow_wall_is_met(width):
     wall = f"0.5*vx**2 - 5*exp(-((x - 2)/{width})**2)"
     found = run(one_coordinate(wall, 0.0, 1.0, 4.0), 1e-6)
     # from the exact turning point a time of flight back: the ball stands where V = 1/2
@@ -74,7 +72,7 @@ def test_a_narrow_wall_is_met(width: float) -> None:
     assert found.position[-1, 0] == pytest.approx(2.0 * one_way - 4.0, abs=3e-6)
 
 
-def test_a_narrow_pulse_is_met() -> None:
+def test_a_narrow_pulse_is_met():
     def forced(text: str) -> Scene:
         return linear_oscillator(final_time=20.0, forcing=Forcing.from_text(text))
 
@@ -85,7 +83,7 @@ def test_a_narrow_pulse_is_met() -> None:
     assert found.position[-late.size :, 0] == pytest.approx(wanted, abs=1e-7)
 
 
-def test_no_more_steps_on_smooth_scenes() -> None:
+def test_no_more_steps_on_smooth_scenes():
     """Steps that the Legendre tail alone took."""
     scene = pendulum(
         final_time=20.0,
@@ -95,7 +93,7 @@ def test_no_more_steps_on_smooth_scenes() -> None:
     assert [run(scene, tol).n_steps for tol in (1e-4, 1e-6, 1e-8)] <= [25, 41, 68]
 
 
-def test_what_may_hide_something() -> None:
+def test_what_may_hide_something():
     def hides(potential: str) -> bool:
         return SceneForces(one_coordinate(f"0.5*vx**2 - ({potential})", 1.0, 0.0, 1.0)).may_hide
 
@@ -107,7 +105,7 @@ def test_what_may_hide_something() -> None:
     assert SceneForces(linear_oscillator(final_time=1.0)).is_absent
 
 
-def test_general_lagrangians_are_looked_at() -> None:
+def test_general_lagrangians_are_looked_at():
     smooth = one_coordinate("0.5*(1 + x**2)*vx**2 - x**2/2", 1.0, 0.0, 9.0)
     kinked = one_coordinate("0.5*(1 + x**2)*vx**2 - abs(x)", 1.0, 0.0, 9.0)
     assert not SceneForces(smooth).has_kinks
@@ -116,7 +114,7 @@ def test_general_lagrangians_are_looked_at() -> None:
     assert float(np.abs(rough(rough.time) - fine(rough.time)).max()) < 1e-6
 
 
-def test_first_crossing() -> None:
+def test_first_crossing():
     places = np.array([0.0, 0.2, 0.5, 0.8, 1.0])
     arguments = np.array([[1.0, 1.0, 1.0, -1.0, -1.0], [1e-16, -1.0, -1.0, -1.0, 1.0]])
     assert first_crossing(arguments, places, starts_on=None) == (0, 0.5, 0.8)
@@ -124,6 +122,6 @@ def test_first_crossing() -> None:
     assert first_crossing(-(arguments[:1] ** 2), places, starts_on=None) is None
 
 
-def test_roots() -> None:
+def test_roots():
     assert root_between(lambda x: x**3 - 0.3, 0.0, 1.0) == pytest.approx(0.3 ** (1 / 3), rel=1e-14)
     assert root_between(lambda x: math.copysign(1.0, x - 0.7), 0.0, 1.0) == pytest.approx(0.7)

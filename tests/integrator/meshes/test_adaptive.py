@@ -1,7 +1,5 @@
 """The controller of step sizes alone, fed with estimates that are known functions of the size."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 
@@ -50,9 +48,7 @@ def of_order(order: float, scale: float = 1.0) -> Callable[[float, float], float
 
 
 @spread(breaks=[(), (1.0,), (0.1234, 0.12345, 7.999)], tolerance=[1e-3, 1e-9])
-def test_break_points_and_the_end_are_met_exactly(
-    breaks: tuple[float, ...], tolerance: float
-) -> None:
+def test_break_points_and_the_end_are_met_exactly(breaks, tolerance):
     one = controller(tolerance, breaks=breaks)
     ends = steps(one, of_order(5.0))
     assert {*breaks, 8.0} <= set(ends)
@@ -64,7 +60,7 @@ def test_break_points_and_the_end_are_met_exactly(
         assert ends[at + 1] - begin <= FIRST_STEP * 8.0 * (1 + 1e-9)
 
 
-def test_sizes_are_powers_of_the_root_of_two() -> None:
+def test_sizes_are_powers_of_the_root_of_two():
     sizes = np.diff(steps(controller(1e-12), of_order(5.0, 3.0)))
     ratio = 2.0 * np.log2(sizes / 8.0)
     # the last two share what is left
@@ -74,7 +70,7 @@ def test_sizes_are_powers_of_the_root_of_two() -> None:
 
 
 @pytest.mark.parametrize("order", [3.0, 5.0, 8.0])
-def test_the_estimate_is_kept_at_the_tolerance(order: float) -> None:
+def test_the_estimate_is_kept_at_the_tolerance(order):
     """Steady steps are as long as the tolerance allows, up to the rounding and the safety."""
     one, estimate = controller(1e-6), of_order(order, 4.0)
     sizes = np.diff(steps(one, estimate))
@@ -83,7 +79,7 @@ def test_the_estimate_is_kept_at_the_tolerance(order: float) -> None:
     assert np.median(sizes[20:]) > 0.4 * allowed
 
 
-def test_a_rejected_step_is_counted_and_tried_shorter() -> None:
+def test_a_rejected_step_is_counted_and_tried_shorter():
     one = controller(singular=False)
     size = one.propose()
     assert size <= SMOOTH_FIRST_STEP * 8.0
@@ -95,7 +91,7 @@ def test_a_rejected_step_is_counted_and_tried_shorter() -> None:
 
 
 @pytest.mark.parametrize("estimate", [math.inf, math.nan])
-def test_steps_that_cannot_be_solved_are_rejected_until_it_is_stuck(estimate: float) -> None:
+def test_steps_that_cannot_be_solved_are_rejected_until_it_is_stuck(estimate):
     one = controller()
     ends = steps(one, lambda time, size: estimate if time + size > 2.0 else 1e-12)
     assert one.is_stuck
@@ -106,7 +102,7 @@ def test_steps_that_cannot_be_solved_are_rejected_until_it_is_stuck(estimate: fl
     assert one.forced == 0
 
 
-def test_the_shortest_step_is_taken_whatever_it_errs() -> None:
+def test_the_shortest_step_is_taken_whatever_it_errs():
     """A jump nobody told of: no step over it is good enough, the shortest one is done and told."""
     one = controller(first_step=1e-2)
     ends = np.array(steps(one, lambda time, size: 1.0 if time < 2.0 <= time + size else 1e-12))
@@ -116,7 +112,7 @@ def test_the_shortest_step_is_taken_whatever_it_errs() -> None:
     assert ends[crossing + 1] - ends[crossing] <= 2.0 * SHORTEST_STEP * 8.0
 
 
-def test_the_first_step_can_be_given() -> None:
+def test_the_first_step_can_be_given():
     assert controller(first_step=1e-3).propose() <= 1e-3
     assert controller(first_step=1e-3).propose() > 0.7e-3
     # but never reaches over a tenth of the shortest part
@@ -124,7 +120,7 @@ def test_the_first_step_can_be_given() -> None:
 
 
 @spread(bad=[0.0, -1e-6, math.inf, math.nan], name=["tolerance", "first_step"])
-def test_what_is_no_tolerance_is_refused(name: str, bad: float) -> None:
+def test_what_is_no_tolerance_is_refused(name, bad):
     with pytest.raises(ValueError, match=f"{name}: .* is not allowed; it must be positive"):
         AdaptiveSteps(**({"tolerance": 1e-6} | {name: bad}))
     with pytest.raises(ValueError, match="most_steps: 0 is not allowed"):

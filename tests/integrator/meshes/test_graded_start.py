@@ -1,7 +1,5 @@
 """Equal steps that are halved towards singular points."""
 
-from __future__ import annotations
-
 import itertools
 import math
 
@@ -40,7 +38,7 @@ def reported(mesh: Mesh) -> Array:
 
 
 @spread(n_steps=[1, 2, 3, 8, 17, 100, 1000, 6000], m=[1, 2, 4, 8], power=[1.1, 2.5, 3.5, 3.95])
-def test_the_reported_points_are_the_uniform_grid(n_steps: int, m: int, power: float) -> None:
+def test_the_reported_points_are_the_uniform_grid(n_steps, m, power):
     mesh = graded(n_steps, power, m)
     at = reported(mesh)
     assert mesh.n_reported == n_steps == at.size - 1
@@ -55,12 +53,12 @@ def test_the_reported_points_are_the_uniform_grid(n_steps: int, m: int, power: f
     assert fresh(mesh) == [0.0]
 
 
-def test_a_smooth_start_has_equal_steps() -> None:
+def test_a_smooth_start_has_equal_steps():
     assert graded(40, None).stretches == uniform_mesh(3.0, 40).stretches
 
 
 @pytest.mark.parametrize("breaks", [(1.0,), (0.7123, 2.2), (0.01,)])
-def test_steps_are_halved_behind_break_points_too(breaks: tuple[float, ...]) -> None:
+def test_steps_are_halved_behind_break_points_too(breaks):
     for n_steps in (12, 96, 1000):
         mesh = graded(n_steps, 2.5, 3, breaks)
         at = points(mesh)
@@ -77,7 +75,7 @@ def test_steps_are_halved_behind_break_points_too(breaks: tuple[float, ...]) -> 
 
 
 @pytest.mark.parametrize(("m", "power"), [(2, 2.5), (3, 2.5), (4, 2.1), (4, 3.7)])
-def test_steps_grow_like_those_of_a_graded_mesh(m: int, power: float) -> None:
+def test_steps_grow_like_those_of_a_graded_mesh(m, power):
     """Behind the first grid point no step is longer than the law of the grading has it."""
     n_steps = 2048
     at, h = points(graded(n_steps, power, m)), 3.0 / n_steps
@@ -95,7 +93,7 @@ def test_steps_grow_like_those_of_a_graded_mesh(m: int, power: float) -> None:
 
 
 @pytest.mark.parametrize("n_steps", [64, 4096, 2**17])
-def test_the_steps_added_are_few(n_steps: int) -> None:
+def test_the_steps_added_are_few(n_steps):
     for m, power in ((2, 3.5), (4, 2.1), (8, 1.1)):
         added = graded(n_steps, power, m).n_steps - n_steps
         window = max(1, min(n_steps // WINDOW_SHARE, WINDOW_MOST))
@@ -128,9 +126,7 @@ def oscillator(order: float, *, position: float, velocity: float, **more):
         (1.0, 1.0, 0.5, "caputo", None),
     ],
 )
-def test_the_power_with_which_a_motion_begins(
-    order: float, position: float, velocity: float, derivative, power: float | None
-) -> None:
+def test_the_power_with_which_a_motion_begins(order, position, velocity, derivative, power):
     scene = oscillator(order, position=position, velocity=velocity, derivative=derivative)
     assert start_power(scene, at_start=True) == (
         None if power is None else pytest.approx(power, abs=1e-12)
@@ -139,7 +135,7 @@ def test_the_power_with_which_a_motion_begins(
         assert start_power(scene, at_start=False) == pytest.approx(4.0 - order)
 
 
-def test_forces_may_begin_like_a_power() -> None:
+def test_forces_may_begin_like_a_power():
     def power(force: str, quadrature: ForcingQuadrature = "galerkin") -> float | None:
         scene = oscillator(1.0, position=0.0, velocity=0.0, forcing=Forcing.from_text(force))
         return start_power(scene, at_start=True, forcing_quadrature=quadrature)
@@ -155,7 +151,7 @@ def test_forces_may_begin_like_a_power() -> None:
     assert start_power(scene, at_start=True) == 1.5
 
 
-def test_few_steps_before_a_break_are_all_halved() -> None:
+def test_few_steps_before_a_break_are_all_halved():
     """Where a part of the run has a few steps of the grid, all of them are short against t."""
     at = points(graded(200, 2.5, 3, (0.12,)))
     first = at[at <= 0.12 * (1 + 1e-12)]

@@ -1,7 +1,5 @@
 """Meshes as values: points, shares, and what cannot be built."""
 
-from __future__ import annotations
-
 import itertools
 import math
 
@@ -39,7 +37,7 @@ def fresh(mesh: Mesh) -> list[float]:
 
 
 @pytest.mark.parametrize("n_steps", [1, 3, 7, 1000])
-def test_equal_steps_are_one_stretch(n_steps: int) -> None:
+def test_equal_steps_are_one_stretch(n_steps):
     mesh = uniform_mesh(3.0, n_steps)
     assert len(mesh.stretches) == 1
     assert mesh.n_steps == mesh.n_reported == n_steps
@@ -48,7 +46,7 @@ def test_equal_steps_are_one_stretch(n_steps: int) -> None:
     assert fresh(mesh) == [0.0]
 
 
-def test_break_points_on_the_grid_leave_the_steps_equal() -> None:
+def test_break_points_on_the_grid_leave_the_steps_equal():
     # 0.1 * 3 is not 0.3 in binary numbers
     mesh = uniform_mesh(1.0, 10, (0.1 * 3, 0.7))
     assert {one.step_size for one in mesh.stretches} == {0.1}
@@ -57,7 +55,7 @@ def test_break_points_on_the_grid_leave_the_steps_equal() -> None:
 
 
 @spread(breaks=[(0.333,), (0.25, 0.26), (1e-9,), (0.1, 0.2, 0.999)], grading=[1.0, 2.0, 3.5])
-def test_break_points_off_the_grid_are_points(breaks: tuple[float, ...], grading: float) -> None:
+def test_break_points_off_the_grid_are_points(breaks, grading):
     mesh = graded_mesh(1.0, 40, grading, breaks)
     at = points(mesh)
     assert mesh.n_steps == mesh.n_reported == at.size - 1 == 40
@@ -73,7 +71,7 @@ def test_break_points_off_the_grid_are_points(breaks: tuple[float, ...], grading
     extra=st.integers(0, 300),
 )
 @settings(max_examples=60, deadline=None, derandomize=True)
-def test_steps_are_shared_out_by_length(ends: list[float], extra: int) -> None:
+def test_steps_are_shared_out_by_length(ends, extra):
     edges = (0.0, *sorted(ends))
     n_steps = len(ends) + extra
     counts = steps_of_parts(edges, n_steps)
@@ -90,19 +88,19 @@ def test_steps_are_shared_out_by_length(ends: list[float], extra: int) -> None:
 
 
 @pytest.mark.parametrize("grading", [1.0, 1.5, 2.0, 7.0])
-def test_graded_points_are_powers(grading: float) -> None:
+def test_graded_points_are_powers(grading):
     at = points(graded_mesh(5.0, 32, grading))
     assert np.allclose(at, 5.0 * (np.arange(33) / 32) ** grading, rtol=1e-14, atol=0)
 
 
-def test_a_graded_mesh_begins_anew_behind_a_break_point() -> None:
+def test_a_graded_mesh_begins_anew_behind_a_break_point():
     at = points(graded_mesh(4.0, 24, 3.0, (1.0,)))
     counts = steps_of_parts((0.0, 1.0, 4.0), 24)
     behind = 1.0 + 3.0 * (np.arange(counts[1] + 1) / counts[1]) ** 3
     assert np.allclose(at[counts[0] :], behind, rtol=1e-14, atol=0)
 
 
-def test_a_mesh_goes_through_given_points() -> None:
+def test_a_mesh_goes_through_given_points():
     times = np.array([0.0, 1e-6, 0.3, 0.30001, 2.0])
     mesh = mesh_of(times, (0.3,))
     assert np.array_equal(points(mesh), times)
@@ -140,7 +138,7 @@ def test_a_mesh_goes_through_given_points() -> None:
         (lambda: Mesh(stretches=(stretch(0.0, 1.0, 10, 0.11),)), "10 steps of 0.11 make 1.1"),
     ],
 )
-def test_what_is_no_mesh_is_refused(make, message: str) -> None:
+def test_what_is_no_mesh_is_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
 
@@ -149,7 +147,7 @@ def stretch(begin: float, end: float, n_steps: int, step_size: float) -> Stretch
     return Stretch(begin=begin, end=end, n_steps=n_steps, step_size=step_size)
 
 
-def test_stretches_are_joined_without_gaps() -> None:
+def test_stretches_are_joined_without_gaps():
     mesh = graded_mesh(2.0, 50, 4.0, (0.77,))
     for one, following in itertools.pairwise(mesh.stretches):
         assert one.end == following.begin

@@ -1,7 +1,5 @@
 """The work on single dampers, against the loss of energy and closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -31,7 +29,7 @@ def scene(**changes: object) -> fvi.Scene:
         "final_time": 5.0,
         **changes,
     }
-    return fvi.linear_oscillator(**given)  # type: ignore[arg-type]
+    return fvi.linear_oscillator(**given)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +41,7 @@ def run() -> Trajectory:
     )
 
 
-def test_the_works_on_all_dampers_are_the_energy_that_is_lost(run: Trajectory) -> None:
+def test_the_works_on_all_dampers_are_the_energy_that_is_lost(run):
     found = run.observed.quantities
     total = found["w1"] + found["w2"] + found["w3"]
     assert abs(total[0]) < 1e-15
@@ -53,7 +51,7 @@ def test_the_works_on_all_dampers_are_the_energy_that_is_lost(run: Trajectory) -
     assert np.diff(found["w2"]).min() >= 0.0
 
 
-def test_the_work_on_a_dashpot_is_the_integral_of_its_power(run: Trajectory) -> None:
+def test_the_work_on_a_dashpot_is_the_integral_of_its_power(run):
     found, h = run.observed.quantities, run.time[1]
     rate = found["rate"]
     simpson = h / 3.0 * (rate[0:-2:2] + 4.0 * rate[1:-1:2] + rate[2::2])
@@ -61,7 +59,7 @@ def test_the_work_on_a_dashpot_is_the_integral_of_its_power(run: Trajectory) -> 
     assert run.observed.extents["w2"].peak == pytest.approx(found["w2"][-1], rel=1e-12)
 
 
-def test_a_damper_that_is_not_there_has_no_work() -> None:
+def test_a_damper_that_is_not_there_has_no_work():
     with pytest.raises(ValueError, match="unknown name 'work_4'"):
         fvi.integrate(scene(), "gauss2", 8, quantities={"w": "work_4"})
     with pytest.raises(ValueError, match=r"work_1: the power of a Riemann-Liouville"):

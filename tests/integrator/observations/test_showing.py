@@ -1,7 +1,5 @@
 """Trajectories as lines, pictures, data frames and datasets."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -19,12 +17,12 @@ def run() -> fvi.Trajectory:
     return fvi.integrate(scene, "gauss2-graded", 30, quantities={"drift": "x2 - x1"})
 
 
-def test_the_line_is_short(run: fvi.Trajectory) -> None:
+def test_the_line_is_short(run):
     assert repr(run) == "<Trajectory ok, 31 points to t = 3, 2 coordinates, 30 steps>"
     assert repr(run.observed) == "<Observed: quantities drift; events ->"
 
 
-def test_a_data_frame_has_named_columns_and_clean_times(run: fvi.Trajectory) -> None:
+def test_a_data_frame_has_named_columns_and_clean_times(run):
     pytest.importorskip("pandas")
     frame = run.to_dataframe()
     assert list(frame.columns) == ["x1", "x2", "p_x1", "p_x2", "energy", "drift"]
@@ -35,14 +33,14 @@ def test_a_data_frame_has_named_columns_and_clean_times(run: fvi.Trajectory) -> 
     assert frame.loc[0.3, "drift"] == pytest.approx(run.position[3, 1] - run.position[3, 0])
 
 
-def test_a_dataset_has_named_axes(run: fvi.Trajectory) -> None:
+def test_a_dataset_has_named_axes(run):
     pytest.importorskip("xarray")
     data = run.to_xarray()
     assert data.position.sel(coordinate="x2", time=0.3).item() == run.position[3, 1]
     assert data.drift.dims == ("time",)
 
 
-def test_a_notebook_shows_a_picture_and_a_table(run: fvi.Trajectory) -> None:
+def test_a_notebook_shows_a_picture_and_a_table(run):
     text = run._repr_html_()
     assert text.count("<polyline") == 2
     assert text.count("<tr>") == 9
@@ -50,7 +48,7 @@ def test_a_notebook_shows_a_picture_and_a_table(run: fvi.Trajectory) -> None:
     assert len(text) < 20_000
 
 
-def test_runs_of_a_configuration_know_their_coordinates() -> None:
+def test_runs_of_a_configuration_know_their_coordinates():
     problem = {"kind": "double-pendulum", "initial": {"position": [0.5, 0.0]}, "final_time": 1.0}
     config = {"name": "two", "problem": {**problem, "exact": "none"}, "ladder": {"steps": [10]}}
     (outcome,) = fvi.run(config)

@@ -1,7 +1,5 @@
 """Runs in parts, through bytes, are the whole run to the last bit."""
 
-from __future__ import annotations
-
 import math
 import tracemalloc
 from dataclasses import replace
@@ -129,7 +127,7 @@ def in_parts(
 
 @spread(name=sorted(SCENES), start=["none", "graded"])
 @pytest.mark.usefixtures("short_chunks")
-def test_an_interrupted_run_goes_on_bit_for_bit(name: str, start: str) -> None:
+def test_an_interrupted_run_goes_on_bit_for_bit(name, start):
     scene, method, n_steps = SCENES[name], replace(GAUSS2, start=start), N
     whole = integrate(scene, method, n_steps)
     assert whole.status == "ok"
@@ -142,7 +140,7 @@ def test_an_interrupted_run_goes_on_bit_for_bit(name: str, start: str) -> None:
 
 @spread(name=["forced", "pendulum"], every=[7, 64, 10_000])
 @pytest.mark.usefixtures("short_chunks")
-def test_thinned_parts(name: str, every: int) -> None:
+def test_thinned_parts(name, every):
     scene, n_steps = SCENES[name], N
     whole = integrate(scene, GRADED, n_steps)
     parts = in_parts(scene, GRADED, n_steps, [250, 750], every=every)
@@ -155,7 +153,7 @@ def test_thinned_parts(name: str, every: int) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(SCENES))
-def test_whoever_looks_on_changes_nothing(name: str) -> None:
+def test_whoever_looks_on_changes_nothing(name):
     scene, n_steps = SCENES[name], 225
     for method in (GAUSS2, GRADED, Method(cq="lobatto-iiic", degree=2)):
         plain = integrate(scene, method, n_steps)
@@ -170,12 +168,11 @@ def test_whoever_looks_on_changes_nothing(name: str) -> None:
 
 @pytest.mark.parametrize("field", ["states", "position", "momentum", "position_lost"])
 @pytest.mark.usefixtures("short_chunks")
-def test_everything_in_a_checkpoint_matters(field: str) -> None:
+def test_everything_in_a_checkpoint_matters(field):
     """The control: with any part of it set to zero the run goes on differently."""
     scene, n_steps = SCENES["pendulum"], N
     whole = integrate(scene, GAUSS2, n_steps)
     checkpoint = integrate_part(scene, GAUSS2, n_steps, until=625).checkpoint
-    assert checkpoint is not None
     assert np.abs(getattr(checkpoint, field)).max() > 0
     broken = replace(checkpoint, **{field: np.zeros_like(getattr(checkpoint, field))})
     rest = integrate_part(scene, GAUSS2, n_steps, checkpoint=broken).trajectory
@@ -183,14 +180,12 @@ def test_everything_in_a_checkpoint_matters(field: str) -> None:
 
 
 @pytest.mark.usefixtures("short_chunks")
-def test_a_checkpoint_is_small_and_belongs_to_one_run() -> None:
+def test_a_checkpoint_is_small_and_belongs_to_one_run():
     scene, n_steps = SCENES["free"], N
     checkpoint = integrate_part(scene, GAUSS2, n_steps, until=100).checkpoint
-    assert checkpoint is not None
     assert checkpoint.done == checkpoint.reported == CHUNK
     assert len(checkpoint.to_bytes()) < 12_000
     longer = integrate_part(scene, GAUSS2, 10 * N, until=1000).checkpoint
-    assert longer is not None
     assert len(longer.to_bytes()) < 12_000
     for other, steps in (
         (GAUSS2, N + 1),
@@ -212,9 +207,8 @@ def test_a_checkpoint_is_small_and_belongs_to_one_run() -> None:
 
 @pytest.mark.parametrize("spoil", [lambda b: b"no checkpoint", lambda b: b[:-200], lambda b: b""])
 @pytest.mark.usefixtures("short_chunks")
-def test_bytes_that_hold_no_checkpoint_are_refused(spoil) -> None:
+def test_bytes_that_hold_no_checkpoint_are_refused(spoil):
     checkpoint = integrate_part(SCENES["free"], GAUSS2, N, until=100).checkpoint
-    assert checkpoint is not None
     data = checkpoint.to_bytes()
     Checkpoint.from_bytes(data)
     with pytest.raises(ValueError, match="checkpoint: the bytes hold none"):
@@ -222,7 +216,7 @@ def test_bytes_that_hold_no_checkpoint_are_refused(spoil) -> None:
 
 
 @pytest.mark.usefixtures("short_chunks")
-def test_wild_motion_goes_on_bit_for_bit() -> None:
+def test_wild_motion_goes_on_bit_for_bit():
     """Blocks that do not contract, single steps and new linear responses lie where they lay."""
     scene = pendulum(
         final_time=225.0, damping=damping(0.5), initial_position=2.9, initial_velocity=2.0
@@ -235,7 +229,7 @@ def test_wild_motion_goes_on_bit_for_bit() -> None:
             assert np.array_equal(joined(parts, field), getattr(whole, field))
 
 
-def test_memory_does_not_grow_with_the_number_of_steps() -> None:
+def test_memory_does_not_grow_with_the_number_of_steps():
     scene = oscillator(0.5, 1.5, forcing=Forcing.from_text("cos(t)"))
 
     def peak(method: Method, n_steps: int) -> int:
@@ -253,7 +247,7 @@ def test_memory_does_not_grow_with_the_number_of_steps() -> None:
 
 
 @spread(order=[0.5, 1.5], degree=[2, 3])
-def test_the_floor_does_not_grow(order: float, degree: int) -> None:
+def test_the_floor_does_not_grow(order, degree):
     """x = t^4, whose damping force is a power, with many steps."""
     factor = math.gamma(5.0) / math.gamma(5.0 - order)
     scene = linear_oscillator(
@@ -266,7 +260,7 @@ def test_the_floor_does_not_grow(order: float, degree: int) -> None:
 
 
 @pytest.mark.parametrize("degree", [1, 3, 5])
-def test_odd_stages_near_order_two(degree: int) -> None:
+def test_odd_stages_near_order_two(degree):
     """The start of x = t^4 with gamma = 1.98; weights of odd stages once lost six digits here."""
     order = 1.98
     factor = math.gamma(5.0) / math.gamma(5.0 - order)
@@ -288,7 +282,7 @@ def same_end(scene: Scene, method: Method, n_steps: int) -> tuple[Trajectory, Tr
 
 
 @pytest.mark.parametrize("n_steps", [300, 4500])
-def test_a_run_that_leaves_its_bound_stops(n_steps: int) -> None:
+def test_a_run_that_leaves_its_bound_stops(n_steps):
     """A repelling potential: the motion is infinite at t = 2.4, no step behind that is true."""
     scene = duffing(
         stiffness=-1.0,
@@ -307,7 +301,7 @@ def test_a_run_that_leaves_its_bound_stops(n_steps: int) -> None:
     assert np.abs(found.position[:same] - usual.position[:same]).max() < 1e-11
 
 
-def test_a_linear_run_that_leaves_its_bound_stops() -> None:
+def test_a_linear_run_that_leaves_its_bound_stops():
     scene = linear_oscillator(
         final_time=500.0, damping=damping(1.9), stiffness=1e6, initial_position=1.0
     )
@@ -317,7 +311,7 @@ def test_a_linear_run_that_leaves_its_bound_stops() -> None:
     assert found.message[:20] == usual.message[:20]
 
 
-def test_growth_beyond_all_numbers_is_told() -> None:
+def test_growth_beyond_all_numbers_is_told():
     scene = linear_oscillator(final_time=100.0, damping=[], stiffness=-1000.0, initial_position=1.0)
     found = integrate(scene, GAUSS2, 2000)
     assert found.status == "diverged"
@@ -325,7 +319,7 @@ def test_growth_beyond_all_numbers_is_told() -> None:
     assert 1 < found.time.size < 1001
 
 
-def test_nonlinear_blocks_take_few_iterations() -> None:
+def test_nonlinear_blocks_take_few_iterations():
     """Counted: blocks of steps share their iterations."""
     scene = pendulum(final_time=20.0, damping=damping(0.5), initial_position=1.0)
     by_block = integrate(scene, GAUSS2, 2048).newton.iterations
@@ -334,7 +328,7 @@ def test_nonlinear_blocks_take_few_iterations() -> None:
     assert 10 * by_block < one_by_one
 
 
-def test_what_is_refused() -> None:
+def test_what_is_refused():
     with pytest.raises(ValueError, match="history: exponentials is for gauss, radau-iia"):
         Method(cq="bdf2", degree=1, history="exponentials")
     with pytest.raises(ValueError, match="every: 0 is not allowed"):

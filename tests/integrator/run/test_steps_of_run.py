@@ -1,7 +1,5 @@
 """Runs as polynomials: values between the points of the mesh."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -30,18 +28,16 @@ STEPS = {
 
 def steps_of(name: str, m: int = 4, scene=SCENE) -> RunSteps:
     found = integrate(scene, Method(cq="gauss", degree=m), STEPS[name], with_steps=True)
-    assert found.steps is not None
     return found.steps
 
 
 def exact(times: np.ndarray) -> np.ndarray:
     found = match_scene(SCENE)
-    assert found is not None
     return found.position(times)
 
 
 @pytest.mark.parametrize("name", sorted(STEPS))
-def test_the_closed_form_between_the_points(name: str) -> None:
+def test_the_closed_form_between_the_points(name):
     steps = steps_of(name, m=8)
     times = np.random.default_rng(2).uniform(0.0, 8.0, 300)
     tolerance = 1e-4 if name == "equal" else 1e-6
@@ -55,24 +51,22 @@ def test_the_closed_form_between_the_points(name: str) -> None:
 
 
 @pytest.mark.parametrize("m", [2, 3, 5])
-def test_between_the_points_a_polynomial_of_degree_m_is_of_order_m_plus_1(m: int) -> None:
+def test_between_the_points_a_polynomial_of_degree_m_is_of_order_m_plus_1(m):
     numbers, errors = (32, 48, 64, 96), []
     times = np.linspace(1.0, 8.0, 400)
     for n in numbers:
         mesh = graded_mesh(8.0, n, 3.0)
         found = integrate(SCENE, Method(cq="gauss", degree=m), mesh, with_steps=True)
-        assert found.steps is not None
         errors.append(np.abs(found.steps(times) - exact(times)).max())
     slope = -np.polyfit(np.log(numbers), np.log(errors), 1)[0]
     assert slope == pytest.approx(m + 1 if m > 2 else 3.4, abs=0.5)
 
 
 @pytest.mark.parametrize("cq", ["gauss", "radau-iia", "lobatto-iiic"])
-def test_it_is_continuous_and_passes_through_the_points(cq: str) -> None:
+def test_it_is_continuous_and_passes_through_the_points(cq):
     for scene in (SCENE, pendulum(final_time=8.0, damping=SCENE.damping, initial_position=1.0)):
         found = integrate(scene, Method(cq=cq, degree=3), 100, with_steps=True)
         steps = found.steps
-        assert steps is not None
         assert np.abs(steps(steps.time) - steps.position).max() < 1e-13
         before = np.nextafter(steps.time[1:], 0.0)
         assert np.abs(steps(before) - steps.position[1:]).max() < 1e-13
@@ -83,7 +77,7 @@ def test_it_is_continuous_and_passes_through_the_points(cq: str) -> None:
         assert np.abs(at - steps.velocity[:, inside]).max() < 1e-11
 
 
-def test_shapes_and_the_mesh() -> None:
+def test_shapes_and_the_mesh():
     steps = steps_of("graded")
     assert steps.n_steps == steps.step_size.size == steps.time.size - 1 == 64
     assert steps.velocity.shape == steps.unknowns.shape == (64, 4, 1)
@@ -94,20 +88,19 @@ def test_shapes_and_the_mesh() -> None:
     # the mesh of a graded start is finer than the grid that is reported
     method = Method(cq="gauss", degree=2, start="graded")
     found = integrate(SCENE, method, 64, with_steps=True)
-    assert found.steps is not None
     assert found.time.size == 65 < found.steps.time.size
     assert np.abs(found.steps(found.time) - found.position).max() < 1e-13
 
 
 @pytest.mark.parametrize("times", [-1e-9, 8.1, [1.0, 9.0], np.nan])
-def test_times_outside_of_the_run_are_refused(times) -> None:
+def test_times_outside_of_the_run_are_refused(times):
     steps = steps_of("equal")
     for ask in (steps, steps.velocity_at):
         with pytest.raises(ValueError, match=r"time: .* is not allowed; the run goes from 0 to 8"):
             ask(times)
 
 
-def test_who_keeps_no_polynomials() -> None:
+def test_who_keeps_no_polynomials():
     with pytest.raises(ValueError, match=r"with_steps: bdf2-points-s2-gauss2-none.* keeps no"):
         integrate(SCENE, Method(cq="bdf2", degree=2), 64, with_steps=True)
     assert integrate(SCENE, Method(cq="gauss", degree=2), 64).steps is None

@@ -1,7 +1,5 @@
 """States for the past against sums that are written out, on equal steps."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -54,14 +52,14 @@ def largest_difference(scene: Scene, method: Method, n_steps: int) -> float:
     degree=[1, 2, 3],
     cq=["gauss", "radau-iia", "lobatto-iiic"],
 )
-def test_all_families_and_orders(cq: str, degree: int, orders: tuple[float, ...]) -> None:
+def test_all_families_and_orders(cq, degree, orders):
     # less than a block, and a few blocks
     for n_steps in (5, 64, 300):
         method = Method(cq=cq, degree=degree)
         assert largest_difference(oscillator(*orders), method, n_steps) < 1e-12
 
 
-def test_a_wrong_order_is_seen() -> None:
+def test_a_wrong_order_is_seen():
     """The control."""
     one = integrate(oscillator(0.5), GAUSS2, 400)
     other = integrate_written_out(oscillator(0.5 + 1e-9), GAUSS2, 400)
@@ -69,7 +67,7 @@ def test_a_wrong_order_is_seen() -> None:
 
 
 @pytest.mark.parametrize("quadrature", ["exact", "projected"])
-def test_load_vectors(quadrature) -> None:
+def test_load_vectors(quadrature):
     """Forces with breaks, and none at all."""
     pieces = (
         replace(Forcing.from_text("8").pieces[0], until=4.0),
@@ -82,19 +80,19 @@ def test_load_vectors(quadrature) -> None:
         assert largest_difference(scene, method, 256) < 1e-12
 
 
-def test_riemann_liouville_with_a_jump() -> None:
+def test_riemann_liouville_with_a_jump():
     scene = replace(oscillator(0.5), derivative="riemann-liouville")
     assert largest_difference(scene, GAUSS2, 420) < 1e-12
 
 
-def test_nonlinear_scenes() -> None:
+def test_nonlinear_scenes():
     scene = pendulum(
         final_time=20.0, damping=damping(0.5, 1.5), initial_position=1.0, initial_velocity=0.3
     )
     assert largest_difference(scene, GAUSS2, 400) < 1e-12
 
 
-def test_a_step_without_a_unique_solution_fails_with_what_was_finished() -> None:
+def test_a_step_without_a_unique_solution_fails_with_what_was_finished():
     """One stage: 1 + h^2 k / 4 = 0 for k = -4 / h^2."""
     h = 0.25
     scene = linear_oscillator(final_time=2.0, stiffness=-4 / h**2, initial_position=1.0)
@@ -105,7 +103,7 @@ def test_a_step_without_a_unique_solution_fails_with_what_was_finished() -> None
     assert integrate(scene, Method(cq="gauss", degree=1), 64).time.size > 1
 
 
-def test_a_singular_mass_matrix_stops_the_run_where_it_is() -> None:
+def test_a_singular_mass_matrix_stops_the_run_where_it_is():
     scene = lagrangian_scene(
         coordinates=("x",),
         lagrangian="vx**2*(1 - x)/2",
@@ -123,7 +121,7 @@ def test_a_singular_mass_matrix_stops_the_run_where_it_is() -> None:
 
 
 @pytest.mark.parametrize("count", [64, 4500])
-def test_operations_are_linear_in_the_number_of_steps(count: int) -> None:
+def test_operations_are_linear_in_the_number_of_steps(count):
     one = integrate(oscillator(0.5), GAUSS2, count).history_operations
     two = integrate(oscillator(0.5), GAUSS2, 2 * count).history_operations
     assert two < 2.6 * one

@@ -1,7 +1,5 @@
 """Scenes with sparse matrices: the same motion as with dense ones, and nothing dense is made."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np
@@ -63,26 +61,24 @@ def row_of_masses(n: int, *, sparse: bool, orders: tuple[float, ...] = (0.5, 1.5
 
 
 @pytest.mark.parametrize("orders", [(0.5,), (1.5,), (0.5, 1.0, 1.5)])
-def test_the_motion_is_that_of_dense_matrices(orders: tuple[float, ...]) -> None:
+def test_the_motion_is_that_of_dense_matrices(orders):
     asked = Asked(energy_balance=True)
     one = integrate(row_of_masses(48, sparse=True, orders=orders), GAUSS, 40, diagnostics=asked)
     two = integrate(row_of_masses(48, sparse=False, orders=orders), GAUSS, 40, diagnostics=asked)
     assert np.abs(one.position - two.position).max() < 1e-12
-    assert one.diagnostics is not None
-    assert two.diagnostics is not None
     assert np.abs(one.diagnostics.energy_defect).max() < 1e-10
     difference = one.diagnostics.stored_energy - two.diagnostics.stored_energy
     assert np.abs(difference).max() < 1e-11
 
 
 @pytest.mark.parametrize(("cq", "degree"), [("gauss", 5), ("radau-iia", 2), ("lobatto-iiic", 3)])
-def test_so_it_is_for_methods_of_many_stages(cq: str, degree: int) -> None:
+def test_so_it_is_for_methods_of_many_stages(cq, degree):
     method = Method(cq=cq, degree=degree, start="none")
     one, two = (integrate(row_of_masses(48, sparse=s), method, 20) for s in (True, False))
     assert np.abs(one.position - two.position).max() < 1e-12
 
 
-def test_so_it_is_in_adaptive_steps() -> None:
+def test_so_it_is_in_adaptive_steps():
     steps = AdaptiveSteps(tolerance=1e-6)
     one = integrate(row_of_masses(40, sparse=True), Method(cq="gauss", degree=4), steps)
     two = integrate(row_of_masses(40, sparse=False), Method(cq="gauss", degree=4), steps)
@@ -90,7 +86,7 @@ def test_so_it_is_in_adaptive_steps() -> None:
     assert np.abs(one.position - two.position).max() < 1e-11
 
 
-def test_states_stand_on_directions_and_not_on_degrees_of_freedom() -> None:
+def test_states_stand_on_directions_and_not_on_degrees_of_freedom():
     scene = row_of_masses(300, sparse=True, orders=(0.5,))
     setup = prepare_run(
         scene,
@@ -99,18 +95,16 @@ def test_states_stand_on_directions_and_not_on_degrees_of_freedom() -> None:
         n_steps=200,
         bound=GrowthBound(size=np.inf, rate=0.0),
     )
-    assert setup.damping is not None
     assert setup.damping.initial_states().shape == (setup.n_states, 3)
 
 
-def test_terms_on_overlapping_directions_share_their_forms() -> None:
+def test_terms_on_overlapping_directions_share_their_forms():
     rows = differences(60, (5, 9))
     terms = [
         FractionalDamping(order=0.5, coefficient=Factored(rows=rows, inner=np.eye(2))),
         FractionalDamping(order=0.7, coefficient=Factored(rows=rows[1:], inner=np.eye(1))),
     ]
     reach = find_reach(terms)
-    assert reach is not None
     assert reach.count == 2
     values = np.random.default_rng(1).standard_normal(60)
     for term in terms:
@@ -119,7 +113,7 @@ def test_terms_on_overlapping_directions_share_their_forms() -> None:
         assert force == pytest.approx(term.coefficient @ values, abs=1e-14)
 
 
-def test_nothing_of_size_d_by_d_is_made() -> None:
+def test_nothing_of_size_d_by_d_is_made():
     n = 3000
     scene = row_of_masses(n, sparse=True)
     tracemalloc.start()
@@ -133,7 +127,7 @@ def test_nothing_of_size_d_by_d_is_made() -> None:
     assert peak < 0.3 * 8 * n * n
 
 
-def test_definite_or_not_is_told_without_eigenvalues() -> None:
+def test_definite_or_not_is_told_without_eigenvalues():
     n = 100
     matrix = second_differences(n)
     least = 2.0 - 2.0 * np.cos(np.pi / (n + 1))
@@ -147,7 +141,7 @@ def test_definite_or_not_is_told_without_eigenvalues() -> None:
     assert not is_definite(singular) or np.linalg.eigvalsh(singular.toarray())[0] > -1e-12
 
 
-def test_the_entry_that_is_wrong_is_named() -> None:
+def test_the_entry_that_is_wrong_is_named():
     matrix = second_differences(40).tolil()
     matrix[3, 4] = -2.0
     with pytest.raises(ValueError, match="row 4, column 5 is -2 and its mirror image -1"):
@@ -160,7 +154,7 @@ def test_the_entry_that_is_wrong_is_named() -> None:
 
 
 @pytest.mark.parametrize("n_steps", [40, 80])
-def test_memory_by_groups_of_steps_is_that_of_single_steps(n_steps: int) -> None:
+def test_memory_by_groups_of_steps_is_that_of_single_steps(n_steps):
     # 40 and 80 equal steps: whole groups of 16 and what is left of one
     scene = row_of_masses(48, sparse=True)
     method = Method(cq="gauss", degree=2, start="none")
@@ -170,7 +164,7 @@ def test_memory_by_groups_of_steps_is_that_of_single_steps(n_steps: int) -> None
     assert np.abs(grouped.momentum - plain.momentum).max() < 1e-11
 
 
-def test_a_tall_frame_is_sparse_and_the_same() -> None:
+def test_a_tall_frame_is_sparse_and_the_same():
     storeys = 250
     stiffness = np.linspace(2.0, 1.0, storeys)
     form = shear_form(stiffness)

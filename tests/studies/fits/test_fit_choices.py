@@ -1,7 +1,5 @@
 """Bounds, ties, own and shared parameters, and what is told of doubtful fits: on responses."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -75,7 +73,7 @@ ORDER = parameter("damping.0.order", 0.9, high=1.95)
 COEFFICIENT = parameter("damping.0.coefficient", 0.4)
 
 
-def test_experiments_share_what_is_not_their_own() -> None:
+def test_experiments_share_what_is_not_their_own():
     values = [receptance(WIDE, k, (0.6, 0.5), mass=m) for k, m in ((5.0, 1.0), (11.0, 2.0))]
     data = [measured("one", WIDE, values[0]), measured("other", WIDE, values[1], mass=2.0)]
     own = parameter("stiffness", 7.0, is_own=True)
@@ -90,7 +88,7 @@ def test_experiments_share_what_is_not_their_own() -> None:
     assert second["problem.mass"] == 2.0
 
 
-def test_a_tied_parameter_follows() -> None:
+def test_a_tied_parameter_follows():
     data = [measured("a", WIDE, receptance(WIDE, 5.0, (0.6, 0.5), (1.2, 0.25)))]
     tied = parameter(
         "damping.1.coefficient", 0.0, tied_to="problem.damping.0.coefficient", factor=0.5
@@ -102,7 +100,7 @@ def test_a_tied_parameter_follows() -> None:
     assert found.assignments[0]["problem.damping.1.coefficient"] == pytest.approx(0.25)
 
 
-def test_bounds_hold_and_are_told() -> None:
+def test_bounds_hold_and_are_told():
     data = [measured("a", WIDE, receptance(WIDE, 5.0, (0.6, 0.5)), 0.002)]
     bounded = parameter("damping.0.order", 0.8, low=0.7, high=1.5)
     found = fitted(data, STIFFNESS, bounded, COEFFICIENT)
@@ -116,7 +114,7 @@ def test_bounds_hold_and_are_told() -> None:
         assert one.low < one.value - one.standard_error / 100 < one.high
 
 
-def test_order_and_coefficient_in_a_narrow_band_are_told_with_the_number() -> None:
+def test_order_and_coefficient_in_a_narrow_band_are_told_with_the_number():
     narrow = np.linspace(0.30, 0.36, 40)
     data = [measured("a", narrow, receptance(narrow, 5.0, (0.6, 0.5)), 0.001)]
     found = fitted(data, parameter("stiffness", 5.0), ORDER, COEFFICIENT)
@@ -126,7 +124,7 @@ def test_order_and_coefficient_in_a_narrow_band_are_told_with_the_number() -> No
     assert f"cannot be told apart well by these data: correlation {correlation:+.4f}" in said
 
 
-def test_several_minima_that_fit_alike_are_told() -> None:
+def test_several_minima_that_fit_alike_are_told():
     # two springpots in either order
     data = [measured("a", WIDE, receptance(WIDE, 5.0, (0.4, 0.9), (1.5, 0.3)), 1e-4)]
     second = parameter("damping.1.order", 0.4, high=1.95)
@@ -145,7 +143,7 @@ def test_several_minima_that_fit_alike_are_told() -> None:
     np.testing.assert_allclose(found.others[0], here[[1, 0, 3, 2, 4]], rtol=1e-2)
 
 
-def test_a_parameter_without_influence_has_no_error() -> None:
+def test_a_parameter_without_influence_has_no_error():
     slopes = np.array([[1.0, 0.0], [2.0, 0.0], [-1.0, 0.0]])
     with np.errstate(all="raise"):
         _, errors, is_told = covariance(Evaluation(residuals=np.ones(3), jacobian=slopes), 0.5)

@@ -1,7 +1,5 @@
 """Fits: what comes out of data whose parameters are known."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path
@@ -46,7 +44,6 @@ def motion(times: Any, position: float = 1.0, **changed: float) -> Any:
     from fvi_cli.scenes.linear_response import match_scene
 
     solution = match_scene(scene)
-    assert solution is not None
     return solution.position(np.asarray(times))[:, 0]
 
 
@@ -73,7 +70,7 @@ def noise(seed: int, size: float) -> Any:
     return size * np.random.default_rng(seed).standard_normal(TIMES.size)
 
 
-def test_clean_data_give_the_parameters_back() -> None:
+def test_clean_data_give_the_parameters_back():
     found = fit_model(settings(measured(motion(TIMES))), model())
     assert found.is_converged
     for one, true in zip(found.estimates, TRUE.values(), strict=True):
@@ -86,7 +83,7 @@ def noisy() -> Any:
     return fit_model(settings(measured(motion(TIMES) + noise(3, 0.02))), model())
 
 
-def test_intervals_hold_the_parameters_and_lie_around_the_estimates(noisy: Any) -> None:
+def test_intervals_hold_the_parameters_and_lie_around_the_estimates(noisy):
     for one, true in zip(noisy.estimates, TRUE.values(), strict=True):
         assert one.low < one.value < one.high
         assert one.low < true < one.high
@@ -97,7 +94,7 @@ def test_intervals_hold_the_parameters_and_lie_around_the_estimates(noisy: Any) 
     assert noisy.discretisation < 0.01
 
 
-def test_the_ends_of_an_interval_are_where_the_misfit_says(noisy: Any) -> None:
+def test_the_ends_of_an_interval_are_where_the_misfit_says(noisy):
     """Scipy, with one parameter held and no derivatives, finds the same increase."""
     from scipy.optimize import least_squares
 
@@ -122,7 +119,7 @@ def test_the_ends_of_an_interval_are_where_the_misfit_says(noisy: Any) -> None:
     assert np.sqrt((2 * held.cost - best.cost) / variance) == pytest.approx(2.002, rel=0.02)
 
 
-def test_derivatives_of_the_residuals() -> None:
+def test_derivatives_of_the_residuals():
     described = MotionModel(
         model(
             *PARAMETERS[:2],
@@ -149,7 +146,7 @@ def test_derivatives_of_the_residuals() -> None:
         np.testing.assert_allclose(at.jacobian[:, index], difference, atol=1e-5)
 
 
-def test_motions_share_parameters_and_have_their_own() -> None:
+def test_motions_share_parameters_and_have_their_own():
     data = (
         measured(motion(TIMES, 1.0) + noise(5, 0.01), "low"),
         measured(motion(TIMES, 2.5) + noise(6, 0.01), "high", velocity=0.0),
@@ -174,7 +171,7 @@ def test_motions_share_parameters_and_have_their_own() -> None:
     assert 70 < found.misfit < 170
 
 
-def test_what_fits_alike_is_said() -> None:
+def test_what_fits_alike_is_said():
     # mass, stiffness and coefficient have a common factor
     found = fit_model(
         settings(measured(motion(TIMES) + noise(7, 0.01))),
@@ -201,7 +198,7 @@ CONFIG = {
 }
 
 
-def test_the_command_writes_what_it_says(tmp_path: Path) -> None:
+def test_the_command_writes_what_it_says(tmp_path):
     values = motion(TIMES) + noise(4, 0.005)
     rows = "".join(f"{t!r},{v!r}\n" for t, v in zip(TIMES.tolist(), values.tolist(), strict=True))
     (tmp_path / "decay.csv").write_text("t,x\n" + rows)
@@ -234,7 +231,7 @@ def test_the_command_writes_what_it_says(tmp_path: Path) -> None:
     assert again.exit_code == 0, again.stdout
 
 
-def test_a_fit_that_fails_says_why(tmp_path: Path) -> None:
+def test_a_fit_that_fails_says_why(tmp_path):
     rows = "".join(f"{t},{np.cos(t)}\n" for t in np.arange(0.0, 4.0, 0.2))
     (tmp_path / "free.csv").write_text("t,x\n" + rows)
     (tmp_path / "free.yaml").write_text(

@@ -1,7 +1,5 @@
 """The page of fits says what was measured; its data come from elsewhere."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.fits import (
@@ -19,7 +17,7 @@ from fvi_cli.studies.fits.model import METHOD
 from fvi_cli.studies.fits.profile import CONFIDENCE
 
 
-def test_the_data_are_those_of_the_problem() -> None:
+def test_the_data_are_those_of_the_problem():
     times = np.array([0.3, 4.0, 9.7])
     for order, velocity in ((ORDER, 0.0), (1.7, 0.5)):
         scene = build_scene(oscillator(order, velocity))
@@ -27,13 +25,13 @@ def test_the_data_are_those_of_the_problem() -> None:
         np.testing.assert_allclose(done(times)[:, 0], motion(order, times, velocity), atol=1e-11)
 
 
-def test_intervals_of_a_linear_motion_hold_the_truth_as_often_as_they_say() -> None:
+def test_intervals_of_a_linear_motion_hold_the_truth_as_often_as_they_say():
     held = covered_in_theory(4000).mean(axis=0)
     assert held.shape == (3,)
     np.testing.assert_allclose(held, CONFIDENCE, atol=0.012)
 
 
-def test_shares_and_failures_are_counted() -> None:
+def test_shares_and_failures_are_counted():
     held = [(True, True, False), (True, False, False), (True, True, True), (True, True, True)]
     timed = TimedFit(name="three", seconds=1.25, runs=20, worst=1.5, transform=0.014)
     theory = np.array([[True, True, True], [True, False, True], *[[True, True, True]] * 2])

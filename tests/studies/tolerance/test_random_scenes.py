@@ -1,11 +1,7 @@
 """A random scene of each of ten kinds in every run of the tests, 400 by a named command."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,26 +23,26 @@ def rows() -> list[ToleranceRow]:
     return [row for index in INDICES for row in run_index(index)]
 
 
-def test_nothing_is_met_and_wrong(rows: Sequence[ToleranceRow]) -> None:
+def test_nothing_is_met_and_wrong(rows):
     assert not [row for row in rows if row.is_wrong]
     # most of them are judged by their references
     judged = [row for row in rows if row.outcome == "met" and row.is_judged]
     assert len(judged) >= 0.7 * len(rows)
 
 
-def test_smooth_scenes_are_not_refused(rows: Sequence[ToleranceRow]) -> None:
+def test_smooth_scenes_are_not_refused(rows):
     smooth = [row for row in rows if row.kind not in ("kinks and walls", "near the separatrix")]
     assert [row for row in smooth if row.outcome != "met"] == []
 
 
-def test_estimates_are_not_below_a_third_of_the_error(rows: Sequence[ToleranceRow]) -> None:
+def test_estimates_are_not_below_a_third_of_the_error(rows):
     known = [row for row in rows if row.error > 10 * row.reference_error]
     assert known
     assert min(row.estimate / row.error for row in known) >= 1 / 3
     assert float(np.median([row.estimate / row.error for row in known])) <= 10
 
 
-def test_the_table_tells_of_what_is_wrong() -> None:
+def test_the_table_tells_of_what_is_wrong():
     """The control: a row whose error is above the tolerance is counted."""
     row = ToleranceRow(
         kind="linear",
@@ -73,7 +69,7 @@ def test_the_table_tells_of_what_is_wrong() -> None:
     assert "refused, out of reach" in text
 
 
-def test_what_is_kept_is_read_again(rows: Sequence[ToleranceRow], tmp_path: Path) -> None:
+def test_what_is_kept_is_read_again(rows, tmp_path):
     write_rows(tmp_path / "kept" / "tolerances.csv", rows)
     assert str(read_rows(tmp_path / "kept" / "tolerances.csv")) == str(list(rows))
     (only,) = (tmp_path / "kept").iterdir()
