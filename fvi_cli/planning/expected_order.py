@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.expansions.expansion import solution_expansion
 from fvi_cli.integrator.expansions.interpolation_limit import interpolation_limit
-from fvi_cli.integrator.expansions.separable import forcing_powers
-from fvi_cli.integrator.expansions.values import Expansion
+from fvi_cli.integrator.expansions.motion import forcing_powers, solution_expansion
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.mathematics.series.power_series import SeriesError
@@ -206,12 +204,8 @@ def _solution_powers(scene: Scene) -> Array:
     """
     for cutoff in CUTOFFS[:-1]:
         with contextlib.suppress(SeriesError):
-            return _powers(solution_expansion(scene, cutoff))
-    return _powers(solution_expansion(scene, CUTOFFS[-1]))
-
-
-def _powers(expansion: Expansion) -> Array:
-    return np.asarray(expansion.exponents[np.any(expansion.coefficients != 0, axis=1)])
+            return solution_expansion(scene, cutoff).exponents
+    return solution_expansion(scene, CUTOFFS[-1]).exponents
 
 
 def _is_integer(exponents: Array) -> NDArray[np.bool_]:

@@ -9,7 +9,9 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.expansions.expansion import solution_expansion
+from fvi_cli.integrator.expansions.motion import solution_expansion
+from fvi_cli.mathematics.series.power_series import SeriesError
+from fvi_cli.scenes.lagrangian import lagrangian_scene
 
 STIFFNESS, DAMPING = 2.0, 0.7
 
@@ -51,3 +53,46 @@ def test_coefficients_are_those_of_the_laplace_transform(order):
     other = solution_expansion(oscillator(order, DAMPING * (1 + 1e-9)), 8.0).coefficients[:, 0]
     with pytest.raises(AssertionError):
         np.testing.assert_allclose(other, list(expected.values()), rtol=1e-11)
+
+
+@pytest.mark.parametrize("rate", [2.0, 2.0 * (1 + 1e-9)])
+def test_a_mass_that_varies_has_the_coefficients_of_the_free_motion(rate: float) -> None:
+    """L = exp(2 x) v^2/2 is (d exp(x)/dt)^2/2: x = log(1 + v0 t)."""
+    scene = lagrangian_scene(
+        coordinates=["x"],
+        lagrangian=f"exp({rate!r}*x)*vx**2/2",
+        initial_velocity=0.5,
+        final_time=1.0,
+    )
+    found = solution_expansion(scene, 8.0)
+    np.testing.assert_array_equal(found.exponents, np.arange(1.0, 8.0))
+    expected = [-((-0.5) ** n) / n for n in range(1, 8)]
+    agrees = np.allclose(found.coefficients[:, 0], expected, rtol=1e-11, atol=0.0)
+    assert agrees == (rate == 2.0)
+
+
+def test_powers_that_cancel_are_absent() -> None:
+    """A charge in a magnetic field moves on a circle: x = sin(2 t)/2, y = (cos(2 t) - 1)/2."""
+    scene = lagrangian_scene(
+        final_time=5.0,
+        coordinates=["x", "y"],
+        lagrangian="(vx**2 + vy**2)/2 + x*vy - y*vx",
+        initial_velocity=[1.0, 0.0],
+    )
+    found = solution_expansion(scene, 8.0)
+    np.testing.assert_array_equal(found.exponents, np.arange(1.0, 8.0))
+    x, y = found.coefficients.T
+    assert np.flatnonzero(x).tolist() == [0, 2, 4, 6]
+    assert np.flatnonzero(y).tolist() == [1, 3, 5]
+    np.testing.assert_allclose(x[::2], [1, -2 / 3, 2 / 15, -4 / 315], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("order", "coefficient", "message"),
+    [(1.99, DAMPING, "more than 128"), (1.9, 1e300, "not finite")],
+)
+def test_what_has_no_usable_expansion_is_named(
+    order: float, coefficient: float, message: str
+) -> None:
+    with pytest.raises(SeriesError, match=message):
+        solution_expansion(oscillator(order, coefficient), 8.0)

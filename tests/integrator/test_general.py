@@ -11,7 +11,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import RequestError
-from fvi_cli.integrator.expansions.expansion import solution_expansion
+from fvi_cli.integrator.expansions.motion import solution_expansion
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.mathematics import symbolic

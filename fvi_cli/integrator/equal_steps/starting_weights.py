@@ -20,7 +20,7 @@ from scipy.special import rgamma
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.equal_steps.problem import StepProblem
 from fvi_cli.integrator.equal_steps.stepping import run_steps
-from fvi_cli.integrator.expansions.expansion import solution_series
+from fvi_cli.integrator.expansions.motion import solution_expansion
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.bdf import convolution_weights
 
@@ -106,11 +106,9 @@ def own_exponents(scene: Scene, method: Method) -> tuple[float, ...]:
     """
     order = max(term.order for term in scene.active_damping)
     cutoff = method.bdf_order + order - 1
-    found: set[float] = set()
-    for series in solution_series(scene, max(cutoff, 4.0)):
-        found.update(series.exponents[series.coefficients != 0].tolist())
     least = 1.0 if all(term.order > 1 for term in scene.active_damping) else 0.0
-    return tuple(sorted(e for e in found if least < e < cutoff))
+    found = solution_expansion(scene, max(cutoff, 4.0)).exponents.tolist()
+    return tuple(e for e in found if least < e < cutoff)
 
 
 def correct_start(
