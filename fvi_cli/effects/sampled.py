@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, Literal, Self, TypeVar, cast
@@ -163,11 +164,11 @@ class SampledForce(_WithFormula):
         Raises
         ------
         ExpressionError
-            On any other algebra: samples are no formula.
+            On any other algebra, exact sums of powers among them: samples are no formula.
         """
         time = names["t"]
         samples: object
-        if isinstance(time, PowerSeries):
+        if isinstance(time, PowerSeries) and math.isfinite(time.cutoff):
             samples = self._series(time)
         elif isinstance(time, np.ndarray | float | int):
             samples = self._values(np.asarray(time, dtype=float))

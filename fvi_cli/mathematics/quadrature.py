@@ -89,14 +89,6 @@ class QuadratureRule:
         """Largest degree of polynomials that are integrated exactly: the order minus one."""
         return self.order - 1
 
-    @property
-    def is_symmetric(self) -> bool:
-        """Whether ``1 - c_i`` is again a node with the same weight, to the last digit."""
-        return bool(
-            np.array_equal(1.0 - self.nodes, self.nodes[::-1])
-            and np.array_equal(self.weights, self.weights[::-1])
-        )
-
 
 @cache
 def gauss_rule(n_points: int) -> QuadratureRule:

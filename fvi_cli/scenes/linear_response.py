@@ -7,8 +7,11 @@ happens.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
+from typing import Final
 
 import numpy as np
 
@@ -18,7 +21,11 @@ from fvi_cli.effects.matrices import Array
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
-from fvi_cli.mathematics.series.power_sum import POWER_SUM_FUNCTIONS, NotAPowerSum, PowerSum
+from fvi_cli.mathematics.series.power_series import (
+    SERIES_FUNCTIONS,
+    PowerSeries,
+    SeriesError,
+)
 from fvi_cli.mathematics.transforms.characteristic import (
     CharacteristicFunction,
     characteristic_zeros,
@@ -27,6 +34,9 @@ from fvi_cli.scenes.relaxation.response import LinearResponse, law_response
 
 SOURCE = "characteristic roots and branch-cut integral"
 """Where exact solutions come from, in words, for tables."""
+ZERO: Final = PowerSeries.constant(0.0, math.inf)
+ROOTS: Final = {name: SERIES_FUNCTIONS[name] for name in ("sqrt", "cbrt")}
+"""The elementary functions that may keep a finite sum of powers one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +62,7 @@ def linear_response(
     damping: tuple[tuple[float, float], ...] = (),
     position: float = 0.0,
     velocity: float = 0.0,
-    forcing: tuple[tuple[float, PowerSum], ...] = (),
+    forcing: tuple[tuple[float, PowerSeries], ...] = (),
     derivative: Derivative = "caputo",
     laws: tuple[tuple[RelaxationKernel, float], ...] = (),
 ) -> LinearResponse:
@@ -72,8 +82,9 @@ def linear_response(
     position, velocity
         x(0) and x'(0).
     forcing
-        Pairs (start, f): the force is f(t) from `start` on until the next; the first starts at 0.
-        After the first, a difference of neighbours must be a polynomial.
+        Pairs (start, f): the force is f(t), a finite sum of powers, from `start` on until the
+        next; the first starts at 0. After the first, a difference of neighbours must be a
+        polynomial.
     derivative
         ``caputo`` or ``riemann-liouville``; the latter with a position other than 0 only for
         orders up to 1.
@@ -98,15 +109,15 @@ def linear_response(
                 f"derivative: riemann-liouville of order {order!r} needs position 0 at the start"
             )
     inputs: list[tuple[float, Mapping[float, float]]] = []
-    before = PowerSum()
+    before = ZERO
     for begin, force in forcing:
-        jump = (force - before).shifted(begin)
+        jump = transform(shifted(force - before, begin))
         before = force
         if begin == 0:
-            for power, coefficient in jump.transform().items():
+            for power, coefficient in jump.items():
                 _add(start, power, coefficient)
         else:
-            inputs.append((begin, jump.transform()))
+            inputs.append((begin, jump))
     inputs.insert(0, (0.0, {power: c for power, c in start.items() if c}))
     if laws:
         return law_response(characteristic, inputs, laws, position)
@@ -148,7 +159,7 @@ def match_scene(scene: Scene) -> ExactSolution | None:
     momenta = shapes.T @ scene.inertia.mass
     position, velocity = momenta @ scene.initial_position, momenta @ scene.initial_velocity
     try:
-        forcing = _power_sums(scene.forcing)
+        forcing = _finite_sums(scene.forcing)
         responses = tuple(
             linear_response(
                 mass=1.0 if d > 1 else float(scene.inertia.mass[0, 0]),
@@ -169,7 +180,7 @@ def match_scene(scene: Scene) -> ExactSolution | None:
             )
             for i in range(d)
         )
-    except (NotAPowerSum, ValueError, ArithmeticError):
+    except (ValueError, ArithmeticError):
         return None
 
     def exact(time: Array) -> Array:
@@ -209,7 +220,45 @@ def _common_modes(mass: Array, matrices: list[Array]) -> tuple[Array, list[Array
     return root @ rotation, diagonals
 
 
-def _power_sums(forcing: Forcing | None) -> list[tuple[float, tuple[PowerSum, ...]]]:
+def shifted(force: PowerSeries, start: float) -> PowerSeries:
+    """A polynomial in t as one in t - start, rounded once at the end.
+
+    Raises
+    ------
+    SeriesError
+        If it is no polynomial.
+    """
+    if start == 0:
+        return force
+    if not all(e >= 0 and e == round(e) for e in force.exponents):
+        raise SeriesError(f"{force!r} is no polynomial, and no sum of powers about {start:g}")
+    sums: dict[int, Fraction] = {}
+    for degree, coefficient in zip(map(int, force.exponents), force.coefficients, strict=True):
+        for j in range(degree + 1):
+            term = Fraction(coefficient) * math.comb(degree, j) * Fraction(start) ** (degree - j)
+            sums[j] = sums.get(j, Fraction(0)) + term
+    return PowerSeries(
+        exponents=np.array(list(sums), dtype=float),
+        coefficients=np.array([float(value) for value in sums.values()]),
+        cutoff=math.inf,
+    )
+
+
+def transform(force: PowerSeries) -> dict[float, float]:
+    r"""Laplace transform: :math:`t^\beta` becomes :math:`\Gamma(\beta+1) s^{-\beta-1}`.
+
+    Raises
+    ------
+    SeriesError
+        If an exponent is not above -1, or too large.
+    """
+    if not all(-1 < exponent < 100 for exponent in force.exponents):
+        raise SeriesError(f"{force!r} has no Laplace transform in range")
+    terms = zip(force.exponents.tolist(), force.coefficients.tolist(), strict=True)
+    return {-exponent - 1.0: c * math.gamma(exponent + 1.0) for exponent, c in terms}
+
+
+def _finite_sums(forcing: Forcing | None) -> list[tuple[float, tuple[PowerSeries, ...]]]:
     if forcing is None:
         return []
     starts = (0.0, *forcing.break_points)
@@ -218,19 +267,14 @@ def _power_sums(forcing: Forcing | None) -> list[tuple[float, tuple[PowerSum, ..
     ]
 
 
-def _components(piece: ForcingPiece) -> tuple[PowerSum, ...]:
-    sums = []
-    for component in piece.components:
-        try:
-            value = component.evaluate({"t": PowerSum.variable()}, POWER_SUM_FUNCTIONS)
-        except ExpressionError as error:
-            raise NotAPowerSum(str(error)) from error
-        sums.append(PowerSum.lift(value))
-    return tuple(sums)
+def _components(piece: ForcingPiece) -> tuple[PowerSeries, ...]:
+    time = PowerSeries.variable(math.inf)
+    try:
+        return tuple(one.evaluate({"t": time}, ROOTS) + ZERO for one in piece.components)
+    except ExpressionError as error:
+        raise SeriesError(str(error)) from error
 
 
-def _combined(shape: Array, components: tuple[PowerSum, ...]) -> PowerSum:
-    total = PowerSum()
-    for weight, component in zip(shape, components, strict=True):
-        total = total + float(weight) * component
-    return total
+def _combined(shape: Array, components: tuple[PowerSeries, ...]) -> PowerSeries:
+    weighted = zip(shape, components, strict=True)
+    return sum((component * float(weight) for weight, component in weighted), start=ZERO)

@@ -1,5 +1,7 @@
 """Forces that are known at samples: values between them, expansions, and what they refuse."""
 
+import math
+
 import numpy as np
 import pytest
 from spread import spread
@@ -8,8 +10,7 @@ from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.series.power_series import expand
-from fvi_cli.mathematics.series.power_sum import POWER_SUM_FUNCTIONS, PowerSum
+from fvi_cli.mathematics.series.power_series import SERIES_FUNCTIONS, PowerSeries, expand
 
 TIME = np.array([0.0, 0.3, 1.0, 1.2, 2.0])
 VALUES = np.array([1.0, -2.0, 0.5, 4.0, 3.0])
@@ -69,7 +70,7 @@ def test_factors_and_formulas_are_added_up():
 def test_samples_are_no_formula():
     force = SampledForce.through(TIME, VALUES, "linear")
     with pytest.raises(ExpressionError, match="not a formula"):
-        force.evaluate({"t": PowerSum.variable()}, POWER_SUM_FUNCTIONS)
+        force.evaluate({"t": PowerSeries.variable(math.inf)}, SERIES_FUNCTIONS)
 
 
 def test_knots_are_no_break_points():

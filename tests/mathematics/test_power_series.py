@@ -1,6 +1,7 @@
 """Power series with real exponents: arithmetic, functions, what is known, and what is refused."""
 
 import math
+from dataclasses import replace
 
 import mpmath
 import numpy as np
@@ -24,6 +25,10 @@ def series(terms: dict[float, float], cutoff: float) -> PowerSeries:
     return PowerSeries(
         exponents=np.array(list(terms)), coefficients=np.array(list(terms.values())), cutoff=cutoff
     )
+
+
+def truncated(whole: PowerSeries, cutoff: float) -> PowerSeries:
+    return replace(whole, cutoff=min(cutoff, whole.cutoff))
 
 
 def expansion(text: str, cutoff: float = 4.0, at: float = 0.0) -> PowerSeries:
@@ -68,7 +73,7 @@ def test_the_rest_of_an_expansion_falls_as_the_cutoff_says(text):
     assert np.all(np.abs(found(times) - exact) <= 1e7 * sizes * times**4 + 1e-14 * sizes)
     # The control: without its last term the expansion is worse.
     if found.exponents.size > 1 and found.exponents[-1] < 2.6:
-        shorter = found.truncated(found.exponents[-1])
+        shorter = truncated(found, found.exponents[-1])
         assert abs(shorter(times[0]) - exact[0]) > 10 * abs(found(times[0]) - exact[0])
 
 
@@ -214,7 +219,7 @@ def test_derivatives_compose():
     ]:
         common = min(left.cutoff, right.cutoff)
         np.testing.assert_allclose(
-            left.truncated(common).coefficients, right.truncated(common).coefficients, rtol=1e-13
+            truncated(left, common).coefficients, truncated(right, common).coefficients, rtol=1e-13
         )
     assert a.without_initial_terms(0.5).coefficient(0.0) == 0.0
     assert a.without_initial_terms(0.5).coefficient(1.0) == 1.0
@@ -267,7 +272,7 @@ def test_ring_laws(a, b, c):
         ((x * y) * z, x * (y * z)),
     ]:
         common = min(left.cutoff, right.cutoff)
-        difference = (left - right).truncated(common)
+        difference = truncated(left - right, common)
         assert np.all(np.abs(difference.coefficients) < 1e-12)
 
 
@@ -280,5 +285,5 @@ def test_powers_invert_each_other(terms, exponent):
     x = series(terms, 4.0)
     back = (x**exponent) ** (1 / exponent)
     assume(back.cutoff > lead)
-    difference = (back - x).truncated(min(back.cutoff, 4.0))
+    difference = truncated(back - x, min(back.cutoff, 4.0))
     assert np.all(np.abs(difference.coefficients) < 1e-9 * terms[lead])

@@ -14,11 +14,19 @@ from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.series.power_sum import NotAPowerSum, PowerSum
-from fvi_cli.scenes.linear_response import linear_response, match_scene
+from fvi_cli.mathematics.series.power_series import PowerSeries, SeriesError
+from fvi_cli.scenes.linear_response import (
+    ROOTS,
+    ZERO,
+    linear_response,
+    match_scene,
+    shifted,
+    transform,
+)
 
-T = PowerSum.variable()
+T = PowerSeries.variable(math.inf)
 
 # Unit step from rest, m = mu = k = 1, at t = 1, 2, 5, 10, 20: from the quartic in sqrt(s) and from
 # Laplace inversion, digits on which both agree.
@@ -77,7 +85,7 @@ def pieces(*items):
 @pytest.mark.parametrize("order", [0.5, 1.5])
 def test_unit_step_and_free_response(order):
     common = {"mass": 1.0, "stiffness": 1.0, "damping": ((order, 1.0),)}
-    step = linear_response(**common, forcing=((0.0, PowerSum.lift(1.0)),))
+    step = linear_response(**common, forcing=((0.0, ZERO + 1.0),))
     free = linear_response(**common, position=1.0)
     assert step(STEP_TIMES) == pytest.approx(STEP[order], abs=4e-15)
     assert free(STEP_TIMES) == pytest.approx(1.0 - np.array(STEP[order]), abs=4e-15)
@@ -103,7 +111,7 @@ def test_bagley_torvik_of_podlubny():
         mass=1.0,
         stiffness=1.0,
         damping=((1.5, 1.0),),
-        forcing=((0.0, PowerSum.lift(8.0)), (1.0, PowerSum())),
+        forcing=((0.0, ZERO + 8.0), (1.0, ZERO)),
     )
     times = np.array([0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 30.0])
     expected = [
@@ -152,7 +160,7 @@ def test_jump_as_the_order_passes_one():
         stiffness=1.0,
         damping=((1.0, 1.0),),
         velocity=1.0,
-        forcing=((0.0, PowerSum.lift(1.0)),),
+        forcing=((0.0, ZERO + 1.0),),
     )
     assert at_two(1.0 + 1e-9) == pytest.approx(float(step(np.array([2.0]))[0]), abs=1e-8)
 
@@ -177,7 +185,7 @@ def test_caputo_and_riemann_liouville():
         stiffness=1.0,
         damping=((0.5, 1.0),),
         position=1.0,
-        forcing=((0.0, PowerSum({-0.5: -1 / math.sqrt(math.pi)})),),
+        forcing=((0.0, T**-0.5 * (-1 / math.sqrt(math.pi))),),
     )
     assert forced(np.ones(1))[0] == pytest.approx(values[1], abs=2e-15)
 
@@ -229,13 +237,13 @@ def test_general_order_with_a_manufactured_solution():
 def test_pieces_are_superposed():
     # A ramp that stops: the same force as t - (t - 2)_+ with its response shifted.
     common = {"mass": 1.0, "stiffness": 2.0, "damping": ((0.5, 0.3),)}
-    stopped = linear_response(**common, forcing=((0.0, T), (2.0, PowerSum.lift(2.0))))
+    stopped = linear_response(**common, forcing=((0.0, T), (2.0, ZERO + 2.0)))
     ramp = linear_response(**common, forcing=((0.0, T),))
     times = np.linspace(0.0, 9.0, 40)
     late = np.maximum(times - 2.0, 0.0)
     assert stopped(times) == pytest.approx(ramp(times) - ramp(late), abs=1e-13)
-    with pytest.raises(NotAPowerSum):
-        linear_response(**common, forcing=((0.0, T**0.5), (2.0, PowerSum())))
+    with pytest.raises(SeriesError):
+        linear_response(**common, forcing=((0.0, T**0.5), (2.0, ZERO)))
 
 
 def test_scene_with_a_step_force():
@@ -376,7 +384,7 @@ def test_growth_and_falling_written_out():
     expected = 0.7 * (fast * np.exp(slow * times) - slow * np.exp(fast * times)) / (fast - slow)
     assert np.abs(growing(times) / expected - 1.0).max() < 1e-13
     braked = linear_response(
-        mass=2.0, stiffness=0.0, damping=((1.0, 0.5),), forcing=((0.0, PowerSum.lift(3.0)),)
+        mass=2.0, stiffness=0.0, damping=((1.0, 0.5),), forcing=((0.0, ZERO + 3.0),)
     )
     assert braked(times) == pytest.approx(6 * times - 24 * (1 - np.exp(-times / 4)), abs=1e-12)
 
@@ -456,3 +464,58 @@ def test_what_grows_beyond_all_numbers_does_so_quietly(order):
     values = growing(np.array([0.0, 1e-300, 1.0, 1e5]))
     assert np.isfinite(values).tolist() == [True, True, True, False]
     assert values[:2] == pytest.approx([1.0, 1.0], rel=1e-14)
+
+
+def read(text):
+    value = Expression.parse(text, variables=("t",)).evaluate({"t": T}, ROOTS)
+    return ZERO + value
+
+
+@pytest.mark.parametrize(
+    ("text", "terms"),
+    [
+        ("8", {0.0: 8.0}),
+        ("1 - t", {0.0: 1.0, 1.0: -1.0}),
+        ("(1 + t)**2 / 4", {0.0: 0.25, 1.0: 0.5, 2.0: 0.25}),
+        ("15/4*sqrt(t) + 15/8*sqrt(pi)*t", {0.5: 3.75, 1.0: 1.875 * math.sqrt(math.pi)}),
+        ("t**(1/3) * t**(2/3)", {1.0: 1.0}),
+        ("t**2.5 / (4*t)", {1.5: 0.25}),
+        ("(4*t)**0.5", {0.5: 2.0}),
+        ("2**3 * t - sin(1)", {1.0: 8.0, 0.0: -math.sin(1)}),
+        ("cbrt(8*t**3)", {1.0: 2.0}),
+        ("3 - t - (3 - t)", {}),
+    ],
+)
+def test_sums_of_powers_are_read_off(text, terms):
+    found = read(text)
+    assert math.isinf(found.cutoff)
+    by_power = dict(zip(found.exponents.tolist(), found.coefficients.tolist(), strict=True))
+    assert by_power == pytest.approx(terms, rel=1e-15)
+
+
+@pytest.mark.parametrize("text", ["1/(1 + t)", "sqrt(1 + t)", "2**t", "(1+t)**-1"])
+def test_what_leaves_the_sums_is_refused(text):
+    with pytest.raises(SeriesError):
+        read(text)
+
+
+def test_other_functions_are_not_there():
+    with pytest.raises(ExpressionError, match="sin"):
+        read("sin(t)")
+
+
+def test_shift_is_exact_for_polynomials_only():
+    found = shifted(read("t**3 - 2*t"), 3.0)
+    assert found.exponents.tolist() == [0, 1, 2, 3]
+    assert found.coefficients.tolist() == [21, 25, 9, 1]
+    # (t - 1)^24 about 1 is t^24 alone, although its coefficients are large.
+    found = shifted(read("(t - 1)**24"), 1.0)
+    assert (found.exponents.tolist(), found.coefficients.tolist()) == ([24.0], [1.0])
+    with pytest.raises(SeriesError):
+        shifted(read("sqrt(t)"), 1.0)
+
+
+def test_transform():
+    assert transform(read("t**3 + 2")) == {-4.0: 6.0, -1.0: 2.0}
+    with pytest.raises(SeriesError):
+        transform(read("1/t"))

@@ -98,14 +98,6 @@ class PowerSeries:
         near = np.abs(self.exponents - exponent) <= SAME_EXPONENT
         return float(self.coefficients[near].sum())
 
-    def truncated(self, cutoff: float) -> PowerSeries:
-        """The terms below `cutoff`, with that cutoff where it is the smaller one."""
-        return PowerSeries(
-            exponents=self.exponents,
-            coefficients=self.coefficients,
-            cutoff=min(cutoff, self.cutoff),
-        )
-
     def __call__(self, time: ArrayLike) -> Array:
         """The sum of the known terms at `time` >= 0; infinite at 0 if an exponent is negative."""
         time = np.asarray(time, dtype=float)
@@ -322,7 +314,8 @@ def _real_power(series: PowerSeries, exponent: float) -> PowerSeries:
     integral = exponent.is_integer()
     if exponent == 0:
         return PowerSeries.constant(1.0, series.cutoff)
-    if integral and 1 <= exponent <= 16:
+    # an exact sum has exact powers only
+    if integral and 1 <= exponent <= (MOST_TERMS if math.isinf(series.cutoff) else 16):
         half = _real_power(series, exponent // 2)
         return half * half * series if exponent % 2 else half * half
     if not series.exponents.size:
