@@ -24,6 +24,4 @@ def stored_hard_cases() -> HardCaseReport:
             )
             for row in csv.DictReader(file)
         )
-    return HardCaseReport(
-        cases=tuple(case.text for case in hard_cases().values()), findings=findings
-    )
+    return HardCaseReport(cases=tuple(hard_cases().values()), findings=findings)

@@ -66,7 +66,6 @@ from fvi_cli.api.calls import (
     stability,
 )
 from fvi_cli.api.gradient import Gradient, gradient
-from fvi_cli.api.solve import solve
 from fvi_cli.api.vibration import modes, response
 from fvi_cli.config import (
     LoadedConfig,
@@ -121,6 +120,7 @@ from fvi_cli.studies.hard_cases.case import HardCaseReport
 from fvi_cli.studies.order import OrderTable, order_table
 from fvi_cli.studies.stability_study import StabilityTable
 from fvi_cli.studies.study import study
+from fvi_cli.studies.tolerance.search import solve
 from fvi_cli.studies.vibration.modes import Mode, ModeTable
 from fvi_cli.studies.vibration.response import ResponseTable
 

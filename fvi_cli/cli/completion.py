@@ -35,7 +35,7 @@ def methods_of_hard_cases(incomplete: str) -> list[str]:
     """Names of the methods that are measured on the hard cases."""
     from fvi_cli.studies.hard_cases.suite import examined_methods
 
-    return [one.name for one in examined_methods() if one.name.startswith(incomplete)]
+    return [name for name in examined_methods() if name.startswith(incomplete)]
 
 
 def export_formats(incomplete: str) -> list[str]:

@@ -24,12 +24,7 @@ from fvi_cli.config.keys.store import read_diagnostics
 from fvi_cli.config.keys.sweep import SWEEP
 from fvi_cli.config.machine import machine_bytes
 from fvi_cli.config.members import ReadMembers, check_total_memory, make_members
-from fvi_cli.config.memory import (
-    bytes_at_most,
-    derivative_bytes,
-    in_gigabytes,
-    run_bytes,
-)
+from fvi_cli.config.memory import bytes_at_most, derivative_bytes, in_gigabytes
 from fvi_cli.config.problem import break_points, make_problem
 from fvi_cli.effects.diagnostics_request import NOTHING
 from fvi_cli.integrator.break_points import TOLERANCE
@@ -308,7 +303,10 @@ def _check_memory(
         generous = [bytes_at_most(method, n_steps, scene.dimension) for method in found]
         if available is not None and max(generous, default=0) <= available:
             return 0
-        return max((run_bytes(scene, one, n_steps, every=every) for one in found), default=0)
+        # plans know the whole engine, which takes long to import
+        from fvi_cli.planning.plan import planned_bytes
+
+        return max((planned_bytes(scene, one, n_steps, every=every) for one in found), default=0)
 
     # memory grows with the number of steps
     for index in sorted(range(len(steps)), key=lambda index: -steps[index]):

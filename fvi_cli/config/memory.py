@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Final
 
-from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Baseline
 
 # Trajectory, samples, weights, their transforms and the copies that are made when storing.
@@ -25,34 +24,6 @@ def bytes_at_most(method: AnyMethod, n_steps: int, dimension: int) -> int:
     degree = 1 if isinstance(method, Baseline) else method.degree
     moving = GENEROUS_DOUBLES * degree * dimension * n_steps
     return GENEROUS_BYTES + 8 * (moving + 10 * (degree * dimension) ** 2)
-
-
-def run_bytes(
-    scene: Scene,
-    method: AnyMethod,
-    n_steps: int,
-    *,
-    every: int = 1,
-    members: int = 1,
-    diagnosed: bool = False,
-) -> int:
-    """Memory of a run by its plan, in bytes.
-
-    Parameters
-    ----------
-    scene, method, n_steps
-        The run.
-    every
-        Only every n-th point is kept, which is of use with Runge-Kutta methods.
-    members
-        How many scenes of this kind are integrated together.
-    diagnosed
-        Whether diagnostics are asked for.
-    """
-    # plans know the whole engine, which takes long to import
-    from fvi_cli.planning.plan import planned_bytes
-
-    return planned_bytes(scene, method, n_steps, every=every, members=members, diagnosed=diagnosed)
 
 
 def in_gigabytes(size: int) -> str:

@@ -34,7 +34,12 @@ from fvi_cli.plotting.motions.time_series import energy_figure, error_figure, tr
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import FIGURE_KINDS, Experiment, FinishedRun
 
-_OVER_TIME: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
+Draw = Callable[[Experiment, Sequence[FinishedRun]], Figure]
+"""A figure of an experiment and its finished runs, for which there is no obstacle.
+
+What all of these are called with is looked at once, by :func:`_obstacles`.
+"""
+_OVER_TIME: dict[str, Draw] = {
     "trajectory": trajectory_figure,
     "energy": energy_figure,
     "error": error_figure,
@@ -46,7 +51,7 @@ _OVER_TIME: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
     "quantities": quantities_figure,
     "section": section_figure,
 }
-_OF_MEMBERS: dict[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
+_OF_MEMBERS: dict[str, Draw] = {
     "convergence": sweep_convergence_figure,
     "trajectory": sweep_trajectory_figure,
     "quantities": sweep_quantities_figure,

@@ -21,7 +21,7 @@ def examine_named(
         For names that do not exist, with those that do.
     """
     known = hard_cases()
-    named = {method.name: method for method in examined_methods()}
+    named = examined_methods()
     complaints = [
         f"{option} {name!r} is not one of {', '.join(allowed)}"
         for option, names, allowed in (("--case", cases, known), ("--method", methods, named))
@@ -31,11 +31,11 @@ def examine_named(
     if complaints:
         raise RequestError(*complaints)
     chosen = [case for name, case in known.items() if not cases or name in cases]
-    by = [method for name, method in named.items() if not methods or name in methods]
+    by = [name for name in named if not methods or name in methods]
     findings: list[Finding] = []
     with progress_bar("hard cases", len(chosen) * len(by), wanted=show_progress) as advance:
         for case in chosen:
-            for method in by:
-                findings += examine([case], [method])
-                advance(f"{case.name} {method.name}")
-    return HardCaseReport(cases=tuple(case.text for case in chosen), findings=tuple(findings))
+            for name in by:
+                findings += examine(case, name, named[name])
+                advance(f"{case.name} {name}")
+    return HardCaseReport(cases=tuple(chosen), findings=tuple(findings))

@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from fvi_cli.config.machine import machine_bytes
-from fvi_cli.config.memory import derivative_bytes, in_gigabytes, run_bytes
+from fvi_cli.config.memory import derivative_bytes, in_gigabytes
 from fvi_cli.errors import RequestError
+from fvi_cli.planning.plan import planned_bytes
 from fvi_cli.runner.executors.batches import pack_size
 from fvi_cli.runner.executors.executor import crash
 from fvi_cli.runner.request import Request
@@ -112,7 +113,7 @@ def check_memory(request: Request, settings: Settings) -> None:
             continue
         together = pack_size(experiment) if experiment.members else 1
         sizes += [
-            run_bytes(
+            planned_bytes(
                 problem.scene,
                 method,
                 n,

@@ -22,7 +22,8 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.trajectory import Outcome, Trajectory
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.studies.experiment import Experiment, FinishedRun, Norm, Observed, Run
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run
+from fvi_cli.studies.norms import Norm
 from fvi_cli.studies.study import execute, reference_of
 
 LONG_SECONDS = 2.0
@@ -36,7 +37,7 @@ ENOUGH_SECONDS = 0.25
 
 @dataclass(frozen=True, kw_only=True)
 class CostRow:
-    """One method on one number of steps.
+    """One method on one number of steps; by default nothing could be measured.
 
     Parameters
     ----------
@@ -64,18 +65,18 @@ class CostRow:
 
     n_steps: int
     step_size: float
-    error: float
-    floor: float
-    setup_seconds: float
-    stepping_seconds_min: float
-    stepping_seconds_median: float
-    storage_seconds: float
-    spread: float
-    repeats: int
-    peak_memory_bytes: int
-    history_operations: int
-    newton_iterations: int
     status: Observed
+    error: float = math.nan
+    floor: float = 0.0
+    setup_seconds: float = math.nan
+    stepping_seconds_min: float = math.nan
+    stepping_seconds_median: float = math.nan
+    storage_seconds: float = math.nan
+    spread: float = math.nan
+    repeats: int = 0
+    peak_memory_bytes: int = 0
+    history_operations: int = 0
+    newton_iterations: int = 0
     message: str = ""
 
     @property
@@ -211,29 +212,13 @@ def measure_costs(
         except Exception as error:
             if failed is None:
                 raise
-            row = _failed_row(run, failed(run, error))
+            row = CostRow(
+                n_steps=run.n_steps,
+                step_size=run.step_size,
+                status="failed",
+                message=failed(run, error),
+            )
         yield row
-
-
-def _failed_row(run: Run, message: str) -> CostRow:
-    """Of a run of which nothing could be measured."""
-    return CostRow(
-        n_steps=run.n_steps,
-        step_size=run.step_size,
-        error=math.nan,
-        floor=0.0,
-        setup_seconds=math.nan,
-        stepping_seconds_min=math.nan,
-        stepping_seconds_median=math.nan,
-        storage_seconds=math.nan,
-        spread=math.nan,
-        repeats=0,
-        peak_memory_bytes=0,
-        history_operations=0,
-        newton_iterations=0,
-        status="failed",
-        message=message,
-    )
 
 
 def measure_cost(run: Run, store: Store | None = None) -> CostRow:

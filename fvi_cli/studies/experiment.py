@@ -19,10 +19,10 @@ from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
 from fvi_cli.studies.fits.settings import FitSettings
 from fvi_cli.studies.members import Member
+from fvi_cli.studies.norms import Norm
 from fvi_cli.studies.stability_settings import USUAL, StabilitySettings
 
 T = TypeVar("T")
-Norm = Literal["max", "final", "l2"]
 Observed = Literal["ok", "floor", "diverged", "failed", "refused"]
 Predicted = Literal["stable", "unstable", "unknown"]
 

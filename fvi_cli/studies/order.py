@@ -16,14 +16,9 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, method_columns
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.scenes.registry import build_scene
-from fvi_cli.studies.experiment import (
-    Experiment,
-    FinishedRun,
-    Norm,
-    Observed,
-    Predicted,
-)
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Predicted
 from fvi_cli.studies.members import Member, values_in_words, with_values
+from fvi_cli.studies.norms import Norm
 
 WITHOUT_ORDERS = (".coefficient", ".stiffness", ".mass", ".position", ".velocity")
 """Endings of keys of a problem that no order of its damping depends on."""

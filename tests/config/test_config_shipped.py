@@ -9,8 +9,9 @@ import yaml
 
 from fvi_cli.config import find_config, json_schema, load_config, shipped_configs, starter_config
 from fvi_cli.config import parse_config as parse
-from fvi_cli.config.memory import bytes_at_most, run_bytes
+from fvi_cli.config.memory import bytes_at_most
 from fvi_cli.errors import RequestError
+from fvi_cli.planning.plan import planned_bytes
 from fvi_cli.scenes.kinds import PROBLEM
 from fvi_cli.scenes.problem import Problem
 
@@ -59,7 +60,7 @@ def test_every_shipped_configuration_is_valid_and_what_is_resolved_is_the_same(n
         for method in experiment.methods:
             for n_steps in {2, *experiment.steps[-1:]}:
                 bound = bytes_at_most(method, n_steps, scene.dimension)
-                assert run_bytes(scene, method, n_steps) < bound
+                assert planned_bytes(scene, method, n_steps) < bound
                 checked += 1
     assert checked or name == "saturation"
 

@@ -30,7 +30,7 @@ from typer.testing import CliRunner
 from fvi_cli.cli import app as app_module
 from fvi_cli.cli.app import app
 from fvi_cli.config import load_config
-from fvi_cli.config.memory import run_bytes
+from fvi_cli.planning.plan import planned_bytes
 from fvi_cli.runner.executors.batches import execute_batch
 from fvi_cli.storage.atomic import replace_file
 
@@ -411,7 +411,9 @@ def test_runs_for_which_there_is_no_memory_are_refused_before_anything_is_comput
     steps = "ladder.steps=[4, 3000]"
     (experiment,) = load_config(folder / "quick.yaml", overrides=[steps]).experiments
     methods = experiment.methods
-    sizes = [run_bytes(experiment.problem.scene, m, n) for m in methods for n in experiment.steps]
+    sizes = [
+        planned_bytes(experiment.problem.scene, m, n) for m in methods for n in experiment.steps
+    ]
     largest = sorted(sizes, reverse=True)
     room = (sum(largest[:2]) + sum(largest[:3])) // 2
     monkeypatch.setattr("fvi_cli.runner.plan.machine_bytes", lambda: room)

@@ -40,14 +40,14 @@ from fvi_cli.studies.hard_cases.suite import FLAGSHIP, examined_methods, hard_ca
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "results"
 CASES = hard_cases()
-METHODS = {named.name: named for named in examined_methods()}
+METHODS = examined_methods()
 LONG = ("million-steps", "resonance", "tiny-and-huge-scales", "chaotic-double-pendulum")
 STORED = stored_hard_cases()
 
 
 def of(case: HardCase, *methods: str) -> HardCaseReport:
-    findings = tuple(examine([case], [METHODS[name] for name in methods]))
-    return HardCaseReport(cases=(case.text,), findings=findings)
+    findings = tuple(one for name in methods for one in examine(case, name, METHODS[name]))
+    return HardCaseReport(cases=(case,), findings=findings)
 
 
 @pytest.mark.parametrize(
@@ -120,9 +120,7 @@ def test_a_stable_scene_with_an_unstable_method_is_called_unstable():
     claim = CASES["negative-damping"].claims[1]
     blown = Setting(scene=oscillator(1.5, 5.0, 50.0, position=1.0), n_steps=400)
     wrong = dataclasses.replace(claim, settings=(blown,))
-    found = examine_claim(
-        CASES["negative-damping"], wrong, "", Bench(method=METHODS["BDF6 nodes"].method)
-    )
+    found = examine_claim(CASES["negative-damping"], wrong, "", Bench(METHODS["BDF6 nodes"]))
     assert found.measured == 1.0
     assert not found.holds
 
@@ -136,7 +134,7 @@ def test_paths_of_a_double_pendulum_at_rest_do_not_part():
 
 def test_a_run_that_ends_early_holds_nothing():
     case = CASES["huge-damping"]
-    bench = Bench(method=METHODS["BDF6 nodes"].method)
+    bench = Bench(METHODS["BDF6 nodes"])
     finding = examine_claim(case, case.claims[0], "BDF6 nodes", bench)
     assert finding.status == "diverged"
     assert finding.measured == math.inf
@@ -258,9 +256,9 @@ def test_round_off_decides_nothing():
 
     def report(measured: float, limit: float = 1e-11) -> HardCaseReport:
         claim = Claim(quantity="q", limit=limit, settings=(setting,), judge=lambda run: measured)
-        bench = Bench(method=METHODS[FLAGSHIP].method)
+        bench = Bench(METHODS[FLAGSHIP])
         return HardCaseReport(
-            cases=(case.text,), findings=(examine_claim(case, claim, FLAGSHIP, bench),)
+            cases=(case,), findings=(examine_claim(case, claim, FLAGSHIP, bench),)
         )
 
     assert compared(report(0.9e-11), report(1.1e-11)) == []

@@ -17,7 +17,8 @@ from fvi_cli.keys.cursor import OPTIONAL
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Choice, Flag, Number, Text
 from fvi_cli.scenes.kinds import PROBLEM
-from fvi_cli.studies.experiment import FIGURE_KINDS, Norm
+from fvi_cli.studies.experiment import FIGURE_KINDS
+from fvi_cli.studies.norms import Norm
 
 NAME: Final = Text(
     what="letters, digits, - and _, beginning with a letter or digit",

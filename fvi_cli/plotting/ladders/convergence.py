@@ -22,7 +22,8 @@ from fvi_cli.plotting.style import fraction, journal_style, legend_columns, new_
 from fvi_cli.reports.naming import method_names
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import kind_title
-from fvi_cli.studies.experiment import Experiment, FinishedRun, Norm
+from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.norms import Norm
 
 Study = tuple[Experiment, Sequence[FinishedRun]]
 

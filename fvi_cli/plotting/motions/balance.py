@@ -33,19 +33,8 @@ _PANEL_DIGITS = 1e-6
 
 
 def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw energy, works and their sum of the most accurate run, and the defect of every method.
-
-    Parameters
-    ----------
-    experiment, finished
-        The experiment and its runs.
-
-    Raises
-    ------
-    ValueError
-        If no run got beyond its start, or none has an energy balance.
-    """
-    shown = select_runs(finished, has_balance, "balance: store it as a diagnostic")
+    """Draw energy, works and their sum of the most accurate run, and the defect of every method."""
+    shown = select_runs(finished, has_balance)
     best = most_accurate(shown)
     energy, found = best.trajectory.energy, _diagnostics(best)
     if energy is None or found.dissipated_work is None or found.forcing_work is None:
@@ -65,19 +54,8 @@ def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
 
 
 def momenta_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw the momentum maps of the most accurate run, and their largest defect by method.
-
-    Parameters
-    ----------
-    experiment, finished
-        As for :func:`balance_figure`.
-
-    Raises
-    ------
-    ValueError
-        If no run got beyond its start, or none has a momentum map.
-    """
-    shown = select_runs(finished, has_momenta, "momenta: store them as a diagnostic")
+    """Draw the momentum maps of the most accurate run, and their largest defect by method."""
+    shown = select_runs(finished, has_momenta)
     best = most_accurate(shown)
     found = _diagnostics(best)
     curves = [

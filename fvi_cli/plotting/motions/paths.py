@@ -48,19 +48,8 @@ WATERFALL_KINDS = ("chain", "frame", "string", "structure")
 
 
 def phase_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw momentum against position of every method, a panel for every component (up to 4).
-
-    Parameters
-    ----------
-    experiment, finished
-        The experiment and its runs.
-
-    Raises
-    ------
-    ValueError
-        If no run got beyond its start, or none has a momentum.
-    """
-    shown = select_runs(finished, has_momentum, "phase: no method has a momentum")
+    """Draw momentum against position of every method, a panel for every component (up to 4)."""
+    shown = select_runs(finished, has_momentum)
     dimension = min(shown[0].trajectory.position.shape[1], _MOST_COMPONENTS)
     columns = 1 if dimension == 1 else 2
     names = coordinate_labels(experiment, shown[0].trajectory.position.shape[1])
@@ -69,11 +58,10 @@ def phase_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fig
         _, panels = panel_grid(figure, dimension, columns)
         for component, axes in enumerate(panels):
             for item, style, position in styled(shown):
-                momentum = item.trajectory.momentum
-                if momentum is None:
-                    continue
-                place = item.trajectory.position[:, component]
-                _draw_curve(axes, place, momentum[:, component], style, position, len(shown))
+                place, momentum = item.trajectory.position, item.trajectory.momentum
+                if momentum is not None:
+                    x, y = place[:, component], momentum[:, component]
+                    _draw_curve(axes, x, y, style, position, len(shown))
             _mark_start(axes, axes.lines[0])
             name = names[component]
             axes.set_xlabel(with_unit(f"position {name}", experiment, "length"))
@@ -84,21 +72,8 @@ def phase_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fig
 
 
 def path_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw the path in the plane of the first two coordinates; of a double pendulum, in space.
-
-    Parameters
-    ----------
-    experiment, finished
-        As for :func:`phase_figure`.
-
-    Raises
-    ------
-    ValueError
-        If no run got beyond its start, or the scene has one coordinate only.
-    """
+    """Draw the path in the plane of the first two coordinates; of a double pendulum, in space."""
     shown = select_runs(finished)
-    if shown[0].trajectory.position.shape[1] < 2:
-        raise ValueError("path: the scene has one coordinate only")
     with journal_style():
         if experiment.problem.kind == "double-pendulum":
             return _pendulum_path(experiment, most_accurate(shown))
@@ -124,20 +99,8 @@ def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) ->
 
     Of chains and frames there is a line over time for every mass (for up to 24 of them), lifted to
     its place; of a string there are its shapes, lifted to their times.
-
-    Parameters
-    ----------
-    experiment, finished
-        As for :func:`phase_figure`.
-
-    Raises
-    ------
-    ValueError
-        If no run got beyond its start, or the scene is of another kind.
     """
     kind = experiment.problem.kind
-    if kind not in WATERFALL_KINDS:
-        raise ValueError(f"waterfall: not for {kind}; only for {', '.join(WATERFALL_KINDS)}")
     best = most_accurate(select_runs(finished))
     with journal_style():
         if kind == "string":
@@ -153,7 +116,7 @@ def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) ->
             axes, last = figure.subplots(2, 1, sharex=True, height_ratios=(4, 1))
             last.plot(best.trajectory.time, ground, color=INK, linewidth=0.8, label="_ground")
             last.set_ylabel(with_unit("ground $a(t)$", experiment, "acceleration"))
-        _draw_masses(axes, experiment, best, what)
+        _draw_masses(axes, best, what)
         time_axis(last, experiment, [best])
     return figure
 
@@ -169,7 +132,7 @@ def _ground_acceleration(experiment: Experiment, time: Array) -> Array | None:
     return np.asarray(-force / problem.scene.inertia.mass[0, 0])
 
 
-def _draw_masses(axes: Axes, experiment: Experiment, best: FinishedRun, what: str) -> None:
+def _draw_masses(axes: Axes, best: FinishedRun, what: str) -> None:
     position, time = best.trajectory.position, best.trajectory.time
     count = position.shape[1]
     drawn = np.unique(np.linspace(0, count - 1, min(count, _MOST_LINES)).round().astype(int))

@@ -24,13 +24,6 @@ def response_spectrum_figure(experiment: Experiment, finished: Sequence[Finished
     A line for every combination of the other swept values; of the runs those of the first method
     on the finest grid.
 
-    Parameters
-    ----------
-    experiment
-        With members of one degree of freedom.
-    finished
-        Its finished runs.
-
     Raises
     ------
     ValueError

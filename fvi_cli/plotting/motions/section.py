@@ -43,19 +43,8 @@ def has_events(item: FinishedRun) -> bool:
 
 
 def section_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw velocity against position at every event, a panel for every coordinate (up to 4).
-
-    Parameters
-    ----------
-    experiment, finished
-        The experiment and its runs.
-
-    Raises
-    ------
-    ValueError
-        If no run got beyond its start, or no event happened.
-    """
-    shown = select_runs(finished, has_events, "section: no event happened")
+    """Draw velocity against position at every event, a panel for every coordinate (up to 4)."""
+    shown = select_runs(finished, has_events)
     names = coordinates_of(experiment)[:MOST_PANELS]
     columns = 1 if len(names) == 1 else 2
     with journal_style():
@@ -83,20 +72,8 @@ def sweep_section_figure(experiment: Experiment, finished: Sequence[FinishedRun]
     against what is swept (with several keys: the number of the member) above, and velocity against
     position below in shades from the first member to the last. Of several methods the first is
     shown, on the finest grid.
-
-    Parameters
-    ----------
-    experiment, finished
-        The experiment with members, and its runs.
-
-    Raises
-    ------
-    ValueError
-        If no event happened.
     """
     having = [item for item in finished if has_events(item)]
-    if not having:
-        raise ValueError("section: no event happened")
     finest = max(item.run.n_steps for item in having)
     first = having[0].run.method
     having = [one for one in having if one.run.n_steps == finest and one.run.method == first]

@@ -44,22 +44,8 @@ def sweep_convergence_figure(experiment: Experiment, finished: Sequence[Finished
 
     Up to :data:`MOST_LINES` members have a line each. Of more the median is drawn, and bands that
     hold 9 of 10 members and all of them; runs without an error are left out of both.
-
-    Parameters
-    ----------
-    experiment
-        With members.
-    finished
-        Its finished runs.
-
-    Raises
-    ------
-    ValueError
-        If no run has an error.
     """
     having = [one for one in finished if np.isfinite(one.error) and one.error > 0]
-    if not having:
-        raise ValueError(f"error: no member of {experiment.name} has one")
     methods = list(dict.fromkeys(one.run.method for one in having))
     with journal_style():
         figure, panels = _panels(methods)
@@ -84,20 +70,8 @@ def sweep_trajectory_figure(experiment: Experiment, finished: Sequence[FinishedR
     """Draw the first coordinate of the members over time, on the finest grid.
 
     One panel for each method; lines and bands as in :func:`sweep_convergence_figure`.
-
-    Parameters
-    ----------
-    experiment, finished
-        As there.
-
-    Raises
-    ------
-    ValueError
-        If no run got beyond its start.
     """
     moving = _finest(finished)
-    if not moving:
-        raise ValueError(f"trajectory: no member of {experiment.name} got beyond its start")
     methods = list(dict.fromkeys(one.run.method for one in moving))
     with journal_style():
         figure, panels = _panels(methods)
@@ -115,20 +89,8 @@ def sweep_quantities_figure(experiment: Experiment, finished: Sequence[FinishedR
 
     Of several methods the first is shown; lines and bands as in :func:`sweep_convergence_figure`,
     with the peak of every line that a member has for itself.
-
-    Parameters
-    ----------
-    experiment, finished
-        As there.
-
-    Raises
-    ------
-    ValueError
-        If the experiment asks for no quantities.
     """
     having = _finest([one for one in finished if observed_of(one).quantities])
-    if not having:
-        raise ValueError("quantities: the experiment asks for none")
     own = [one for one in having if one.run.method == having[0].run.method]
     names = list(observed_of(own[0]).quantities)[:MOST_PANELS]
     with journal_style():

@@ -41,7 +41,6 @@ def hard_case_report(found: HardCaseReport) -> Report:
     """The report on the hard cases that were examined, or on a part of them."""
     summary, details = tuple(summary_blocks(found)), tuple(_details(found))
     title = Heading(level=1, words="Hard cases")
-    examined = {method.name for method in examined_methods()}
     return Report(
         name=NAME,
         sheets=(
@@ -58,7 +57,7 @@ def hard_case_report(found: HardCaseReport) -> Report:
         blocks=(title, *summary, *details),
         with_rows=lambda rows: hard_case_report(_with_rows(found, rows)),
         is_part={case.name for case in found.cases} != set(hard_cases())
-        or set(found.methods) != examined,
+        or set(found.methods) != set(examined_methods()),
     )
 
 

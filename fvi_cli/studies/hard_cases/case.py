@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.objections import law_objection
-from fvi_cli.integrator.stability.prediction import StabilityPrediction, Verdict, predict_stability
-from fvi_cli.integrator.trajectory import Status, Trajectory
+from fvi_cli.integrator.stability.prediction import Verdict, predict_stability
+from fvi_cli.integrator.trajectory import Status
 
 Sense = Literal["at most", "at least"]
 Judged = Literal["runs", "predictions"]
@@ -64,9 +65,9 @@ class Claim:
         return measured <= self.limit
 
 
-@dataclass(frozen=True, kw_only=True)
-class CaseText:
-    """A case in words.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HardCase:
+    """A case in words, with its claims.
 
     Parameters
     ----------
@@ -78,37 +79,15 @@ class CaseText:
         Equation, data and steps.
     reference
         Where the truth comes from.
+    claims
+        What must hold.
     """
 
     name: str
     title: str
     description: str
     reference: str
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class HardCase(CaseText):
-    """A case with its claims.
-
-    Parameters
-    ----------
-    name, title, description, reference
-        As in :class:`CaseText`.
-    claims
-        What must hold.
-    """
-
     claims: tuple[Claim, ...]
-
-    @property
-    def text(self) -> CaseText:
-        """The words alone."""
-        return CaseText(
-            name=self.name,
-            title=self.title,
-            description=self.description,
-            reference=self.reference,
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +126,7 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class HardCaseReport:
-    """What was found, with the words for it.
+    """What was found, with the cases that it is about.
 
     Parameters
     ----------
@@ -157,7 +136,7 @@ class HardCaseReport:
         One for every claim and method, case by case.
     """
 
-    cases: tuple[CaseText, ...]
+    cases: tuple[HardCase, ...]
     findings: tuple[Finding, ...]
 
     @property
@@ -170,45 +149,22 @@ class HardCaseReport:
         return tuple(finding for finding in self.findings if finding.case == case)
 
 
-@dataclass(frozen=True, kw_only=True)
-class NamedMethod:
-    """A method under its name."""
-
-    name: str
-    method: Method
-
-
-@dataclass(kw_only=True)
 class Bench:
-    """Runs of one method, each computed once however many claims ask for it."""
+    """Runs of one method and their predictions, each computed once however many claims ask."""
 
-    method: Method
-    _runs: dict[Setting, Trajectory] = field(default_factory=dict)
-    _predictions: dict[Setting, StabilityPrediction] = field(default_factory=dict)
-
-    def run(self, setting: Setting) -> Trajectory:
-        """The trajectory."""
-        if setting not in self._runs:
-            self._runs[setting] = integrate(setting.scene, self.method, setting.n_steps)
-        return self._runs[setting]
-
-    def prediction(self, setting: Setting) -> StabilityPrediction:
-        """What is known before the run."""
-        if setting not in self._predictions:
-            self._predictions[setting] = predict_stability(
-                setting.scene, self.method, setting.n_steps
-            )
-        return self._predictions[setting]
+    def __init__(self, method: Method) -> None:
+        self.run = functools.cache(lambda one: integrate(one.scene, method, one.n_steps))
+        self.prediction = functools.cache(
+            lambda one: predict_stability(one.scene, method, one.n_steps)
+        )
 
 
-def examine(cases: Sequence[HardCase], methods: Sequence[NamedMethod]) -> Iterator[Finding]:
-    """Every claim of every case with every method that is made for it, case by case."""
-    for case in cases:
-        for named in methods:
-            bench = Bench(method=named.method)
-            for claim in case.claims:
-                if not any(law_objection(one.scene, named.method) for one in claim.settings):
-                    yield examine_claim(case, claim, named.name, bench)
+def examine(case: HardCase, name: str, method: Method) -> Iterator[Finding]:
+    """Every claim of a case with a method, as far as that is made for it."""
+    bench = Bench(method)
+    for claim in case.claims:
+        if not any(law_objection(one.scene, method) for one in claim.settings):
+            yield examine_claim(case, claim, name, bench)
 
 
 def examine_claim(case: HardCase, claim: Claim, name: str, bench: Bench) -> Finding:

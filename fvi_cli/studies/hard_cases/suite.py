@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from fvi_cli.integrator.method import Method
-from fvi_cli.studies.hard_cases.case import HardCase, NamedMethod
+from fvi_cli.studies.hard_cases.case import HardCase
 from fvi_cli.studies.hard_cases.chaos import chaotic_double_pendulum
 from fvi_cli.studies.hard_cases.forced_cases import (
     every_singular_power,
@@ -56,27 +56,16 @@ def hard_cases() -> Mapping[str, HardCase]:
     return {case.name: case for case in cases}
 
 
-def examined_methods() -> tuple[NamedMethod, ...]:
-    """Every family with the defaults that a configuration gives it."""
-    gauss = [
-        NamedMethod(name=f"Gauss{m}", method=Method(cq="gauss", degree=m, start="graded"))
-        for m in (3, 1, 2, 4)
-    ]
-    others = [
-        NamedMethod(name="Radau IIA 3", method=Method(cq="radau-iia", degree=3, start="none")),
-        NamedMethod(
-            name="Lobatto IIIC 4", method=Method(cq="lobatto-iiic", degree=3, start="none")
-        ),
-    ]
-    points = [
-        NamedMethod(
-            name=f"BDF{p} points",
-            method=Method(cq=f"bdf{p}", degree=(p + 1) // 2, forcing_quadrature="exact"),
-        )
-        for p in range(1, 7)
-    ]
-    nodes = [
-        NamedMethod(name=f"BDF{p} nodes", method=Method(cq=f"bdf{p}", degree=1, sampling="nodes"))
-        for p in range(1, 7)
-    ]
-    return (*gauss, *others, *points, *nodes)
+def examined_methods() -> Mapping[str, Method]:
+    """Every family with the defaults that a configuration gives it, by its name in the report."""
+    orders = range(1, 7)
+    return {
+        **{f"Gauss{m}": Method(cq="gauss", degree=m, start="graded") for m in (3, 1, 2, 4)},
+        "Radau IIA 3": Method(cq="radau-iia", degree=3, start="none"),
+        "Lobatto IIIC 4": Method(cq="lobatto-iiic", degree=3, start="none"),
+        **{
+            f"BDF{p} points": Method(cq=f"bdf{p}", degree=(p + 1) // 2, forcing_quadrature="exact")
+            for p in orders
+        },
+        **{f"BDF{p} nodes": Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in orders},
+    }

@@ -91,6 +91,9 @@ def solve(
 ) -> Trajectory:
     """Integrate a scene such that the position errs by no more than a tolerance, at any time.
 
+    Steps are found on the way and a second run tells the error of the whole
+    (``docs/tolerances.md``).
+
     Parameters
     ----------
     scene
@@ -105,8 +108,10 @@ def solve(
     Returns
     -------
     Trajectory
-        The best run, with its polynomials; its `assessment` says ``met``, ``unreliable`` or
-        ``refused``, and why.
+        The best run. ``trajectory(t)`` and ``trajectory.velocity(t)`` give the motion at any
+        times, ``trajectory.error_estimate`` its error, ``trajectory.outcome`` whether the tolerance
+        is ``met``; otherwise ``unreliable`` or ``refused``, for the reason in
+        ``trajectory.assessment``.
 
     Raises
     ------

@@ -21,9 +21,8 @@ ComplexArray = NDArray[np.complex128]
 
 GROUND: Final = "ground"
 HALF_POWER: Final = math.sqrt(0.5)
-GOLDEN: Final = 0.5 * (math.sqrt(5.0) - 1.0)
 SWEEPS: Final = 45
-"""Halvings, or golden sections, with which peaks and half-power points are found."""
+"""Halvings with which half-power points are found."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,22 +220,16 @@ def _peaks(name: str, hertz: Array, size: Array, at: Callable[[float], float]) -
 
 
 def _maximum(at: Callable[[float], float], left: float, right: float) -> tuple[float, float]:
-    """Place and size of the maximum between two frequencies, by golden sections."""
-    inner = [right - GOLDEN * (right - left), left + GOLDEN * (right - left)]
-    sizes = [at(inner[0]), at(inner[1])]
-    for _ in range(SWEEPS):
-        if sizes[0] > sizes[1]:
-            right, inner[1], sizes[1] = inner[1], inner[0], sizes[0]
-            inner[0] = right - GOLDEN * (right - left)
-            sizes[0] = at(inner[0])
-        else:
-            left, inner[0], sizes[0] = inner[0], inner[1], sizes[1]
-            inner[1] = left + GOLDEN * (right - left)
-            sizes[1] = at(inner[1])
-        if right - left <= 1e-9 * right:
-            break
-    best = int(sizes[1] > sizes[0])
-    return inner[best], sizes[best]
+    """Place and size of the maximum between two frequencies."""
+    from scipy.optimize import minimize_scalar
+
+    found = minimize_scalar(
+        lambda frequency: -at(frequency),
+        bounds=(left, right),
+        method="bounded",
+        options={"xatol": 1e-9 * right},
+    )
+    return float(found.x), -float(found.fun)
 
 
 def _crossing(
