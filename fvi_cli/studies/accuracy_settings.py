@@ -62,6 +62,8 @@ class Accuracy:
             value = getattr(self, name)
             if value is not None and not 0.0 < value < math.inf:
                 raise ValueError(f"{name}: {value!r} is not allowed; it must be positive")
+        if self.relative is not None and self.relative >= 1:
+            raise ValueError(f"relative: {self.relative!r} is not allowed; it must be less than 1")
         if not self.candidates:
             raise ValueError("candidates: at least one method is needed")
 

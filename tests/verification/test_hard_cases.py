@@ -98,7 +98,7 @@ def test_every_claim_can_fail():
 
 
 def test_motions_that_differ_are_not_the_same_in_other_units():
-    method = METHODS[FLAGSHIP].method
+    method = METHODS[FLAGSHIP]
     claims = [c for c in CASES["tiny-and-huge-scales"].claims if c.quantity in HELD_BY_ALL]
     assert len(claims) == 3
     for claim in claims:
@@ -110,15 +110,15 @@ def test_motions_that_differ_are_not_the_same_in_other_units():
 
 def test_damping_changes_the_energy():
     claim = CASES["million-steps"].claims[0]
-    damped = integrate(oscillator(1.0, 1e-8, 50.0, position=1.0), METHODS[FLAGSHIP].method, 1000)
+    damped = integrate(oscillator(1.0, 1e-8, 50.0, position=1.0), METHODS[FLAGSHIP], 1000)
     assert not claim.holds(claim.judge(damped))
     free = oscillator(1.0, 0.0, 50.0, position=1.0)
-    assert claim.holds(claim.judge(integrate(free, METHODS[FLAGSHIP].method, 1000)))
+    assert claim.holds(claim.judge(integrate(free, METHODS[FLAGSHIP], 1000)))
 
 
 def test_a_stable_scene_with_an_unstable_method_is_called_unstable():
     claim = CASES["negative-damping"].claims[1]
-    blown = Setting(scene=oscillator(1.5, 5.0, 50.0, position=1.0), n_steps=400)
+    blown = Setting(oscillator(1.5, 5.0, 50.0, position=1.0), 400)
     wrong = dataclasses.replace(claim, settings=(blown,))
     found = examine_claim(CASES["negative-damping"], wrong, "", Bench(METHODS["BDF6 nodes"]))
     assert found.measured == 1.0
@@ -198,7 +198,7 @@ def test_the_tail_agrees_with_the_oracle():
 def test_the_energy_balance_of_the_double_pendulum_sees_a_wrong_coefficient():
     (setting,) = chaotic_double_pendulum().claims[0].settings
     scene = dataclasses.replace(setting.scene, final_time=5.0)
-    trajectory = integrate(scene, METHODS[FLAGSHIP].method, 400)
+    trajectory = integrate(scene, METHODS[FLAGSHIP], 400)
     assert energy_defect(scene, trajectory) < 1e-9
     (term,) = scene.damping
     wrong = dataclasses.replace(
@@ -252,10 +252,10 @@ def test_a_case_that_is_described_otherwise_is_found(tmp_path):
 
 def test_round_off_decides_nothing():
     case = HardCase(name="a", title="", description="", reference="", claims=())
-    setting = Setting(scene=oscillator(0.5, 1.0, 1.0, position=1.0), n_steps=4)
+    setting = Setting(oscillator(0.5, 1.0, 1.0, position=1.0), 4)
 
     def report(measured: float, limit: float = 1e-11) -> HardCaseReport:
-        claim = Claim(quantity="q", limit=limit, settings=(setting,), judge=lambda run: measured)
+        claim = Claim("q", limit, (setting,), lambda run: measured)
         bench = Bench(METHODS[FLAGSHIP])
         return HardCaseReport(
             cases=(case,), findings=(examine_claim(case, claim, FLAGSHIP, bench),)

@@ -166,7 +166,7 @@ def _check_influence(model: MotionModel, scale: float) -> None:
     for one, value, size in zip(model.free, model.start, sizes, strict=True):
         if size * max(abs(value), 1.0) <= NO_INFLUENCE * max(float(sizes.max()), 1e-300):
             mistakes.append(
-                f"{one.place}fit.parameters.{one.name.partition('@')[0]}: it has no influence on "
+                f"{one.place}fit.parameters.{one.key.partition('@')[0]}: it has no influence on "
                 f"what was measured where the search begins ({one.start:g}); begin elsewhere, or "
                 "leave it out"
             )
@@ -182,7 +182,7 @@ def _regions(model: MotionModel) -> list[tuple[Array, Array]]:
     low, high = model.bounds
     values = model.values(model.start)
     motions = any(not data.forces for data in model.data)
-    moving = motions and any("velocity" in one.name for one in model.free)
+    moving = motions and any("velocity" in one.key for one in model.free)
     for number, data in enumerate(model.data):
         if data.forces:
             continue
@@ -191,7 +191,7 @@ def _regions(model: MotionModel) -> list[tuple[Array, Array]]:
     split = [
         index
         for index, one in enumerate(model.free)
-        if moving and one.name.partition("@")[0].endswith("order") and low[index] < 1 < high[index]
+        if moving and one.key.partition("@")[0].endswith("order") and low[index] < 1 < high[index]
     ]
     found = []
     for sides in itertools.product((False, True), repeat=min(len(split), 2)):
@@ -274,7 +274,7 @@ def _result(
         profile = np.column_stack([[one.outer(u) for u in tried[:, 0]], tried[:, 1]])
         estimates.append(
             Estimate(
-                name=one.name,
+                name=one.key,
                 value=float(values[index]),
                 standard_error=float(errors[index] * slopes[index]),
                 low=low,
@@ -355,7 +355,7 @@ def _failed(model: MotionModel, message: str, point: Array | None = None) -> Mod
     return ModelFit(
         model=model.model,
         estimates=tuple(
-            Estimate(name=one.name, value=float(value))
+            Estimate(name=one.key, value=float(value))
             for one, value in zip(model.free, values, strict=True)
         ),
         correlations=np.eye(len(model.free)),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -26,48 +25,6 @@ MOST_STEPS, MORE_STEPS = 20_000, 100
 """Of a run; and while parameters are looked for, beyond two for every measurement."""
 COARSE = 64
 """Steps with which the size of a motion is found where no position was measured."""
-LEAST_SHARE = 1e-12
-"""Positive parameters stay above this share of where they started."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Free:
-    """A number that the fit may change.
-
-    Parameters
-    ----------
-    name
-        Key path; with ``@`` and the data set where each has its own.
-    start, low, high
-        Where it begins, and its bounds.
-    is_positive
-        Whether the fit works with its logarithm.
-    place
-        Where it stands in the configuration.
-    """
-
-    name: str
-    start: float
-    low: float
-    high: float
-    is_positive: bool
-    place: str = ""
-
-    def inner(self, value: float) -> float:
-        """What the fit works with."""
-        return math.log(value) if self.is_positive else value
-
-    def outer(self, inner: float) -> float:
-        """The number itself."""
-        return math.exp(min(inner, 700.0)) if self.is_positive else inner
-
-    @property
-    def inner_bounds(self) -> tuple[float, float]:
-        """Bounds of what the fit works with."""
-        if not self.is_positive:
-            return self.low, self.high
-        low = max(self.low, LEAST_SHARE * self.start)
-        return math.log(low), math.log(self.high) if self.high < math.inf else math.inf
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -106,7 +63,7 @@ class MotionModel:
     Attributes
     ----------
     free
-        The numbers that may change.
+        The parameters that may change; those of one data set with ``@`` and its name in the key.
     evaluations
         Runs so far.
     """
@@ -115,24 +72,13 @@ class MotionModel:
         self, model: FitModel, data: Sequence[DataSet], deviations: Sequence[Sequence[float]]
     ) -> None:
         self.model, self.data, self.deviations = model, tuple(data), deviations
-        self.free: list[Free] = []
-        for one in model.parameters:
-            if one.tied_to:
-                continue
-            suffixes = [f"@{each.name}" for each in data] if one.is_own else [""]
-            for suffix in suffixes:
-                positive = one.low >= 0 and one.start > 0 and one.high > 100 * max(one.low, 0.0)
-                self.free.append(
-                    Free(
-                        name=one.key + suffix,
-                        start=one.start,
-                        low=one.low,
-                        high=one.high,
-                        is_positive=positive and not one.key.endswith("order"),
-                        place=one.place,
-                    )
-                )
-        self._index = {one.name: index for index, one in enumerate(self.free)}
+        self.free = [
+            replace(one, key=one.key + suffix)
+            for one in model.parameters
+            if not one.tied_to
+            for suffix in ([f"@{each.name}" for each in data] if one.is_own else [""])
+        ]
+        self._index = {one.key: index for index, one in enumerate(self.free)}
         self.meshes: list[AnySteps] = []
         self.evaluations = 0
 
@@ -264,7 +210,7 @@ class MotionModel:
             own = [
                 index
                 for index, one in enumerate(self.free)
-                if with_jacobian and ("@" not in one.name or one.name.endswith(f"@{data.name}"))
+                if with_jacobian and ("@" not in one.key or one.key.endswith(f"@{data.name}"))
             ]
             # steps of the search may lead to motions that grow beyond all bounds
             with np.errstate(all="ignore"):
@@ -292,7 +238,7 @@ class MotionModel:
             Variation(
                 family=partial(self._beside, number, values, index),
                 value=float(values[index]),
-                name=self.free[index].name,
+                name=self.free[index].key,
             )
             for index in own
         ]

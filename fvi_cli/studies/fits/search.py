@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.studies.fits.model import Evaluation, Free, MotionModel
-from fvi_cli.studies.fits.settings import DataSet
+from fvi_cli.studies.fits.model import Evaluation, MotionModel
+from fvi_cli.studies.fits.settings import DataSet, FitParameter
 
 Array = NDArray[np.float64]
 
@@ -217,7 +217,7 @@ def _cost(model: MotionModel, point: Array) -> float:
         return math.inf
 
 
-def _scan(free: Sequence[Free], bounds: tuple[Array, Array]) -> list[Array]:
+def _scan(free: Sequence[FitParameter], bounds: tuple[Array, Array]) -> list[Array]:
     """Points spread evenly (Halton's sequence) over what is likely."""
     count = 8 + 4 * len(free)
     low, high = bounds

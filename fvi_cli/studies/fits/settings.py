@@ -15,6 +15,8 @@ from fvi_cli.mathematics.expressions import Expression
 Array = NDArray[np.float64]
 PARTS = ("magnitude", "phase", "real", "imaginary")
 """Parts of an amplitude that can be measured; phases in degrees."""
+LEAST_SHARE = 1e-12
+"""Positive parameters stay above this share of where they started."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -140,6 +142,28 @@ class FitParameter:
     tied_to: str = ""
     factor: float = 1.0
     place: str = ""
+
+    @property
+    def is_positive(self) -> bool:
+        """Whether the fit works with its logarithm."""
+        is_wide = self.low >= 0 and self.start > 0 and self.high > 100 * max(self.low, 0.0)
+        return is_wide and not self.key.partition("@")[0].endswith("order")
+
+    def inner(self, value: float) -> float:
+        """What the fit works with."""
+        return math.log(value) if self.is_positive else value
+
+    def outer(self, inner: float) -> float:
+        """The number itself."""
+        return math.exp(min(inner, 700.0)) if self.is_positive else inner
+
+    @property
+    def inner_bounds(self) -> tuple[float, float]:
+        """Bounds of what the fit works with."""
+        if not self.is_positive:
+            return self.low, self.high
+        low = max(self.low, LEAST_SHARE * self.start)
+        return math.log(low), math.log(self.high) if self.high < math.inf else math.inf
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

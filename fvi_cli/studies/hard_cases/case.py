@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Literal
 
 from fvi_cli.effects.scene import Scene
@@ -19,7 +19,7 @@ Sense = Literal["at most", "at least"]
 Judged = Literal["runs", "predictions"]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Setting:
     """A scene and the number of steps that it gets; the same object is computed only once."""
 
@@ -27,7 +27,7 @@ class Setting:
     n_steps: int
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Claim:
     """One number that must hold.
 
@@ -52,8 +52,9 @@ class Claim:
 
     quantity: str
     limit: float
-    settings: tuple[Setting, ...]
+    settings: Sequence[Setting]
     judge: Callable[..., float]
+    _: KW_ONLY
     sense: Sense = "at most"
     judged: Judged = "runs"
     is_comparable: bool = True

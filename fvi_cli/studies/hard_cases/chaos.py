@@ -33,18 +33,12 @@ def chaotic_double_pendulum() -> HardCase:
         reference="work of the joints by quintic splines of the velocities, fractional integrals "
         "of their pieces exact",
         claims=(
+            Claim("defect of the energy balance", 1e-6, (first,), defect, is_comparable=False),
             Claim(
-                quantity="defect of the energy balance",
-                limit=1e-6,
-                settings=(first,),
-                judge=defect,
-                is_comparable=False,
-            ),
-            Claim(
-                quantity="angle between two paths that start 1e-10 apart",
-                limit=0.1,
-                settings=(first, second),
-                judge=_separation,
+                "angle between two paths that start 1e-10 apart",
+                0.1,
+                (first, second),
+                _separation,
                 sense="at least",
                 is_comparable=False,
             ),
@@ -81,7 +75,7 @@ def _setting(moved: float) -> Setting:
         joints=[(ORDER, COEFFICIENT)],
         initial_position=[2.0, 2.5 + moved],
     )
-    return Setting(scene=scene, n_steps=N_STEPS)
+    return Setting(scene, N_STEPS)
 
 
 def _separation(first: Trajectory, second: Trajectory) -> float:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Scene
@@ -38,10 +36,10 @@ def jumps_at_every_period() -> HardCase:
     def setting(order: float) -> Setting:
         scene = linear_oscillator(
             final_time=HALF_PERIOD * HALF_PERIODS,
-            damping=[FractionalDamping(order=order, coefficient=np.array([[0.3]]))],
+            damping=[FractionalDamping(order=order, coefficient=0.3)],
             forcing=square_wave(),
         )
-        return Setting(scene=scene, n_steps=800)
+        return Setting(scene, 800)
 
     return HardCase(
         name="jumps-at-every-period",
@@ -63,9 +61,7 @@ def every_singular_power() -> HardCase:
         return linear_oscillator(
             final_time=8.0,
             stiffness=2.0,
-            damping=[
-                FractionalDamping(order=order, coefficient=np.array([[0.3]])) for order in orders
-            ],
+            damping=[FractionalDamping(order=order, coefficient=0.3) for order in orders],
             forcing=Forcing.from_text("sqrt(t) + t**(1/3)"),
             initial_position=1.0,
             initial_velocity=0.7,
@@ -74,11 +70,7 @@ def every_singular_power() -> HardCase:
     claims = []
     for orders in ((0.5, 1.5), (0.3, 0.7, 1.4), (0.1, 0.9, 1.1, 1.9)):
         listed = ", ".join(f"{order:g}" for order in orders)
-        claims.append(
-            accurate(
-                f"relative error, g = {listed}", 1e-9, Setting(scene=scene(orders), n_steps=256)
-            )
-        )
+        claims.append(accurate(f"relative error, g = {listed}", 1e-9, Setting(scene(orders), 256)))
     return HardCase(
         name="every-singular-power",
         title="a start that excites every singular power",

@@ -51,7 +51,7 @@ def largest_ratio(difference: Array, scale: Array) -> float:
 
 def accurate(quantity: str, limit: float, setting: Setting) -> Claim:
     """The claim that the relative error against the exact solution is at most `limit`."""
-    return Claim(quantity=quantity, limit=limit, settings=(setting,), judge=relative_error(setting))
+    return Claim(quantity, limit, (setting,), relative_error(setting))
 
 
 def largest_accurate(quantity: str, limit: float, settings: Sequence[Setting]) -> Claim:
@@ -61,7 +61,7 @@ def largest_accurate(quantity: str, limit: float, settings: Sequence[Setting]) -
     def judge(*trajectories: Trajectory) -> float:
         return max(one(run) for one, run in zip(judges, trajectories, strict=True))
 
-    return Claim(quantity=quantity, limit=limit, settings=tuple(settings), judge=judge)
+    return Claim(quantity, limit, settings, judge)
 
 
 def largest_energy(*trajectories: Trajectory) -> float:

@@ -21,7 +21,7 @@ def _setting(law: Law) -> Setting:
         initial_position=1.0,
         initial_velocity=0.5,
     )
-    return Setting(scene=scene, n_steps=N_STEPS)
+    return Setting(scene, N_STEPS)
 
 
 def _zener(order: float, time: float, unrelaxed: float = 3.0) -> Law:
@@ -54,11 +54,6 @@ def relaxation_laws() -> HardCase:
             largest_accurate("error, Zener of orders 0.02 to 0.97", 1e-7, zener),
             largest_accurate("error, Zener relaxing in 1e-6 to 1e6", 1e-7, apart),
             largest_accurate("error, Maxwell, Prony of times 1e-4 to 1e4, tempered", 1e-7, others),
-            Claim(
-                quantity="gain of energy, unrelaxed modulus 1e8",
-                limit=1e-9,
-                settings=tuple(stiff),
-                judge=largest_energy,
-            ),
+            Claim("gain of energy, unrelaxed modulus 1e8", 1e-9, stiff, largest_energy),
         ),
     )

@@ -40,7 +40,7 @@ def oscillator(
     return linear_oscillator(
         final_time=final_time,
         stiffness=stiffness,
-        damping=[FractionalDamping(order=order, coefficient=np.array([[coefficient]]))],
+        damping=[FractionalDamping(order=order, coefficient=coefficient)],
         initial_position=position,
         initial_velocity=velocity,
     )
@@ -55,30 +55,19 @@ def stiff_springs() -> HardCase:
     for ratio, limit in ((1e4, 1e-8), (1e8, 1e-5)):
         stiffness = ratio / step_size**2
         alone = tuple(
-            Setting(
-                scene=oscillator(order, 0.1, final_time, stiffness=stiffness, position=1.0),
-                n_steps=n_steps,
-            )
+            Setting(oscillator(order, 0.1, final_time, stiffness=stiffness, position=1.0), n_steps)
             for order in (0.5, 1.5)
         )
-        claims.append(
-            Claim(
-                quantity=f"gain of energy, h^2 k = {ratio:.0e}",
-                limit=1e-9,
-                settings=alone,
-                judge=largest_energy,
-            )
-        )
+        claims.append(Claim(f"gain of energy, h^2 k = {ratio:.0e}", 1e-9, alone, largest_energy))
         pair = tuple(
-            Setting(scene=_stiff_pair(order, stiffness, final_time), n_steps=n_steps)
-            for order in (0.5, 1.5)
+            Setting(_stiff_pair(order, stiffness, final_time), n_steps) for order in (0.5, 1.5)
         )
         claims.append(
             Claim(
-                quantity=f"error of the slow motion beside it, h^2 k = {ratio:.0e}",
-                limit=limit,
-                settings=pair,
-                judge=_slow_error,
+                f"error of the slow motion beside it, h^2 k = {ratio:.0e}",
+                limit,
+                pair,
+                _slow_error,
                 is_comparable=ratio < 1e8,
             )
         )
@@ -125,14 +114,14 @@ def huge_damping() -> HardCase:
         resting, kicked = (
             [
                 Setting(
-                    scene=oscillator(
+                    oscillator(
                         order,
                         ratio * step_size ** (order - 2.0),
                         final_time,
                         position=1.0,
                         velocity=velocity,
                     ),
-                    n_steps=n_steps,
+                    n_steps,
                 )
                 for order in orders
             ]
@@ -143,10 +132,10 @@ def huge_damping() -> HardCase:
         )
         claims.append(
             Claim(
-                quantity=f"error after a kick over v0 h, mu h^(2-g) = {ratio:.0e}",
-                limit=0.5,
-                settings=tuple(kicked),
-                judge=_in_steps_of(kicked),
+                f"error after a kick over v0 h, mu h^(2-g) = {ratio:.0e}",
+                0.5,
+                kicked,
+                _in_steps_of(kicked),
             )
         )
     return HardCase(
@@ -171,9 +160,7 @@ def _in_steps_of(settings: list[Setting]) -> Judge:
 
 def strong_damping() -> HardCase:
     """An order close to 2 with a coefficient of 100."""
-    setting = Setting(
-        scene=oscillator(1.9, 100.0, 8.0, stiffness=2.0, position=1.0, velocity=0.5), n_steps=512
-    )
+    setting = Setting(oscillator(1.9, 100.0, 8.0, stiffness=2.0, position=1.0, velocity=0.5), 512)
     return HardCase(
         name="order-1-9-coefficient-100",
         title="order 1.9 with mu = 100",
@@ -188,8 +175,7 @@ def extreme_orders() -> HardCase:
     claims = []
     for order in EXTREME_ORDERS:
         setting = Setting(
-            scene=oscillator(order, 1.0, 8.0, stiffness=2.0, position=1.0, velocity=0.5),
-            n_steps=256,
+            oscillator(order, 1.0, 8.0, stiffness=2.0, position=1.0, velocity=0.5), 256
         )
         claims.append(accurate(f"relative error, g = {order!r}", 1e-9, setting))
     return HardCase(
@@ -208,10 +194,8 @@ def through_order_one() -> HardCase:
     def settings(velocity: float) -> tuple[Setting, ...]:
         return tuple(
             Setting(
-                scene=oscillator(
-                    order, 1.0, final_time, position=1.0 - velocity, velocity=velocity
-                ),
-                n_steps=n_steps,
+                oscillator(order, 1.0, final_time, position=1.0 - velocity, velocity=velocity),
+                n_steps,
             )
             for order in (1.0 - BESIDE_ONE, 1.0, 1.0 + BESIDE_ONE)
         )
@@ -236,34 +220,16 @@ def through_order_one() -> HardCase:
         "x'(0) = 1; 128 steps on [0, 4]",
         reference="elementary functions",
         claims=(
-            Claim(
-                quantity="difference beside 1, at rest",
-                limit=1e-8,
-                settings=settings(0.0),
-                judge=continuity,
-            ),
-            Claim(
-                quantity="difference below 1, with a velocity",
-                limit=1e-8,
-                settings=moving,
-                judge=left_continuity,
-            ),
-            Claim(
-                quantity="error of the jump, with a velocity",
-                limit=1e-8,
-                settings=moving,
-                judge=jump,
-            ),
+            Claim("difference beside 1, at rest", 1e-8, settings(0.0), continuity),
+            Claim("difference below 1, with a velocity", 1e-8, moving, left_continuity),
+            Claim("error of the jump, with a velocity", 1e-8, moving, jump),
         ),
     )
 
 
 def negative_damping() -> HardCase:
     """A coefficient of the opposite sign: the growth is the truth."""
-    settings = [
-        Setting(scene=oscillator(order, -0.2, 50.0, position=1.0), n_steps=400)
-        for order in (0.5, 1.5)
-    ]
+    settings = [Setting(oscillator(order, -0.2, 50.0, position=1.0), 400) for order in (0.5, 1.5)]
 
     def called_unstable(*predictions: StabilityPrediction) -> float:
         return float(sum(prediction.verdict == "unstable" for prediction in predictions))
@@ -279,17 +245,17 @@ def negative_damping() -> HardCase:
         claims=(
             largest_accurate("relative error", 1e-7, settings),
             Claim(
-                quantity="runs that are called unstable",
-                limit=0.0,
-                settings=tuple(settings),
-                judge=called_unstable,
+                "runs that are called unstable",
+                0.0,
+                settings,
+                called_unstable,
                 judged="predictions",
             ),
             Claim(
-                quantity="relative error of the predicted growth",
-                limit=1e-6,
-                settings=tuple(settings),
-                judge=growth_error,
+                "relative error of the predicted growth",
+                1e-6,
+                settings,
+                growth_error,
                 judged="predictions",
             ),
         ),

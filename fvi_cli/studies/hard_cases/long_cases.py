@@ -31,19 +31,19 @@ def algebraic_tail() -> HardCase:
     """The power of t that remains when the oscillation is gone."""
     claims: list[Claim] = []
     for order, value in TAIL_AT_1000.items():
-        setting = Setting(scene=oscillator(order, 1.0, 1e4, position=1.0), n_steps=40000)
+        setting = Setting(oscillator(order, 1.0, 1e4, position=1.0), 40000)
         claims += [
             Claim(
-                quantity=f"relative error at t = 1000, g = {order:g}",
-                limit=1e-6,
-                settings=(setting,),
-                judge=_relative_error_at(1000.0, value),
+                f"relative error at t = 1000, g = {order:g}",
+                1e-6,
+                (setting,),
+                _relative_error_at(1000.0, value),
             ),
             Claim(
-                quantity=f"relative error at t = 10000, g = {order:g}",
-                limit=1e-6,
-                settings=(setting,),
-                judge=_relative_error_at(1e4, _tail(order, 1e4)),
+                f"relative error at t = 10000, g = {order:g}",
+                1e-6,
+                (setting,),
+                _relative_error_at(1e4, _tail(order, 1e4)),
             ),
         ]
     return HardCase(
@@ -71,9 +71,7 @@ def _relative_error_at(time: float, exact: float) -> Callable[[Trajectory], floa
 
 def million_steps() -> HardCase:
     """Nothing is lost and nothing is gained without damping."""
-    setting = Setting(
-        scene=linear_oscillator(final_time=5e4, initial_position=1.0), n_steps=1_000_000
-    )
+    setting = Setting(linear_oscillator(final_time=5e4, initial_position=1.0), 1_000_000)
 
     def energy_drift(trajectory: Trajectory) -> float:
         if trajectory.energy is None:
@@ -86,12 +84,7 @@ def million_steps() -> HardCase:
         description="x'' + x = 0, x(0) = 1; 10^6 steps of 0.05",
         reference="cos t",
         claims=(
-            Claim(
-                quantity="largest change of the energy",
-                limit=1e-10,
-                settings=(setting,),
-                judge=energy_drift,
-            ),
+            Claim("largest change of the energy", 1e-10, (setting,), energy_drift),
             accurate("error of the position", 1e-6, setting),
         ),
     )
@@ -105,24 +98,21 @@ def resonance() -> HardCase:
     )
     claims = [
         Claim(
-            quantity="relative error without damping",
-            limit=1e-7,
-            settings=(Setting(scene=scene, n_steps=n_steps),),
-            judge=_undamped_resonance,
+            "relative error without damping", 1e-7, (Setting(scene, n_steps),), _undamped_resonance
         )
     ]
     for order, frequency in ((0.5, 1.0177), (1.5, 0.9823)):
         scene = linear_oscillator(
             final_time=final_time,
-            damping=[FractionalDamping(order=order, coefficient=np.array([[0.05]]))],
+            damping=[FractionalDamping(order=order, coefficient=0.05)],
             forcing=Forcing.from_text(f"cos({frequency!r}*t)"),
         )
         claims.append(
             Claim(
-                quantity=f"relative error, g = {order:g}",
-                limit=1e-7,
-                settings=(Setting(scene=scene, n_steps=n_steps),),
-                judge=functools.partial(_harmonic_error, order, 0.05, frequency),
+                f"relative error, g = {order:g}",
+                1e-7,
+                (Setting(scene, n_steps),),
+                functools.partial(_harmonic_error, order, 0.05, frequency),
             )
         )
     return HardCase(
@@ -166,11 +156,10 @@ def harmonic_response(
 
 def beats() -> HardCase:
     """Weakly coupled oscillators that hand their energy to and fro; a force beside resonance."""
-    pair = Setting(scene=_weakly_coupled(0.5), n_steps=2048)
-    above = Setting(scene=_weakly_coupled(1.5), n_steps=2048)
+    pair = Setting(_weakly_coupled(0.5), 2048)
+    above = Setting(_weakly_coupled(1.5), 2048)
     forced = Setting(
-        scene=linear_oscillator(final_time=256.0, forcing=Forcing.from_text("cos(0.95*t)")),
-        n_steps=2048,
+        linear_oscillator(final_time=256.0, forcing=Forcing.from_text("cos(0.95*t)")), 2048
     )
     return HardCase(
         name="beats",
@@ -181,9 +170,7 @@ def beats() -> HardCase:
         claims=(
             accurate("relative error, g = 0.5", 1e-7, pair),
             accurate("relative error, g = 1.5", 1e-7, above),
-            Claim(
-                quantity="relative error, forced", limit=1e-7, settings=(forced,), judge=_beat_error
-            ),
+            Claim("relative error, forced", 1e-7, (forced,), _beat_error),
         ),
     )
 

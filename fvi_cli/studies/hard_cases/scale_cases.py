@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import itertools
 
-import numpy as np
-
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.trajectory import Trajectory
@@ -54,7 +52,7 @@ def _in_units(order: float, length: float, second: float) -> Setting:
         initial_position=length,
         initial_velocity=0.5 * length / second,
     )
-    return Setting(scene=scene, n_steps=N_STEPS)
+    return Setting(scene, N_STEPS)
 
 
 def _swinging(order: float, second: float) -> Setting:
@@ -65,7 +63,7 @@ def _swinging(order: float, second: float) -> Setting:
         initial_position=1.0,
         initial_velocity=0.5 / second,
     )
-    return Setting(scene=scene, n_steps=N_STEPS)
+    return Setting(scene, N_STEPS)
 
 
 def _bistable(order: float, length: float) -> Setting:
@@ -76,11 +74,11 @@ def _bistable(order: float, length: float) -> Setting:
         initial_position=length,
         initial_velocity=0.5 * length,
     )
-    return Setting(scene=scene, n_steps=N_STEPS)
+    return Setting(scene, N_STEPS)
 
 
 def _damping(order: float, second: float) -> FractionalDamping:
-    return FractionalDamping(order=order, coefficient=np.array([[0.3 * second ** (order - 2.0)]]))
+    return FractionalDamping(order=order, coefficient=0.3 * second ** (order - 2.0))
 
 
 def _the_same(quantity: str, settings: list[Setting], lengths: tuple[float, ...]) -> Claim:
@@ -93,4 +91,4 @@ def _the_same(quantity: str, settings: list[Setting], lengths: tuple[float, ...]
             for run, length in zip(trajectories, lengths, strict=True)
         )
 
-    return Claim(quantity=quantity, limit=1e-11, settings=tuple(settings), judge=judge)
+    return Claim(quantity, 1e-11, settings, judge)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
+from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.tolerance.differences import (
     EPSILON,
     ROUNDED,
@@ -118,16 +119,9 @@ def solve(
     ValueError
         If not exactly one of the two is given, or it is not a positive number.
     """
-    given = {"tolerance": tolerance, "relative": relative}
-    said = {name: value for name, value in given.items() if value is not None}
-    if len(said) != 1:
-        raise ValueError("tolerance: give either tolerance or relative")
-    for name, value in said.items():
-        if not 0 < value < math.inf:
-            raise ValueError(f"{name}: {value!r} is not allowed; it must be positive")
-    if relative is not None and relative >= 1:
-        raise ValueError(f"relative: {relative!r} is not allowed; it must be less than 1")
-    return _Search(scene=scene, tolerance=tolerance, relative=relative, tell=tell).result()
+    return _Search(
+        scene=scene, wanted=Accuracy(tolerance=tolerance, relative=relative), tell=tell
+    ).result()
 
 
 @dataclass(kw_only=True, eq=False)
@@ -135,8 +129,7 @@ class _Search:
     """The rounds so far; the best is kept."""
 
     scene: Scene
-    tolerance: float | None
-    relative: float | None
+    wanted: Accuracy
     tell: Callable[[str], object]
     best: Round | None = None
     worst_since: float = 0.0
@@ -155,9 +148,9 @@ class _Search:
 
     def target(self, amplitude: float) -> float:
         """The tolerance as a length, for a motion of this size."""
-        if self.tolerance is not None:
-            return self.tolerance
-        return (self.relative or 0.0) * amplitude
+        if self.wanted.tolerance is not None:
+            return self.wanted.tolerance
+        return (self.wanted.relative or 0.0) * amplitude
 
     def _note(self, one: Round) -> None:
         self.lines.append(one.line)
@@ -208,7 +201,7 @@ class _Search:
             run = one.run
             self._note(one)
             amplitude = one.amplitude
-            if amplitude == 0.0 and self.relative is not None:
+            if amplitude == 0.0 and self.wanted.relative is not None:
                 return self._ended(
                     one, "refused", "relative: the motion stays at zero; give tolerance"
                 )
@@ -319,7 +312,7 @@ class _Search:
                 f"{at_points:.2g} at points, {between:.2g} between them",
             )
             self._note(one)
-            if one.amplitude == 0.0 and self.relative is not None:
+            if one.amplitude == 0.0 and self.wanted.relative is not None:
                 return self._ended(
                     one, "refused", "relative: the motion stays at zero; give tolerance"
                 )
