@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import h5py
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.contents import LISTING, listing_of
 from fvi_cli.storage.files import replacing, say_also
-from fvi_cli.storage.groups import CONVERGENCE, MOST_ROWS, Columns
+from fvi_cli.storage.groups import CONVERGENCE, MOST_ROWS, Columns, Repeated
 from fvi_cli.storage.provenance import (
     canonical_json,
     origin,
@@ -22,9 +23,9 @@ from fvi_cli.storage.provenance import (
 )
 from fvi_cli.storage.records import SWEPT, Record, group_path
 from fvi_cli.storage.snapshot import BLOCK_BYTES, VARIANT_MARK, Key, Location, Snapshot
-from fvi_cli.storage.writing import WrittenGroup, write_convergence, write_group
+from fvi_cli.storage.writing import WrittenGroup, is_same, write_convergence, write_group
 
-Layout = Mapping[str, Sequence[tuple[Key, Location]]]
+Layout = dict[str, Sequence[tuple[Key, Location]]]
 """Runs by the path of the group that they belong to, with the key that they have there."""
 
 
@@ -42,22 +43,21 @@ def layout_of(
     numbers
         Place of members in their sweep.
     """
-    placed: dict[str, list[tuple[Key, Location]]] = {}
-    taken: set[tuple[str, str]] = set()
+    placed: dict[str, dict[str, tuple[Key, Location]]] = {}
     variants = {key[0][0]: key[1] for key in asked}
 
     def put(key: Key, location: Location, *, is_own: bool) -> None:
         (experiment, case, n_steps, values), *kind = key
-        others = (key[1], canonical_json(kind))
-        names = [f"{experiment}{VARIANT_MARK}{sha256(what)[:8]}" for what in others]
-        for name in [experiment, *names] if is_own else names:
+        others = itertools.chain([key[1]], map(canonical_json, [kind]))
+        names = (f"{experiment}{VARIANT_MARK}{sha256(what)[:8]}" for what in others)
+        for name in itertools.chain([experiment] if is_own else [], names):
             path = group_path((name, case, n_steps, values))
             if values and '"accuracy"' in key[1]:
                 path = _unused(path, placed)
-            held = placed.setdefault(path, [])
-            if (path, values) not in taken and (not held or held[0][0][1:3] == key[1:3]):
-                taken.add((path, values))
-                held.append((key, location))
+            held = placed.setdefault(path, {})
+            first, _ = next(iter(held.values()), (key, location))
+            if values not in held and first[1:3] == key[1:3]:
+                held[values] = (key, location)
                 return
         raise ValueError(f"{experiment}: two runs in one place")  # pragma: no cover - kinds differ
 
@@ -69,7 +69,7 @@ def layout_of(
             variant = variants.get(key[0][0])
             is_own = location.is_of_configuration if variant is None else variant == key[1]
             put(key, location, is_own=is_own)
-    return {path: runs for path, runs in placed.items() if runs}
+    return {path: list(placed.pop(path).values()) for path in list(placed)}
 
 
 def _unused(path: str, placed: Mapping[str, object]) -> str:
@@ -93,7 +93,7 @@ def write_file(
     path
         Of the file.
     layout
-        What belongs where.
+        What belongs where; it is empty in the end.
     said
         What the root says of the configuration.
     opened
@@ -116,7 +116,8 @@ def write_file(
     with replacing(path, root) as new:
         ladders: dict[str, dict[int, Columns]] = {}
         written: list[tuple[str, WrittenGroup]] = []
-        for group, runs in layout.items():
+        for group in list(layout):
+            runs = layout.pop(group)
             columns = _columns(runs, opened)
             blocks = _blocks([one for _, one in runs], opened)
             written.append((group.split("/")[1], write_group(new.file, group, columns, blocks)))
@@ -124,7 +125,7 @@ def write_file(
             ladder = ladders.setdefault(group.rpartition("/")[0], {})
             held = ladder.setdefault(int(columns["n_steps"][0]), {})
             for name, values in columns.items():
-                held.setdefault(name, []).extend(values)
+                held[name] = _joined(held.get(name, ()), values)
         for case, ladder in ladders.items():
             group = new.file.create_group(f"{case}/{CONVERGENCE}", track_order=True)
             write_convergence(group, ladder)
@@ -141,7 +142,7 @@ def _columns(runs: Sequence[tuple[Key, Location]], opened: Callable[[Path], Snap
     if SWEPT in columns:
         # another sweep may name the same keys in another order
         named[SWEPT] = columns[SWEPT][0]
-    return columns | {name: [value] * len(runs) for name, value in named.items()}
+    return columns | {name: Repeated(value, len(runs)) for name, value in named.items()}
 
 
 def _columns_of(locations: Sequence[Location], opened: Callable[[Path], Snapshot]) -> Columns:
@@ -153,12 +154,32 @@ def _columns_of(locations: Sequence[Location], opened: Callable[[Path], Snapshot
         columns = opened(path).columns(group)
         if any(columns["identity"][one.row] != one.identity for one in stretch):
             raise StorageError(f"{path}: was replaced while it was read; begin again")
+        rows = [one.row for one in stretch]
         for name in dict.fromkeys([*found, *columns]):
-            values = columns.get(name)
-            column = found.setdefault(name, [""] * done)
-            column += [values[one.row] for one in stretch] if values else [""] * len(stretch)
+            before = found.get(name, Repeated("", done))
+            found[name] = _joined(before, _picked(columns.get(name, Repeated("", 0)), rows))
         done += len(stretch)
     return found
+
+
+def _picked(column: Sequence[Any], rows: Sequence[int]) -> Sequence[Any]:
+    """Some rows of a column."""
+    if isinstance(column, Repeated):
+        return Repeated(column.value, len(rows))
+    found = (column[row] for row in rows)
+    return array(column.typecode, found) if isinstance(column, array) else list(found)
+
+
+def _joined(first: Sequence[Any], second: Sequence[Any]) -> Sequence[Any]:
+    """Two columns, one below the other, in as little memory as they allow."""
+    if not first:
+        return second
+    if isinstance(first, Repeated) and isinstance(second, Repeated):
+        is_one = is_same(first.value, second.value)
+        return Repeated(first.value, len(first) + len(second)) if is_one else [*first, *second]
+    if isinstance(first, array) and isinstance(second, array):
+        return first + second if first.typecode == second.typecode else [*first, *second]
+    return [*first, *second]
 
 
 def _blocks(

@@ -22,6 +22,20 @@ SUFFIX, PARTS_SUFFIX, CHECKPOINT_SUFFIX = ".h5", ".parts", ".checkpoint"
 """Endings of a result file, of the folder of the parts that wait beside it, and in that folder of a
 checkpoint of a run that is not finished."""
 
+CACHE_BYTES = 2**18
+
+_ODD = (
+    OSError,
+    LookupError,
+    TypeError,
+    ValueError,
+    RuntimeError,
+    AttributeError,
+    MemoryError,
+    OverflowError,
+)
+"""What the library raises on bytes that are not those of a file of its own."""
+
 _WHAT_THEN = "it is left as it is: move it away, and its runs are computed again"
 
 
@@ -63,9 +77,10 @@ def open_stored(path: Path) -> Iterator[h5py.File]:
         try:
             stream = stack.enter_context(contextlib.closing(SealedStream(path)))
             file = stack.enter_context(h5py.File(stream, "r"))
+            _limit_cache(file)
         except PermissionError as error:
             raise StorageError(f"{path}: cannot be read: {reason(error)}") from None
-        except (OSError, RuntimeError, ValueError) as error:
+        except _ODD as error:
             if str(error) == DAMAGED:
                 raise StorageError(f"{path}: is damaged: {DAMAGED}; {_WHAT_THEN}") from None
             raise StorageError(
@@ -75,6 +90,18 @@ def open_stored(path: Path) -> Iterator[h5py.File]:
         with damage_told(path):
             _refuse_strangers(file, path)
         yield file
+
+
+def _limit_cache(file: h5py.File) -> None:
+    """Let the library keep no more than :data:`CACHE_BYTES` of texts and headers of an open file.
+
+    By itself it keeps up to 32 MB of each, and with every text one and a half times its bytes.
+    """
+    config = file.id.get_mdc_config()
+    config.set_initial_size = True
+    config.initial_size = config.min_size = config.max_size = CACHE_BYTES
+    config.incr_mode = config.flash_incr_mode = config.decr_mode = 0
+    file.id.set_mdc_config(config)
 
 
 def _refuse_strangers(file: h5py.File, path: Path) -> None:
@@ -131,16 +158,7 @@ def damage_told(path: Path) -> Iterator[None]:
     """Turn what the library raises on a damaged file into an error that names it."""
     try:
         yield
-    except (
-        OSError,
-        LookupError,
-        TypeError,
-        ValueError,
-        RuntimeError,
-        AttributeError,
-        MemoryError,
-        OverflowError,
-    ) as error:
+    except _ODD as error:
         if str(error) == DAMAGED:
             raise StorageError(f"{path}: is damaged: {DAMAGED}; {_WHAT_THEN}") from None
         found = printable(f"{type(error).__name__}: {error}")
@@ -186,6 +204,7 @@ def replacing(path: Path, attributes: Mapping[str, Any] | None = None) -> Iterat
     with told(path), replacement(path) as handle:
         stream = SafeStream(handle)
         with h5py.File(stream, "w", track_order=True) as file:
+            _limit_cache(file)
             said = {"creator": CREATOR, "format": FORMAT, **(attributes or {})}
             for name, value in {**said, CHECKSUM: checksum(said)}.items():
                 file.attrs[name] = value

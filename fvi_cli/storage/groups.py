@@ -10,8 +10,10 @@ checksums of their arrays, so that a listing is verified without reading them.
 
 from __future__ import annotations
 
+import itertools
 import json
-from collections.abc import Iterator, Mapping
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -47,11 +49,34 @@ MEMBER = "member"
 
 _RESIDUALS = "newton_worst_residuals"
 
-MOST_ROWS = 1024
+MOST_ROWS = 256
 """Runs that are in memory at a time, at most: what is said of short ones is more than they are."""
 
-Columns = dict[str, list[Any]]
+Columns = dict[str, Sequence[Any]]
 """The attributes of runs by name, a value for each of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Repeated(Sequence[Any]):
+    """The column of what all runs have in common."""
+
+    value: Any
+    number: int
+
+    def __len__(self) -> int:
+        """Number of runs."""
+        return self.number
+
+    def __getitem__(self, at: Any) -> Any:
+        """The value, or a column of it."""
+        if isinstance(at, slice):
+            return Repeated(self.value, len(range(self.number)[at]))
+        range(self.number)[at]
+        return self.value
+
+    def __iter__(self) -> Iterator[Any]:
+        """The value for each of the runs."""
+        return itertools.repeat(self.value, self.number)
 
 
 @dataclass(frozen=True)
@@ -116,16 +141,16 @@ class StoredGroup:
         The specification is what they have in common, swept values stand beside it.
         """
         count = len(self)
-        own = {name: [value] * count for name, value in self.attributes.items()}
+        own: Columns = {n: Repeated(value, count) for n, value in self.attributes.items()}
         own |= self.by_member
         del own["shared_sha256"]
         return own
 
     @property
-    def values(self) -> list[dict[str, Any]]:
+    def values(self) -> Iterator[dict[str, Any]]:
         """The swept values of every member."""
         found = [self.by_member[key] for key in self.keys]
-        return [dict(zip(self.keys, one, strict=True)) for one in zip(*found, strict=True)]
+        return (dict(zip(self.keys, one, strict=True)) for one in zip(*found, strict=True))
 
     def __len__(self) -> int:
         """Number of runs."""
@@ -253,9 +278,12 @@ def run_groups(file: h5py.File) -> Iterator[tuple[str, str, StoredGroup]]:
                     yield experiment, case, StoredGroup(group)
 
 
-def _read_column(dataset: h5py.Dataset) -> list[Any]:
+def _read_column(dataset: h5py.Dataset) -> Sequence[Any]:
+    if dataset.ndim != 1:
+        raise TypeError(f"{dataset.name} has {dataset.ndim} axes in place of one along members")
     if h5py.check_string_dtype(dataset.dtype) is None:
-        return list(dataset[()].tolist())
+        # a number takes 8 bytes here, 32 in a list
+        return array("q" if dataset.dtype.kind == "i" else "d", dataset[()].tobytes())
     # most are the same for many members
     known: dict[str, str] = {}
     texts = [known.setdefault(text, text) for text in dataset.asstr()[()]]

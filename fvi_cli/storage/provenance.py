@@ -9,7 +9,7 @@ import os
 import platform
 import shutil
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -33,6 +33,7 @@ CHECKSUM = "checksum"
 UNKNOWN = "unknown"
 
 _PACKAGES = ("numpy", "scipy", "h5py", "mpmath", "PyYAML", "matplotlib")
+_AT_A_TIME = 4096
 _GIT_SECONDS = 10.0
 _GENERATED = ":(top,exclude)results"
 
@@ -50,20 +51,35 @@ def canonical_json(value: object) -> str:
 
 def checksum(said: Mapping[str, Any]) -> str:
     """SHA-256 of attributes and columns by name, whatever numbers they are."""
-    # JSON with sorted keys, one after the other: columns of many members are long
+    # JSON with sorted keys, some at a time: columns of many members are long
     digest = hashlib.sha256(b"{")
     for place, name in enumerate(sorted(said)):
-        value = json.dumps(plain(said[name]), sort_keys=True)
-        digest.update(f"{', ' if place else ''}{json.dumps(name)}: {value}".encode())
+        digest.update(f"{', ' if place else ''}{json.dumps(name)}: ".encode())
+        for text in _json_texts(said[name]):
+            digest.update(text.encode())
     digest.update(b"}")
     return digest.hexdigest()
+
+
+def _json_texts(value: Any) -> Iterator[str]:
+    """The JSON of a value in pieces, lists some thousand entries at a time."""
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        yield json.dumps(plain(value), sort_keys=True)
+        return
+    yield "["
+    for start in range(0, len(value), _AT_A_TIME):
+        text = json.dumps(plain(value[start : start + _AT_A_TIME]), sort_keys=True)
+        yield f"{', ' if start else ''}{text[1:-1]}"
+    yield "]"
 
 
 def plain(value: Any) -> Any:
     """A value as JSON has it."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
-    return [plain(one) for one in value] if isinstance(value, list) else value
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [plain(one) for one in value]
+    return value
 
 
 def sha256(text: str) -> str:

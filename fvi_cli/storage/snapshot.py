@@ -6,7 +6,7 @@ import contextlib
 import json
 import sys
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,16 @@ import h5py
 
 from fvi_cli.storage.files import damage_told, open_stored
 from fvi_cli.storage.groups import Columns, StoredGroup, run_groups
-from fvi_cli.storage.provenance import canonical_json
-from fvi_cli.storage.records import Place, Record, group_path, place_of, variant_of
+from fvi_cli.storage.provenance import canonical_json, identity
+from fvi_cli.storage.records import (
+    Form,
+    Place,
+    Record,
+    form_of,
+    group_path,
+    place_of,
+    variant_of,
+)
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.members import with_values
 
@@ -70,6 +78,67 @@ class Location:
         return VARIANT_MARK not in self.group
 
 
+class Index:
+    """Complete runs, by what tells them apart.
+
+    What is learned later stands in the place of what was learned earlier.
+    """
+
+    def __init__(self) -> None:
+        self.by_key: dict[Key, Location] = {}
+        self._waiting: list[Location] = []
+        self._by_identity: dict[tuple[str, Form, bool], Location] = {}
+        self._by_place: dict[Place, Location] = {}
+        self._searched: dict[tuple[str, str], dict[Key, Location]] = {}
+        self._forms: dict[Form, Form] = {}
+
+    def learn(self, locations: Iterable[Location]) -> None:
+        """Take in where runs are."""
+        for location in locations:
+            self.by_key[location.key] = location
+            self._waiting.append(location)
+            if '"accuracy"' in location.key[1]:
+                name, _, _, values = location.place
+                self._searched.setdefault((name, values), {})[location.key] = location
+
+    def find(self, run: Run) -> Location | None:
+        """Where the numbers of a run are, or its refusal; None if they are not there."""
+        self._look_closer()
+        # the same numbers may be there as a member of another sweep, in a group of another form
+        named, form = identity(run), form_of(place_of(run))
+        computed = self._by_identity.get((named, form, False))
+        if run.experiment.allow_unstable:
+            return computed
+        if computed is not None and computed.predicted != "unstable":
+            return computed
+        return self._by_identity.get((named, form, True))
+
+    def at_places(self) -> Mapping[Place, Location]:
+        """The runs by where they belong."""
+        self._look_closer()
+        return self._by_place
+
+    def identities(self) -> set[str]:
+        """Of all runs, also of those that were replaced."""
+        self._look_closer()
+        return {named for named, _, _ in self._by_identity}
+
+    def searched(self, search: Run) -> list[Location]:
+        """Runs of an experiment with a tolerance, of the member that a search is about."""
+        name, _, _, values = place_of(search)
+        return list(self._searched.get((name, values), {}).values())
+
+    def _look_closer(self) -> None:
+        """Learn what to join files takes no memory for."""
+        for location in self._waiting:
+            form = form_of(location.place)
+            # one for all that have it
+            form = self._forms.setdefault(form, form)
+            self._by_identity[location.identity, form, location.is_refusal] = location
+            self._by_place[location.place] = location
+        self._waiting.clear()
+
+
 class Snapshot:
     """A result file, or a part, as it was when it was opened."""
 
@@ -107,7 +176,7 @@ class Snapshot:
         variant = sys.intern(variant_of(specification, group.keys))
         method = sys.intern(canonical_json(specification["method"]))
         names = (sys.intern(str(a["experiment"])), sys.intern(str(a["case"])), int(a["n_steps"]))
-        values = [canonical_json(one) for one in group.values] if group.keys else [""]
+        values = map(canonical_json, group.values) if group.keys else iter([""])
         columns = ("identity", "predicted", "status")
         rows = [group.by_member[n] if group.keys else [str(a[n])] for n in columns]
         for row, (own, mine, predicted, status) in enumerate(zip(values, *rows, strict=True)):

@@ -30,18 +30,16 @@ from fvi_cli.storage.files import (
     root_attributes,
 )
 from fvi_cli.storage.groups import run_groups
-from fvi_cli.storage.provenance import identity, sha256
+from fvi_cli.storage.provenance import sha256
 from fvi_cli.storage.records import (
-    Form,
     Place,
     asked_for_tolerance,
     finished_of,
-    form_of,
     group_path,
     place_of,
     record_of,
 )
-from fvi_cli.storage.snapshot import VARIANT_MARK, Key, Location, Snapshot, location_of
+from fvi_cli.storage.snapshot import VARIANT_MARK, Index, Key, Location, Snapshot, location_of
 from fvi_cli.storage.writing import columns_of, write_group
 from fvi_cli.studies.experiment import FinishedRun, Run
 
@@ -62,10 +60,7 @@ class Store:
     is_fresh: bool = False
     _main: Snapshot | None = None
     _parts: OrderedDict[Path, Snapshot] = field(default_factory=OrderedDict)
-    _by_identity: dict[tuple[str, Form, bool], Location] = field(default_factory=dict)
-    _by_key: dict[Key, Location] = field(default_factory=dict)
-    _by_place: dict[Place, Location] = field(default_factory=dict)
-    _searched: dict[tuple[str, str], dict[Key, Location]] = field(default_factory=dict)
+    _index: Index = field(default_factory=Index)
     _asked: dict[Key, Location] = field(default_factory=dict)
     _numbers: dict[Key, int] = field(default_factory=dict)
 
@@ -76,7 +71,7 @@ class Store:
 
     def locations(self) -> list[Location]:
         """Every complete run."""
-        return list(self._by_key.values())
+        return list(self._index.by_key.values())
 
     def finished(self, run: Run) -> FinishedRun | None:
         """The run with its result, read back; None if it is not there or not complete.
@@ -88,13 +83,13 @@ class Store:
         StorageError
             If what is stored is damaged.
         """
-        location = None if self.is_fresh else self._find(run)
+        location = None if self.is_fresh else self._index.find(run)
         if location is None:
             return None
         found = self._read(location, Snapshot.record)
         if found is None:
             # its part went into the file since
-            location = self._find(run)
+            location = self._index.find(run)
             found = None if location is None else self._read(location, Snapshot.record)
         if found is None or location is None:
             return None
@@ -113,23 +108,12 @@ class Store:
         StorageError
             If what is stored is damaged.
         """
-        name, _, _, values = place_of(search)
-        for location in list(self._searched.get((name, values), {}).values()):
+        for location in self._index.searched(search):
             attributes = self._read(location, Snapshot.attributes) or {}
             run = asked_for_tolerance(search, attributes)
             if run is not None and (found := self.finished(run)) is not None:
                 return found
         return None
-
-    def _find(self, run: Run) -> Location | None:
-        # the same numbers may be there as a member of another sweep, in a group of another form
-        named, form = identity(run), form_of(place_of(run))
-        computed = self._by_identity.get((named, form, False))
-        if run.experiment.allow_unstable:
-            return computed
-        if computed is not None and computed.predicted != "unstable":
-            return computed
-        return self._by_identity.get((named, form, True))
 
     def _read(self, location: Location, how: Callable[[Snapshot, Location], Any]) -> Any:
         """What `how` reads; None if a part has gone, and all is looked up again."""
@@ -156,7 +140,7 @@ class Store:
     def look(self) -> None:
         """Look up what there is."""
         self.close()
-        self._forget_index()
+        self._index = Index()
         # parts first: when they are consolidated meanwhile, the file is opened after that
         parts: list[Location] = []
         for path in part_paths(self.path):
@@ -166,8 +150,8 @@ class Store:
                 if path.exists():
                     raise
         if self.path.exists():
-            self._learn(self._snapshot(self.path).locations())
-        self._learn(parts)
+            self._index.learn(self._snapshot(self.path).locations())
+        self._index.learn(parts)
 
     def require(self) -> None:
         """Refuse a file that is not there, unless parts are.
@@ -177,22 +161,8 @@ class Store:
         StorageError
             Says so.
         """
-        if self._main is None and not self._by_key:
+        if self._main is None and not self._index.by_key:
             self._snapshot(self.path)
-
-    def _forget_index(self) -> None:
-        for index in (self._by_identity, self._by_key, self._by_place, self._searched):
-            index.clear()
-
-    def _learn(self, locations: Iterable[Location]) -> None:
-        for location in locations:
-            form = form_of(location.place)
-            self._by_identity[location.identity, form, location.is_refusal] = location
-            self._by_key[location.key] = location
-            self._by_place[location.place] = location
-            if '"accuracy"' in location.key[1]:
-                name, _, _, values = location.place
-                self._searched.setdefault((name, values), {})[location.key] = location
 
     def close(self) -> None:
         """Let go of all files."""
@@ -204,11 +174,11 @@ class Store:
 
     def places(self) -> Collection[Place]:
         """Where runs are stored that are complete."""
-        return self._by_place.keys()
+        return self._index.at_places().keys()
 
     def attributes(self, place: Place) -> Mapping[str, Any]:
         """What is said of the run in one of :meth:`places`, that of the configuration if any."""
-        return self._read(self._by_place[place], Snapshot.attributes) or {}
+        return self._read(self._index.at_places()[place], Snapshot.attributes) or {}
 
     def incomplete(self) -> frozenset[str]:
         """Paths of groups of runs that are only half there."""
@@ -254,7 +224,7 @@ class Store:
             remove_checkpoints(self.parts, columns["identity"])
             for row, (finished, record) in enumerate(zip(together, records, strict=True)):
                 location = location_of(path, row, finished, record)
-                self._learn([location])
+                self._index.learn([location])
                 self._ask(finished.run, location)
 
     def _ask(self, run: Run, location: Location) -> None:
@@ -264,15 +234,8 @@ class Store:
         if run.member is not None:
             self._numbers[key] = run.member.number
 
-    def take(self, other: Store, numbers: Mapping[Place, int]) -> None:
-        """Learn the runs of another file, to be put into this one by :meth:`consolidate`.
-
-        Parameters
-        ----------
-        other
-            Of the same configuration.
-        numbers
-            Place in the sweep of every member that the configuration asks for.
+    def take(self, other: Store) -> None:
+        """Learn the runs of another file of the configuration, for :meth:`consolidate`.
 
         Raises
         ------
@@ -280,17 +243,41 @@ class Store:
             If a run of it was made by other code than one that is here, or has other numbers.
         """
         for location in other.locations():
-            held = self._by_key.get(location.key)
+            held = self._index.by_key.get(location.key)
             if held is not None and self._data_of(held) != self._data_of(location):
                 raise StorageError(
                     f"{location.file}: {location.group} has other numbers than the same run in "
                     f"{held.file}: other code made them; compute one of them again (--fresh)"
                 )
             if held is None:
-                self._learn([location])
+                self._index.learn([location])
             if location.is_of_configuration:
                 self._asked[location.key] = location
-                self._numbers[location.key] = numbers.get(location.place, -1)
+
+    def arrange(self, runs: Iterable[Run]) -> tuple[int, int]:
+        """Put what was taken in the order of the sweep, when all was taken.
+
+        Parameters
+        ----------
+        runs
+            What the configuration asks for.
+
+        Returns
+        -------
+        tuple of int
+            Number of these runs, and how many of them are not here.
+        """
+        count = missing = 0
+        numbers = {key[0]: -1 for key in self._index.by_key}
+        for run in runs:
+            count += 1
+            place = place_of(run)
+            if place not in numbers:
+                missing += 1
+            elif run.member is not None:
+                numbers[place] = run.member.number
+        self._asked = {k: self._asked[k] for k in sorted(self._asked, key=lambda k: numbers[k[0]])}
+        return count, missing
 
     def _data_of(self, location: Location) -> tuple[str, str]:
         """Which run, and the checksum of its numbers."""
@@ -315,12 +302,12 @@ class Store:
         StorageError
             If it cannot be written; then the file that was there and the parts are untouched.
         """
-        if not self._by_key and not even_empty:
+        if not self._index.by_key and not even_empty:
             return None
         # nothing that is asked for is finished: the file keeps the configuration that it has
         is_described = self._main is not None and not self._asked
         said = self._said() if is_described else described(configuration)
-        layout = layout_of(self._by_key, self._asked, self._numbers)
+        layout = layout_of(self._index.by_key, self._asked, self._numbers)
         if not self._is_current(layout, said):
             others = sum(len(runs) for path, runs in layout.items() if VARIANT_MARK in path)
             if others:
@@ -349,11 +336,11 @@ class Store:
             If it cannot be written; then everything is as it was.
         """
         unwanted = {location.key for location in locations}
-        remaining = [one for key, one in self._by_key.items() if key not in unwanted]
+        remaining = [one for key, one in self._index.by_key.items() if key not in unwanted]
         self._asked = {one.key: one for one in remaining if one.is_of_configuration}
-        self._by_key = {one.key: one for one in remaining}
+        self._index.by_key = {one.key: one for one in remaining}
         if remaining:
-            self._write(layout_of(self._by_key, self._asked, self._numbers), self._said())
+            self._write(layout_of(self._index.by_key, self._asked, self._numbers), self._said())
         elif self.path.exists():
             self.close()
             with told(self.path):
@@ -385,8 +372,8 @@ class Store:
             kept = f"; finished runs are kept in {self.parts}" if part_paths(self.path) else ""
             raise StorageError(f"{error}{kept}") from error
         self._asked = {}
-        self._forget_index()
-        self._learn(self._snapshot(self.path).locations())
+        self._index = Index()
+        self._index.learn(self._snapshot(self.path).locations())
 
     def _remove_parts(self) -> None:
         while self._parts:
@@ -395,6 +382,6 @@ class Store:
             if self.parts.is_dir():
                 for path in part_paths(self.path):
                     path.unlink()
-                remove_checkpoints(self.parts, (one[0] for one in self._by_identity))
+                remove_checkpoints(self.parts, self._index.identities())
                 with contextlib.suppress(OSError):  # somebody keeps other files there
                     self.parts.rmdir()

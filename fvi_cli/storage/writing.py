@@ -13,7 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.storage.fields.observed import COUNTS, OCCURRENCE, observed_meaning, occurrences
-from fvi_cli.storage.groups import COMPLETE, MEMBER, PACKED, Columns, attribute, datasets_below
+from fvi_cli.storage.groups import (
+    COMPLETE,
+    MEMBER,
+    PACKED,
+    Columns,
+    Repeated,
+    attribute,
+    datasets_below,
+)
 from fvi_cli.storage.provenance import CHECKSUM, canonical_json, checksum, plain, sha256
 from fvi_cli.storage.records import (
     LONG_NAMES,
@@ -183,7 +191,9 @@ def _said_of_members(
     for name, values in columns.items():
         if name in said or name in by_member:
             continue
-        differs = not all(_same(value, values[0]) for value in values)
+        differs = not isinstance(values, Repeated) and not all(
+            is_same(v, values[0]) for v in values
+        )
         if not differs or name in _SUMMARIES:
             summary = _SUMMARIES[name](values) if differs else values[0]
             said[name] = attribute(summary)
@@ -196,7 +206,8 @@ def _said_of_members(
     return said, by_member
 
 
-def _same(one: Any, other: Any) -> bool:
+def is_same(one: Any, other: Any) -> bool:
+    """Whether two values are of one type and equal; nan is nan."""
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
         return np.array_equal(one, other)
     if isinstance(one, float) and isinstance(other, float):
@@ -294,16 +305,17 @@ def write_convergence(group: h5py.Group, ladder: Mapping[int, Columns]) -> None:
     first = ladder[steps[0]]
     keys: list[str] = json.loads(first[SWEPT][0]) if SWEPT in first else []
     places: dict[str, int] = {}
-    values: list[list[Any]] = []
+    values: list[list[Any]] = [[] for _ in keys]
     rows: dict[int, list[int]] = {}
     for n_steps in ladder:
+        own = rows[n_steps] = []
         # without keys there is one run
-        own = [list(one) for one in zip(*(ladder[n_steps][key] for key in keys), strict=True)]
-        own = own or [[]]
-        rows[n_steps] = [places.setdefault(canonical_json(one), len(places)) for one in own]
-        for one, row in zip(own, rows[n_steps], strict=True):
-            if row == len(values):
-                values.append(one)
+        for one in zip(*(ladder[n_steps][key] for key in keys), strict=True) if keys else [()]:
+            row = places.setdefault(canonical_json(one), len(places))
+            own.append(row)
+            for column, value in zip(values, one, strict=True):
+                if row == len(column):
+                    column.append(value)
     group.attrs["norm"] = attribute(first["norm"][0])
     axes = {"n_steps": np.array(steps, dtype=np.int64)}
     if keys:
@@ -312,7 +324,7 @@ def write_convergence(group: h5py.Group, ladder: Mapping[int, Columns]) -> None:
     for name, numbers in axes.items():
         group.create_dataset(name, data=numbers, dtype="<i8").make_scale(name)
         group[name].attrs["long_name"] = MEANINGS[name]
-    for key, column in zip(keys, zip(*values, strict=True), strict=True):
+    for key, column in zip(keys, values, strict=True):
         write_column(group, key, column)
         group[key].dims[0].attach_scale(group[MEMBER])
     sizes = np.array([float(ladder[n]["step_size"][0]) for n in steps])

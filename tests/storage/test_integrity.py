@@ -14,6 +14,7 @@ from fvi_cli.cli.app import app
 from fvi_cli.errors import StorageError
 from fvi_cli.storage import contents, list_runs
 from fvi_cli.storage import stream as seal
+from fvi_cli.storage.files import CACHE_BYTES, open_stored
 from fvi_cli.storage.stream import SealedStream
 
 CONFIG = """\
@@ -259,3 +260,23 @@ def test_a_listing_tells_of_a_damaged_block(tmp_path):
     Path(FILE).write_bytes(content)
     with pytest.raises(StorageError, match="its bytes are not those that were written"):
         list_runs(Path(FILE))
+
+
+def test_every_changed_byte_of_the_head_of_a_file_is_told_as_damage(folder):
+    content = bytearray((folder / FILE).read_bytes())
+    # without the seal it is the library that reads them: sizes and addresses of any length
+    del content[content.rfind(seal.MARK) :]
+    complaints = []
+    for place in range(8, 56):
+        (folder / FILE).write_bytes(bytes([*content[:place], 0xFE, *content[place + 1 :]]))
+        try:
+            list_runs(folder / FILE)
+        except StorageError as error:
+            complaints.append(str(error))
+    assert len(complaints) > 30
+    assert all(f"{FILE}: " in complaint for complaint in complaints)
+
+
+def test_the_library_keeps_little_of_an_open_file(folder):
+    with open_stored(folder / FILE) as file:
+        assert file.id.get_mdc_config().max_size == CACHE_BYTES

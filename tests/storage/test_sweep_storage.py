@@ -1,6 +1,7 @@
 """Members of a sweep in files: one group for all, read back, resumed, and opened by others."""
 
 import json
+import tracemalloc
 import warnings
 
 import h5py
@@ -11,7 +12,11 @@ from fvi_cli.config import parse_config
 from fvi_cli.errors import StorageError
 from fvi_cli.runner.executors.batches import batches_of, execute_batch
 from fvi_cli.storage import list_runs, open_results, read_results, snapshot
+from fvi_cli.storage.files import open_stored, replacing
+from fvi_cli.storage.groups import StoredGroup
 from fvi_cli.storage.provenance import identity
+from fvi_cli.storage.records import record_of
+from fvi_cli.storage.writing import columns_of, write_group
 
 CONFIG = """\
 name: many
@@ -240,3 +245,24 @@ def test_changed_numbers_are_noticed(tmp_path):
         pytest.raises(StorageError, match="not those that were written"),
     ):
         stored.finished(loaded.experiments[0].runs()[7])
+
+
+def test_what_is_said_of_members_takes_little_memory(tmp_path):
+    (experiment,) = load().experiments
+    records = [record_of(one) for one in execute_batch(batches_of(experiment.runs())[0])]
+    several = [records[0].attributes, records[-1].attributes] * 2000
+    count = len(several)
+    own = [{**a, "identity": f"{k:064}", "data_sha256": f"{-k:064}"} for k, a in enumerate(several)]
+    with replacing(tmp_path / "many.h5") as new:
+        write_group(new.file, GROUP, columns_of(own), [[records[0]]])
+    del own
+    with open_stored(tmp_path / "many.h5") as file:
+        group = StoredGroup(file[GROUP])
+        assert group.is_complete
+        tracemalloc.start()
+        columns = group.columns
+        held, _ = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+    assert [columns["identity"][k] for k in (0, count - 1)] == [f"{k:064}" for k in (0, count - 1)]
+    # two checksums are 226 bytes as texts; some forty lists would take 8 bytes each beside them
+    assert held < 450 * count

@@ -8,10 +8,9 @@ from pathlib import Path
 
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.request import STORED_SUFFIX, gather
-from fvi_cli.storage import open_results, place_of, read_configuration, read_results
+from fvi_cli.storage import open_results, read_configuration, read_results
 from fvi_cli.storage.atomic import file_lock
-from fvi_cli.storage.records import Place
-from fvi_cli.studies.experiment import Run
+from fvi_cli.studies.experiment import Experiment
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,28 +64,24 @@ def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> 
             raise RequestError(
                 f"{path}: is of another configuration than {first}; `fvi show --config` prints them"
             )
-    name, numbers, searches = _asked_for(first)
+    name, experiments = _asked_for(first)
     target = output / f"{name}{STORED_SUFFIX}"
     with open_results(output, name, waits=waits) as store:
         for path in paths:
             if target.exists() and path.samefile(target):
                 continue
             with file_lock(path, waits=waits), read_results(path) as part:
-                store.take(part, numbers)
+                store.take(part)
+        runs, missing = store.arrange(run for one in experiments for run in one.runs())
+        searches = [run for one in experiments for run in one.searches()]
+        # members of a large sweep are not needed while they are written
+        del experiments
         store.consolidate(said)
-        found = store.places()
-        missing = sum(place not in found for place in numbers)
         missing += sum(store.chosen(one) is None for one in searches)
-    return Merged(path=target, runs=len(numbers) + len(searches), missing=missing)
+    return Merged(path=target, runs=runs + len(searches), missing=missing)
 
 
-def _asked_for(path: Path) -> tuple[str, dict[Place, int], list[Run]]:
-    """Name of the configuration of a file, its runs with their place in a sweep, its searches."""
+def _asked_for(path: Path) -> tuple[str, Sequence[Experiment]]:
+    """Name and experiments of the configuration of a file."""
     (request,) = gather([str(path)])
-    experiments = request.loaded.experiments
-    numbers = {
-        place_of(run): -1 if run.member is None else run.member.number
-        for one in experiments
-        for run in one.runs()
-    }
-    return request.name, numbers, [run for one in experiments for run in one.searches()]
+    return request.name, request.loaded.experiments
