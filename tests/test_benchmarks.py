@@ -14,7 +14,7 @@ from benchmarks.many import many_cases, many_table, measure_many
 from benchmarks.measuring import in_own_process
 from benchmarks.memory import LONG_RUN, measure_memory, memory_cases, memory_table, run_memory
 from benchmarks.stepping import measure_stepping, stepping_cases, stepping_table
-from fvi_cli.integrator.method import Baseline
+from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.studies.cost import CostCase, CostTable
 
 
@@ -89,12 +89,14 @@ class TestMemory:
             )
             return 2 * longer - shorter
 
-        by_fft, gauss2, _, _ = memory_cases(15)
+        bdf4, gauss2, _, _ = memory_cases(15)
         assert gauss2.name.endswith("Gauss2")
         whole = measure_memory(dataclasses.replace(gauss2, n_steps=2**18))
         assert 4.0 <= whole.doubles_per_step < 8.0
-        # control: what the history by FFT adds
-        assert added(by_fft, 14) > 10
+        assert 4.0 <= added(bdf4, 14) < 8.0
+        # control: what a history adds that keeps all samples
+        direct = Method(cq="bdf4", degree=2, history="direct")
+        assert added(dataclasses.replace(bdf4, method=direct), 11) > 8.0
 
     def test_long_runs_are_extrapolated_and_rated(self, monkeypatch):
         """From the run and one of a tenth, on a line."""

@@ -37,9 +37,8 @@ def method_named(name: str) -> AnyMethod:
         ``bdf1`` to ``bdf6``; ``gauss``, ``radau-iia`` or ``lobatto-iiic`` with the degree, as in
         ``gauss3``; or a baseline. What is to be other than by default is joined by ``-``:
         ``nodes`` or ``points``, ``s2`` (the degree), ``gauss2`` or ``lobatto3`` (the rule),
-        ``none`` or ``graded``, ``galerkin``, ``exact`` or ``projected``, ``direct``,
-        ``fft`` or ``exponentials``. ``bdf2-nodes``, ``gauss-s3-graded`` and ``Gauss3`` are such
-        names.
+        ``none`` or ``graded``, ``galerkin``, ``exact`` or ``projected``, ``direct``
+        or ``exponentials``. ``bdf2-nodes``, ``gauss-s3-graded`` and ``Gauss3`` are such names.
 
     Raises
     ------

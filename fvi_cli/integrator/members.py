@@ -16,7 +16,7 @@ from fvi_cli.integrator.blocks.batch import BatchStepped, run_batch
 from fvi_cli.integrator.blocks.linear import batch_problem, stepped_scene
 from fvi_cli.integrator.counts import check_counts
 from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
-from fvi_cli.integrator.equal_steps.routes import LEAST_BLOCK_STEPS
+from fvi_cli.integrator.equal_steps.routes import sums_directly
 from fvi_cli.integrator.equal_steps.run import Prepared, bounded, finished_trajectory, prepare
 from fvi_cli.integrator.equal_steps.weights import shared_channels
 from fvi_cli.integrator.growth_bound import GrowthBound, cut_at_bound
@@ -96,9 +96,7 @@ def goes_together(scene: Scene, method: AnyMethod, n_steps: int) -> bool:
         return side_by_side(scene, method, n_steps) is not None
     if not isinstance(method, Method) or not scene.is_linear:
         return False
-    if method.history not in ("auto", "fft"):
-        return False
-    if method.history == "auto" and n_steps < LEAST_BLOCK_STEPS:
+    if sums_directly(method.history, n_steps):
         return False
     return method.start != "weights" or not scene.active_damping
 

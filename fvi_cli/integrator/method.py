@@ -17,7 +17,7 @@ RuleName = Literal["gauss", "lobatto", "radau"]
 Sampling = Literal["nodes", "points"]
 Start = Literal["none", "weights", "graded"]
 ForcingQuadrature = Literal["galerkin", "exact", "projected"]
-History = Literal["auto", "direct", "fft", "exponentials"]
+History = Literal["auto", "direct", "exponentials"]
 
 BDF_NAMES = tuple(f"bdf{p}" for p in range(1, 7))
 RUNGE_KUTTA_NAMES = ("gauss", "radau-iia", "lobatto-iiic")
@@ -50,6 +50,8 @@ TOLERANCES = (1e-13, 0.1)
 """Least and largest tolerance of ``dop853``."""
 
 LARGEST_DEGREE = 20
+NO_TRANSFORMS = "history: fft is no longer made; write history: auto, the same to round-off"
+"""What to write in place of a history by FFT, which is no longer there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,10 +111,9 @@ class Method:
         ``galerkin`` (the action's rule), ``exact`` (moments to round-off) or ``projected``
         (moments of the L2 projection).
     history
-        BDF: ``direct`` (every sum written out, one step after the other), ``fft`` (block by
-        block) or ``auto`` (the quicker one; the same to round-off). Runge-Kutta: ``exponentials``,
-        which is what ``auto`` means there: some 100 numbers in place of the past, whatever the
-        number of steps.
+        ``exponentials`` (some 100 numbers in place of the past, whatever the number of steps),
+        for BDF also ``direct`` (every sum written out, one step after the other); ``auto`` is the
+        quicker one, the same to round-off.
 
     Raises
     ------
@@ -135,11 +136,13 @@ class Method:
             "sampling": ("nodes", "points"),
             "start": ("none", "weights", "graded"),
             "forcing_quadrature": ("galerkin", "exact", "projected"),
-            "history": ("auto", "direct", "fft", "exponentials"),
+            "history": ("auto", "direct", "exponentials"),
         }
         for name, values in permitted.items():
             if name == "start" and getattr(self, name) == "series":
                 raise ValueError(no_series(is_runge_kutta=self.is_runge_kutta))
+            if name == "history" and getattr(self, name) == "fft":
+                raise ValueError(NO_TRANSFORMS)
             if getattr(self, name) not in values:
                 raise ValueError(
                     f"{name}: {getattr(self, name)!r} is not one of {', '.join(values)}"
@@ -156,9 +159,9 @@ class Method:
                 raise ValueError(f"quadrature: {self.cq} brings its own rule, {own.label}")
             if self.start == "weights":
                 raise ValueError("start: weights correct BDF only; use graded or none")
-            if self.history in ("direct", "fft"):
+            if self.history == "direct":
                 raise ValueError(
-                    f"history: {self.history} is for BDF only; with {self.cq} take auto, which "
+                    f"history: direct is for BDF only; with {self.cq} take auto, which "
                     "sums the past up in exponentials"
                 )
             object.__setattr__(self, "quadrature", own)
@@ -166,10 +169,6 @@ class Method:
             raise ValueError(
                 f"start: graded is for {', '.join(RUNGE_KUTTA_NAMES)} only; with {self.cq} take "
                 "weights or none"
-            )
-        elif self.history == "exponentials":
-            raise ValueError(
-                f"history: exponentials is for {', '.join(RUNGE_KUTTA_NAMES)} only, not {self.cq}"
             )
         elif self.quadrature is None:
             object.__setattr__(self, "quadrature", RuleSpecification(points=self.degree))

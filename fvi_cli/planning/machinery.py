@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.kinds import fewest
 from fvi_cli.integrator.batches.plan import plan_side_by_side
-from fvi_cli.integrator.blocks.groups import Convolved
+from fvi_cli.integrator.blocks.convolved import Convolved
+from fvi_cli.integrator.convolution.backward_differences import lag_exponentials
 from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
 from fvi_cli.integrator.equal_steps.routes import EqualPlan, plan_equal_steps, sums_directly
 from fvi_cli.integrator.equal_steps.weights import memories_of, shared_memories
@@ -132,18 +133,20 @@ def machinery_of(
 def _equal_steps(
     scene: Scene, method: Method, n_steps: int, memories: tuple[int, ...], members: int
 ) -> EqualPlan:
-    on_nodes = method.sampling == "nodes"
+    orders = sorted({term.order for term in scene.active_damping})
+    tail = lag_exponentials(method.bdf_order, orders, n_steps + 1)
     return plan_equal_steps(
         scene,
         method.history,
         n_steps,
         Convolved(
             memories=memories,
-            samples=1 if on_nodes else method.stages,
+            samples=1 if method.sampling == "nodes" else method.stages,
             coupled=scene.dimension,
+            near=tail.near,
+            n_rates=tail.rates.size,
         ),
         None if sums_directly(method.history, n_steps) else _decoupling(scene),
-        with_end=on_nodes,
         members=members,
     )
 

@@ -1,8 +1,7 @@
 """How much memory a run will take at its peak, from the sizes of its arrays.
 
 What is counted are the arrays that are alive together, as they were found by tracing: the weights
-while they are made, the dense matrices of a block while they are put together, and, on long runs,
-the trajectory with the largest transform of its history.
+while they are made, the dense matrices of a block while they are put together, and the trajectory.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from fvi_cli.integrator.batches.march import CHUNK as CHUNK_TOGETHER
 from fvi_cli.integrator.batches.plan import BLOCK
 from fvi_cli.integrator.batches.run import MOST_TOGETHER
 from fvi_cli.integrator.blocks.batch import CHUNK_BLOCKS
-from fvi_cli.integrator.blocks.groups import LARGEST_NEAR
+from fvi_cli.integrator.blocks.convolved import Convolved
 from fvi_cli.integrator.blocks.newton import NewtonPlan
 from fvi_cli.integrator.blocks.sizes import BatchPlan
 from fvi_cli.integrator.equal_steps.routes import EqualPlan
@@ -64,33 +63,22 @@ def _path(run: Machinery) -> float:
 
 def _linear_blocks(run: Machinery, plan: BatchPlan) -> float:
     """The larger one of set-up, steps and what follows them."""
-    n, d, sizes = run.n_steps, run.components, plan.sizes
+    n, d = run.n_steps, run.components
     held = _weights(run) + _known_in_advance(run)
     making, kept = _linear_matrices(run, plan)
-    # systems are advanced slice by slice, and only the samples of one slice are kept
-    share = plan.width / run.systems
-    chunk = min(n, CHUNK_BLOCKS * sizes.block)
-    driven = 4.0 * (run.method.degree + 1) + 3 * run.samples
+    # systems are advanced slice by slice
+    chunk = min(n, CHUNK_BLOCKS * plan.block)
+    driven = 2.0 * (run.method.degree + 1 + run.samples)
     work = chunk * plan.width * run.coupled * driven
-    transform = share * _transform(run) + (1 - share) * _kept_transforms(run)
-    if n <= 2 * sizes.group or run.memory <= sizes.group + 1:
-        transform = 0.0
-    buffer = share * run.samples * d * n if plan.is_damped else 0.0
-    path = _path(run)
-    if run.members > 1:
-        # what becomes of one slice is there while that of the others is still to come
-        path += d * n
-    steps = held + path + buffer + kept + max(transform, work)
-    return max(held + path + buffer + making, steps, held + path + _after(run))
+    # members are finished one after the other
+    after = _after(run) + d * n * (run.members > 1)
+    return held + _path(run) + max(making, kept + work, after)
 
 
 def _newton_blocks(run: Machinery, plan: NewtonPlan) -> float:
     """The same; the matrices are made while the steps are under way."""
     held = _weights(run) + _known_in_advance(run) + _path(run)
-    making, kept = _newton_matrices(run, plan)
-    buffer = float(run.samples * run.components * run.n_steps) if plan.is_damped else 0.0
-    transform = 0.0 if run.memory <= 1 else _transform(run)
-    return held + buffer + max(making, kept + transform, _after(run) - buffer)
+    return held + max(*_newton_matrices(run, plan), _after(run))
 
 
 def _after(run: Machinery) -> float:
@@ -102,24 +90,10 @@ def _after(run: Machinery) -> float:
     return numbers
 
 
-def _transform(run: Machinery) -> float:
-    """Numbers in the longest transform, with those of weights that are kept for later ones."""
-    if run.memory <= 1:
-        return 0.0
-    systems = run.systems * run.coupled
-    spectra = 2.1 * systems * run.samples + 1.4 * systems + 1.9
-    return spectra * run.n_steps + _kept_transforms(run)
-
-
-def _kept_transforms(run: Machinery) -> float:
-    long = [memory for memory in run.memories if memory > run.n_steps // 2]
-    return float(run.n_steps * len(long))
-
-
 def _linear_matrices(run: Machinery, plan: BatchPlan) -> tuple[float, float]:
     """Numbers at work while the matrices of a block are made, and those that are kept."""
-    width, sizes, nodes = plan.width, plan.sizes, run.keeps_force
-    b, m, e, far = sizes.block, run.samples, run.coupled, plan.far
+    width, nodes = plan.width, run.keeps_force
+    b, m, e, far = plan.block, run.samples, run.coupled, plan.far
     size = b * m * e
     state = 2 * e + m * e + 1
     driven = b * (run.method.degree + 1) * e
@@ -132,14 +106,20 @@ def _linear_matrices(run: Machinery, plan: BatchPlan) -> tuple[float, float]:
     # a single system needs no second copy in another order
     copies = 0 if width == 1 else first * driven + outputs * used
     impulses = b * (3 * m * e + 2 * e + run.method.stages * e) * (3 * e + 2 * m * e + 3)
-    n_channels = len(run.memories) if plan.is_damped else 0
-    strip = far * plan.reach(sizes.blocks - 1) * m * m * n_channels
-    tail = (min(sizes.group, max(1, LARGEST_NEAR // (m * e))) * m) ** 2 * n_channels
     own = width * (dense + inside + sequential + outputs * used + copies + impulses)
-    last = max(strip / max(n_channels, 1) + strip, strip + tail + tail / max(n_channels, 1))
-    making = own + max(width * outputs * (columns - used if width > 1 else columns), last)
-    kept = width * (inside + sequential + outputs * used + copies) + strip + tail
+    past = _past(plan.convolved, b, width) if plan.is_damped else 0
+    making = own + max(width * outputs * (columns - used if width > 1 else columns), past)
+    kept = width * (inside + sequential + outputs * used + copies) + past
     return making, kept
+
+
+def _past(convolved: Convolved, block: int, width: int) -> float:
+    """Numbers in what is remembered, and in the matrices from it to a block and back."""
+    remembered, rates = convolved.reach + convolved.n_rates, convolved.n_rates
+    matrices = (len(convolved.memories) * remembered + rates) * block
+    # lags and exponentials while they are made
+    making = (convolved.reach + block) * (rates + 2) + 2 * convolved.reach * block
+    return matrices + making + 2 * remembered * convolved.size * width
 
 
 def _newton_matrices(run: Machinery, plan: NewtonPlan) -> tuple[float, float]:
@@ -150,13 +130,10 @@ def _newton_matrices(run: Machinery, plan: NewtonPlan) -> tuple[float, float]:
     points, outputs = b * r * d, (1 + nodes) * size + 2 * b * d
     dense = (2 * size + nodes * size + points + 2 * b * d) * columns
     frozen = points * columns + points**2 + outputs * columns
-    strip = 0.0
-    if plan.is_damped:
-        near = min(plan.group, max(1, LARGEST_NEAR // (m * d)))
-        strip = size * m * d * plan.group + (near * m) ** 2
+    past = _past(plan.convolved, b, 1) if plan.is_damped else 0
     # every halved block has matrices of its own
-    kept = strip + dense + 1.33 * frozen
-    return strip + dense + frozen + 1.5 * outputs * columns, kept
+    kept = past + dense + 1.33 * frozen
+    return past + dense + frozen + 1.5 * outputs * columns, kept
 
 
 def _single_steps(run: Machinery, plan: EqualPlan) -> float:
@@ -164,7 +141,7 @@ def _single_steps(run: Machinery, plan: EqualPlan) -> float:
     d, n, m, s = run.scene.dimension, run.n_steps, run.samples, run.method.degree
     numbers = 2.0 * _weights(run) + _known_in_advance(run) + (2 * d + 3 * m * d) * n
     if plan.route == "stepped":
-        numbers += m * d * n + _transform(run)
+        numbers += _past(plan.convolved, 1, 1)
     if d > 1 or run.scene.lagrangian is not None:
         numbers += 3 * (s * d) ** 2
     if run.scene.lagrangian is not None:

@@ -68,15 +68,18 @@ def history_in_words(run: Machinery) -> str:
         return f"{plan.n_states} exponentials in place of the past"
     if not run.memories:
         return "none: nothing is damped"
-    count, group = len(run.memories), plan.group if isinstance(plan, EqualPlan) else 1
+    count = len(run.memories)
     sequences = f"{count} combined sequences of weights" if count > 1 else "one sequence of weights"
     if run.memory == 1:
         return "none: derivatives of order 1 need no past"
-    if isinstance(plan, EqualPlan) and plan.route == "direct steps":
+    if not isinstance(plan, EqualPlan) or plan.route == "direct steps":
         return "every sum written out"
-    if run.memory <= group + 1 and run.memory < 8:
+    if run.memory < 8:
         return f"finite stencil of {run.memory} weights, {sequences}"
-    return f"{sequences}, direct inside of {group} steps, FFT beyond"
+    if not plan.convolved.n_rates:
+        return f"{sequences}, summed directly"
+    near = f"{sequences}, the last {plan.convolved.reach} steps summed directly"
+    return f"{near}, {plan.convolved.n_rates} exponentials in place of the others"
 
 
 def start_in_words(scene: Scene, method: Method, n_steps: int) -> str:

@@ -122,7 +122,7 @@ MISTAKES = [
     ("degree: 1}", "start: »graded}", "method.0.start: graded is for rk: gauss", "none"),
     ("degree: 1}", "start: »series}", "method.0.start: series is no longer", "write graded"),
     ("- {bdf: [1, 2], sampling: nodes, degree: 1}", "- {rk: gauss, history: »fft}\n  - {bdf: 2}",
-     "method.0.history: fft is for BDF only", "auto"),
+     "method.0.history: fft is no longer", "write auto"),
     ("report: {norm", "»plot: [energy]\nreport: {norm", "plot: not a key", "write figures"),
     ("forcing: 1 + t", "forcing: 9**»9**9**9", "problem.forcing: ", "larger than"),
     ("forcing: 1 + t", "forcing: »t.real", "problem.forcing: only numbers", ""),

@@ -1,74 +1,78 @@
-"""History by FFT doubling against the sum written out."""
+"""The past of equal steps in blocks against the sum written out."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from spread import spread
 
-from fvi_cli.integrator.blocks.history import (
-    BatchedChannel,
-    GroupHistory,
-    lag_kernel,
-    reversed_strip,
-)
-from fvi_cli.integrator.blocks.stepped_history import SteppedHistory
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.integrator.blocks.history import BatchedChannel, BlockHistory, SteppedHistory
 from fvi_cli.integrator.equal_steps.direct_history import DirectHistory
-from fvi_cli.integrator.equal_steps.weights import Channel, Memory
+from fvi_cli.integrator.equal_steps.weights import Channel, Memory, build_channels
+from fvi_cli.integrator.method import Method
 
 RNG = np.random.default_rng(20240318)
+ORDERS = {"one": (0.5,), "finite": (1.0,), "several": (0.3, 1.0, 1.7)}
+M = 2
 
 
-def decaying(n: int, shape: tuple[int, ...]) -> np.ndarray:
-    """Weights like those of a fractional derivative, with random signs and sizes."""
-    size = (1.0 + np.arange(n)) ** -1.3
-    return size.reshape(-1, *[1] * len(shape)) * RNG.normal(size=(n, *shape))
+def channels_of(kind: str, bdf_order: int, n: int, d: int) -> tuple[Channel, ...]:
+    damping = []
+    for order in ORDERS[kind]:
+        matrix = RNG.normal(size=(d, d))
+        damping.append(FractionalDamping(order=order, coefficient=matrix @ matrix.T))
+    method = Method(cq=f"bdf{bdf_order}", degree=1)
+    return build_channels(method, 0.01, n, tuple(damping))
 
 
-def literal_force(channels: list[Channel], samples: np.ndarray) -> np.ndarray:
+def literal_force(channels: tuple[Channel, ...], samples: np.ndarray) -> np.ndarray:
     """Force of all older samples on every step, shape as the samples ``(n, m, d)``."""
     force = np.zeros_like(samples)
     for channel in channels:
-        for k in range(samples.shape[0]):
-            for lag in range(1, min(k + 1, channel.memory)):
-                w = channel.weights[lag]
-                past = samples[k - lag]
-                force[k] += w * past @ channel.direction
+        for k in range(1, samples.shape[0]):
+            reach = min(k, channel.memory - 1)
+            sums = np.tensordot(channel.weights[1 : reach + 1], samples[k - reach : k][::-1], 1)
+            force[k] += sums @ channel.direction
     return force
 
 
-def random_channels(kind: str, n: int, d: int) -> list[Channel]:
-    def direction() -> np.ndarray:
-        matrix = RNG.normal(size=(d, d))
-        return matrix + matrix.T
-
-    if kind == "scalar":
-        return [Channel(direction=direction(), weights=decaying(n, ()))]
-    if kind == "finite":
-        return [Channel(direction=direction(), weights=decaying(5, ()))]
-    return [
-        Channel(direction=direction(), weights=decaying(n, ())),
-        Channel(direction=direction(), weights=decaying(4, ())),
-        Channel(direction=direction(), weights=decaying(n, ())),
-    ]
+def by_blocks(channels: tuple[Channel, ...], samples: np.ndarray, block: int) -> np.ndarray:
+    """Only what is between blocks; blocks of several lengths."""
+    batched = tuple(BatchedChannel(channel=c, directions=c.direction[None]) for c in channels)
+    history, force, done, count = BlockHistory(batched, M, block), [], 0, block
+    while done < samples.shape[0]:
+        own = samples[done : done + count]
+        force.append(history.force(own.shape[0])[0] + literal_force(channels, own))
+        history.push(own[None])
+        done, count = done + count, count // 2 or block
+    return np.concatenate(force)
 
 
-KINDS = ("scalar", "finite", "several")
+@spread(kind=ORDERS, **{"n, block": [(61, 8), (300, 64), (700, 16), (7, 8)]}, bdf_order=[1, 2, 6])
+def test_blocks_of_any_length(kind, n, block, bdf_order):
+    d = 1 + n % 3
+    channels = channels_of(kind, bdf_order, n + 1, d)
+    samples = RNG.normal(size=(n, M, d))
+    expected = literal_force(channels, samples)
+    found = by_blocks(channels, samples, block)
+    assert np.abs(found - expected).max() <= 1e-13 * np.abs(expected).max()
 
 
-@spread(kind=KINDS, **{"n, group": [(64, 8), (61, 8), (7, 8), (96, 16), (130, 16)]}, d=[1, 3])
-def test_steps_one_at_a_time(kind, n, group, d):
-    m = 2
-    channels = random_channels(kind, n + 1, d)
-    samples = RNG.normal(size=(n + 1, m, d))
+@spread(kind=ORDERS, n=[64, 300], d=[1, 3])
+def test_steps_one_at_a_time(kind, n, d):
+    channels = channels_of(kind, 5, n + 1, d)
+    samples = RNG.normal(size=(n + 1, M, d))
     memory = Memory(
-        channels=tuple(channels),
-        sample_matrix=np.zeros((2, m)),
-        carry_matrix=np.zeros((2, m)),
-        first_offset=np.zeros((m, d)),
-        offset=np.zeros((m, d)),
-        force_weights=np.zeros((3, m)),
+        channels=channels,
+        sample_matrix=np.zeros((2, M)),
+        carry_matrix=np.zeros((2, M)),
+        first_offset=np.zeros((M, d)),
+        offset=np.zeros((M, d)),
+        force_weights=np.zeros((3, M)),
     )
     expected = literal_force(channels, samples)
-    for history in (SteppedHistory(memory, n, d, group), DirectHistory(memory, n, d)):
+    for history in (SteppedHistory(memory), DirectHistory(memory, n, d)):
         worst = 0.0
         for k in range(n + 1):
             worst = max(worst, float(np.abs(history.known() - expected[k]).max()))
@@ -77,60 +81,33 @@ def test_steps_one_at_a_time(kind, n, group, d):
         assert worst <= 1e-13 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_one_wrong_weight_is_seen(kind):
-    """The control: the last weight that matters, changed by a tenth of a percent."""
-    n, group, m = 64, 8, 2
-    channels = random_channels(kind, n, 1)
-    samples = RNG.normal(size=(1, n, m, 1))
-    expected = literal_force(channels, samples[0])
-
-    def by_groups(used: list[Channel]) -> np.ndarray:
-        batched = tuple(BatchedChannel(channel=c, directions=c.direction[None]) for c in used)
-        history = GroupHistory(batched, m, group, n)
-        kernel = lag_kernel(batched, 0, group, m)
-        result = np.zeros((n, m))
-        for index in range(n // group):
-            own = samples[:, index * group : (index + 1) * group]
-            force = history.force_on(index)[0, :, :, 0]
-            for row in range(1, group):
-                strip = reversed_strip(kernel, 1, row)[0] if row < group else None
-                force[row] += strip @ own[0, :row].ravel()
-            result[index * group : (index + 1) * group] = force
-            history.finish(index, own)
-        return result[:, :, None]
-
-    scale = np.abs(expected).max()
-    assert np.abs(by_groups(channels) - expected).max() <= 1e-13 * scale
-    weights = channels[0].weights.copy()
-    weights[min(40, channels[0].memory - 1)] *= 1.001
-    wrong = Channel(direction=channels[0].direction, weights=weights)
-    assert np.abs(by_groups([wrong, *channels[1:]]) - expected).max() > 1e-9 * scale
+@pytest.mark.parametrize("lag", [1, 40, 200])
+def test_one_wrong_weight_is_seen(lag):
+    """The control: a weight that is a tenth of a percent off, or all that come from one rate."""
+    (channel,) = channels_of("one", 2, 301, 1)
+    samples = RNG.normal(size=(300, M, 1))
+    expected = literal_force((channel,), samples)
+    if lag < channel.tail.near:
+        weights = channel.weights.copy()
+        weights[lag] *= 1.001
+        wrong = replace(channel, weights=weights)
+    else:
+        factors = channel.tail.factors.copy()
+        factors[0, np.searchsorted(channel.tail.rates, 1 / lag)] *= 1.001
+        wrong = replace(channel, tail=replace(channel.tail, factors=factors))
+    found = by_blocks((wrong,), samples, 16)
+    assert np.abs(found - expected).max() > 1e-9 * np.abs(expected).max()
 
 
-def test_operations_grow_like_n_log_n_squared():
-    """Counted, not timed: against the direct sum, which quadruples."""
+def test_work_and_memory_of_a_step_do_not_grow():
+    """Counted, not timed."""
     counts = []
-    for n in (2**10, 2**12, 2**14):
-        channel = Channel(direction=np.eye(1), weights=decaying(n + 1, ()))
-        history = GroupHistory(
-            (BatchedChannel(channel=channel, directions=np.eye(1)[None]),), 1, 64, n
-        )
-        for index in range(n // 64):
-            history.finish(index, np.zeros((1, 64, 1, 1)))
+    for n in (2**12, 2**14):
+        channels = channels_of("one", 2, n + 1, 1)
+        batched = tuple(BatchedChannel(channel=c, directions=c.direction[None]) for c in channels)
+        history = BlockHistory(batched, 1, 64)
+        for _ in range(n // 64):
+            history.push(np.zeros((1, 64, 1, 1)))
         counts.append(history.operations)
-    assert counts[2] < 6.5 * counts[1] < 6.5**2 * counts[0]
-    assert counts[2] < 2**27 / 8
-
-
-def test_a_finite_memory_costs_no_transform():
-    counts = []
-    for n in (256, 512):
-        channel = Channel(direction=np.eye(1), weights=decaying(4, ()))
-        history = GroupHistory(
-            (BatchedChannel(channel=channel, directions=np.eye(1)[None]),), 1, 32, n
-        )
-        for index in range(n // 32):
-            history.finish(index, np.zeros((1, 32, 1, 1)))
-        counts.append(history.operations)
-    assert counts == [7 * 9, 15 * 9]
+    # a few rates more
+    assert 4 * counts[0] < counts[1] < 4.5 * counts[0]

@@ -81,7 +81,7 @@ METHODS: list[Method] = [
     NODES,
     Method(cq="bdf3", degree=2, sampling="nodes"),
     points(),
-    points(2, 1, "fft"),
+    points(2, 1, "exponentials"),
     points(3, 2, "direct"),
     gauss(),
     gauss(3, "graded"),
@@ -223,7 +223,8 @@ class TestWords:
         # one response to the states of both, of which there are a few more for two orders
         assert one.history_operations <= two.history_operations < 1.1 * one.history_operations
         bdf = [plan_run(oscillators(orders=o), points(), 1000) for o in ((0.5,), (0.5, 1.5))]
-        assert bdf[0].history_operations == bdf[1].history_operations > 0
+        alone, both = (plan.history_operations for plan in bdf)
+        assert 0 < alone <= both < 1.1 * alone
 
     def test_modes_and_components(self):
         assert "6 uncoupled modes" in plan_run(oscillators(6, coupled="m"), gauss(), 99).steps

@@ -538,7 +538,7 @@ def test_methods_of_one_family_are_told_apart_by_what_differs():
     two = method_names([bdf3(), bdf3(degree=1)])
     assert [name.label for name in two.values()] == ["BDF3, degree 2", "BDF3, degree 1"]
     # whatever differs, no two share a name
-    every = [*METHODS, *corrected, bdf3(history="direct"), bdf3(history="fft")]
+    every = [*METHODS, *corrected, bdf3(history="direct"), bdf3(history="exponentials")]
     labels = [name.label for name in method_names(every).values()]
     assert len(set(labels)) == len(labels)
 

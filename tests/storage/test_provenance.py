@@ -104,7 +104,7 @@ OTHER_VALUES = {
     "start": "none",
     "start_exponents": (0.5, 1.5),
     "forcing_quadrature": "projected",
-    "history": "fft",
+    "history": "exponentials",
 }
 
 

@@ -81,7 +81,7 @@ def test_a_wanted_run_is_computed_and_stops_early():
     assert abs(trajectory.position[-1, 0]) > TOLERATED_FACTOR
 
 
-@pytest.mark.parametrize("history", ["direct", "fft"])
+@pytest.mark.parametrize("history", ["direct", "exponentials"])
 def test_both_routes_stop_at_the_same_step(history):
     scene = experiment(final_time=16.0).problem.scene
     method = Method(cq="bdf6", degree=1, sampling="nodes", history=history)

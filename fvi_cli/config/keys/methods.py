@@ -122,7 +122,10 @@ _ENTRY: Final = Record(
         ),
         _several(
             "history",
-            Choice(words=get_args(History)),
+            Choice(
+                words=get_args(History),
+                gone={"fft": "write auto, which is the same to round-off"},
+            ),
             "How the convolution is summed. Default: auto.",
         ),
     ),

@@ -1,1 +1,1 @@
-"""Blocks of equal steps of backward differences, and their history by FFT."""
+"""Blocks of equal steps of backward differences, and their past."""

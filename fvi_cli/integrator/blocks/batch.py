@@ -9,12 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.advance import advanced
-from fvi_cli.integrator.blocks.history import (
-    BatchedChannel,
-    GroupHistory,
-    SharedStrip,
-    shared_strip,
-)
+from fvi_cli.integrator.blocks.history import BatchedChannel, BlockHistory
 from fvi_cli.integrator.blocks.response import LinearSystem, block_response
 from fvi_cli.integrator.blocks.sizes import BatchPlan, plan_batch
 from fvi_cli.integrator.compensated import CompensatedSum
@@ -23,6 +18,8 @@ Array = NDArray[np.float64]
 
 CHUNK_BLOCKS = 64
 """Blocks whose outputs are made by one matrix product."""
+ADVANCED_EVERY = 8
+"""So often, in blocks, it is told how far the steps are."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,7 +93,7 @@ def run_batch(problem: BatchProblem) -> BatchStepped | None:
     """
     system, n_steps = problem.system, problem.n_steps
     q, e, m = system.batch, system.coupled, system.samples
-    plan = plan_batch(system.convolved, q, n_steps, with_end=problem.with_end)
+    plan = plan_batch(system.convolved, q, n_steps)
     if plan is None:
         return None
     position, momentum = np.empty((q, n_steps + 1, e)), np.empty((q, n_steps + 1, e))
@@ -157,17 +154,16 @@ class _Blocks:
         force: Array | None,
     ) -> None:
         self._problem, self._system = problem, problem.system
-        self._plan, sizes = plan, plan.sizes
-        self._block, self._blocks = sizes.block, sizes.blocks
+        self._plan, self._block = plan, plan.block
         self._position, self._momentum, self._force = position, momentum, force
         system = problem.system
-        response = block_response(system, sizes.block)
+        response = block_response(system, plan.block)
         q, e, m = system.batch, system.coupled, system.samples
         self._width = system.sample_size
         self._n_history = plan.far * self._width
         self._n_state = system.state_size
         self._n_first = self._n_history + self._n_state
-        whole = sizes.block * self._width
+        whole = plan.block * self._width
         columns = np.r_[: self._n_history, whole : response.state.shape[2]]
         inside = np.concatenate(
             [response.samples[:, whole - self._n_history :], response.state], axis=1
@@ -179,17 +175,8 @@ class _Blocks:
             outputs.append(response.force)
         joined = np.concatenate(outputs, axis=1)[:, :, columns]
         self._outputs = np.ascontiguousarray(joined.transpose(0, 2, 1))
-        self._strips: tuple[SharedStrip, ...] = ()
-        reach = plan.reach(sizes.blocks - 1)
-        if reach:
-            self._strips = tuple(shared_strip(c, plan.far, reach, m) for c in system.channels)
-        # one component: one product without the overhead of a batch
-        self._single: Array | None = None
-        if q == e == len(self._strips) == 1:
-            self._single = self._strips[0].matrix * self._strips[0].batched.directions[0, 0, 0]
-        self._history = GroupHistory(
-            system.channels if plan.is_damped else (), m, sizes.group, problem.n_steps
-        )
+        channels = system.channels if plan.is_damped else ()
+        self._history = BlockHistory(channels, m, plan.block)
         state = np.zeros((q, self._n_state))
         state[:, :e], state[:, e : 2 * e] = problem.position, problem.momentum
         state[:, 2 * e : -1] = problem.first_offset.reshape(q, -1)
@@ -209,10 +196,9 @@ class _Blocks:
         n_steps, block, q = problem.n_steps, self._block, self._system.batch
         total = self._plan.n_blocks
         self._position[:, 0], self._momentum[:, 0] = self._state[:, :e], self._state[:, e : 2 * e]
-        per_chunk = max(CHUNK_BLOCKS - CHUNK_BLOCKS % self._blocks, self._blocks)
         with np.errstate(over="ignore", invalid="ignore"):
-            for first in range(0, total, per_chunk):
-                count = min(per_chunk, total - first)
+            for first in range(0, total, CHUNK_BLOCKS):
+                count = min(CHUNK_BLOCKS, total - first)
                 inputs = self._advance_chunk(first, count)
                 output = np.matmul(inputs, self._outputs)
                 begin, end = first * block, min((first + count) * block, n_steps)
@@ -223,8 +209,8 @@ class _Blocks:
                     self._force[:, begin : begin + wanted] = force[:, :wanted]
                 if end < n_steps and self._is_over(end):
                     return end
-            if self._force is not None and problem.with_end and self._plan.ends_with_group:
-                self._force[:, n_steps] = self._force_after_groups()
+            if self._force is not None and problem.with_end and n_steps % block == 0:
+                self._force[:, n_steps] = self._force_at_end()
         return n_steps
 
     def _is_over(self, end: int) -> bool:
@@ -233,18 +219,14 @@ class _Blocks:
         inside = (farthest <= self._problem.limit) & np.isfinite(self._momentum[:, end]).all(axis=1)
         return not (inside.all() if self._problem.stop_together else inside.any())
 
-    def _force_after_groups(self) -> Array:
-        """Force on the first sample after the last group, on the nodes, ``(q, 1, e)``."""
-        q, e, n_steps = self._system.batch, self._system.coupled, self._problem.n_steps
-        total = np.zeros((q, 1, e))
-        carry = self._state[:, 2 * e : -1]
-        for batched in self._system.channels:
-            weights = batched.channel.weights[: n_steps + 1]
-            reach = weights.size - 1
-            past = self._history.samples[:, 0, :, n_steps - reach : n_steps] @ weights[:0:-1]
-            total[:, 0] += np.einsum("qa,qab->qb", past + weights[0] * carry, batched.directions)
-        self._direct += self._plan.end_operations
-        return total
+    def _force_at_end(self) -> Array:
+        """Force on the first sample behind the last block, on the nodes, ``(q, m, e)``."""
+        q, e = self._system.batch, self._system.coupled
+        force = self._history.force(1)[:, 0]
+        carry = self._state[:, 2 * e : -1].reshape(q, -1, e)
+        for one in self._system.channels:
+            force = force + np.matmul(one.channel.newest(carry), one.directions)
+        return force
 
     def _write(self, output: Array, inputs: Array, begin: int, end: int) -> None:
         """Running sums inside every block, from the state at its start."""
@@ -259,63 +241,30 @@ class _Blocks:
 
     def _advance_chunk(self, first: int, count: int) -> Array:
         """Blocks `first` .. in sequence; returns all that went into them, ``(q, count, ...)``."""
-        q, block, blocks = self._system.batch, self._block, self._blocks
-        width, e, m = self._width, self._system.coupled, self._system.samples
+        q, block, far = self._system.batch, self._block, self._plan.far
+        e, m = self._system.coupled, self._system.samples
         inputs = np.zeros((q, count, self._outputs.shape[1]))
         driven: Array | None = None
         if self._problem.moments is not None:
             moments = self._moments(first * block, count * block)
             inputs[:, :, self._n_first :] = moments.reshape(q, count, -1)
             driven = np.matmul(inputs[:, :, self._n_first :], self._driven)
-        samples = np.zeros((q, e, blocks * block * m))
-        whole, begin = block * m, self._plan.far * m
         damped = self._plan.is_damped
-        force: Array | None = None
         for index in range(count):
-            place = (first + index) % blocks
-            if place == 0:
+            if index % ADVANCED_EVERY == 0:
                 advanced((first + index) * block, self._problem.n_steps)
-            group = (first + index) // blocks
             row = inputs[:, index]
             if damped:
-                if place == 0 or force is None:
-                    force = self._history.force_on(group).reshape(q, blocks, block * width)
-                known = force[:, place, : self._n_history]
-                if place and self._strips:
-                    reach = self._plan.reach(place)
-                    past = samples[:, :, place * whole - reach * m : place * whole]
-                    if self._single is not None:
-                        known = known + past[0, 0] @ self._single[-reach * m :]
-                    else:
-                        known = known + self._from_group(past)
-                row[:, : self._n_history] = known
+                row[:, : self._n_history] = self._history.force(far).reshape(q, -1)
             row[:, self._n_history : self._n_first] = self._state
             result = _apply(self._sequential, row[:, : self._n_first])
             if driven is not None:
                 result = result + driven[:, index]
             self._move(result[:, self._n_history :], e)
             if damped:
-                end = (place + 1) * whole
-                found = result[:, : self._n_history]
-                if e == 1:
-                    samples[:, 0, end - begin : end] = found
-                else:
-                    samples[:, :, end - begin : end] = found.reshape(q, begin, e).transpose(0, 2, 1)
-                if place == blocks - 1:
-                    finished = samples.transpose(0, 2, 1).reshape(q, blocks * block, m, e)
-                    self._history.finish(group, finished)
-            self._direct += self._plan.block_operations[place]
+                self._history.push(result[:, : self._n_history].reshape(q, far, m, e))
+            self._direct += self._plan.block_operations
         return inputs
-
-    def _from_group(self, past: Array) -> Array:
-        """Force of earlier blocks of the group, ``(q, far m e)``."""
-        q, e, _ = past.shape
-        total = self._strips[0].force(past)
-        for strip in self._strips[1:]:
-            total += strip.force(past)
-        if e == 1:
-            return total[:, 0]
-        return total.reshape(q, e, -1).transpose(0, 2, 1).reshape(q, -1)
 
     def _move(self, change: Array, e: int) -> None:
         """Compensated sums of position and momentum; the carry is new."""

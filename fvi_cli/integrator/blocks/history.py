@@ -1,9 +1,12 @@
-r"""History in O(N log(N)^2): finished groups of steps are convolved into the future by FFT.
+r"""The past of equal steps: the last ones one by one, all older ones as exponentials.
 
-The steps are cut into groups of equal length. When b groups are done, the last :math:`2^j` of
-them, :math:`2^j` the largest power of two that divides b, are convolved once into the next
-:math:`2^j` (Hairer, Lubich, Schlichte, *Fast numerical solution of nonlinear Volterra
-convolution equations*, SIAM J. Sci. Stat. Comput. 6, 1985). Inside a group the sum is direct.
+Behind `near` lags the weights are :math:`w_n = \sum_j c_j e^{-n y_j}`
+(:mod:`fvi_cli.integrator.convolution.backward_differences`), so that J numbers for every sample of
+a step stand for the whole past,
+
+.. math:: S_j = \sum_{n \geq 1} e^{-n y_j} U_{k - n}, \qquad
+          F_k = \sum_{n < \text{near}} \Bigl(w_n - \sum_j c_j e^{-n y_j}\Bigr) U_{k - n}
+                + \sum_j c_j S_j .
 """
 
 from __future__ import annotations
@@ -13,14 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.blocks.groups import Convolved, GroupPlan
-from fvi_cli.integrator.equal_steps.weights import Channel
+from fvi_cli.integrator.blocks.convolved import Convolved
+from fvi_cli.integrator.equal_steps.weights import Channel, Memory
 
 Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-
-FREQUENCY_SLAB = 4096
-"""Frequencies multiplied at a time, so that they stay in the cache."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,10 +38,16 @@ class BatchedChannel:
     directions: Array
 
 
-def convolved_of(channels: tuple[BatchedChannel, ...], samples: int, coupled: int) -> Convolved:
-    """Sizes of what the channels of one batch convolve."""
-    memories = tuple(one.channel.memory for one in channels)
-    return Convolved(memories=memories, samples=samples, coupled=coupled)
+def convolved_of(channels: tuple[Channel, ...], samples: int, coupled: int) -> Convolved:
+    """Sizes of what channels convolve."""
+    tail = channels[0].tail if channels else None
+    return Convolved(
+        memories=tuple(one.memory for one in channels),
+        samples=samples,
+        coupled=coupled,
+        near=tail.near if tail else 1,
+        n_rates=tail.rates.size if tail else 0,
+    )
 
 
 def lag_kernel(channels: tuple[BatchedChannel, ...], first: int, last: int, samples: int) -> Array:
@@ -102,78 +107,17 @@ def reversed_strip(kernel: Array, rows: int, reach: int) -> Array:
     return strip.reshape(q, rows * k, reach * k)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SharedStrip:
-    """Force of the last steps on the next ones, by one matrix for all systems of a batch.
-
-    The weights do not know of the systems; only the directions do. So the sums of a whole batch
-    are one product of matrices.
-
-    Parameters
-    ----------
-    batched
-        Weights and directions.
-    matrix
-        From samples of `reach` steps to forces on `rows` steps, shape ``(reach m, rows m)``.
-    """
-
-    batched: BatchedChannel
-    matrix: Array
-
-    def force(self, past: Array) -> Array:
-        """Force of the last samples, ``(q, e, n m)`` with n <= reach, as ``(q, e, rows m)``."""
-        q, e, size = past.shape
-        matrix, directions = self.matrix[self.matrix.shape[0] - size :], self.batched.directions
-        if e == 1:
-            sums = past[:, 0] @ matrix
-            sums *= directions[:, 0]
-            return np.asarray(sums[:, None])
-        sums = (past.reshape(q * e, size) @ matrix).reshape(q, e, -1)
-        return np.asarray(np.matmul(directions.transpose(0, 2, 1), sums))
-
-
-def shared_strip(
-    batched: BatchedChannel, rows: int, reach: int, samples: int, n_weights: int | None = None
-) -> SharedStrip:
-    """The force of the last `reach` steps on the next `rows`.
-
-    Parameters
-    ----------
-    batched
-        Weights and directions.
-    rows, reach
-        Number of steps ahead and behind.
-    samples
-        Number m of samples per step.
-    n_weights
-        Weights from this one on count as zero; None: all count.
-    """
-    unit = BatchedChannel(channel=batched.channel, directions=np.ones((1, 1, 1)))
-    last = rows + reach
-    kernel = np.zeros((1, last, samples, samples))
-    used = last if n_weights is None else min(last, n_weights)
-    kernel[:, :used] = lag_kernel((unit,), 0, used, samples)
-    matrix = np.ascontiguousarray(reversed_strip(kernel, rows, reach)[0].T)
-    return SharedStrip(batched=batched, matrix=matrix)
-
-
-class GroupHistory:
-    """Forces of finished groups on later ones, and the finished samples, in one buffer.
-
-    Until its turn comes, a group's part of the buffer holds the force on it; afterwards its
-    samples.
+class BlockHistory:
+    """Force of all finished steps on those to come, block by block, in a batch of systems.
 
     Parameters
     ----------
     channels
-        Directions and weights; those whose memory reaches no further than the next group are
-        summed directly.
+        Weights and directions; none without damping.
     samples
         Number m of samples per step.
-    group
-        Number of steps in a group.
-    n_steps
-        Number of steps that are wanted.
+    block
+        Most steps of a block.
 
     Attributes
     ----------
@@ -181,127 +125,90 @@ class GroupHistory:
         Multiply-adds that each system has spent so far.
     """
 
-    def __init__(
-        self, channels: tuple[BatchedChannel, ...], samples: int, group: int, n_steps: int
-    ) -> None:
-        q, e = (channels[0].directions.shape[:2]) if channels else (1, 1)
-        self._plan = plan = GroupPlan(
-            convolved=convolved_of(channels, samples, e), group=group, n_steps=n_steps
+    def __init__(self, channels: tuple[BatchedChannel, ...], samples: int, block: int) -> None:
+        q, e = channels[0].directions.shape[:2] if channels else (1, 1)
+        plan = convolved_of(tuple(one.channel for one in channels), samples, e)
+        self._shape, self._reach, self._per_step = (
+            (q, e, samples),
+            plan.reach,
+            plan.operations_per_step,
         )
-        self._group = group
-        self._end = plan.n_groups * group
-        self._long = tuple(c for c, is_long in zip(channels, plan.is_long, strict=True) if is_long)
-        short = tuple(c for c, is_short in zip(channels, plan.is_short, strict=True) if is_short)
-        self._shape = (q, samples, e)
-        # without channels there is nothing to keep
-        self._buffer = np.zeros((q, samples, e, self._end if channels else 0))
-        self._transforms: dict[int, list[ComplexArray]] = {}
+        self._rates = channels[0].channel.tail.rates if channels else np.zeros(0)
+        # columns: the last steps in the order of time, and the states
+        self._past = np.zeros((q * e * samples, self._reach + self._rates.size))
+        self._ahead = [
+            (_ahead(one.channel, self._reach, block), one.directions) for one in channels
+        ]
+        # from the samples of a block to the states behind it, the last rows for fewer steps
+        self._into = np.exp(-np.outer(np.arange(block, 0, -1), self._rates))
         self.operations = 0
-        self._tails: tuple[SharedStrip, ...] = ()
-        if plan.reach:
-            self._tails = tuple(
-                shared_strip(batched, plan.reach, plan.reach, samples, wanted)
-                for batched, wanted in (
-                    *((one, None) for one in short),
-                    *((one, plan.near) for one in self._long),
-                )
-            )
+
+    def force(self, count: int) -> Array:
+        """Force of all finished steps on the next `count`, shape ``(q, count, m, e)``."""
+        q, e, m = self._shape
+        total = np.zeros((q, e, m * count))
+        for matrix, directions in self._ahead:
+            sums = (self._past @ matrix[:, :count]).reshape(q, e, m * count)
+            if e == 1:
+                total += directions * sums
+            else:
+                total += np.matmul(directions.transpose(0, 2, 1), sums)
+        return total.reshape(q, e, m, count).transpose(0, 3, 2, 1)
+
+    def push(self, samples: Array) -> None:
+        """Append the samples of the next steps, shape ``(q, count, m, e)``."""
+        q, e, m = self._shape
+        count, reach = samples.shape[1], self._reach
+        own = samples.transpose(0, 3, 2, 1).reshape(q * e * m, count)
+        kept = max(reach - count, 0)
+        self._past[:, :kept] = self._past[:, reach - kept : reach].copy()
+        self._past[:, kept:reach] = own[:, max(count - reach, 0) :]
+        if self._rates.size:
+            states = self._past[:, reach:]
+            states *= np.exp(-count * self._rates)
+            states += own @ self._into[self._into.shape[0] - count :]
+        self.operations += count * self._per_step
+
+
+def _ahead(channel: Channel, reach: int, block: int) -> Array:
+    """From what is remembered to the sums for the next steps, ``(reach + J, block)``."""
+    tail = channel.tail
+    exponentials = tail.factors[0, :, None] * np.exp(-np.outer(tail.rates, np.arange(block)))
+    near = np.zeros(reach + block)
+    lags = np.arange(1, min(reach + 1, channel.memory))
+    near[lags] = channel.weights[lags]
+    if tail.rates.size:
+        last = np.arange(1, reach + 1)
+        near[last] -= np.exp(-np.outer(last, tail.rates)) @ tail.factors[0]
+    # the last column of the past is one step behind the first of those to come
+    lag = np.arange(reach, 0, -1)[:, None] + np.arange(block)
+    return np.concatenate([near[lag], exponentials])
+
+
+class SteppedHistory:
+    """The same for steps taken one at a time: what `DirectHistory` gives, in less work.
+
+    Parameters
+    ----------
+    memory
+        Weights and directions.
+    """
+
+    def __init__(self, memory: Memory) -> None:
+        channels = tuple(
+            BatchedChannel(channel=one, directions=one.direction[None]) for one in memory.channels
+        )
+        self._history = BlockHistory(channels, memory.sample_matrix.shape[1], 1)
 
     @property
-    def samples(self) -> Array:
-        """The finished samples, shape ``(q, m, e, n)`` with n a multiple of the group."""
-        return self._buffer
+    def operations(self) -> int:
+        """Multiply-adds done so far."""
+        return self._history.operations
 
-    def force_on(self, index: int) -> Array:
-        """Force of all finished groups on group `index`, a copy of shape ``(q, group, m, e)``."""
-        part = self._buffer[..., index * self._group : (index + 1) * self._group]
-        return np.ascontiguousarray(part.transpose(0, 3, 1, 2))
+    def known(self) -> Array:
+        """Force of all finished samples on the step to come, shape ``(m, d)``."""
+        return np.asarray(self._history.force(1)[0, 0])
 
-    def finish(self, index: int, samples: Array) -> None:
-        """Store the samples of group `index`, shape ``(q, group, m, e)``, and spread its force."""
-        end = (index + 1) * self._group
-        self._buffer[..., end - self._group : end] = samples.transpose(0, 2, 3, 1)
-        finished = index + 1
-        if finished >= self._plan.n_groups:
-            return
-        if self._tails:
-            self._spread_short(end, samples)
-        if self._long:
-            self._spread_long(end, finished)
-        self.operations += self._plan.operations_after(finished)
-
-    def _spread_short(self, end: int, samples: Array) -> None:
-        q, m, e = self._shape
-        reach = self._plan.reach
-        last = samples[:, -reach:].transpose(0, 3, 1, 2).reshape(q, e, -1)
-        for tail in self._tails:
-            force = tail.force(last).reshape(q, e, reach, m)
-            self._buffer[..., end : end + reach] += force.transpose(0, 3, 1, 2)
-
-    def _spread_long(self, end: int, finished: int) -> None:
-        """Convolve the last samples into the next ones."""
-        length, wanted, period = self._plan.spread(finished)
-        past = self._buffer[..., end - length : end]
-        target = self._buffer[..., end : end + wanted]
-        again = end + 2 * length < self._end and wanted == length
-        if not again and period not in self._transforms:
-            self._spread_once(past, target, length, period)
-            return
-        if period not in self._transforms:
-            self._transforms[period] = [
-                _weights_transform(c.channel.weights, self._plan.near, period) for c in self._long
-            ]
-        spectrum = np.fft.rfft(past, period)
-        total = np.zeros_like(spectrum)
-        for batched, transform in zip(self._long, self._transforms[period], strict=True):
-            _accumulate(total, transform, spectrum, batched)
-        target += np.fft.irfft(total, period)[..., length : length + wanted]
-        if not again:
-            del self._transforms[period]
-
-    def _spread_once(self, past: Array, target: Array, length: int, period: int) -> None:
-        """The same with one transform of weights in memory at a time."""
-        q, m, e = self._shape
-        spectrum = np.fft.rfft(past, period)
-        total = np.zeros((m, q, e, spectrum.shape[-1]), dtype=complex)
-        for batched in self._long:
-            transform = _weights_transform(batched.channel.weights, self._plan.near, period)
-            for i in range(m):
-                _multiply_add(total[i], transform, spectrum[:, i], batched.directions)
-        del spectrum
-        for i in range(m):
-            target[:, i] += np.fft.irfft(total[i], period)[..., length : length + target.shape[-1]]
-
-
-def _weights_transform(weights: Array, first: int, period: int) -> ComplexArray:
-    """Transform of the weights from `first` on, at most `period`."""
-    part = np.array(weights[:period])
-    part[:first] = 0.0
-    return np.asarray(np.fft.rfft(part, period))
-
-
-def _accumulate(
-    total: ComplexArray, transform: ComplexArray, spectrum: ComplexArray, batched: BatchedChannel
-) -> None:
-    """Add weights times samples times direction at every frequency, slab by slab."""
-    for first in range(0, spectrum.shape[-1], FREQUENCY_SLAB):
-        slab = slice(first, first + FREQUENCY_SLAB)
-        for i in range(spectrum.shape[1]):
-            _multiply_add(
-                total[:, i, ..., slab],
-                transform[slab],
-                spectrum[:, i, ..., slab],
-                batched.directions,
-            )
-
-
-def _multiply_add(
-    total: ComplexArray, weights: ComplexArray, spectrum: ComplexArray, directions: Array
-) -> None:
-    """total[q, b] += weights sum_a spectrum[q, a] directions[q, a, b], frequencies last."""
-    product = spectrum * weights
-    if directions.shape[-1] > 1:
-        product = np.matmul(directions.transpose(0, 2, 1), product)
-    elif directions.size > 1 or directions[0, 0, 0] != 1.0:
-        product *= directions
-    total += product
+    def push(self, samples: Array) -> None:
+        """Append the samples of a finished step, shape ``(m, d)``."""
+        self._history.push(samples[None, None])

@@ -13,14 +13,9 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import advanced
+from fvi_cli.integrator.blocks.convolved import Convolved, pairs
 from fvi_cli.integrator.blocks.frozen_response import BlockInputs, FrozenResponse
-from fvi_cli.integrator.blocks.groups import Convolved, GroupPlan, pairs
-from fvi_cli.integrator.blocks.history import (
-    BatchedChannel,
-    GroupHistory,
-    lag_kernel,
-    reversed_strip,
-)
+from fvi_cli.integrator.blocks.history import BatchedChannel, BlockHistory
 from fvi_cli.integrator.blocks.linear import known_moments
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem, noted
@@ -38,8 +33,6 @@ from fvi_cli.integrator.trajectory import NewtonRecord
 
 Array = NDArray[np.float64]
 
-BLOCKS_PER_GROUP = 8
-
 
 @dataclass(frozen=True, kw_only=True)
 class NewtonPlan:
@@ -51,19 +44,11 @@ class NewtonPlan:
         What is convolved, and N.
     block
         Steps of the largest block.
-    with_end
-        Whether the damping force at the end of the last step is wanted as well.
     """
 
     convolved: Convolved
     n_steps: int
     block: int
-    with_end: bool
-
-    @property
-    def group(self) -> int:
-        """Steps of a group: inside of it sums are direct."""
-        return self.block * BLOCKS_PER_GROUP
 
     @property
     def is_damped(self) -> bool:
@@ -71,57 +56,31 @@ class NewtonPlan:
         return self.convolved.memory > 1
 
     @property
-    def remembered_steps(self) -> int:
-        """Steps that finished groups act on."""
-        return self.n_steps + self.with_end
-
-    def operations_inside(self, place: int, count: int) -> int:
-        """Multiply-adds of steps with those of their group and themselves, once for each step.
+    def operations_per_step(self) -> int:
+        """Multiply-adds of the memory in a step, inside of its block as of half the largest one.
 
         So they do not depend on how the steps were cut into blocks; attempts that failed are work
         of Newton's iteration.
-
-        Parameters
-        ----------
-        place, count
-            The steps: `count` of them from the one at `place` of the group on.
         """
         if not self.is_damped:
             return 0
-        memory = self.convolved.memory
-        connected = pairs(place + count, memory) - pairs(place, memory) + count
-        return connected * self.convolved.size**2
-
-    @property
-    def end_operations(self) -> int:
-        """The same for the force at the end of the last step."""
-        if not (self.with_end and self.is_damped):
-            return 0
-        return min(self.n_steps % self.group, self.convolved.memory - 1) * self.convolved.size**2
+        inside = pairs(self.block, self.convolved.memory) // self.block + 1
+        return inside * self.convolved.size**2 + self.convolved.operations_per_step
 
     @property
     def operations(self) -> int:
         """Multiply-adds of the memory in the whole run."""
-        if not self.is_damped:
-            return 0
-        whole, rest = divmod(self.n_steps, self.group)
-        groups = GroupPlan(
-            convolved=self.convolved, group=self.group, n_steps=self.remembered_steps
-        )
-        inside = whole * self.operations_inside(0, self.group) + self.operations_inside(0, rest)
-        return inside + self.end_operations + groups.operations(whole)
+        return self.n_steps * self.operations_per_step
 
 
-def plan_newton(
-    scene: Scene, convolved: Convolved, n_steps: int, *, with_end: bool = False
-) -> NewtonPlan | None:
+def plan_newton(scene: Scene, convolved: Convolved, n_steps: int) -> NewtonPlan | None:
     """Blocks of a nonlinear scene; None for others and where the smallest would be too large.
 
     Parameters
     ----------
     scene
         What is integrated.
-    convolved, n_steps, with_end
+    convolved, n_steps
         As for :class:`NewtonPlan`.
     """
     size = convolved.size
@@ -129,7 +88,7 @@ def plan_newton(
         return None
     # even on few steps blocks are quicker than one step after the other
     block = max(newton_block(size, n_steps), LEAST_BLOCK)
-    return NewtonPlan(convolved=convolved, n_steps=n_steps, block=block, with_end=with_end)
+    return NewtonPlan(convolved=convolved, n_steps=n_steps, block=block)
 
 
 def run_newton_blocks(problem: StepProblem, plan: NewtonPlan) -> Stepped:
@@ -150,33 +109,21 @@ class _NewtonBlocks:
     def __init__(self, problem: StepProblem, plan: NewtonPlan) -> None:
         self._problem, self._plan = problem, plan
         memory, d = problem.memory, problem.scene.dimension
-        largest, self._group = plan.block, plan.group
         self._d, self._m = d, problem.tables.sample_points.size
-        self._size = self._m * d
         self._channels = tuple(
             BatchedChannel(channel=c, directions=c.direction[None]) for c in memory.channels
         )
-        self._reaches, self._damped = plan.convolved.memory, plan.is_damped
-        self._with_force = plan.with_end or (problem.keep_force and bool(memory.channels))
-        self._history = GroupHistory(
-            self._channels if self._damped else (), self._m, self._group, plan.remembered_steps
-        )
-        self._strip: Array | None = None
-        if self._damped:
-            kernel = lag_kernel(self._channels, 0, largest + self._group, self._m)
-            self._strip = reversed_strip(kernel, largest, self._group)[0]
+        self._damped, self._with_end = plan.is_damped, problem.skip_first_kick
+        self._with_force = bool(memory.channels) and (self._with_end or problem.keep_force)
+        self._history = BlockHistory(self._channels if self._damped else (), self._m, plan.block)
         self._stepper = Stepper(problem)
         self._state = np.concatenate(
             [problem.position, problem.momentum, memory.first_offset.ravel(), [1.0]]
         )
         self._sum = CompensatedSum(self._state[: 2 * d])
-        self._lengths = BlockLengths(largest)
+        self._lengths = BlockLengths(plan.block)
         self._newton = NewtonRecord()
         self._remainder = np.zeros((1, d))
-        self.operations = 0
-        self._samples = np.zeros((self._group, self._size))
-        self._group_force = np.zeros((self._group, self._size))
-        self._group_moments = np.zeros(0)
         self._freeze()
 
     def run(self) -> Stepped:
@@ -189,9 +136,7 @@ class _NewtonBlocks:
         with np.errstate(all="ignore"):
             while done < n_steps and not failure:
                 advanced(done, n_steps)
-                if done % self._group == 0:
-                    self._begin_group(done)
-                count = self._lengths.trial(min(n_steps - done, self._group - done % self._group))
+                count = self._lengths.trial(n_steps - done)
                 if count and self._block(done, count, positions, momenta, forces):
                     done += count
                 elif not count:
@@ -201,37 +146,14 @@ class _NewtonBlocks:
                     continue
                 if np.abs(positions[done]).max() > problem.stop_beyond:
                     break
-                if done % self._group == 0 and self._damped and not failure:
-                    shape = (1, self._group, self._m, d)
-                    self._history.finish(done // self._group - 1, self._samples.reshape(shape))
-        if forces is not None and self._plan.with_end and done == n_steps and not failure:
-            if done % self._group == 0:
-                self._begin_group(done)
+        if forces is not None and self._with_end and done == n_steps and not failure:
             carry = self._state[2 * d : -1].reshape(self._m, d)
-            known = self._known(done, 1).reshape(self._m, d)
-            forces[done] = self._stepper.newest_force(known, carry)
-            self.operations += self._plan.end_operations
+            forces[done] = self._stepper.newest_force(self._known(1)[0], carry)
         return self._stepped(positions, momenta, forces, done, failure)
 
-    def _begin_group(self, done: int) -> None:
-        problem = self._problem
-        if self._damped:
-            force = self._history.force_on(done // self._group)
-            self._group_force = force.reshape(self._group, self._size)
-        last = min(done + self._group, problem.n_steps)
-        if last > done:
-            self._group_moments = known_moments(problem, done, last)
-
-    def _known(self, done: int, count: int) -> Array:
-        """Force of all finished samples on the next `count` steps, ``(count, m d)``."""
-        place = done % self._group
-        known = self._group_force[place : place + count]
-        if place and self._strip is not None:
-            reach = min(place, self._reaches - 1) * self._size
-            past = self._samples[:place].reshape(-1)[place * self._size - reach :]
-            strip = self._strip[: count * self._size, self._strip.shape[1] - reach :]
-            known = known + (strip @ past).reshape(count, self._size)
-        return np.asarray(known)
+    def _known(self, count: int) -> Array:
+        """Force of all finished samples on the next `count` steps, ``(count, m, d)``."""
+        return np.asarray(self._history.force(count)[0])
 
     def _freeze(self) -> None:
         """Linear response with the second derivatives at the state that is reached."""
@@ -255,13 +177,13 @@ class _NewtonBlocks:
         self, done: int, count: int, positions: Array, momenta: Array, forces: Array | None
     ) -> bool:
         """Attempt `count` steps; whether they are done."""
-        d, place = self._d, done % self._group
+        d = self._d
         found = self._frozen.attempt(
             BlockInputs(
-                known=self._known(done, count),
+                known=self._known(count).reshape(count, -1),
                 origin=self._state[:d],
                 state=np.concatenate([np.zeros(d), self._state[d:]]),
-                moments=self._group_moments[place : place + count],
+                moments=known_moments(self._problem, done, done + count),
                 remainder=self._remainder,
             )
         )
@@ -272,12 +194,12 @@ class _NewtonBlocks:
         momenta[done + 1 : done + count + 1] = self._state[d : 2 * d] + found.momentum_path
         if forces is not None and found.force is not None:
             forces[done : done + count] = found.force
-        self._samples[place : place + count] = found.samples
+        if self._damped:
+            self._history.push(found.samples.reshape(1, count, self._m, d))
         self._move(np.concatenate([found.path[-1], found.momentum_path[-1]]))
         self._state[2 * d : -1] = found.carry
         self._remainder = found.remainder
         self._newton = noted(self._newton, done, found.changes)
-        self.operations += self._plan.operations_inside(place, count)
         self._lengths.contracted(count, len(found.changes))
         if self._lengths.is_stale:
             self._freeze()
@@ -293,7 +215,7 @@ class _NewtonBlocks:
         shape = (self._m, d)
         position, momentum = self._state[:d].copy(), self._state[d : 2 * d].copy()
         offset = self._state[2 * d : -1].reshape(shape).copy()
-        finished = known = self._known(done, 1).reshape(shape)
+        finished = known = self._known(1)[0]
         if memory.known_force is not None:
             known = known + memory.known_force[done]
         guess = self._stepper.free_motion(done, position, momentum)
@@ -309,8 +231,7 @@ class _NewtonBlocks:
         self._newton = noted(self._newton, done, residuals)
         if self._damped:
             sample = memory.sample_matrix.T @ increments + offset
-            self._samples[done % self._group] = sample.ravel()
-        self.operations += self._plan.operations_inside(done % self._group, 1)
+            self._history.push(sample[None, None])
         if forces is not None:
             # what is known in advance is added at the end
             forces[done] = force - (known - finished)
@@ -340,7 +261,7 @@ class _NewtonBlocks:
             momentum=momenta[: done + 1],
             samples=np.zeros((0, self._m, self._d)),
             end_force=end_force,
-            operations=self.operations + self._history.operations,
+            operations=done * self._plan.operations_per_step,
             newton=self._newton,
             failure=failure,
         )

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.blocks.groups import Convolved
+from fvi_cli.integrator.blocks.convolved import Convolved
 from fvi_cli.integrator.blocks.history import (
     BatchedChannel,
     convolved_of,
@@ -89,7 +89,8 @@ class LinearSystem:
     @property
     def convolved(self) -> Convolved:
         """Sizes of what is convolved in each of them."""
-        return convolved_of(self.channels, self.samples, self.coupled)
+        channels = tuple(one.channel for one in self.channels)
+        return convolved_of(channels, self.samples, self.coupled)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

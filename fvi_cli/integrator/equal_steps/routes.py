@@ -9,15 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.blocks.groups import Convolved, direct_operations
+from fvi_cli.integrator.blocks.convolved import Convolved, direct_operations
+from fvi_cli.integrator.blocks.history import SteppedHistory, convolved_of
 from fvi_cli.integrator.blocks.linear import run_linear_blocks
 from fvi_cli.integrator.blocks.newton import NewtonPlan, plan_newton, run_newton_blocks
 from fvi_cli.integrator.blocks.sizes import BatchPlan, plan_batch
-from fvi_cli.integrator.blocks.stepped_history import (
-    STEPPED_GROUP,
-    SteppedHistory,
-    stepped_operations,
-)
 from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
 from fvi_cli.integrator.equal_steps.increments import linear_increments, nonlinear_increments
 from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem
@@ -38,7 +34,7 @@ class EqualPlan:
     Parameters
     ----------
     route
-        One after the other, with every sum written out or finished groups by transforms, or in
+        One after the other, with every sum written out or older steps as exponentials, or in
         blocks.
     convolved, n_steps
         What is convolved in each system, and N.
@@ -69,17 +65,8 @@ class EqualPlan:
     def block(self) -> int:
         """Most steps of a block; 1 where they are done one by one."""
         if self.batch is not None:
-            return self.batch.sizes.block
+            return self.batch.block
         return 1 if self.newton is None else self.newton.block
-
-    @property
-    def group(self) -> int:
-        """Steps of a group, inside of which sums are direct."""
-        if self.batch is not None:
-            return self.batch.sizes.group
-        if self.newton is not None:
-            return self.newton.group
-        return STEPPED_GROUP if self.route == "stepped" else 1
 
     @property
     def operations(self) -> int:
@@ -89,7 +76,7 @@ class EqualPlan:
         if self.newton is not None:
             return self.newton.operations
         if self.route == "stepped":
-            return stepped_operations(self.convolved, self.n_steps)
+            return self.n_steps * self.convolved.operations_per_step
         return direct_operations(self.convolved, self.n_steps + 1)
 
 
@@ -100,7 +87,6 @@ def plan_equal_steps(
     convolved: Convolved,
     decoupling: Decoupling | None,
     *,
-    with_end: bool,
     members: int = 1,
 ) -> EqualPlan:
     """How the steps are done: the run asks here, and who tells beforehand what it will do.
@@ -114,17 +100,14 @@ def plan_equal_steps(
     decoupling
         Coordinates of a linear scene; None for others, and not asked for where every sum is
         written out.
-    with_end
-        Whether the damping force at the end of the last step is wanted, as with samples on nodes.
     members
         Linear scenes of one kind that are taken together.
     """
     if sums_directly(history, n_steps):
         return EqualPlan(route="direct steps", convolved=convolved, n_steps=n_steps)
-    with_end = with_end and bool(convolved.memories)
     if decoupling is not None:
         own = replace(convolved, coupled=scene.dimension // decoupling.batch)
-        batch = plan_batch(own, members * decoupling.batch, n_steps, with_end=with_end)
+        batch = plan_batch(own, members * decoupling.batch, n_steps)
         if batch is not None:
             return EqualPlan(
                 route="linear blocks",
@@ -134,7 +117,7 @@ def plan_equal_steps(
                 batch=batch,
             )
     else:
-        newton = plan_newton(scene, convolved, n_steps, with_end=with_end)
+        newton = plan_newton(scene, convolved, n_steps)
         if newton is not None:
             return EqualPlan(
                 route="newton blocks", convolved=convolved, n_steps=n_steps, newton=newton
@@ -156,8 +139,8 @@ def run(problem: StepProblem, history: History, *, with_increments: bool = False
     problem
         Everything that the steps need.
     history
-        ``direct``: one step after the other, every sum written out; ``fft``: block by block,
-        finished blocks convolved into the future by FFT; ``auto``: the quicker one.
+        ``direct``: one step after the other, every sum written out; ``exponentials``: block by
+        block, the past as exponentials; ``auto``: the quicker one.
     with_increments
         Whether the increments of every step are wanted, and with them the damping force.
 
@@ -171,14 +154,8 @@ def run(problem: StepProblem, history: History, *, with_increments: bool = False
     decoupling = None
     if not sums_directly(history, n_steps):
         decoupling = linear_decoupling(scene)
-    convolved = Convolved(
-        memories=tuple(channel.memory for channel in memory.channels),
-        samples=memory.sample_matrix.shape[1],
-        coupled=scene.dimension,
-    )
-    plan = plan_equal_steps(
-        scene, history, n_steps, convolved, decoupling, with_end=problem.skip_first_kick
-    )
+    convolved = convolved_of(memory.channels, memory.sample_matrix.shape[1], scene.dimension)
+    plan = plan_equal_steps(scene, history, n_steps, convolved, decoupling)
     finished: Stepped | None = None
     if plan.route == "linear blocks" and decoupling is not None:
         finished = run_linear_blocks(problem, decoupling)
@@ -193,7 +170,7 @@ def run(problem: StepProblem, history: History, *, with_increments: bool = False
         return finished
     sums = None
     if memory.channels and plan.route != "direct steps":
-        sums = SteppedHistory(memory, n_steps, scene.dimension)
+        sums = SteppedHistory(memory)
     return run_steps(problem, sums, keep_increments=with_increments)
 
 

@@ -13,7 +13,7 @@ large :math:`h^{-\gamma}` never meets a rounded position.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -22,6 +22,10 @@ from numpy.typing import NDArray
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.convolution.backward_differences import (
+    LagExponentials,
+    lag_exponentials,
+)
 from fvi_cli.integrator.convolution.directions import terms_by_direction
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables
@@ -41,10 +45,13 @@ class Channel:
     weights
         w_0 .. w_{M-1}, shape ``(M,)``, the same for every sample of a step; what lies beyond is
         zero.
+    tail
+        The same weights from a lag on as exponentials, with one row of factors.
     """
 
     direction: Array
     weights: Array
+    tail: LagExponentials
 
     @property
     def memory(self) -> int:
@@ -164,14 +171,24 @@ def build_channels(
     method: Method, h: float, n_weights: int, damping: tuple[FractionalDamping, ...]
 ) -> tuple[Channel, ...]:
     """Add up the terms whose matrices have the same direction."""
+    groups = terms_by_direction(damping)
+    orders = tuple(dict.fromkeys(order for _, terms in groups for _, order in terms))
+    if not orders:
+        return ()
+    single = _by_order(method, h, n_weights, orders)
     channels = []
-    for direction, terms in terms_by_direction(damping):
-        weights: Array | None = None
+    for direction, terms in groups:
+        weights = np.zeros(max(single[order].memory for _, order in terms))
+        tail = single[orders[0]].tail
+        factors = np.zeros((1, tail.rates.size))
         for scale, order in terms:
-            own = scale * _weights(method, h, order, n_weights)
-            weights = own if weights is None else _padded_sum(weights, own)
-        if weights is not None:
-            channels.append(Channel(direction=dense(direction), weights=weights))
+            weights[: single[order].memory] += scale * single[order].weights
+            factors += scale * single[order].tail.factors
+        channels.append(
+            Channel(
+                direction=dense(direction), weights=weights, tail=replace(tail, factors=factors)
+            )
+        )
     return tuple(channels)
 
 
@@ -183,7 +200,7 @@ def shared_channels(
     The direction of a channel is the sum of the coefficients of its order. Channels stand in
     ascending order, however the terms of a scene do: a batch pairs them by their place.
     """
-    weights = {order: _weights(method, h, order, n_weights) for order in orders}
+    single = _by_order(method, h, n_weights, orders)
 
     def channels(damping: tuple[FractionalDamping, ...]) -> tuple[Channel, ...]:
         directions: dict[float, Array] = {}
@@ -191,17 +208,28 @@ def shared_channels(
             before = directions.get(term.order)
             own = term.coefficient
             directions[term.order] = own if before is None else before + own
-        return tuple(
-            Channel(direction=d, weights=weights[o]) for o, d in sorted(directions.items())
-        )
+        return tuple(replace(single[o], direction=d) for o, d in sorted(directions.items()))
 
     return channels
 
 
-def _weights(method: Method, h: float, order: float, n_weights: int) -> Array:
-    """Weights on differences, shape ``(M,)``."""
-    n_weights = memory_length(method, order, n_weights)
-    return np.asarray(h ** (-order) * difference_weights(method.bdf_order, order, n_weights))
+def _by_order(
+    method: Method, h: float, n_weights: int, orders: tuple[float, ...]
+) -> dict[float, Channel]:
+    """A channel of one component for every order; all have the same exponentials."""
+    tail = lag_exponentials(method.bdf_order, orders, n_weights)
+    found = {}
+    for order, factors in zip(orders, tail.factors, strict=True):
+        unit = h ** (-order)
+        weights = difference_weights(
+            method.bdf_order, order, memory_length(method, order, n_weights)
+        )
+        found[order] = Channel(
+            direction=np.eye(1),
+            weights=np.asarray(unit * weights),
+            tail=replace(tail, factors=unit * factors[None]),
+        )
+    return found
 
 
 def memory_length(method: Method, order: float, n_weights: int) -> int:
@@ -227,14 +255,6 @@ def shared_memories(
     """How many `shared_channels` makes for each order."""
     orders = sorted({term.order for term in damping})
     return tuple(memory_length(method, order, n_weights) for order in orders)
-
-
-def _padded_sum(a: Array, b: Array) -> Array:
-    if a.shape[0] < b.shape[0]:
-        a, b = b, a
-    result = a.copy()
-    result[: b.shape[0]] += b
-    return result
 
 
 def _force_of_constant_velocity(
