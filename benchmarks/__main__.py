@@ -10,7 +10,7 @@ from pathlib import Path
 
 from benchmarks.accuracy import accuracy_table, run_accuracy
 from benchmarks.adaptive import adaptive_table, run_adaptive
-from benchmarks.executors import executor_table, run_executors
+from benchmarks.executors import executors_page
 from benchmarks.fits import N_FITS, N_STARTS, run_fits
 from benchmarks.floors import floor_table, run_floors
 from benchmarks.many import many_table, run_many
@@ -33,9 +33,12 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 
 PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     "fits": ("What fits are worth", lambda asked: run_fits(asked.output, asked.fits, asked.starts)),
-    "executors": ("Who computes side by side", lambda asked: executor_table(run_executors())),
+    "executors": ("Who computes side by side", lambda asked: executors_page()),
     "floors": ("What rounding leaves", lambda asked: floor_table(run_floors(asked.most))),
-    "parts": ("What a sweep in parts takes", lambda asked: parts_page(asked.members)),
+    "parts": (
+        "What a sweep in parts takes",
+        lambda asked: parts_page(asked.members, computed=not asked.made_up),
+    ),
     "robustness": (
         "What attacks leave",
         lambda asked: robustness_table(run_robustness(asked.per_mille)),
@@ -112,6 +115,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--members", type=int, default=100_000, metavar="N", help="parts: members of the sweep"
     )
     parser.add_argument(
+        "--made-up",
+        action="store_true",
+        help="parts: join files in which all members have one motion, and compute none of them",
+    )
+    parser.add_argument(
         "--starts", type=int, default=N_STARTS, metavar="N", help="fits: fits from bad starts"
     )
     parser.add_argument("--output", type=Path, default=Path("results"), help="folder of the page")
@@ -128,7 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if name == "robustness":
             command += f" --per-mille {asked.per_mille}"
         if name == "parts":
-            command += f" --members {asked.members}"
+            command += f" --members {asked.members}{' --made-up' if asked.made_up else ''}"
         if name == "tolerances":
             command += f" --per-kind {asked.per_kind} --by-hand-every {asked.by_hand_every}"
         _write_page(asked.output / f"{name}.md", title, command, measure(asked))

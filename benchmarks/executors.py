@@ -1,4 +1,7 @@
-"""Processes of one machine by three engines: start, memory, a worker that dies, Ctrl-C."""
+"""Processes of one machine by three engines, and what a second worker is worth.
+
+Looked at are the start, memory, a worker that dies, and Ctrl-C.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,7 +20,7 @@ from pathlib import Path
 
 from benchmarks.measuring import table
 from fvi_cli.config import parse_config
-from fvi_cli.runner.executors.batches import execute_batch
+from fvi_cli.runner.executors.batches import batches_of, execute_batch
 from fvi_cli.runner.executors.cluster import DaskCluster
 from fvi_cli.runner.executors.executor import (
     Batch,
@@ -35,6 +39,18 @@ problem: {kind: damped-oscillator, initial: {position: 1.0}, final_time: 1.0}
 method: {bdf: 1, sampling: nodes}
 ladder: {steps: [4, 5, 6, 7, 8, 9, 10, 11]}
 """
+EQUAL = """\
+name: equal
+problem: {kind: damped-oscillator, damping: [{order: 0.5, coefficient: 0.1}],
+          initial: {position: 1.0}, final_time: 10.0, exact: none}
+method: {rk: gauss, degree: 2, start: none}
+ladder: {steps: [STEPS]}
+sweep: {problem.stiffness: {from: 1.0, to: 4.0, number: MEMBERS}}
+"""
+EQUAL_MEMBERS, EQUAL_STEPS, PAIRS = 1000, 1000, 3
+CLOCKS = "FVI_BENCHMARK_CLOCKS"
+"""Variable of the environment: folder where every worker says what it has taken."""
+
 WORKERS = 2
 DEADLY = 8
 
@@ -147,6 +163,110 @@ def run_executors() -> list[Judged]:
     return found
 
 
+@dataclass(frozen=True, kw_only=True)
+class Shared:
+    """What equal members take with so many workers.
+
+    Parameters
+    ----------
+    workers
+        How many.
+    wall
+        Seconds of the clock, from nothing to the last result.
+    busiest, total
+        Seconds of a processor of the worker that has done most, and of all.
+    client
+        Seconds of a processor of the process that asks.
+    """
+
+    workers: int
+    wall: float
+    busiest: float
+    total: float
+    client: float
+
+    @property
+    def alone(self) -> float:
+        """Seconds if every process had a processor of its own, and the asking one worked alone."""
+        return self.busiest + self.client
+
+
+def clocked(batch: Batch) -> list[FinishedRun]:
+    """Compute a batch, and say what this process has taken so far, its imports included."""
+    results = execute_batch(batch)
+    own = Path(os.environ[CLOCKS]) / str(os.getpid())
+    own.write_text(str(time.process_time()), encoding="ascii")
+    return results
+
+
+def run_equal(workers: int, members: int = EQUAL_MEMBERS, n_steps: int = EQUAL_STEPS) -> Shared:
+    """Compute equal members, in a process of its own."""
+    with _child(str(workers), "equal", str(members), str(n_steps)) as process:
+        return Shared(**json.loads(process.communicate()[0]))
+
+
+def _equal(workers: int, members: int, n_steps: int) -> dict[str, float]:
+    text = EQUAL.replace("MEMBERS", str(members)).replace("STEPS", str(n_steps))
+    batches = batches_of(parse_config(text, "equal.yaml").experiments[0].runs())
+    with tempfile.TemporaryDirectory(prefix="fvi-clocks-") as folder:
+        os.environ[CLOCKS] = folder
+        began, own = time.monotonic(), time.process_time()
+        found = sum(
+            len(one.results) for one in LocalProcesses(workers=workers).compute(batches, clocked)
+        )
+        wall, client = time.monotonic() - began, time.process_time() - own
+        taken = [float(one.read_text(encoding="ascii")) for one in Path(folder).iterdir()]
+    if found != members:
+        raise RuntimeError(f"{found} of {members} members")
+    return {
+        "workers": workers,
+        "wall": wall,
+        "busiest": max(taken),
+        "total": sum(taken),
+        "client": client,
+    }
+
+
+def executors_page() -> str:
+    """Both tables; a pair begins with one worker and with two by turns."""
+    pairs = []
+    for number in range(PAIRS):
+        order = (1, WORKERS) if number % 2 else (WORKERS, 1)
+        found = {workers: run_equal(workers) for workers in order}
+        pairs.append((found[1], found[WORKERS]))
+    return "\n".join([executor_table(run_executors()), equal_table(pairs)])
+
+
+def equal_table(pairs: Sequence[tuple[Shared, Shared]]) -> str:
+    """What a second worker is worth."""
+    load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "unknown"
+    head = (
+        f"{EQUAL_MEMBERS} members of one sweep with {EQUAL_STEPS} steps each, by one worker and by "
+        f"two, pair by pair; {load} processes wanted one of {os.cpu_count()} processors in the "
+        "last minute. Where others compute as well, the clock says little about the second worker: "
+        "beside it stands what the processors did. Busiest: seconds of a processor of the worker "
+        "that took most, its imports included; client: of the process that asks. Each on a "
+        "processor of its own they end after the sum of both."
+    )
+    columns = ("workers", "s of the clock", "busiest", "all workers", "client", "busiest + client")
+    rows = [
+        (
+            str(one.workers),
+            f"{one.wall:.1f}",
+            f"{one.busiest:.2f}",
+            f"{one.total:.2f}",
+            f"{one.client:.2f}",
+            f"{one.alone:.2f}",
+        )
+        for pair in pairs
+        for one in pair
+    ]
+    clock = ", ".join(f"{one.wall / two.wall:.2f}" for one, two in pairs)
+    alone = ", ".join(f"{one.alone / two.alone:.2f}" for one, two in pairs)
+    said = f"One worker to two, pair by pair: by the clock {clock}; by busiest + client {alone}."
+    return "\n".join([table(head, columns, rows), said, ""])
+
+
 def executor_table(rows: Sequence[Judged]) -> str:
     """The table."""
     return table(
@@ -167,9 +287,9 @@ def executor_table(rows: Sequence[Judged]) -> str:
     )
 
 
-def _child(name: str, mode: str) -> subprocess.Popen[str]:
+def _child(*words: str) -> subprocess.Popen[str]:
     return subprocess.Popen(  # noqa: S603
-        [sys.executable, "-m", "benchmarks.executors", name, mode],
+        [sys.executable, "-m", "benchmarks.executors", *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
@@ -213,4 +333,7 @@ def _judge(name: str, mode: str) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    print(json.dumps(_judge(*sys.argv[1:])))
+    if sys.argv[2] == "equal":
+        print(json.dumps(_equal(*map(int, (sys.argv[1], *sys.argv[3:])))))
+    else:
+        print(json.dumps(_judge(*sys.argv[1:])))

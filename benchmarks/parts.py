@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import resource
+import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from unittest import mock
 
@@ -17,10 +17,12 @@ import numpy as np
 from benchmarks.measuring import table
 from benchmarks.robustness import Command
 from fvi_cli.__main__ import main
-from fvi_cli.runner.executors.batches import execute_batch
+from fvi_cli.config import load_config
+from fvi_cli.runner.executors.batches import batches_of, execute_batch
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.executor import Batch
-from fvi_cli.storage import read_configuration
+from fvi_cli.runner.parts.shard import Shard
+from fvi_cli.storage import open_results, read_configuration
 from fvi_cli.studies.experiment import FinishedRun
 
 MANY = """\
@@ -59,8 +61,12 @@ class Spent:
     peak_bytes: int
 
 
-def run_sweep(members: int) -> list[Spent]:
-    """A sweep of so many members by four parts, one after the other, the merge, and a listing."""
+def run_sweep(members: int, *, computed: bool = True) -> list[Spent]:
+    """A sweep of so many members by four parts, one after the other, the merge, and a listing.
+
+    Where they are not `computed`, the parts are files of the same form in which all members have
+    the motion of the first, and only what joins and lists them is measured.
+    """
     members = max(100, members // 100 * 100)
     with tempfile.TemporaryDirectory(prefix="fvi-sweep-") as name:
         folder = Path(name)
@@ -71,6 +77,9 @@ def run_sweep(members: int) -> list[Spent]:
             (("run", "many.yaml", "-q", "--shard", f"{k}/{PARTS}"), members // PARTS)
             for k in range(1, PARTS + 1)
         ]
+        if not computed:
+            commands.clear()
+            _make_up(folder, [folder / file for file in files])
         commands += [(("merge", *files), members), (("show", "results/many.h5"), members)]
         found = [measured(folder, command, count) for command, count in commands]
         if read_configuration(folder / "results" / "many.h5").text != text:
@@ -78,52 +87,76 @@ def run_sweep(members: int) -> list[Spent]:
         return found
 
 
-def measured(folder: Path, command: Command, members: int) -> Spent:
-    """What a command takes in a process of its own."""
-    readable, writable = os.pipe()
+def _make_up(folder: Path, files: Sequence[Path]) -> None:
+    """Files of parts without computing their members."""
     process = os.fork()
-    if not process:
-        real, spent = execute_batch, [0.0]
+    if process:
+        if os.waitpid(process, 0)[1]:
+            raise RuntimeError("the files of the parts could not be made")
+        return
+    loaded = load_config(folder / "many.yaml")
+    (experiment,) = loaded.experiments
+    (first,) = execute_batch((experiment.runs()[0],))
+    for number, file in enumerate(files, 1):
+        runs = Shard(number=number, count=len(files)).runs_of([experiment])[experiment]
+        with open_results(file.parent, file.stem) as store:
+            for batch in batches_of(runs):
+                store.add_batch([replace(first, run=run) for run in batch])
+            store.consolidate(loaded)
+    os._exit(0)
 
-        def timed(batch: Batch, checkpoints: CheckpointFolder | None) -> list[FinishedRun]:
-            began = time.process_time()
-            try:
-                return real(batch, checkpoints)
-            finally:
-                spent[0] += time.process_time() - began
 
-        os.chdir(folder)
-        sys.argv = ["fvi", *command]
-        began = time.process_time()
-        code: object = 0
-        try:
-            with mock.patch("fvi_cli.runner.compute.execute_batch", timed):
-                main()
-        except SystemExit as ended:
-            code = ended.code or 0
-        other = time.process_time() - began - spent[0]
-        peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        os.write(writable, f"{code} {spent[0]} {other} {peak}".encode())
-        os._exit(0)
-    os.close(writable)
-    with os.fdopen(readable) as answer:
-        words = answer.read().split()
-    os.waitpid(process, 0)
-    if not words or words[0] != "0":
-        raise RuntimeError(f"{' '.join(command)}: {' '.join(words)}")
-    name = " ".join(command[:1] if command[0] != "run" else ("run", *command[3:]))
+def measured(folder: Path, command: Command, members: int) -> Spent:
+    """What a command takes in a process of its own, which has imported no other benchmark."""
+    done = subprocess.run(  # noqa: S603
+        [sys.executable, "-m", "benchmarks.parts", str(folder), *command],
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    batches, other, peak = done.stdout.splitlines()[-1].split()
     return Spent(
-        name=name,
+        name=" ".join(command[:1] if command[0] != "run" else ("run", *command[3:])),
         members=members,
-        batches=float(words[1]),
-        other=float(words[2]),
-        peak_bytes=int(words[3]),
+        batches=float(batches),
+        other=float(other),
+        peak_bytes=int(peak),
     )
 
 
-def parts_page(members: int) -> str:
+def _carry_out(folder: str, *command: str) -> str:
+    """What the command takes in this process: seconds for batches, for the rest, and bytes."""
+    real, spent = execute_batch, [0.0]
+
+    def timed(batch: Batch, checkpoints: CheckpointFolder | None) -> list[FinishedRun]:
+        began = time.process_time()
+        try:
+            return real(batch, checkpoints)
+        finally:
+            spent[0] += time.process_time() - began
+
+    os.chdir(folder)
+    sys.argv = ["fvi", *command]
+    began = time.process_time()
+    try:
+        with mock.patch("fvi_cli.runner.compute.execute_batch", timed):
+            main()
+    except SystemExit as ended:
+        if ended.code:
+            raise
+    other = time.process_time() - began - spent[0]
+    return f"{spent[0]} {other} {_peak_bytes()}"
+
+
+def _peak_bytes() -> int:
+    """Largest memory of this process; the one that began it counts in ``getrusage``."""
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return 1024 * int(next(line for line in lines if line.startswith("VmHWM")).split()[1])
+
+
+def parts_page(members: int, *, computed: bool) -> str:
     """The table, and what an FFT takes at the same time."""
-    rows = run_sweep(members)
+    rows = run_sweep(members, computed=computed)
     return _table(rows, _yardstick())
 
 
@@ -161,3 +194,7 @@ def _table(rows: Sequence[Spent], yardstick: float) -> str:
             for row in rows
         ],
     )
+
+
+if __name__ == "__main__":
+    print(_carry_out(*sys.argv[1:]))

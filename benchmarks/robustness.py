@@ -9,8 +9,10 @@ from __future__ import annotations
 import contextlib
 import functools
 import importlib
+import math
 import os
 import random
+import resource
 import shutil
 import signal
 import subprocess
@@ -56,7 +58,8 @@ sweep: {problem.stiffness: {from: 1.0, to: 4.0, number: 60}}
 LONG = SWEEP.replace("[4]", "[4000]").partition("sweep:")[0]
 LONGEST_SECONDS = 120.0
 HANG_SECONDS = 10.0
-"""A command on a file from a stranger is to be over by then."""
+"""A command on a file from a stranger takes no more of a processor: how long it waits for one where
+others compute as well says nothing about the file. :data:`LONGEST_SECONDS` end one that sleeps."""
 
 Command = tuple[str, ...]
 
@@ -113,8 +116,11 @@ ATTACKS = (
 )
 
 
-def begin(folder: Path, command: Command) -> int:
-    """Begin a command in a process of its own; what it prints goes to a file."""
+def begin(folder: Path, command: Command, most_seconds: float = math.inf) -> int:
+    """Begin a command in a process of its own; what it prints goes to a file.
+
+    The system ends it when it has taken `most_seconds` of a processor.
+    """
     process = os.fork()
     if process:
         return process
@@ -123,6 +129,10 @@ def begin(folder: Path, command: Command) -> int:
         os.setsid()
         # commands behind an ampersand have interrupts ignored, and hand that on
         signal.signal(signal.SIGINT, signal.default_int_handler)
+        if math.isfinite(most_seconds):
+            # those that it was forked from count for nothing
+            own = math.ceil(most_seconds)
+            resource.setrlimit(resource.RLIMIT_CPU, (own, own))
         os.chdir(folder)
         log = os.open("log", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         for number in (1, 2):
@@ -142,15 +152,22 @@ def begin(folder: Path, command: Command) -> int:
 
 def end(process: int, seconds: float = 600.0) -> int | None:
     """The exit code of a process, negative for a signal; None if it had to be ended."""
+    code, _ = end_of(process, seconds)
+    return code
+
+
+def end_of(process: int, seconds: float = 600.0) -> tuple[int | None, float]:
+    """As :func:`end`, and the seconds of a processor that it took."""
     limit = time.monotonic() + seconds
+    is_late = False
     while True:
-        found, status = os.waitpid(process, os.WNOHANG)
+        found, status, used = os.wait4(process, 0 if is_late else os.WNOHANG)
         if found:
-            return os.waitstatus_to_exitcode(status)
+            code = None if is_late else os.waitstatus_to_exitcode(status)
+            return code, used.ru_utime + used.ru_stime
         if time.monotonic() > limit:
+            is_late = True
             os.killpg(process, signal.SIGKILL)
-            os.waitpid(process, 0)
-            return None
         time.sleep(0.002)
 
 
@@ -285,7 +302,12 @@ def robustness_table(tallies: Sequence[Tally]) -> str:
     """The table, and below it what went wrong."""
     rows = [(one.name, str(one.count), str(len(one.wrong)), one.remark) for one in tallies]
     wrong = [f"- {one.name}: {line}" for one in tallies for line in one.wrong]
-    heading = "Wrong: something lost, torn, left over, mixed, a traceback, or more than 10 s."
+    heading = (
+        "Wrong: something lost, torn, left over, mixed, a traceback, more than "
+        f"{HANG_SECONDS:.0f} s of a processor for a file or a configuration from a stranger, "
+        f"or {LONGEST_SECONDS:.0f} s altogether. Seconds of a processor are counted where "
+        "others may compute as well."
+    )
     return "\n".join(
         [
             table(heading, ("what", "times", "wrong", "remark"), rows),
@@ -393,7 +415,8 @@ def try_reads(folder: Path, times: int) -> Tally:
             place = own / f"reader-{tally.count % 2}"
             place.mkdir(exist_ok=True)
             source = own / "results" / "quick.h5"
-            code = end(begin(place, ("convergence", str(source), "-q", "-o", "out")), HANG_SECONDS)
+            command = ("convergence", str(source), "-q", "-o", "out")
+            code = end(begin(place, command, HANG_SECONDS), LONGEST_SECONDS)
             tally.count += 1
             csv = place / "out" / "tables" / "quick.csv"
             if code != 0 or not csv.exists():
@@ -440,7 +463,7 @@ def try_configurations(times: int, seed: int) -> Tally:
         text = _mutated(chance.choice((LADDER, SWEEP, LONG)), chance)
         began = time.process_time()
         try:
-            with _alarm(HANG_SECONDS):
+            with _alarm(LONGEST_SECONDS):
                 parse_config(text, "f.yaml")
         except FviError as error:
             refused += 1
@@ -448,7 +471,10 @@ def try_configurations(times: int, seed: int) -> Tally:
                 tally.wrong.append(f"unprintable: {error!r}")
         except Exception as error:
             tally.wrong.append(f"{type(error).__name__}: {error}: {text!r}")
-        slowest = max(slowest, time.process_time() - began)
+        taken = time.process_time() - began
+        if taken > HANG_SECONDS:
+            tally.wrong.append(f"{taken:.1f} s of processor time: {text!r}")
+        slowest = max(slowest, taken)
         tally.count += 1
     tally.remark = f"{refused} refused; the slowest took {slowest:.1f} s of processor time"
     return tally
@@ -495,17 +521,23 @@ def try_files(folder: Path, times: int, seed: int) -> Tally:
         ("run", "quick.yaml", "-q"),
     )
     codes = []
+    slowest = (0.0, "none")
     while tally.count < times:
         path.write_bytes(_damaged(content, chance))
         command = chance.choice(commands)
-        codes.append(end(begin(own, command), HANG_SECONDS))
+        code, taken = end_of(begin(own, command, HANG_SECONDS), LONGEST_SECONDS)
+        codes.append(code)
+        slowest = max(slowest, (taken, command[0]))
         tally.count += 1
         told = said(own)
-        if codes[-1] not in (0, 2) or "Traceback" in told or "unexpected" in told:
-            tally.wrong.append(f"{command[0]}: exit code {codes[-1]}: {told[-200:]}")
+        if code not in (0, 2) or "Traceback" in told or "unexpected" in told:
+            tally.wrong.append(f"{command[0]}: exit code {code}, {taken:.1f} s: {told[-200:]}")
         for name in ("merged", "export", "results/tables"):
             shutil.rmtree(own / name, ignore_errors=True)
-    tally.remark = f"{codes.count(2)} refused"
+    seconds, name = slowest
+    tally.remark = (
+        f"{codes.count(2)} refused; the slowest, {name}, took {seconds:.1f} s of processor time"
+    )
     return tally
 
 

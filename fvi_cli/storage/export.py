@@ -21,7 +21,7 @@ from fvi_cli.scenes.kinds import KINDS, SceneKind
 from fvi_cli.storage.atomic import replace_file
 from fvi_cli.storage.fields.observed import EVENTS, OCCURRENCE
 from fvi_cli.storage.files import reading
-from fvi_cli.storage.groups import run_groups
+from fvi_cli.storage.groups import axes_of, run_groups
 
 MATLAB_NAME_LENGTH = 63
 """Longest name of a field that MATLAB reads."""
@@ -73,7 +73,7 @@ def stored_arrays(path: Path) -> Iterator[StoredArrays]:
                 attributes=group.attributes,
                 arrays={name: _values(dataset) for name, dataset in group.nodes.items()},
                 dimensions={
-                    name: _axes(name, dataset, group.group.name)
+                    name: _axes(name, dataset, of_members=bool(group.keys))
                     for name, dataset in group.nodes.items()
                 },
             )
@@ -85,12 +85,15 @@ def _values(dataset: h5py.Dataset) -> NDArray[Any]:
     return np.asarray(dataset[()])
 
 
-def _axes(name: str, dataset: h5py.Dataset, group: str) -> tuple[str, ...]:
-    """The scale of every axis; a scale is its own axis."""
-    if dataset.is_scale:
-        return (name,)
-    own = f"{group}/"
-    return tuple(dim[0].name.removeprefix(own) if len(dim) else "" for dim in dataset.dims)
+def _axes(name: str, dataset: h5py.Dataset, *, of_members: bool) -> tuple[str, ...]:
+    """The axes of a dataset as they were written.
+
+    What the file says of them has no checksum, and the library may fall over what it finds there.
+    """
+    axes = axes_of(name, of_members=of_members)
+    if len(axes) != dataset.ndim:
+        raise TypeError(f"{dataset.name} has {dataset.ndim} axes in place of {len(axes)}")
+    return axes
 
 
 def export_file(path: Path, form: str, directory: Path) -> list[Path]:

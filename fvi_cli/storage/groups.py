@@ -214,6 +214,14 @@ class StoredGroup:
         return sum(int(node.nbytes) for node in self.nodes.values())
 
 
+def axes_of(name: str, *, of_members: bool) -> tuple[str, ...]:
+    """Names of the axes of a dataset in the group of a run, or of members of a sweep."""
+    own = dimensions_of(name, of_members=of_members)
+    if not of_members or own == (name,):
+        return own or ()
+    return (MEMBER, *(own or ()))
+
+
 def attribute(value: Any) -> Any:
     """A value as other readers of HDF5 expect it: text, float64, int64, or an array of these.
 

@@ -20,6 +20,7 @@ from fvi_cli.storage.groups import (
     Columns,
     Repeated,
     attribute,
+    axes_of,
     datasets_below,
 )
 from fvi_cli.storage.provenance import CHECKSUM, canonical_json, checksum, plain, sha256
@@ -274,12 +275,10 @@ _FILL: Mapping[str, float] = {"<f8": math.nan, "<i8": 0}
 
 
 def _attach_scales(group: h5py.Group) -> None:
-    first = (MEMBER,) if MEMBER in group else ()
     for name, dataset in datasets_below(group):
         if dataset.is_scale:
             continue
-        axes = (*first, *(dimensions_of(name, of_members=bool(first)) or ()))
-        for axis, dimension in enumerate(axes[: dataset.ndim]):
+        for axis, dimension in enumerate(axes_of(name, of_members=MEMBER in group)):
             dataset.dims[axis].attach_scale(group[dimension])
 
 

@@ -14,6 +14,7 @@ from fvi_cli.cli.app import app
 from fvi_cli.errors import StorageError
 from fvi_cli.storage import contents, list_runs
 from fvi_cli.storage import stream as seal
+from fvi_cli.storage.export import export_file
 from fvi_cli.storage.files import CACHE_BYTES, open_stored
 from fvi_cli.storage.stream import SealedStream
 
@@ -280,3 +281,13 @@ def test_every_changed_byte_of_the_head_of_a_file_is_told_as_damage(folder):
 def test_the_library_keeps_little_of_an_open_file(folder):
     with open_stored(folder / FILE) as file:
         assert file.id.get_mdc_config().max_size == CACHE_BYTES
+
+
+def test_what_a_file_says_of_the_axes_of_its_arrays_is_not_believed(folder):
+    with h5py.File(FILE, "r+") as file:
+        for place in (GROUP, GROUP.replace("08", "04")):
+            for name in ("time", "position"):
+                for attribute in list(file[place][name].attrs):
+                    del file[place][name].attrs[attribute]
+    (csv, *_) = sorted(export_file(folder / FILE, "csv", folder / "made"))
+    assert csv.read_text().startswith("time,x,p_x,energy\n0.0,1.0,")
