@@ -263,7 +263,7 @@ class _Blocks:
             self._move(result[:, self._n_history :], e)
             if damped:
                 self._history.push(result[:, : self._n_history].reshape(q, far, m, e))
-            self._direct += self._plan.block_operations
+        self._direct += count * self._plan.block_operations
         return inputs
 
     def _move(self, change: Array, e: int) -> None:
