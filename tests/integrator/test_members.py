@@ -224,7 +224,7 @@ def test_operations_are_those_of_the_member():
     total = members_module.run_batch
     seen: list[int] = []
 
-    def spy(problem: members_module.BatchProblem) -> members_module.BatchStepped | None:
+    def spy(problem):
         finished = total(problem)
         if finished is not None:
             seen.append(int(finished.operations.sum()))
