@@ -60,13 +60,14 @@ from fvi_cli.api.calls import (
     forget,
     hard_cases,
     load,
+    modes,
     plan,
     recall,
+    response,
     run,
     stability,
 )
 from fvi_cli.api.gradient import Gradient, gradient
-from fvi_cli.api.vibration import modes, response
 from fvi_cli.config import (
     LoadedConfig,
     json_schema,

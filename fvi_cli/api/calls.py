@@ -26,6 +26,8 @@ from fvi_cli.studies.cost import CostTable
 from fvi_cli.studies.fits.result import FitResult
 from fvi_cli.studies.hard_cases.case import HardCaseReport
 from fvi_cli.studies.stability_study import StabilityTable
+from fvi_cli.studies.vibration.modes import ModeTable
+from fvi_cli.studies.vibration.response import ResponseTable
 
 Source = str | Path | Mapping[str, Any] | LoadedConfig
 
@@ -227,6 +229,57 @@ def fit(source: Source, *, overrides: Sequence[str] = ()) -> list[FitResult]:
     from fvi_cli.runner.fits.fit import fit_request
 
     return fit_request(_request(load(source, overrides=overrides)), show_progress=False)
+
+
+def modes(
+    source: Source, *, count: int | None = None, near: float | None = None
+) -> list[ModeTable]:
+    """Modes of every experiment of a configuration, as ``fvi modes`` computes them.
+
+    Parameters
+    ----------
+    source
+        As of :func:`load`.
+    count
+        How many; default 10, or all of fewer.
+    near
+        Frequency in oscillations per unit of time, to which they are nearest; default: the lowest.
+
+    Raises
+    ------
+    RequestError
+        For scenes that are not linear, and numbers out of range.
+    """
+    from fvi_cli.runner.vibration.modes import request_modes
+
+    return request_modes(_request(source), count, near)
+
+
+def response(
+    source: Source, *, over: str, force: Sequence[str] = (), at: Sequence[str] = ()
+) -> list[ResponseTable]:
+    """Steady responses of every experiment of a configuration, as ``fvi response`` computes them.
+
+    Parameters
+    ----------
+    source
+        As of :func:`load`.
+    over
+        Frequencies, ``frequency=FROM:TO:NUMBER`` or with ``:log`` behind.
+    force
+        Where harmonic forces of amplitude 1 act: coordinates, combinations of them such as
+        ``x2 - x1``, or ``ground``; ``x1=2.5`` for another amplitude.
+    at
+        What is told of; default: the coordinate that moves most.
+
+    Raises
+    ------
+    RequestError
+        For scenes that are not linear, and places that do not exist.
+    """
+    from fvi_cli.runner.vibration.response import frequencies, request_responses
+
+    return request_responses(_request(source), frequencies(over), force, at)
 
 
 def cost(source: Source, *, peers: bool = False) -> list[CostTable]:

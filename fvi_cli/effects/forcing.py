@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.effects.matrices import Array
 from fvi_cli.effects.sampled import FunctionForce, Interpolation, SampledForce
@@ -171,16 +171,14 @@ class Forcing:
         times = start[:, None] + step_size * offsets
         if (which == which[:1]).all():
             return self.pieces[int(which[0])].evaluate(times)
-        result = np.empty((*times.shape, self.dimension))
-        for index in np.unique(which):
-            chosen = which == index
-            result[chosen] = self.pieces[int(index)].evaluate(times[chosen])
-        return result
+        return self._by_pieces(times, which)
 
     def __call__(self, time: Array) -> Array:
         """F at `time`, shape ``(...)`` to ``(..., d)``; at a break point the earlier piece."""
         time = np.asarray(time, dtype=float)
-        which = np.searchsorted(np.array(self.break_points), time)
+        return self._by_pieces(time, np.searchsorted(np.array(self.break_points), time))
+
+    def _by_pieces(self, time: Array, which: NDArray[np.intp]) -> Array:
         result = np.empty((*time.shape, self.dimension))
         for index in np.unique(which):
             chosen = which == index

@@ -14,6 +14,7 @@ from fvi_cli.plotting.style import (
     INK,
     LINE_STYLES,
     SMALL_TEXT,
+    LineStyle,
     journal_style,
     legend_above,
     new_figure,
@@ -21,6 +22,7 @@ from fvi_cli.plotting.style import (
 )
 from fvi_cli.studies.fits.result import FitResult, ModelFit
 
+DASHES: LineStyle = (0, (4, 2))
 WIDE = 8.0
 """Frequencies that differ by this factor are drawn along a logarithm."""
 MOST_PANELS = 6
@@ -59,41 +61,18 @@ def _motions(result: FitResult, models: Sequence[ModelFit]) -> Figure:
         for index in range(count):
             upper, lower = grid[2 * index, 0], grid[2 * index + 1, 0]
             shown = models[0].series[index]
-            upper.plot(
-                shown.series.times,
-                shown.series.values,
-                linestyle="none",
-                marker=".",
-                markersize=3.0,
-                color=GUIDE_COLOUR,
-                label="measured",
-            )
+            measured = shown.series.times, shown.series.values
+            upper.plot(*measured, ".", markersize=3.0, color=GUIDE_COLOUR, label="measured")
             for number, model in enumerate(models):
                 one = model.series[index]
                 colour = COLOURS[number % len(COLOURS)]
-                upper.plot(
-                    one.curve[0],
-                    one.curve[1],
-                    color=colour,
-                    linestyle=LINE_STYLES[number % len(LINE_STYLES)],
-                    label=model.model.name or "fitted",
-                )
-                lower.plot(
-                    one.series.times,
-                    -one.residuals,
-                    linestyle="none",
-                    marker=".",
-                    markersize=2.5,
-                    color=colour,
-                )
+                dashes, label = LINE_STYLES[number % len(LINE_STYLES)], model.model.name or "fitted"
+                upper.plot(*one.curve, color=colour, linestyle=dashes, label=label)
+                lower.plot(one.series.times, -one.residuals, ".", markersize=2.5, color=colour)
             lower.axhline(0.0, color=INK, linewidth=0.5)
-            for sign in (-1.0, 1.0):
-                lower.axhline(
-                    sign * 2.0 * result.best.series[index].deviation if result.best.series else 0.0,
-                    color=GUIDE_COLOUR,
-                    linewidth=0.5,
-                    linestyle=(0, (4, 2)),
-                )
+            deviation = result.best.series[index].deviation if result.best.series else 0.0
+            for level in (-2.0 * deviation, 2.0 * deviation):
+                lower.axhline(level, color=GUIDE_COLOUR, linewidth=0.5, linestyle=DASHES)
             upper.set_ylabel(shown.series.column)
             lower.set_ylabel("left over")
             lower.yaxis.set_major_locator(MaxNLocator(3))
@@ -123,22 +102,11 @@ def _profiles(model: ModelFit) -> Figure:
         figure = new_figure(0.35 + 1.6 * -(-len(drawn) // 2))
         grid, panels = panel_grid(figure, len(drawn), min(2, len(drawn)), sharey=True)
         for axes, one in zip(panels, drawn, strict=True):
-            inside = np.abs(one.profile[:, 1]) <= 4.0
-            axes.plot(
-                one.profile[inside, 0],
-                one.profile[inside, 1],
-                color=COLOURS[0],
-                marker="o",
-                markersize=2.5,
-            )
+            inside = one.profile[np.abs(one.profile[:, 1]) <= 4.0]
+            axes.plot(*inside.T, color=COLOURS[0], marker="o", markersize=2.5)
             spread = np.array([-2.5, 2.5])
-            axes.plot(
-                one.value + spread * one.standard_error,
-                spread,
-                color=GUIDE_COLOUR,
-                linewidth=0.7,
-                linestyle=(0, (4, 2)),
-            )
+            tangent = one.value + spread * one.standard_error
+            axes.plot(tangent, spread, color=GUIDE_COLOUR, linewidth=0.7, linestyle=DASHES)
             for end in (one.low, one.high):
                 if np.isfinite(end):
                     axes.axvline(end, color=COLOURS[1], linewidth=0.7)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -205,12 +206,6 @@ def sketches() -> dict[str, Figure]:
 def _common_name(studies: Sequence[Study]) -> str:
     """The beginning that all names share, up to a ``-``."""
     names = [experiment.name for experiment, _ in studies]
-    if len(set(names)) == 1:
-        return names[0]
-    parts = [name.split("-") for name in names]
-    common = []
-    for column in zip(*parts, strict=False):
-        if len(set(column)) > 1:
-            break
-        common.append(column[0])
-    return "-".join(common) or names[0]
+    columns = zip(*(name.split("-") for name in names), strict=False)
+    common = itertools.takewhile(lambda column: len(set(column)) == 1, columns)
+    return "-".join(column[0] for column in common) or names[0]

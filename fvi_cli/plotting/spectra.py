@@ -27,10 +27,8 @@ MOST_NUMBERED = 12
 
 def mode_figures(name: str, tables: Sequence[ModeTable]) -> dict[str, Figure]:
     """A figure of the spectrum of every experiment, by the name of its files."""
-    stems = [table.name if len(tables) > 1 else name for table in tables]
-    return {
-        f"{stem}-modes": spectrum_figure(table) for stem, table in zip(stems, tables, strict=True)
-    }
+    several = len(tables) > 1
+    return {f"{one.name if several else name}-modes": spectrum_figure(one) for one in tables}
 
 
 def spectrum_figure(table: ModeTable) -> Figure:
@@ -67,11 +65,8 @@ def spectrum_figure(table: ModeTable) -> Figure:
 
 def response_figures(name: str, tables: Sequence[ResponseTable]) -> dict[str, Figure]:
     """A figure of the response of every experiment, by the name of its files."""
-    stems = [table.name if len(tables) > 1 else name for table in tables]
-    return {
-        f"{stem}-response": response_figure(table)
-        for stem, table in zip(stems, tables, strict=True)
-    }
+    several = len(tables) > 1
+    return {f"{one.name if several else name}-response": response_figure(one) for one in tables}
 
 
 def response_figure(table: ResponseTable) -> Figure:

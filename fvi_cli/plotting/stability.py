@@ -39,6 +39,7 @@ STABLE_COLOUR = "#A8D3EE"
 UNSTABLE_COLOUR = "#F4C9AE"
 SLOW_COLOUR = "#FBEBDD"
 UNKNOWN_COLOUR = "#E6E6E6"
+_HATCHES = {UNSTABLE_COLOUR: "////"}
 _COLOURS = {
     "stable": STABLE_COLOUR,
     "unstable, not yet at the final time": SLOW_COLOUR,
@@ -46,14 +47,6 @@ _COLOURS = {
     "not predicted": UNKNOWN_COLOUR,
 }
 MOST_PANELS = 12
-
-
-class Filling(TypedDict):
-    """Properties of a bar."""
-
-    facecolor: str
-    edgecolor: str
-    hatch: str
 
 
 def stability_figures(name: str, tables: Sequence[StabilityTable]) -> dict[str, Figure]:
@@ -105,11 +98,6 @@ def step_figure(table: StabilityTable) -> Figure:
     return figure
 
 
-_STABLE: Filling = {"facecolor": STABLE_COLOUR, "edgecolor": "white", "hatch": ""}
-_SLOW: Filling = {"facecolor": SLOW_COLOUR, "edgecolor": "white", "hatch": ""}
-_UNSTABLE: Filling = {"facecolor": UNSTABLE_COLOUR, "edgecolor": "white", "hatch": "////"}
-
-
 def _bar(axes: Axes, place: int, rows: Sequence[StabilityRow], low: float, high: float) -> None:
     """Where steps are stable, with a mark for every step that was looked at."""
     if all(row.verdict == "unknown" for row in rows):
@@ -121,15 +109,15 @@ def _bar(axes: Axes, place: int, rows: Sequence[StabilityRow], low: float, high:
         steps = sorted((row.run.step_size, row.verdict == "unstable") for row in rows)
         middles = [math.sqrt(a * b) for (a, _), (b, _) in pairwise(steps)]
         edges = [low, *middles, high]
-        parts = [(low, end, _STABLE)]
+        parts = [(low, end, STABLE_COLOUR)]
         parts += [
-            (left, right, _UNSTABLE if grows_soon else _SLOW)
+            (max(left, end), right, UNSTABLE_COLOUR if grows_soon else SLOW_COLOUR)
             for (left, right), (_, grows_soon) in zip(pairwise(edges), steps, strict=True)
         ]
-        for left, right, part in parts:
-            begin = left if part is _STABLE else max(left, end)
-            if right > begin:
-                axes.barh(place, right - begin, left=begin, height=0.62, linewidth=0, **part)
+        for left, right, colour in parts:
+            if right > left:
+                (bar,) = axes.barh(place, right - left, left=left, height=0.62, color=colour)
+                bar.set(linewidth=0, edgecolor="white", hatch=_HATCHES.get(colour, ""))
     for verdict, properties in _MARKS.items():
         x = [row.run.step_size for row in rows if _seen(row) == verdict]
         axes.plot(x, [place] * len(x), linestyle="none", label=f"_{verdict}", **properties)
@@ -179,17 +167,9 @@ def _growth_line(axes: Axes, style: SeriesStyle, rows: Sequence[StabilityRow]) -
     x = np.array([row.run.step_size for row in grown])
     y = np.array([row.prediction.growth_per_step for row in grown])
     axes.plot(x, y, label=style.label, **style.line_properties())
-    seen = [row for row in grown if row.observation is not None]
-    axes.plot(
-        [row.run.step_size for row in seen],
-        [row.observation.growth_per_step for row in seen if row.observation is not None],
-        linestyle="none",
-        marker="x",
-        color=INK,
-        markersize=3.0,
-        label="_observed",
-        zorder=4,
-    )
+    seen = [(row.run.step_size, one.growth_per_step) for row in grown if (one := row.observation)]
+    points = np.array(seen).reshape(-1, 2).T
+    axes.plot(*points, "x", color=INK, markersize=3.0, label="_observed", zorder=4)
     return bool(grown)
 
 
@@ -208,7 +188,6 @@ def _mark_row(axes: Axes, place: int, style: SeriesStyle) -> None:
 
 
 def _step_entries(table: StabilityTable) -> list[Patch | Line2D]:
-    observed = any(row.observation is not None for row in table.rows)
     time = f"$T = {table.rows[0].run.experiment.problem.final_time:g}$"
     entries: list[Patch | Line2D] = [
         Patch(facecolor=STABLE_COLOUR, label="stable"),
@@ -216,20 +195,25 @@ def _step_entries(table: StabilityTable) -> list[Patch | Line2D]:
         Patch(
             facecolor=UNSTABLE_COLOUR,
             edgecolor="white",
-            hatch="////",
+            hatch=_HATCHES[UNSTABLE_COLOUR],
             label=f"unstable before {time}",
         ),
     ]
     if any(row.verdict == "unknown" for row in table.rows):
         entries.append(Patch(facecolor=UNKNOWN_COLOUR, label="not predicted"))
-    if observed:
-        entries += [
-            Line2D([], [], linestyle="none", label=f"{verdict} in a long run", **_MARKS[verdict])
-            for verdict in ("stable", "unstable")
-        ]
-    if table.disagreements:
-        entries.append(Line2D([], [], linestyle="none", label="not as predicted", **_DIFFERENCE))
-    return entries
+    seen = [_entry(f"{word} in a long run", _MARKS[word]) for word in ("stable", "unstable")]
+    return [*entries, *_observed_entries(table, seen)]
+
+
+def _entry(label: str, mark: Mark) -> Line2D:
+    return Line2D([], [], linestyle="none", label=label, **mark)
+
+
+def _observed_entries(table: StabilityTable, seen: Sequence[Line2D]) -> list[Line2D]:
+    """What was observed, as far as anything was."""
+    observed = any(row.observation is not None for row in table.rows)
+    differs = [_entry("not as predicted", _DIFFERENCE)] if table.disagreements else []
+    return [*(seen if observed else ()), *differs]
 
 
 def parameter_figure(table: StabilityTable) -> Figure:
@@ -306,28 +290,11 @@ def _verdict_panel(axes: Axes, keys: Sequence[str], rows: Sequence[StabilityRow]
         limits = {a: row.lasting_step for row, a in zip(rows, across, strict=True)}
         line = np.array([limits[a] for a in x])
         axes.plot(x, line, color=INK, linewidth=1.3, label="nothing grows below")
-    seen = [
-        (a, b)
-        for row, a, b in zip(rows, across, up, strict=True)
-        if row.observation is not None and row.observation.verdict == "unstable"
-    ]
-    axes.plot(
-        [a for a, _ in seen],
-        [b for _, b in seen],
-        linestyle="none",
-        marker=".",
-        markersize=1.8,
-        color=INK,
-        label="_unstable",
-    )
-    other = [(a, b) for row, a, b in zip(rows, across, up, strict=True) if _differs(row)]
-    axes.plot(
-        [a for a, _ in other],
-        [b for _, b in other],
-        linestyle="none",
-        label="_differs",
-        **_SMALL_DIFFERENCE,
-    )
+    places = np.array([across, up])
+    seen = places[:, [_seen(row) == "unstable" for row in rows]]
+    axes.plot(*seen, ".", markersize=1.8, color=INK, label="_unstable")
+    other = places[:, [_differs(row) for row in rows]]
+    axes.plot(*other, linestyle="none", label="_differs", **_SMALL_DIFFERENCE)
     axes.set_xlim(x_edges[0], x_edges[-1])
     axes.set_ylim(y_edges[0], y_edges[-1])
     for axis, scale in ((axes.xaxis, x_scale), (axes.yaxis, y_scale)):
@@ -363,10 +330,5 @@ def _parameter_entries(table: StabilityTable, number: int) -> list[Patch | Line2
     ]
     if number == 1:
         entries.append(Line2D([], [], color=INK, linewidth=1.3, label="nothing grows below"))
-    if any(row.observation is not None for row in table.rows):
-        entries.append(
-            Line2D([], [], linestyle="none", marker=".", color=INK, label="unstable in a long run")
-        )
-    if table.disagreements:
-        entries.append(Line2D([], [], linestyle="none", label="not as predicted", **_DIFFERENCE))
-    return entries
+    seen = Line2D([], [], linestyle="none", marker=".", color=INK, label="unstable in a long run")
+    return [*entries, *_observed_entries(table, [seen])]

@@ -9,6 +9,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from fvi_cli.render.observed import observed_rows
+from fvi_cli.reports.document import Grid
+from fvi_cli.reports.writers.text import aligned as grid_as_text
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import Location, StoredFile
 from fvi_cli.storage.fields.observed import summary_of
@@ -17,12 +19,8 @@ from fvi_cli.studies.sweep_summary import counts_in_words, sweep_lines
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:
     """Rows of words as columns, the first row as heading."""
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    lines = [
-        "  ".join(word.ljust(width) for word, width in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    ]
-    return "\n".join(lines)
+    lines = [tuple(row) for row in rows]
+    return grid_as_text(Grid(header=lines[0], rows=tuple(lines[1:]), text_columns=len(lines[0])))
 
 
 def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> str:

@@ -107,6 +107,13 @@ class Grid:
         """Letters in the widest entry of every column."""
         return [max(letters(line[k]) for line in self.lines) for k in range(len(self.header))]
 
+    def justified(self, line: Sequence[str], widths: Sequence[int]) -> list[str]:
+        """The entries of a line as wide as their columns, words to the left and numbers right."""
+        return [
+            cell.ljust(width) if k < self.text_columns else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ]
+
     def select(self, columns: Sequence[int]) -> Grid:
         """The grid of the key columns and these groups' columns."""
         chosen = [*range(self.key_columns), *columns]

@@ -92,12 +92,8 @@ def shear_matrix(stiffness: ArrayLike) -> Array:
         The n values :math:`k_i`, from the ground up.
     """
     values = np.atleast_1d(np.asarray(stiffness, dtype=float))
-    above = np.append(values[1:], 0.0)
-    matrix = np.diag(values + above)
-    n = values.size
-    matrix[np.arange(n - 1), np.arange(1, n)] = -values[1:]
-    matrix[np.arange(1, n), np.arange(n - 1)] = -values[1:]
-    return matrix
+    beside = -values[1:]
+    return np.diag(values - np.append(beside, 0.0)) + np.diag(beside, 1) + np.diag(beside, -1)
 
 
 def shear_form(stiffness: ArrayLike) -> Form:

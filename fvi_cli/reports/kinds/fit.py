@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from fvi_cli.reports.document import Block, Bullets, Code, Grid, Heading, Paragraph
-from fvi_cli.reports.table import Column, Report, Row, Sheet, Within, row_of
+from fvi_cli.reports.table import Column, Report, Sheet, Within, row_of
 from fvi_cli.studies.fits.result import FitResult, ModelFit
 
 ESTIMATED = Within(relative=1e-5, absolute=1e-9)
@@ -25,17 +25,27 @@ PARAMETER_COLUMNS = (
 )
 MODEL_COLUMNS = (
     Column("experiment", "name of the experiment"),
-    Column("model", "name of the model; empty: the only one"),
-    Column("parameters", "number of fitted parameters"),
+    Column("model", "name of the model; empty: the only one", "model"),
+    Column("parameters", "number of fitted parameters", "parameters"),
     Column("values", "number of measured values"),
-    Column("aicc", "corrected Akaike information criterion; smaller is better", compared=ROUGH),
-    Column("aicc_difference", "to the best model", compared=ROUGH),
     Column(
-        "whiteness", "probability (Ljung and Box) of what is left, if it is noise", compared=ROUGH
+        "aicc",
+        "corrected Akaike information criterion; smaller is better",
+        "AICc",
+        ".1f",
+        compared=ROUGH,
+    ),
+    Column("aicc_difference", "to the best model", "difference", ".1f", compared=ROUGH),
+    Column(
+        "whiteness",
+        "probability (Ljung and Box) of what is left, if it is noise",
+        "noise?",
+        ".2g",
+        compared=ROUGH,
     ),
     Column("steps", "steps of the runs", compared=None),
     Column("discretisation", "error of the runs over what is left of the data", compared=None),
-    Column("status", "ok or failed"),
+    Column("status", "ok or failed", "status"),
     Column("message", "why it failed", compared=None),
 )
 NOISE_COLUMNS = (
@@ -79,12 +89,7 @@ def fit_report(name: str, results: Sequence[FitResult]) -> Report:
                 ),
                 keys=("experiment", "model", "parameter"),
             ),
-            Sheet(
-                name="models",
-                columns=MODEL_COLUMNS,
-                rows=tuple(_model(result, model) for result, model in every),
-                keys=("experiment", "model"),
-            ),
+            _models(every),
             Sheet(
                 name="noise",
                 columns=NOISE_COLUMNS,
@@ -127,24 +132,28 @@ def fit_report(name: str, results: Sequence[FitResult]) -> Report:
     )
 
 
-def _model(result: FitResult, model: ModelFit) -> Row:
-    return row_of(
-        MODEL_COLUMNS,
-        model,
-        experiment=result.name,
-        model=model.model.name,
-        parameters=len(model.estimates),
-        values=model.n_values,
-        aicc=model.criterion,
-        aicc_difference=_difference(result, model),
-        status="ok" if model.is_converged else "failed",
+def _models(every: Sequence[tuple[FitResult, ModelFit]]) -> Sheet:
+    return Sheet(
+        name="models",
+        columns=MODEL_COLUMNS,
+        rows=tuple(
+            row_of(
+                MODEL_COLUMNS,
+                model,
+                experiment=result.name,
+                model=model.model.name,
+                parameters=len(model.estimates),
+                values=model.n_values,
+                aicc=model.criterion,
+                aicc_difference=model.criterion - result.best.criterion
+                if math.isfinite(model.criterion)
+                else math.inf,
+                status="ok" if model.is_converged else "failed",
+            )
+            for result, model in every
+        ),
+        keys=("experiment", "model"),
     )
-
-
-def _difference(result: FitResult, model: ModelFit) -> float:
-    if not math.isfinite(model.criterion):
-        return math.inf
-    return model.criterion - result.best.criterion
 
 
 def _words(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
@@ -152,28 +161,12 @@ def _words(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
     for result in results:
         yield Heading(level=2, words=(Code(result.name),))
         if len(result.models) > 1:
-            yield _side_by_side(result)
+            models = sorted(result.models, key=lambda one: one.criterion)
+            yield _models([(result, one) for one in models]).grid()
         for model in result.models:
             if model.model.name:
                 yield Heading(level=3, words=f"Model: {model.model.name}")
             yield from _estimates(model)
-
-
-def _side_by_side(result: FitResult) -> Grid:
-    return Grid(
-        header=("model", "parameters", "AICc", "difference", "noise?", "status"),
-        rows=tuple(
-            (
-                one.model.name,
-                str(len(one.estimates)),
-                f"{one.criterion:.1f}",
-                f"{_difference(result, one):.1f}",
-                f"{one.whiteness:.2g}",
-                "ok" if one.is_converged else "failed",
-            )
-            for one in sorted(result.models, key=lambda one: one.criterion)
-        ),
-    )
 
 
 def _estimates(model: ModelFit) -> Iterator[Block]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 from fvi_cli.reports.document import Block, Code, Heading, Paragraph
 from fvi_cli.reports.table import Column, Report, Row, Sheet, Within, row_of
@@ -93,9 +94,8 @@ def _mode_words(name: str, tables: Sequence[ModeTable], sheet: Sheet) -> Iterato
     for table in tables:
         if len(tables) > 1:
             yield Heading(level=2, words=(Code(table.name),))
-        own = [row for row in sheet.rows if row["experiment"] == table.name]
-        part = Sheet(name="modes", columns=MODE_COLUMNS, rows=tuple(own), keys=("mode",))
-        yield part.grid()
+        own = tuple(row for row in sheet.rows if row["experiment"] == table.name)
+        yield replace(sheet, rows=own).grid()
         yield Paragraph(words=completeness(table))
 
 
@@ -109,14 +109,10 @@ def completeness(table: ModeTable) -> str:
         f"with {sector.least / (2 * math.pi):.4g} < |s|/(2 pi) < "
         f"{sector.largest / (2 * math.pi):.4g} and damping ratios up to {ratio:.3f}"
     )
-    if table.is_complete:
-        return (
-            f"None is missing: the argument of the determinant turns {table.counted} times around "
-            f"the region {where}, in which {table.inside} modes are found."
-        )
     return (
-        f"Not complete: the argument of the determinant turns {table.counted} times around the "
-        f"region {where}, in which {table.inside} modes are found."
+        f"{'None is missing' if table.is_complete else 'Not complete'}: the argument of the "
+        f"determinant turns {table.counted} times around the region {where}, in which "
+        f"{table.inside} modes are found."
     )
 
 
@@ -178,10 +174,8 @@ def _response_words(name: str, tables: Sequence[ResponseTable], peaks: Sheet) ->
                 f"; {table.hertz.size} frequencies from {table.hertz[0]:g} to {table.hertz[-1]:g}.",
             )
         )
-        own = [row for row in peaks.rows if row["experiment"] == table.name]
+        own = tuple(row for row in peaks.rows if row["experiment"] == table.name)
         if own:
-            yield Sheet(
-                name="peaks", columns=PEAK_COLUMNS, rows=tuple(own), keys=("frequency_hz",)
-            ).grid()
+            yield replace(peaks, rows=own).grid()
         else:
             yield Paragraph(words="The magnitude has no maximum inside of this range.")

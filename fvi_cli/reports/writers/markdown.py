@@ -69,11 +69,5 @@ def _grid(grid: Grid) -> str:
         "-" * width if k < grid.text_columns else "-" * (width - 1) + ":"
         for k, width in enumerate(widths)
     ]
-    lines = []
-    for row in (rows[0], rule, *rows[1:]):
-        cells = [
-            cell.ljust(width) if k < grid.text_columns else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+    lines = (grid.justified(row, widths) for row in (rows[0], rule, *rows[1:]))
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)

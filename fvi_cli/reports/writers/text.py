@@ -28,19 +28,13 @@ def _plain(block: Block) -> str:
         return plain(block.words)
     if isinstance(block, Bullets):
         return "\n".join(f"- {plain(item)}" for item in block.items)
-    return "\n\n".join(_aligned(part) for part in split_wide(block, WIDEST))
+    return "\n\n".join(aligned(part) for part in split_wide(block, WIDEST))
 
 
-def _aligned(grid: Grid) -> str:
+def aligned(grid: Grid) -> str:
+    """The lines of a grid, however wide, without a newline at the end."""
     widths = grid.widths()
-    lines = []
-    for row in grid.lines:
-        cells = [
-            cell.ljust(width) if k < grid.text_columns else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)
+    return "\n".join("  ".join(grid.justified(row, widths)).rstrip() for row in grid.lines)
 
 
 def show(blocks: Sequence[Block], stream: TextIO | None = None) -> None:

@@ -7,10 +7,11 @@ import itertools
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.scenes.named import linear_oscillator, pendulum
+from fvi_cli.scenes.named import pendulum
 from fvi_cli.scenes.nonlinear import duffing
 from fvi_cli.studies.hard_cases.case import Claim, HardCase, Setting
 from fvi_cli.studies.hard_cases.judging import largest_accurate, largest_ratio
+from fvi_cli.studies.hard_cases.linear_cases import oscillator
 
 LENGTHS = (1e-150, 1.0, 1e150)
 STEPS = (1e-12, 0.125, 1e6)
@@ -45,12 +46,9 @@ def tiny_and_huge_scales() -> HardCase:
 
 
 def _in_units(order: float, length: float, second: float) -> Setting:
-    scene = linear_oscillator(
-        final_time=16.0 * second,
-        stiffness=second**-2,
-        damping=[_damping(order, second)],
-        initial_position=length,
-        initial_velocity=0.5 * length / second,
+    coefficient, speed = 0.3 * second ** (order - 2.0), 0.5 * length / second
+    scene = oscillator(
+        order, coefficient, 16.0 * second, stiffness=second**-2, position=length, velocity=speed
     )
     return Setting(scene, N_STEPS)
 
