@@ -27,17 +27,8 @@ LEAST_DECREASE = 1.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Point:
-    """One run on the plane of error and time."""
-
-    error: float
-    seconds: float
-    row: CostRow
-
-
-@dataclass(frozen=True, kw_only=True)
 class Curve:
-    """The runs of one method that reached something, as points.
+    """The runs of one method that reached something, as points of error and time.
 
     ``dop853`` chooses its own steps: its runs of all tolerances are one curve.
 
@@ -53,7 +44,7 @@ class Curve:
 
     key: str
     methods: tuple[AnyMethod, ...]
-    points: tuple[Point, ...]
+    points: tuple[CostRow, ...]
 
     @property
     def is_baseline(self) -> bool:
@@ -72,7 +63,7 @@ class Curve:
 
         That says something of the solution. Such a method is not rated among the others.
         """
-        return len(self.points) > 2 and all(p.row.status == "floor" for p in self.points)
+        return len(self.points) > 2 and all(p.status == "floor" for p in self.points)
 
     def seconds_to(self, accuracy: float) -> float:
         """Least set-up plus stepping time to an error of at most `accuracy`; nan: not reached.
@@ -105,12 +96,12 @@ class Curve:
         decades = math.log10(last[-1].error / accuracy)
         return float(last[-1].seconds * price**decades)
 
-    def _finest(self) -> tuple[Point, ...]:
+    def _finest(self) -> tuple[CostRow, ...]:
         """The finest rows above the floor; none where there are less than three.
 
         Where tolerances make the curve, only those that no other beats.
         """
-        above = [point for point in self.points if point.row.status == "ok" and point.error > 0]
+        above = [point for point in self.points if point.status == "ok" and point.error > 0]
         if self.is_by_tolerance:
             above = [
                 one
@@ -129,7 +120,7 @@ class Curve:
         if self.is_by_tolerance or not last:
             return math.nan
         coarse, fine = last
-        return pairwise_order(coarse.error, fine.error, coarse.row.n_steps, fine.row.n_steps)
+        return pairwise_order(coarse.error, fine.error, coarse.n_steps, fine.n_steps)
 
     @property
     def time_exponent(self) -> float:
@@ -137,7 +128,7 @@ class Curve:
         if self.is_by_tolerance:
             return math.nan
         last = self._finest()
-        return -fit_slope([p.row.n_steps for p in last], [p.seconds for p in last])[0]
+        return -fit_slope([p.n_steps for p in last], [p.seconds for p in last])[0]
 
     @property
     def price_of_a_digit(self) -> float:
@@ -163,12 +154,7 @@ def cost_curves(table: CostTable) -> list[Curve]:
         grouped.setdefault(key, []).append(case)
     curves = []
     for key, cases in grouped.items():
-        points = [
-            Point(error=row.error, seconds=row.seconds, row=row)
-            for case in cases
-            for row in case.rows
-            if row.is_usable
-        ]
+        points = [row for case in cases for row in case.rows if row.is_usable]
         if len(cases) > 1:
             points.sort(key=lambda point: -point.error)
         if points:
@@ -237,12 +223,12 @@ def cheapest_at(bands: Sequence[Band], error: float) -> Curve | None:
     return next((band.curve for band in bands if band.coarse > error >= band.fine), None)
 
 
-def pareto_front(curves: Sequence[Curve]) -> list[tuple[Curve, Point]]:
+def pareto_front(curves: Sequence[Curve]) -> list[tuple[Curve, CostRow]]:
     """The runs that no other run beats in both error and time, the quickest first."""
     rated = [curve for curve in curves if not curve.is_exact_by_chance]
     everything = [(curve, point) for curve in rated for point in curve.points]
     everything.sort(key=lambda one: (one[1].seconds, one[1].error))
-    front: list[tuple[Curve, Point]] = []
+    front: list[tuple[Curve, CostRow]] = []
     for curve, point in everything:
         if not front or point.error < front[-1][1].error:
             front.append((curve, point))

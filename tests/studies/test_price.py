@@ -12,7 +12,6 @@ from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.studies.cost import CostCase, CostRow
 from fvi_cli.studies.price import (
     Curve,
-    Point,
     cheapest_at,
     cheapest_bands,
     cost_curves,
@@ -21,8 +20,7 @@ from fvi_cli.studies.price import (
 
 
 def curve(key: str, rows: list[CostRow], method: AnyMethod = GAUSS) -> Curve:
-    points = tuple(Point(error=r.error, seconds=r.seconds, row=r) for r in rows)
-    return Curve(key=key, methods=(method,), points=points)
+    return Curve(key=key, methods=(method,), points=tuple(rows))
 
 
 def power_law(key: str, order: float, exponent: float, scale: float = 1e-4) -> Curve:

@@ -26,8 +26,8 @@ from fvi_cli.plotting.style import (
 )
 from fvi_cli.reports.kinds.cost import curve_name
 from fvi_cli.reports.naming import method_names
-from fvi_cli.studies.cost import CostTable
-from fvi_cli.studies.price import Band, Curve, Point, cheapest_bands, cost_curves
+from fvi_cli.studies.cost import CostRow, CostTable
+from fvi_cli.studies.price import Band, Curve, cheapest_bands, cost_curves
 
 FRONT_COLOUR = "#f2c14e"
 
@@ -79,7 +79,7 @@ def cost_figure(table: CostTable) -> Figure:
         panels[0].set_title("cheapest method:", loc="left", fontsize=SMALL_TEXT)
         panels[0].set_ylabel("set-up and stepping, seconds")
         if table.has_memory:
-            _draw(panels[1], curves, styles, lambda point: float(point.row.history_operations))
+            _draw(panels[1], curves, styles, lambda point: float(point.history_operations))
             panels[1].set_ylabel("multiply-adds on the history")
         asked_for = _draw_asked_for(panels[0], table)
         panels[-1].set_xlabel("error (more accurate to the right)")
@@ -115,16 +115,16 @@ def _styles_by_curve(table: CostTable, curves: Sequence[Curve]) -> dict[str, Ser
     }
 
 
-def _shown(point: Point) -> float:
+def _shown(point: CostRow) -> float:
     """An error of exactly 0 stands at the unit of round-off."""
-    return max(point.error, point.row.floor / 100, 1e-300)
+    return max(point.error, point.floor / 100, 1e-300)
 
 
 def _draw(
     axes: Axes,
     curves: Sequence[Curve],
     styles: Mapping[str, SeriesStyle],
-    value: Callable[[Point], float],
+    value: Callable[[CostRow], float],
 ) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")

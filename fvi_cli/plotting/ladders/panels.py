@@ -31,20 +31,9 @@ Array = NDArray[np.float64]
 _ROW_HEIGHT = 7.0  # points of one row in the strip of runs without an error
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Row:
-    """One point of a ladder: what a panel needs of a run."""
-
-    step_size: float
-    error: float
-    floor: float
-    status: str
-    expected_order: float = math.nan
-
-    @property
-    def is_plotted(self) -> bool:
-        """Whether the error can stand on a logarithmic axis."""
-        return self.status in ("ok", "floor") and np.isfinite(self.error)
+def is_plotted(one: FinishedRun) -> bool:
+    """Whether the error of a run can stand on a logarithmic axis."""
+    return one.status in ("ok", "floor") and bool(np.isfinite(one.error))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,7 +41,7 @@ class Series:
     """The ladder of one method, step sizes increasing."""
 
     style: SeriesStyle
-    rows: tuple[Row, ...]
+    rows: tuple[FinishedRun, ...]
     stated_order: float = math.nan
 
     def values(self) -> tuple[Array, Array]:
@@ -61,9 +50,9 @@ class Series:
         An error of exactly zero stands at the floor's unit of round-off.
         """
         errors = [
-            max(row.error, row.floor / 100) if row.is_plotted else np.nan for row in self.rows
+            max(row.error, row.floor / 100) if is_plotted(row) else np.nan for row in self.rows
         ]
-        return np.array([row.step_size for row in self.rows]), np.array(errors)
+        return np.array([row.run.step_size for row in self.rows]), np.array(errors)
 
     def curve(self) -> Curve:
         """What is drawn, without gaps, as logarithms."""
@@ -93,16 +82,7 @@ def collect_series(finished: Sequence[FinishedRun], styles: dict[str, SeriesStyl
         Series(
             style=styles[case],
             stated_order=ladder[0].run.experiment.claim(ladder[0].run.method) or math.nan,
-            rows=tuple(
-                Row(
-                    step_size=item.run.step_size,
-                    error=item.error,
-                    floor=item.floor,
-                    status=item.status,
-                    expected_order=item.expected_order,
-                )
-                for item in sorted(ladder, key=lambda item: item.run.step_size)
-            ),
+            rows=tuple(sorted(ladder, key=lambda item: item.run.step_size)),
         )
         for case, ladder in ladders.items()
     ]
@@ -126,7 +106,7 @@ def draw_errors(axes: Axes, series: Sequence[Series]) -> None:
 
 def set_limits(axes: Axes, series: Sequence[Series]) -> None:
     """Fit limits and ticks of a log-log panel to `series`."""
-    steps = [row.step_size for one in series for row in one.rows]
+    steps = [row.run.step_size for one in series for row in one.rows]
     errors = np.concatenate([one.values()[1] for one in series])
     errors = errors[np.isfinite(errors) & (errors > 0)]
     low, high = (errors.min(), errors.max()) if errors.size else (1e-2, 1.0)
@@ -167,8 +147,9 @@ def _draw_failures(axes: Axes, series: Sequence[Series]) -> list[Box]:
     """Hollow marks in a strip at the top, one row for every status and method."""
     groups: dict[str, list[tuple[Series, list[float]]]] = {}
     for one in series:
-        for status in dict.fromkeys(row.status for row in one.rows if not row.is_plotted):
-            steps = [r.step_size for r in one.rows if r.status == status and not r.is_plotted]
+        failed = [row for row in one.rows if not is_plotted(row)]
+        for status in dict.fromkeys(row.status for row in failed):
+            steps = [row.run.step_size for row in failed if row.status == status]
             groups.setdefault(status, []).append((one, steps))
     if not groups:
         return []
@@ -270,7 +251,7 @@ def _draw_floor(axes: Axes, series: Sequence[Series]) -> list[Box]:
         row.floor
         for one in series
         for row in one.rows
-        if row.is_plotted and (row.status == "floor" or row.error < row.floor)
+        if is_plotted(row) and (row.status == "floor" or row.error < row.floor)
     ]
     if not reached:
         return []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,7 +12,6 @@ from matplotlib.figure import Figure
 from fvi_cli.plotting.ladders.convergence import Study
 from fvi_cli.plotting.ladders.panels import (
     Panel,
-    Row,
     Series,
     draw_errors,
     figure_legend,
@@ -101,17 +101,17 @@ def _largest_order(study: Study) -> float:
 def _series(studies: Sequence[Study], norm: str, styles: dict[str, SeriesStyle]) -> list[Series]:
     """Ladders in one norm: of the experiment that has it, else measured on the trajectories."""
     own = [study for study in studies if study[0].norm == norm]
-    rows: dict[str, list[Row]] = {}
+    rows: dict[str, list[FinishedRun]] = {}
     for _, finished in own or studies[:1]:
         for item in finished:
             error = item.error if own else _measured(item, norm)
             status = item.status
             if status in ("ok", "floor"):
                 status = "floor" if error < item.floor else "ok"
-            row = Row(step_size=item.run.step_size, error=error, floor=item.floor, status=status)
+            row = replace(item, error=error, status=status)
             rows.setdefault(item.run.method.case, []).append(row)
     return [
-        Series(style=styles[case], rows=tuple(sorted(ladder, key=lambda row: row.step_size)))
+        Series(style=styles[case], rows=tuple(sorted(ladder, key=lambda row: row.run.step_size)))
         for case, ladder in rows.items()
     ]
 

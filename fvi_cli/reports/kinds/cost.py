@@ -138,7 +138,7 @@ def cost_report(name: str, tables: Sequence[CostTable]) -> Report:
                 name="pareto_front",
                 columns=FRONT_COLUMNS,
                 rows=tuple(
-                    row_of(FRONT_COLUMNS, p.row, table, case=curve.key)
+                    row_of(FRONT_COLUMNS, p, table, case=curve.key)
                     for table in tables
                     for curve, p in pareto_front(cost_curves(table))
                 ),
