@@ -29,21 +29,21 @@ from fvi_cli.mathematics.transforms.characteristic import (
     CharacteristicFunction,
     characteristic_zeros,
 )
-from fvi_cli.scenes.structures.sandwich_beam import SandwichBeam, beam_matrices
+from fvi_cli.scenes.structures.sandwich_beam import beam_matrices
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.modes import ModeTable, find_modes
 from fvi_cli.studies.vibration.response import harmonic_response
 from fvi_cli.studies.vibration.sector import Sector, count_modes, modes_by_integrals
 
-BEAM = SandwichBeam(
-    length=0.1778,
-    width=0.0127,
-    face_thickness=1.524e-3,
-    core_thickness=1.27e-4,
-    face_modulus=6.9e10,
-    face_density=2766.0,
-    core_density=968.0,
-)
+BEAM = {
+    "length": 0.1778,
+    "width": 0.0127,
+    "face_thickness": 1.524e-3,
+    "core_thickness": 1.27e-4,
+    "face_modulus": 6.9e10,
+    "face_density": 2766.0,
+    "core_density": 968.0,
+}
 
 
 def linear_scene(
@@ -62,7 +62,7 @@ def linear_scene(
 
 
 def sandwich(elements: int) -> Scene:
-    mass, faces, core = beam_matrices(BEAM, elements)
+    mass, faces, core = beam_matrices(elements, **BEAM)
     law = fractional_zener(
         order=0.675, time=8.23e-9, relaxed=3.504e5, unrelaxed=3.062e9, coefficient=core
     )
@@ -248,7 +248,7 @@ def invoke(*arguments: str) -> str:
 
 
 def test_the_commands_from_three_exported_files(tmp_path):
-    mass, faces, core = beam_matrices(BEAM, 12)
+    mass, faces, core = beam_matrices(12, **BEAM)
     for name, form in (("M", mass), ("K", faces), ("C", core)):
         mmwrite(tmp_path / f"{name}.mtx", coo_array(form), symmetry="symmetric", precision=17)
     config = tmp_path / "beam.yaml"

@@ -141,12 +141,17 @@ UNITS_KEY: Final = Key(
 )
 
 
+def _named(values: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """What was read under a key; nothing where none stands there, or no mapping."""
+    given = values.get(key)
+    return given if isinstance(given, Mapping) else {}
+
+
 def check_units(values: Mapping[str, Any], problem: AnyProblem, at: Cursor) -> None:
     """Units must belong to something that is drawn."""
-    given, own = values.get("units"), values.get("quantities")
     coordinates = problem.coordinates if isinstance(problem, Problem) else ()
-    known = (*UNITS, *coordinates, *(own if isinstance(own, Mapping) else ()))
-    for name in given if isinstance(given, Mapping) else ():
+    known = (*UNITS, *coordinates, *_named(values, "quantities"))
+    for name in _named(values, "units"):
         if name not in known:
             at.under("units").refuse_key(
                 name,
@@ -188,21 +193,17 @@ def read_observations(
     quantities: dict[str, Expression] = {}
     events: dict[str, Event] = {}
     impacts: dict[str, Impact] = {}
-    for name in (
-        values.get("quantities", {}) if isinstance(values.get("quantities"), Mapping) else ()
-    ):
+    for name in _named(values, "quantities"):
         found = _expression(name, names, problem, at.under("quantities"))
         if found is not None:
             quantities[name] = found
-    given_events = values.get("events")
-    for name, one in given_events.items() if isinstance(given_events, Mapping) else ():
+    for name, one in _named(values, "events").items():
         if not is_complete(one):
             continue
         found = _expression(name, names, problem, at.under("events"), "when")
         if found is not None:
             events[name] = Event(when=found, direction=one["direction"], stop=one["stop"])
-    given_impacts = values.get("impacts")
-    for name, one in given_impacts.items() if isinstance(given_impacts, Mapping) else ():
+    for name, one in _named(values, "impacts").items():
         under = at.under("impacts")
         found = _expression(name, of_surfaces, problem, under, "when") if is_complete(one) else None
         if found is None:

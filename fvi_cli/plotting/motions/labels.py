@@ -22,6 +22,16 @@ def styled(shown: Sequence[FinishedRun]) -> list[tuple[FinishedRun, SeriesStyle,
     return [(item, styles[item.run.method.case], k) for k, item in enumerate(shown)]
 
 
+def finest_of_first(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
+    """The runs of the first method on the finest grid."""
+    most = max((one.run.n_steps for one in finished), default=0)
+    return [
+        one
+        for one in finished
+        if one.run.method == finished[0].run.method and one.run.n_steps == most
+    ]
+
+
 def coordinates_of(experiment: Experiment, dimension: int = 1) -> tuple[str, ...]:
     """Names of the coordinates; of what has none ``x``."""
     problem = experiment.problem

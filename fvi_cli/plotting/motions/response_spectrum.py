@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.plotting.motions.labels import finest_of_first
 from fvi_cli.plotting.style import COLOURS, LINE_STYLES, journal_style, new_figure, short_numbers
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.experiment import Experiment, FinishedRun
@@ -29,15 +30,11 @@ def response_spectrum_figure(experiment: Experiment, finished: Sequence[Finished
     ValueError
         If a member has more degrees of freedom, or nothing that swings.
     """
-    method = finished[0].run.method
-    most = max(one.run.n_steps for one in finished)
     lines: dict[str, list[tuple[float, float]]] = {}
-    for one in finished:
-        member = one.run.member
-        if member is None or one.run.method != method or one.run.n_steps != most:
-            continue
+    for one in finest_of_first(finished):
         largest = float(np.abs(one.trajectory.position).max())
-        lines.setdefault(_label(member), []).append((period(member), largest))
+        if (member := one.run.member) is not None:
+            lines.setdefault(_label(member), []).append((period(member), largest))
     with journal_style():
         figure = new_figure(4.2 + 0.17 * len(lines))
         upper, lower = figure.subplots(2, 1, sharex=True)

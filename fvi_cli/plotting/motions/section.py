@@ -13,6 +13,7 @@ from fvi_cli.integrator.observations.observe import Occurrences
 from fvi_cli.plotting.motions.labels import (
     MOST_LINES,
     coordinates_of,
+    finest_of_first,
     member_label,
     styled,
     typeset_name,
@@ -73,10 +74,7 @@ def sweep_section_figure(experiment: Experiment, finished: Sequence[FinishedRun]
     position below in shades from the first member to the last. Of several methods the first is
     shown, on the finest grid.
     """
-    having = [item for item in finished if has_events(item)]
-    finest = max(item.run.n_steps for item in having)
-    first = having[0].run.method
-    having = [one for one in having if one.run.n_steps == finest and one.run.method == first]
+    having = finest_of_first([item for item in finished if has_events(item)])
     series = [
         (item.run.member, one)
         for item in having

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.plotting.ladders.convergence import NORM_LABELS
 from fvi_cli.plotting.methods import series_styles
-from fvi_cli.plotting.motions.labels import MOST_LINES, member_label, time_axis, with_unit
+from fvi_cli.plotting.motions.labels import (
+    MOST_LINES,
+    finest_of_first,
+    member_label,
+    time_axis,
+    with_unit,
+)
 from fvi_cli.plotting.motions.quantities import (
     MOST_PANELS,
     mark_peak,
@@ -90,8 +96,7 @@ def sweep_quantities_figure(experiment: Experiment, finished: Sequence[FinishedR
     Of several methods the first is shown; lines and bands as in :func:`sweep_convergence_figure`,
     with the peak of every line that a member has for itself.
     """
-    having = _finest([one for one in finished if observed_of(one).quantities])
-    own = [one for one in having if one.run.method == having[0].run.method]
+    own = finest_of_first(_finest([one for one in finished if observed_of(one).quantities]))
     names = list(observed_of(own[0]).quantities)[:MOST_PANELS]
     with journal_style():
         figure = new_figure(0.9 + panel_height(len(names)) * len(names))

@@ -8,7 +8,7 @@ beam with arbitrary boundary conditions*, J. Sound Vib. 10, 1969).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Unpack, cast
 
 import numpy as np
@@ -26,12 +26,26 @@ PER_NODE = 4
 """Degrees of freedom of a node: w, w', u_1, u_3."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SandwichBeam:
-    """A beam that is clamped at its left end.
+def beam_matrices(
+    elements: int,
+    *,
+    length: float,
+    width: float,
+    face_thickness: float,
+    core_thickness: float,
+    face_modulus: float,
+    face_density: float,
+    core_density: float,
+) -> tuple[Form, Form, Form]:
+    """Mass, stiffness of the faces, and stiffness of a core whose shear modulus is 1.
+
+    Four degrees of freedom for each of the nodes from the clamped end on: w, w', u_1, u_3. Cubic
+    deflection and linear axial displacements in every element.
 
     Parameters
     ----------
+    elements
+        Number of equal elements.
     length, width
         Of the beam, length.
     face_thickness, core_thickness
@@ -40,37 +54,16 @@ class SandwichBeam:
         Young's modulus of the faces, force per length^2.
     face_density, core_density
         Mass per length^3.
-    """
-
-    length: float
-    width: float
-    face_thickness: float
-    core_thickness: float
-    face_modulus: float
-    face_density: float
-    core_density: float
-
-
-def beam_matrices(beam: SandwichBeam, elements: int) -> tuple[Form, Form, Form]:
-    """Mass, stiffness of the faces, and stiffness of a core whose shear modulus is 1.
-
-    Four degrees of freedom for each of the nodes from the clamped end on: w, w', u_1, u_3. Cubic
-    deflection and linear axial displacements in every element.
-
-    Parameters
-    ----------
-    beam, elements
-        The beam, and the number of equal elements.
 
     Returns
     -------
     tuple
         M, K and K_v, each of shape ``(4 elements, 4 elements)``.
     """
-    size = beam.length / elements
-    hf, hc, b = beam.face_thickness, beam.core_thickness, beam.width
+    size = length / elements
+    hf, hc, b = face_thickness, core_thickness, width
     area, inertia = b * hf, b * hf**3 / 12.0
-    line_mass = 2.0 * beam.face_density * area + beam.core_density * b * hc
+    line_mass = 2.0 * face_density * area + core_density * b * hc
     nodes, weights = np.polynomial.legendre.leggauss(4)
     mass, faces, core = (np.zeros((2 * PER_NODE, 2 * PER_NODE)) for _ in range(3))
     for node, weight in zip(nodes, weights, strict=True):
@@ -78,11 +71,11 @@ def beam_matrices(beam: SandwichBeam, elements: int) -> tuple[Form, Form, Form]:
         part = 0.5 * size * weight
         shear = (u1 - u3 + (hf + hc) * slope) / hc
         mass += part * line_mass * np.outer(w, w)
-        axial = beam.face_density * area + beam.core_density * b * hc / 6.0
+        axial = face_density * area + core_density * b * hc / 6.0
         mass += part * axial * (np.outer(u1, u1) + np.outer(u3, u3))
-        faces += part * beam.face_modulus * 2.0 * inertia * np.outer(bend, bend)
-        faces += part * beam.face_modulus * area * np.outer(stretch1, stretch1)
-        faces += part * beam.face_modulus * area * np.outer(stretch3, stretch3)
+        faces += part * face_modulus * 2.0 * inertia * np.outer(bend, bend)
+        faces += part * face_modulus * area * np.outer(stretch1, stretch1)
+        faces += part * face_modulus * area * np.outer(stretch3, stretch3)
         core += part * b * hc * np.outer(shear, shear)
     return _assembled(mass, elements), _assembled(faces, elements), _assembled(core, elements)
 

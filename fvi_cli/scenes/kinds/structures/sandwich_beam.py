@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Final, Unpack
+from typing import Any, Final
 
 from fvi_cli.effects.laws.cole_cole import fractional_zener
 from fvi_cli.effects.scene import Scene
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Integer, Number
-from fvi_cli.scenes.data import SceneData
 from fvi_cli.scenes.kinds.kind import SceneKind, Values, scene_record
 from fvi_cli.scenes.structures.sandwich_beam import (
-    SandwichBeam,
     beam_coordinates,
     beam_matrices,
     beam_scene,
@@ -20,10 +18,23 @@ from fvi_cli.scenes.structures.sandwich_beam import (
 MOST_ELEMENTS: Final = 5000
 
 
-def _length(name: str, meaning: str, default: float) -> Key:
-    return Key(name, Number(above=0.0), meaning, unit="length", default=default)
-
-
+_POSITIVE: Final = Number(above=0.0)
+_SIZES: Final = (
+    Key("length", _POSITIVE, "Of the beam.", unit="length", default=0.1778),
+    Key("width", _POSITIVE, "Of the beam.", unit="length", default=0.0127),
+    Key("face_thickness", _POSITIVE, "Of each face.", unit="length", default=1.524e-3),
+    Key("core_thickness", _POSITIVE, "Of the core.", unit="length", default=1.27e-4),
+    Key(
+        "face_modulus",
+        _POSITIVE,
+        "Young's modulus of the faces.",
+        unit="force per length^2",
+        default=6.9e10,
+    ),
+    Key("face_density", _POSITIVE, "Of the faces.", unit="mass per length^3", default=2766.0),
+    Key("core_density", _POSITIVE, "Of the core.", unit="mass per length^3", default=968.0),
+)
+"""What the matrices are made of."""
 _CORE: Final = Record(
     keys=(
         Key("order", Number(above=0.0, below=1.0), "a of the law (no unit).", default=0.675),
@@ -47,19 +58,13 @@ _CORE: Final = Record(
 
 
 def _make(elements: int, core: dict[str, Any], **given: Any) -> Scene:
-    own = {name: given.pop(name) for name in SandwichBeam.__dataclass_fields__}
-    return _scene(SandwichBeam(**own), elements, core, **given)
-
-
-def _scene(
-    beam: SandwichBeam, elements: int, core: dict[str, Any], **data: Unpack[SceneData]
-) -> Scene:
-    mass, faces, shear = beam_matrices(beam, elements)
+    own = {key.name: given.pop(key.name) for key in _SIZES}
+    mass, faces, shear = beam_matrices(elements, **own)
     try:
         law = fractional_zener(**core, coefficient=shear)
     except ValueError as error:
         raise ValueError(f"core.{error}") from None
-    return beam_scene(mass, faces, law, **data)
+    return beam_scene(mass, faces, law, **given)
 
 
 def _names(values: Values) -> tuple[str, ...]:
@@ -78,36 +83,12 @@ SANDWICH_BEAM: Final = SceneKind(
             "ri and the displacements ai, bi of the faces along the beam: 4 n coordinates.",
             default=20,
         ),
-        _length("length", "Of the beam.", 0.1778),
-        _length("width", "Of the beam.", 0.0127),
-        _length("face_thickness", "Of each face.", 1.524e-3),
-        _length("core_thickness", "Of the core.", 1.27e-4),
-        Key(
-            "face_modulus",
-            Number(above=0.0),
-            "Young's modulus of the faces.",
-            unit="force per length^2",
-            default=6.9e10,
-        ),
-        Key(
-            "face_density",
-            Number(above=0.0),
-            "Of the faces.",
-            unit="mass per length^3",
-            default=2766.0,
-        ),
-        Key(
-            "core_density",
-            Number(above=0.0),
-            "Of the core.",
-            unit="mass per length^3",
-            default=968.0,
-        ),
+        *_SIZES,
         Key(
             "core",
             _CORE,
             "Fractional Zener law of the core in shear.",
-            default={"order": 0.675, "time": 8.23e-9, "relaxed": 3.504e5, "unrelaxed": 3.062e9},
+            default=_CORE.filled({}),
         ),
     ),
     make=_make,
