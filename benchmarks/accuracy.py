@@ -166,11 +166,11 @@ def _oscillator_goals(table: CostTable) -> list[Goal]:
         for point in curve.points if _is_ours(curve) else ():
             if theirs is None or point.error > 1e-9:
                 continue
-            n_steps = point.row.n_steps
+            n_steps = point.n_steps
             same = Curve(
                 key=theirs.key,
                 methods=theirs.methods,
-                points=tuple(p for p in theirs.points if p.row.n_steps == n_steps),
+                points=tuple(p for p in theirs.points if p.n_steps == n_steps),
             )
             seconds = same.seconds_to(1e-9)
             if not math.isnan(seconds):

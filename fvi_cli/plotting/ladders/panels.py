@@ -148,9 +148,9 @@ def _draw_failures(axes: Axes, series: Sequence[Series]) -> list[Box]:
     groups: dict[str, list[tuple[Series, list[float]]]] = {}
     for one in series:
         failed = [row for row in one.rows if not is_plotted(row)]
-        for status in dict.fromkeys(row.status for row in failed):
-            steps = [row.run.step_size for row in failed if row.status == status]
-            groups.setdefault(status, []).append((one, steps))
+        for observed in dict.fromkeys(row.status for row in failed):
+            steps = [row.run.step_size for row in failed if row.status == observed]
+            groups.setdefault(observed, []).append((one, steps))
     if not groups:
         return []
     extent = axes.get_window_extent()
