@@ -18,7 +18,7 @@ from fvi_cli.keys.nodes import ListNode, with_node
 from fvi_cli.scenes import kinds
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 from fvi_cli.scenes.registry import build_problem
-from fvi_cli.studies.members import Member, value_at, with_values
+from fvi_cli.studies.members import Member, leads_somewhere, value_at, with_values
 
 MOST_TOLD: Final = 10
 """Members whose mistakes are told; the others are likely to have the same."""
@@ -93,7 +93,7 @@ def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> 
     """The values of one key, read at their place in the problem of the first member."""
     found: list[Any] = []
     place = sweep.key_places[key]
-    if not _is_there(template, key):
+    if not leads_somewhere(template, key):
         return found
     # keys beside the outermost one are read alike for all values
     outermost = key.split(".")[1]
@@ -107,7 +107,7 @@ def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> 
             names=tuple(template.get("parameters", ())),
         )
         read = {outermost: shape.read(tree.under(PROBLEM, outermost))}
-        if not is_complete(read) or not _is_there(read, key):
+        if not is_complete(read) or not leads_somewhere(read, key):
             continue
         if with_values(read, {key: None}) != shared:
             outer = excerpt(key.rpartition(".")[0])
@@ -119,15 +119,6 @@ def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> 
             break
         found.append(value_at(read, key))
     return found
-
-
-def _is_there(specification: Mapping[str, Any], key: str) -> bool:
-    """Whether a key path leads to something; it does not where the key is not known."""
-    try:
-        value_at(specification, key)
-    except (LookupError, TypeError, ValueError):
-        return False
-    return True
 
 
 def _check_members(

@@ -6,14 +6,13 @@ import shutil
 import sys
 import textwrap
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
-from fvi_cli.render.observed import observed_rows
 from fvi_cli.reports.document import Grid
 from fvi_cli.reports.writers.text import aligned as grid_as_text
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import Location, StoredFile
-from fvi_cli.storage.fields.observed import summary_of
+from fvi_cli.storage.fields.observed import ObservedSummary, summary_of
 from fvi_cli.studies.sweep_summary import counts_in_words, sweep_lines
 
 
@@ -99,6 +98,45 @@ def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
         if one.run.member is None
     ]
     return [aligned(rows) for rows in observed_rows(found)]
+
+
+def observed_rows(
+    runs: Iterable[tuple[tuple[str, ...], ObservedSummary]],
+) -> list[list[tuple[str, ...]]]:
+    """A table of the quantities and one of the events, as far as there are any.
+
+    Parameters
+    ----------
+    runs
+        The words that name a run, and what was observed of it.
+    """
+    named = ("experiment", "case", "n_steps")
+    quantities: list[tuple[str, ...]] = [
+        (*named, "quantity", "peak", "at t", "least", "greatest", "rms")
+    ]
+    events: list[tuple[str, ...]] = [(*named, "event", "times", "run")]
+    for words, observed in runs:
+        quantities += [
+            (
+                *words,
+                name,
+                *(
+                    f"{value:.6g}"
+                    for value in (one.peak, one.peak_time, one.least, one.greatest, one.rms)
+                ),
+            )
+            for name, one in observed.extents.items()
+        ]
+        events += [
+            (
+                *words,
+                name,
+                str(count) if count else "never",
+                "ended by it" if name == observed.stopped_by else "",
+            )
+            for name, count in observed.counts.items()
+        ]
+    return [rows for rows in (quantities, events) if len(rows) > 1]
 
 
 def _members_as_text(outcome: Outcome) -> str:

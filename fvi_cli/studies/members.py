@@ -157,6 +157,15 @@ def value_at(specification: Mapping[str, Any], path: str) -> Any:
     return node
 
 
+def leads_somewhere(specification: Mapping[str, Any], path: str) -> bool:
+    """Whether something stands at a key path that begins with ``problem.``."""
+    try:
+        value_at(specification, path)
+    except (LookupError, TypeError, ValueError):
+        return False
+    return True
+
+
 def without_values(template: Mapping[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:
     """The mapping with ``swept`` in place of what members differ in: the same for all of them."""
     return with_values(template, dict.fromkeys(keys, "swept"))

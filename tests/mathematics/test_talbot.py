@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from fvi_cli.mathematics.transforms.talbot import talbot_inverse
+from benchmarks.talbot import talbot_inverse
 
 
 def test_values_from_outside():

@@ -4,6 +4,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
+from benchmarks.talbot import talbot_inverse
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.inertia import Inertia
@@ -16,7 +17,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.transforms.talbot import talbot_inverse
 from fvi_cli.scenes.linear_response import match_scene
 
 ZENER = fractional_zener(order=0.675, time=0.3, relaxed=2.0, unrelaxed=7.0, coefficient=1.0)

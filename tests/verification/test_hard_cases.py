@@ -15,10 +15,10 @@ import pytest
 from stored_results import stored_hard_cases
 from typer.testing import CliRunner
 
+from benchmarks.talbot import talbot_inverse
 from fvi_cli.cli.app import app
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.mathematics.transforms.talbot import talbot_inverse
 from fvi_cli.reports import compare, write
 from fvi_cli.reports.kinds.hard_cases import hard_case_report
 from fvi_cli.scenes.linear_response import linear_response
@@ -34,7 +34,7 @@ from fvi_cli.studies.hard_cases.case import (
 from fvi_cli.studies.hard_cases.chaos import chaotic_double_pendulum, energy_defect
 from fvi_cli.studies.hard_cases.judging import exact_positions
 from fvi_cli.studies.hard_cases.linear_cases import oscillator
-from fvi_cli.studies.hard_cases.long_cases import TAIL_AT_1000
+from fvi_cli.studies.hard_cases.long_cases import TAIL_AT_1000, harmonic_response
 from fvi_cli.studies.hard_cases.suite import FLAGSHIP, examined_methods, hard_cases
 
 ROOT = Path(__file__).parents[2]
@@ -160,6 +160,19 @@ def by_talbot(scene: Scene, time: float, *, stiffness: float, fastest: float) ->
         return start / (s**2 + mu * s**g + k)
 
     return float(talbot_inverse(transform, (time,), largest_frequency=fastest)[0])
+
+
+def test_resonance_agrees_with_talbot():
+    order, mu, frequency, time = 0.5, 0.05, 1.0177, 25.0
+
+    def transform(s: mpmath.mpc, k: float = 1.0) -> mpmath.mpc:
+        return s / (s**2 + mpmath.mpf(frequency) ** 2) / (s**2 + mpmath.mpf(mu) * s**order + k)
+
+    found = harmonic_response(order, mu, frequency)(np.array([time]))
+    exact = talbot_inverse(transform, (time,), largest_frequency=1.02)
+    assert found == pytest.approx(exact, rel=1e-12)
+    moved = talbot_inverse(lambda s: transform(s, 1 + 1e-9), (time,), largest_frequency=1.02)
+    assert found != pytest.approx(moved, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", ["extreme-orders", "huge-damping", "negative-damping"])

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from spread import spread
 
+from benchmarks.talbot import talbot_inverse
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
@@ -21,7 +22,6 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, mesh_of
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.transforms.talbot import talbot_inverse
 from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.nonlinear import duffing

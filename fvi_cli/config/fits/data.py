@@ -15,7 +15,7 @@ from fvi_cli.scenes.records.csv_samples import CsvSamples, read_csv_samples
 from fvi_cli.scenes.records.data_files import DataFileError, file_under
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.fits.settings import PARTS, Amplitude, DataSet, Series
-from fvi_cli.studies.members import value_at, with_values
+from fvi_cli.studies.members import leads_somewhere, with_values
 from fvi_cli.studies.vibration.response import GROUND, forms_of, harmonic_force
 
 
@@ -193,7 +193,7 @@ def changed_problem(
 ) -> Mapping[str, Any] | None:
     """The problem with other values, which must make one; None with complaints."""
     for key in changes:
-        if not leads_somewhere(described, key):
+        if not may_change(described, key):
             refuse_path(described, key, at)
             return None
     full = with_values(described, changes)
@@ -211,15 +211,10 @@ def is_possible(specification: Mapping[str, Any], at: Cursor) -> bool:
     return True
 
 
-def leads_somewhere(described: Mapping[str, Any], key: str) -> bool:
+def may_change(described: Mapping[str, Any], key: str) -> bool:
     """Whether something that may be changed stands at a key path."""
-    if not key.startswith("problem.") or key in ("problem.kind", "problem.final_time"):
-        return False
-    try:
-        value_at(described, key)
-    except (KeyError, IndexError, TypeError):
-        return False
-    return True
+    is_fixed = not key.startswith("problem.") or key in ("problem.kind", "problem.final_time")
+    return not is_fixed and leads_somewhere(described, key)
 
 
 def _numbers(node: Any, path: str) -> Iterator[str]:

@@ -9,7 +9,7 @@ from typing import Any, Final
 from fvi_cli.config.fits.data import (
     changed_problem,
     is_possible,
-    leads_somewhere,
+    may_change,
     read_data,
     refuse_path,
 )
@@ -123,7 +123,7 @@ def _parameters(
 ) -> tuple[FitParameter, ...]:
     found = []
     for key, value in given.items():
-        number = value_at(described, key) if leads_somewhere(described, key) else None
+        number = value_at(described, key) if may_change(described, key) else None
         if isinstance(number, bool) or not isinstance(number, int | float):
             refuse_path(described, key, at)
             continue

@@ -6,22 +6,20 @@ import functools
 import math
 from collections.abc import Callable
 
-import mpmath
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.mathematics.transforms.talbot import talbot_inverse
+from fvi_cli.mathematics.transforms.characteristic import CharacteristicSum, characteristic_zeros
 from fvi_cli.scenes.linear_response import linear_response
 from fvi_cli.scenes.named import linear_oscillator
+from fvi_cli.scenes.relaxation.response import LinearResponse
+from fvi_cli.scenes.relaxation.transforms import product
 from fvi_cli.studies.hard_cases.case import Claim, HardCase, Setting
 from fvi_cli.studies.hard_cases.judging import LAPLACE, accurate, largest_ratio
 from fvi_cli.studies.hard_cases.linear_cases import oscillator
-
-Array = NDArray[np.float64]
 
 TAIL_AT_1000 = {0.5: 0.0178323072601, 1.5: -8.92055356e-6}
 """x(1000) of x'' + D^g x + x = 0, x(0) = 1: characteristic roots, checked by 150-digit Talbot."""
@@ -120,7 +118,7 @@ def resonance() -> HardCase:
         title="resonance",
         description="x'' + mu D^g x + x = cos(w t) from rest: mu = 0, w = 1; mu = 0.05, g = 0.5, "
         "w = 1.0177; g = 1.5, w = 0.9823; 1600 steps on [0, 200]",
-        reference="t sin(t)/2; Talbot's contour with up to 470 digits, at 8 times",
+        reference=f"t sin(t)/2; {LAPLACE}, at 8 times",
         claims=tuple(claims),
     )
 
@@ -135,23 +133,22 @@ def _harmonic_error(
 ) -> float:
     n_steps = trajectory.time.size - 1
     chosen = n_steps * np.arange(1, 9) // 8
-    exact = harmonic_response(
-        order, coefficient, frequency, tuple(map(float, trajectory.time[chosen]))
-    )
+    exact = harmonic_response(order, coefficient, frequency)(trajectory.time[chosen])
     return largest_ratio(trajectory.position[chosen, 0] - exact, exact)
 
 
 @functools.lru_cache(maxsize=16)
-def harmonic_response(
-    order: float, coefficient: float, frequency: float, times: tuple[float, ...]
-) -> Array:
-    r"""Solution of :math:`x'' + \mu D^\gamma x + x = \cos \omega t` from rest, in many digits."""
+def harmonic_response(order: float, coefficient: float, frequency: float) -> LinearResponse:
+    r"""Solution of :math:`x'' + \mu D^\gamma x + x = \cos \omega t` from rest.
 
-    def transform(s: mpmath.mpc) -> mpmath.mpc:
-        damped = s**2 + mpmath.mpf(coefficient) * s ** mpmath.mpf(order) + 1
-        return s / (s**2 + mpmath.mpf(frequency) ** 2) / damped
-
-    return talbot_inverse(transform, times, largest_frequency=1.02)
+    Its transform :math:`s / ((s^2 + \omega^2) (s^2 + \mu s^\gamma + 1))` is a quotient of sums of
+    powers.
+    """
+    damped = {2.0: 1.0, order: coefficient, 0.0: 1.0}
+    below = product(damped, {2.0: 1.0, 0.0: frequency**2})
+    whole = CharacteristicSum(terms=tuple(sorted(below.items(), reverse=True)))
+    zeros = characteristic_zeros(whole)
+    return LinearResponse(characteristic=whole, inputs=((0.0, {1.0: 1.0}),), zeros=zeros)
 
 
 def beats() -> HardCase:

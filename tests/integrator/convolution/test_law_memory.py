@@ -8,6 +8,7 @@ import pytest
 from mesh_powers import Array, gauss_operator, mesh_function, meshes
 from spread import spread
 
+from benchmarks.talbot import talbot_inverse
 from fvi_cli.config.method_names import method_named
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.diagnostics_request import Asked
@@ -23,7 +24,6 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.parts import integrate_part
 from fvi_cli.integrator.stability.prediction import predict_stability
-from fvi_cli.mathematics.transforms.talbot import talbot_inverse
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.plan import plan_run
 from fvi_cli.scenes.lagrangian import lagrangian_scene

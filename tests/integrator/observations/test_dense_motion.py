@@ -6,7 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fvi_cli as fvi
-from fvi_cli.mathematics.transforms.talbot import talbot_inverse
+from benchmarks.talbot import talbot_inverse
 from fvi_cli.scenes.chains import frame
 from fvi_cli.scenes.lagrangian import double_pendulum
 

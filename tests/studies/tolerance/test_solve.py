@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import fvi_cli as fvi
+from benchmarks.talbot import talbot_inverse
 from fvi_cli.effects.sampled import FunctionForce
-from fvi_cli.mathematics.transforms.talbot import talbot_inverse
 from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.nonlinear import kepler
 
