@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.blocks.history import BatchedChannel, BlockHistory
-from fvi_cli.integrator.blocks.response import LinearSystem, block_response
+from fvi_cli.integrator.blocks.response import SampledSystems, sampled_response
 from fvi_cli.integrator.blocks.sizes import BatchPlan, plan_batch
 from fvi_cli.integrator.compensated import CompensatedSum
 
@@ -48,7 +48,7 @@ class BatchProblem:
         Whether no system needs more steps once one is beyond its limit.
     """
 
-    system: LinearSystem
+    system: SampledSystems
     n_steps: int
     position: Array
     momentum: Array
@@ -157,16 +157,22 @@ class _Blocks:
         self._plan, self._block = plan, plan.block
         self._position, self._momentum, self._force = position, momentum, force
         system = problem.system
-        response = block_response(system, plan.block)
+        response = sampled_response(system, plan.block, with_force=force is not None)
         q, e, m = system.batch, system.coupled, system.samples
         self._width = system.sample_size
         self._n_history = plan.far * self._width
         self._n_state = system.state_size
         self._n_first = self._n_history + self._n_state
         whole = plan.block * self._width
-        columns = np.r_[: self._n_history, whole : response.state.shape[2]]
+        columns = np.r_[: self._n_history, whole : response.carry.shape[2]]
         inside = np.concatenate(
-            [response.samples[:, whole - self._n_history :], response.state], axis=1
+            [
+                response.samples[:, whole - self._n_history :],
+                response.position[:, -e:],
+                response.momentum[:, -e:],
+                response.carry,
+            ],
+            axis=1,
         )[:, :, columns]
         self._sequential = np.ascontiguousarray(inside[:, :, : self._n_first])
         self._driven = np.ascontiguousarray(inside[:, :, self._n_first :].transpose(0, 2, 1))
@@ -229,14 +235,14 @@ class _Blocks:
         return force
 
     def _write(self, output: Array, inputs: Array, begin: int, end: int) -> None:
-        """Running sums inside every block, from the state at its start."""
+        """Positions and momenta after every step, from the state at the start of its block."""
         q, e = self._system.batch, self._system.coupled
         count, size = output.shape[1], self._block * e
         at = self._n_history
         for place, target in enumerate((self._position, self._momentum)):
             change = output[:, :, place * size : (place + 1) * size]
-            path = np.cumsum(change.reshape(q, count, self._block, e), axis=2)
-            path += inputs[:, :, None, at + place * e : at + (place + 1) * e]
+            path = change.reshape(q, count, self._block, e)
+            path = path + inputs[:, :, None, at + place * e : at + (place + 1) * e]
             target[:, begin + 1 : end + 1] = path.reshape(q, -1, e)[:, : end - begin]
 
     def _advance_chunk(self, first: int, count: int) -> Array:

@@ -80,33 +80,6 @@ def lag_kernel(channels: tuple[BatchedChannel, ...], first: int, last: int, samp
     return kernel.reshape(q, last - first, size, size)
 
 
-def reversed_strip(kernel: Array, rows: int, reach: int) -> Array:
-    """Force of the last `reach` samples on the next `rows` steps.
-
-    Parameters
-    ----------
-    kernel
-        From `lag_kernel` with lags 0 .. rows + reach - 1 at least, shape ``(q, n, k, k)``.
-    rows, reach
-        Number of steps ahead and of samples behind.
-
-    Returns
-    -------
-    Array
-        Shape ``(q, rows k, reach k)``; columns in the order of time, so that fewer samples take
-        the last columns.
-    """
-    q, _, k, _ = kernel.shape
-    strip = np.empty((q, rows, k, reach, k))
-    backwards = kernel[:, ::-1]
-    total = kernel.shape[1]
-    for row in range(rows):
-        # the column before the last has lag row + 2, the last row + 1
-        start = total - 1 - (row + reach)
-        strip[:, row] = backwards[:, start : start + reach].transpose(0, 2, 1, 3)
-    return strip.reshape(q, rows * k, reach * k)
-
-
 class BlockHistory:
     """Force of all finished steps on those to come, block by block, in a batch of systems.
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.integrator.blocks.batch import BatchProblem, BatchStepped, run_batch
 from fvi_cli.integrator.blocks.history import BatchedChannel
-from fvi_cli.integrator.blocks.response import LinearSystem
+from fvi_cli.integrator.blocks.response import SampledSystems
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem
 from fvi_cli.integrator.trajectory import NewtonRecord
@@ -19,12 +19,12 @@ from fvi_cli.integrator.trajectory import NewtonRecord
 Array = NDArray[np.float64]
 
 
-def linear_system(problem: StepProblem, decoupling: Decoupling) -> LinearSystem:
+def sampled_systems(problem: StepProblem, decoupling: Decoupling) -> SampledSystems:
     """The scene of `problem` in the coordinates of `decoupling`."""
     scene, memory = problem.scene, problem.memory
     potential = scene.potential
     stiffness = potential.stiffness if isinstance(potential, QuadraticPotential) else None
-    return LinearSystem(
+    return SampledSystems(
         mass=decoupling.matrices(scene.inertia.mass),
         stiffness=None if stiffness is None else decoupling.matrices(stiffness),
         channels=tuple(
@@ -32,9 +32,7 @@ def linear_system(problem: StepProblem, decoupling: Decoupling) -> LinearSystem:
             for c in memory.channels
         ),
         tables=problem.tables,
-        sample_matrix=memory.sample_matrix,
-        carry_matrix=memory.carry_matrix,
-        force_weights=memory.force_weights,
+        memory=memory,
         offset=decoupling.positions(memory.offset),
         step_size=problem.step_size,
     )
@@ -84,7 +82,7 @@ def batch_problem(
 
     on_nodes = first.skip_first_kick and bool(first.memory.channels)
     return BatchProblem(
-        system=_joined([linear_system(problem, own) for problem, own in members]),
+        system=_joined([sampled_systems(problem, own) for problem, own in members]),
         n_steps=first.n_steps,
         position=np.concatenate([own.positions(one.position) for one, own in members]),
         momentum=np.concatenate([own.forces(one.momentum) for one, own in members]),
@@ -99,7 +97,7 @@ def batch_problem(
     )
 
 
-def _joined(systems: Sequence[LinearSystem]) -> LinearSystem:
+def _joined(systems: Sequence[SampledSystems]) -> SampledSystems:
     """One batch of all systems; no stiffness is one of zero."""
     first = systems[0]
     stiffness = None

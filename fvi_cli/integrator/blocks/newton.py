@@ -1,6 +1,6 @@
 """Nonlinear scenes, block by block: Newton's iteration with a frozen linear response.
 
-A block whose fixed point (:mod:`fvi_cli.integrator.blocks.frozen_response`) does not contract is
+A block whose fixed point (:mod:`fvi_cli.integrator.steps.newton_blocks`) does not contract is
 halved, down to single steps with their own Jacobians.
 """
 
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.blocks.convolved import Convolved, pairs
-from fvi_cli.integrator.blocks.frozen_response import BlockInputs, FrozenResponse
 from fvi_cli.integrator.blocks.history import BatchedChannel, BlockHistory
 from fvi_cli.integrator.blocks.linear import known_moments
+from fvi_cli.integrator.blocks.response import lag_damping, toeplitz
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem, noted
 from fvi_cli.integrator.equal_steps.stepping import Stepper
@@ -27,7 +27,7 @@ from fvi_cli.integrator.steps.block_lengths import (
     newton_block,
 )
 from fvi_cli.integrator.steps.dynamics import dynamics_of
-from fvi_cli.integrator.steps.newton_blocks import frozen_law
+from fvi_cli.integrator.steps.newton_blocks import FrozenBlocks, frozen_law
 from fvi_cli.integrator.steps.step import StepFailedError
 from fvi_cli.integrator.trajectory import NewtonRecord
 
@@ -110,12 +110,12 @@ class _NewtonBlocks:
         self._problem, self._plan = problem, plan
         memory, d = problem.memory, problem.scene.dimension
         self._d, self._m = d, problem.tables.sample_points.size
-        self._channels = tuple(
+        channels = tuple(
             BatchedChannel(channel=c, directions=c.direction[None]) for c in memory.channels
         )
         self._damped, self._with_end = plan.is_damped, problem.skip_first_kick
         self._with_force = bool(memory.channels) and (self._with_end or problem.keep_force)
-        self._history = BlockHistory(self._channels if self._damped else (), self._m, plan.block)
+        self._history = BlockHistory(channels if self._damped else (), self._m, plan.block)
         self._stepper = Stepper(problem)
         self._state = np.concatenate(
             [problem.position, problem.momentum, memory.first_offset.ravel(), [1.0]]
@@ -123,7 +123,8 @@ class _NewtonBlocks:
         self._sum = CompensatedSum(self._state[: 2 * d])
         self._lengths = BlockLengths(plan.block)
         self._newton = NewtonRecord()
-        self._remainder = np.zeros((1, d))
+        self._remainder = np.zeros(d)
+        self._own = [(toeplitz(c, plan.block), c.direction) for c in memory.channels]
         self._freeze()
 
     def run(self) -> Stepped:
@@ -158,18 +159,20 @@ class _NewtonBlocks:
     def _freeze(self) -> None:
         """Linear response with the second derivatives at the state that is reached."""
         problem = self._problem
-        self._frozen = FrozenResponse(
-            problem,
-            frozen_law(
-                dynamics_of(problem.scene),
-                self._state[: self._d],
-                self._state[self._d : 2 * self._d],
-                0.0,
-                problem.scene.inertia.mass,
-            ),
-            self._channels,
+        law = frozen_law(
+            dynamics_of(problem.scene),
+            self._state[: self._d],
+            self._state[self._d : 2 * self._d],
+            0.0,
+            problem.scene.inertia.mass,
+        )
+        self._frozen = FrozenBlocks(
+            law,
+            tuple(one.direction for one in problem.memory.channels),
+            lag_damping(problem.memory, problem.step_size),
+            problem.tables,
+            problem.step_size,
             self._plan.block,
-            with_force=self._with_force,
         )
         self._lengths.renewed()
 
@@ -177,33 +180,43 @@ class _NewtonBlocks:
         self, done: int, count: int, positions: Array, momenta: Array, forces: Array | None
     ) -> bool:
         """Attempt `count` steps; whether they are done."""
-        d = self._d
-        found = self._frozen.attempt(
-            BlockInputs(
-                known=self._known(count).reshape(count, -1),
-                origin=self._state[:d],
-                state=np.concatenate([np.zeros(d), self._state[d:]]),
-                moments=known_moments(self._problem, done, done + count),
-                remainder=self._remainder,
-            )
-        )
+        d, h, memory = self._d, self._problem.step_size, self._problem.memory
+        # what earlier steps and constants add to the samples acts as a known force
+        added = np.broadcast_to(memory.offset, (count, self._m, d)).copy()
+        added[0] = self._state[2 * d : -1].reshape(self._m, d)
+        known = self._known(count)
+        loads = known_moments(self._problem, done, done + count)
+        if self._own:
+            acting = known + self._own_force(added)
+            loads = loads - h * np.einsum("nm,kmd->knd", memory.force_weights, acting)
+        position, momentum = self._state[:d], self._state[d : 2 * d]
+        found = self._frozen.attempt(0.0, position, momentum, loads, self._remainder, count)
         if found is None:
             self._lengths.failed(count)
             return False
-        positions[done + 1 : done + count + 1] = self._state[:d] + found.path
-        momenta[done + 1 : done + count + 1] = self._state[d : 2 * d] + found.momentum_path
-        if forces is not None and found.force is not None:
-            forces[done : done + count] = found.force
+        positions[done + 1 : done + count + 1] = position + found.way
+        momenta[done + 1 : done + count + 1] = momentum + found.momentum_change
+        samples = h * found.samples + added
+        if forces is not None:
+            forces[done : done + count] = known + self._own_force(samples)
         if self._damped:
-            self._history.push(found.samples.reshape(1, count, self._m, d))
-        self._move(np.concatenate([found.path[-1], found.momentum_path[-1]]))
-        self._state[2 * d : -1] = found.carry
+            self._history.push(samples[None])
+        self._move(np.concatenate([found.way[-1], found.momentum_change[-1]]))
+        self._state[2 * d : -1] = (h * found.carry + memory.offset).ravel()
         self._remainder = found.remainder
         self._newton = noted(self._newton, done, found.changes)
         self._lengths.contracted(count, len(found.changes))
         if self._lengths.is_stale:
             self._freeze()
         return True
+
+    def _own_force(self, samples: Array) -> Array:
+        """Force of the samples of a block on its steps, both of shape ``(n, m, d)``."""
+        total, count = np.zeros_like(samples), samples.shape[0]
+        flat = samples.reshape(count, -1)
+        for weights, direction in self._own:
+            total += (weights[:count, :count] @ flat).reshape(samples.shape) @ direction
+        return total
 
     def _move(self, change: Array) -> None:
         self._sum.add(change)

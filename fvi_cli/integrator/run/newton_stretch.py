@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.matrices import dense
 from fvi_cli.integrator.run.loop import Course, Marker, Stepper
 from fvi_cli.integrator.steps.block_lengths import BlockLengths
 from fvi_cli.integrator.steps.block_memory import BlockMemory
+from fvi_cli.integrator.steps.block_response import stage_damping
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.steps.newton_blocks import FrozenBlocks, frozen_law
 from fvi_cli.integrator.steps.step import StepFailedError
@@ -33,6 +35,9 @@ class NewtonStretch:
         self._solver = stepper.solver
         self._at = stepper.matrices(step_size).damping
         damping = self._solver.damping
+        self._directions: tuple[Array, ...] = ()
+        if damping is not None:
+            self._directions = tuple(dense(one.matrix) for one in damping.directions)
         self._memory: BlockMemory | None = None
         if damping is not None and self._at.step is not None:
             self._memory = BlockMemory(damping, self._at, block)
@@ -81,8 +86,9 @@ class NewtonStretch:
                     begin + (first + done) * self._h,
                     marker.position.value,
                     marker.momentum.value,
-                    marker.states,
-                    None if loads is None else loads[done : done + trial],
+                    self._loads(
+                        marker, None if loads is None else loads[done : done + trial], trial
+                    ),
                     remainder,
                     trial,
                 )
@@ -102,10 +108,10 @@ class NewtonStretch:
             span = slice(done, done + trial)
             positions[span] = marker.position.value + found.way
             momenta[span] = marker.momentum.value + found.momentum_change
-            velocities[span] = found.velocity
+            velocities[span] = found.samples
             marker.position.add(found.way[-1])
             marker.momentum.add(found.momentum_change[-1])
-            self._push(marker, found.velocity)
+            self._push(marker, found.samples)
             marker.unknowns = None
             done += trial
             marker.time = begin + (first + done) * self._h
@@ -129,15 +135,29 @@ class NewtonStretch:
         try:
             return FrozenBlocks(
                 law,
-                self._solver.damping,
-                self._at,
-                self._memory,
+                self._directions,
+                stage_damping(self._at, self._solver.tables),
                 self._solver.tables,
                 self._h,
                 self._block,
             )
         except np.linalg.LinAlgError:
             return None
+
+    def _loads(self, marker: Marker, loads: Array | None, count: int) -> Array | None:
+        """Load vectors of known forces and of the past on the next `count` steps."""
+        memory, tables = self._memory, self._solver.tables
+        if memory is None:
+            return loads
+        r, d = tables.points.size, marker.position.value.size
+        total = np.zeros((count * r, d))
+        for response, direction in zip(memory.responses, self._directions, strict=True):
+            total += (response[: count * r] @ marker.states[:, :d]) @ direction
+        force = total.reshape(count, r, d) + self._at.constant_force
+        if marker.states.shape[1] > d:
+            force = force + memory.carried_force(marker.states[:, -1], count)
+        past: Array = np.einsum("nr,krd->knd", -self._h * tables.test_weights, force)
+        return past if loads is None else loads + past
 
     def _push(self, marker: Marker, velocity: Array) -> None:
         if self._memory is None:

@@ -1,10 +1,10 @@
-r"""What a block of B equal steps of a linear scene gives, as dense matrices.
+r"""What a block of B equal steps of linear systems gives, as dense matrices.
 
 The scene is linear with constant matrices M, K and D: its own, or those that stand for a nonlinear
 one while Newton's iteration works on what is left. Into a block go load vectors
 :math:`g_{k\nu}` of every step, positions and momenta at its beginning. The force of the past
 enters by its load vectors :math:`-h \sum_i b_i l_\nu(c_i) F_i`; what the damping of the block's own
-steps does is in the matrices.
+steps does is in the matrices, for states of exponentials as for weights of all lags.
 
 All matrices follow from the response to inputs of the first step, for which the steps are done once
 with unit inputs.
@@ -12,13 +12,16 @@ with unit inputs.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.convolution.damping import DampingTables
 from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.steps.step import ForceSampling
 
 Array = NDArray[np.float64]
 
@@ -45,6 +48,58 @@ class LinearSystems:
         return int(self.mass.shape[0]), int(self.mass.shape[1])
 
 
+class OwnPast(Protocol):
+    """What the steps of a block so far do to the next one."""
+
+    def force(self) -> tuple[Array, ...]:
+        """For every direction its force but for the matrix, each ``(q, m, columns)``."""
+
+    def push(self, samples: Array) -> None:
+        """Append what drove the force in a step, shape ``(q, m, columns)``."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OwnDamping:
+    """The damping of a block's steps by themselves.
+
+    Parameters
+    ----------
+    sampling
+        Where the force acts, and what drives it.
+    local
+        For every direction what a step's samples do in it, shape ``(m, m)``.
+    past
+        From B and a shape ``(q, m, columns)`` to a past without any step yet.
+    carry
+        What the unknowns of a step add to the samples of the next, shape ``(m, s)``; None: nothing.
+    """
+
+    sampling: ForceSampling
+    local: tuple[Array, ...]
+    past: Callable[[int, tuple[int, int, int]], OwnPast]
+    carry: Array | None = None
+
+
+def stage_damping(at: DampingTables, tables: StepTables) -> OwnDamping:
+    """That of a Runge-Kutta method, driven by the velocities at the stages."""
+    sampling = ForceSampling(
+        test=tables.test_weights[:-1], weights=tables.weights, driving=tables.slopes[1:].T
+    )
+    return OwnDamping(sampling=sampling, local=at.local, past=lambda _, shape: _States(at, shape))
+
+
+class _States:
+    def __init__(self, at: DampingTables, shape: tuple[int, int, int]) -> None:
+        self._at, self._states = at, np.zeros((shape[0], at.decay.size, shape[2]))
+
+    def force(self) -> tuple[Array, ...]:
+        return tuple(response @ self._states for response in self._at.response)
+
+    def push(self, samples: Array) -> None:
+        if self._at.decay.size:
+            self._states = self._at.decay[:, None] * self._states + self._at.intake @ samples
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlockResponse:
     """Matrices of a block of B steps, for each of q systems.
@@ -54,26 +109,32 @@ class BlockResponse:
 
     Parameters
     ----------
-    velocity
-        Rows: velocities at the quadrature points, ``(B, r, e)``.
+    samples
+        Rows: what drives the damping force in every step, ``(B, m, e)``: velocities at the stages.
     way
         Rows: positions at the quadrature points relative to the beginning, ``(B, r, e)``.
     ends
         Rows: changes of position and of momentum since the beginning, after every step,
         ``(B, 2, e)``.
+    carry
+        Rows: what every step adds to the samples of the next, ``(B, m, e)``; none without.
+    force
+        Rows: damping force of the block's own steps, ``(B, m, e)``, where it was wanted.
     """
 
-    velocity: Array
+    samples: Array
     way: Array
     ends: Array
+    carry: Array
+    force: Array
 
 
 def step_matrix(
-    systems: LinearSystems, damping: DampingTables, tables: StepTables, step_size: float
+    systems: LinearSystems, damping: OwnDamping, tables: StepTables, step_size: float
 ) -> Array:
     """Derivative of the equations of a step by its unknowns, shape ``(q, s e, s e)``."""
-    h, test = step_size, tables.test_weights[:-1]
-    basis, slopes = tables.basis[1:].T, tables.slopes[1:].T
+    h, test, basis = step_size, tables.test_weights[:-1], tables.basis[1:].T
+    acting, driving = damping.sampling.test, damping.sampling.driving
     q, e = systems.shape
     s = tables.degree
     total = np.einsum("nm,qab->qnamb", tables.mass_matrix, systems.mass)
@@ -81,16 +142,18 @@ def step_matrix(
         total -= h**2 * np.einsum("nm,qab->qnamb", test @ basis, systems.stiffness)
     for local, direction in zip(damping.local, systems.directions, strict=True):
         # forces are rows times directions: F = (W V) D
-        total -= h * np.einsum("nm,qba->qnamb", test @ local @ slopes, direction)
+        total -= h * np.einsum("nm,qba->qnamb", acting @ local @ driving, direction)
     return np.asarray(total.reshape(q, s * e, s * e))
 
 
 def block_response(
     systems: LinearSystems,
-    damping: DampingTables,
+    damping: OwnDamping,
     tables: StepTables,
     step_size: float,
     block: int,
+    *,
+    with_force: bool = False,
 ) -> BlockResponse:
     """Matrices of a block of `block` steps of size `step_size`.
 
@@ -99,28 +162,31 @@ def block_response(
     numpy.linalg.LinAlgError
         If the equations of a step have no unique solution.
     """
-    velocity, way, ends = _impulses(systems, damping, tables, step_size, block)
+    impulses = _impulses(systems, damping, tables, step_size, block, with_force=with_force)
+    dense = [_dense(one, tables, block) for one in impulses]
     return BlockResponse(
-        velocity=_dense(velocity, tables, block),
-        way=_dense(way, tables, block),
-        ends=_dense(ends, tables, block),
+        samples=dense[0], way=dense[1], ends=dense[2], carry=dense[3], force=dense[4]
     )
 
 
 def _impulses(
     systems: LinearSystems,
-    damping: DampingTables,
+    damping: OwnDamping,
     tables: StepTables,
     step_size: float,
     block: int,
-) -> tuple[Array, Array, Array]:
+    *,
+    with_force: bool,
+) -> tuple[Array, ...]:
     """Outputs of every step for unit inputs in the first, each ``(q, B, rows, e, columns)``."""
     h, (q, e) = step_size, systems.shape
     s, r = tables.degree, tables.points.size
     width = (s + 3) * e
     inverse = np.linalg.inv(step_matrix(systems, damping, tables, h))
-    test, weights = h * tables.test_weights[:-1], h * tables.weights
-    basis, slopes = h * tables.basis[1:].T, tables.slopes[1:].T
+    test, weights, basis = h * tables.test_weights[:-1], h * tables.weights, h * tables.basis[1:].T
+    acting, kicks = h * damping.sampling.test, h * damping.sampling.weights
+    driving, carry = damping.sampling.driving, damping.carry
+    m = driving.shape[0]
     units = np.eye(width).reshape(s + 3, e * width)
     start_position, start_momentum = units[s + 1], units[s + 2]
     pulled = np.zeros((q, e * width))
@@ -133,16 +199,21 @@ def _impulses(
     # changes are summed up on their own: beside a start of 1 their last digits would be lost, the
     # same ones in every block of a run
     moved, gained = np.zeros((q, e * width)), np.zeros((q, e * width))
-    states = np.zeros((q, damping.decay.size, e * width))
-    velocities = np.empty((q, block, r, e * width))
+    past = damping.past(block, (q, m, e * width))
+    samples = np.empty((q, block, m, e * width))
     ways = np.empty((q, block, r, e * width))
     ends = np.empty((q, block, 2, e * width))
+    carries = np.empty((q, block, 0 if carry is None else m, e * width))
+    forces = np.empty((q, block, m if with_force else 0, e * width))
     test_sum = test.sum(axis=1)[:, None]
     for index in range(block):
-        force = np.zeros((q, r, e * width))
-        for response, direction in zip(damping.response, systems.directions, strict=True):
-            force += _along(direction, response @ states, e)
-        right = test @ force
+        force = np.zeros((q, m, e * width))
+        for own, direction in zip(past.force(), systems.directions, strict=True):
+            force += _along(direction, own, e)
+        if carry is not None and index:
+            for local, direction in zip(damping.local, systems.directions, strict=True):
+                force += _along(direction, local @ carries[:, index - 1], e)
+        right = acting @ force
         right[:, 0] -= start_momentum + gained
         if index == 0:
             right -= units[:s]
@@ -150,23 +221,28 @@ def _impulses(
             pull = pulled + _along(stiffness, moved[:, None], e)[:, 0]
             right += test_sum * pull[:, None]
         unknowns = np.matmul(inverse, right.reshape(q, s * e, width)).reshape(q, s, e * width)
-        velocity = slopes @ unknowns
+        sample = driving @ unknowns
         for local, direction in zip(damping.local, systems.directions, strict=True):
-            force += _along(direction, local @ velocity, e)
-        change = -(weights @ force)
+            force += _along(direction, local @ sample, e)
+        change = -(kicks @ force)
         if stiffness is not None:
             change -= h * pull + _along(stiffness, (own_pull @ unknowns)[:, None], e)[:, 0]
         if index == 0:
             change += units[: s + 1].sum(axis=0)
-        velocities[:, index] = velocity
+        if carry is not None:
+            if index:
+                sample = sample + carries[:, index - 1]
+            carries[:, index] = carry @ unknowns
+        samples[:, index] = sample
+        if with_force:
+            forces[:, index] = force
         np.add(moved[:, None], basis @ unknowns, out=ways[:, index])
         moved = moved + h * unknowns[:, -1]
         gained = gained + change
         ends[:, index, 0], ends[:, index, 1] = moved, gained
-        if damping.decay.size:
-            states = damping.decay[:, None] * states + damping.intake @ velocity
-    shape = (q, block, -1, e, width)
-    return velocities.reshape(shape), ways.reshape(shape), ends.reshape(shape)
+        past.push(sample)
+    outputs = (samples, ways, ends, carries, forces)
+    return tuple(one.reshape(q, block, one.shape[2], e, width) for one in outputs)
 
 
 def _along(matrices: Array, values: Array, coupled: int) -> Array:
@@ -189,4 +265,4 @@ def _dense(impulses: Array, tables: StepTables, block: int) -> Array:
             :, : block - first, :, :loads
         ]
     total[..., block * loads :] = own[..., loads:]
-    return total.reshape(q, block * rows * e, -1)
+    return total.reshape(q, block * rows * e, total.shape[-1])

@@ -19,7 +19,11 @@ from fvi_cli.integrator.convolution.damping import Damping, DampingTables
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.steps.block_memory import BlockMemory
-from fvi_cli.integrator.steps.block_response import LinearSystems, block_response
+from fvi_cli.integrator.steps.block_response import (
+    LinearSystems,
+    block_response,
+    stage_damping,
+)
 
 Array = NDArray[np.float64]
 
@@ -144,7 +148,9 @@ class LinearBlocks:
         self._q, self._e = systems.shape
         self._r, self._rows = tables.points.size, tables.degree + 1
         self._directions = systems.directions
-        self._response = block_response(systems, at, tables, step_size, block)
+        self._response = block_response(
+            systems, stage_damping(at, tables), tables, step_size, block
+        )
         self._to_loads = -step_size * tables.test_weights
         # load vectors of the constant force
         self._constant = self._to_loads @ at.constant_force
@@ -252,7 +258,7 @@ class LinearBlocks:
         """Matrices of one system: w = (states, position, momentum) from block to block."""
         e, block, n_states = self._e, self.block, self._n_states
         loads = block * self._rows * e
-        velocity, ends = self._response.velocity[0], self._response.ends[0]
+        velocity, ends = self._response.samples[0], self._response.ends[0]
         size = n_states * e + 2 * e
         # from w to the load vectors of the past
         past = np.zeros((loads, n_states * e))
@@ -303,7 +309,7 @@ class LinearBlocks:
         if with_velocity:
             velocity += path @ matrices.velocities.T
             if flat is not None:
-                velocity += flat @ self._response.velocity[0][:, :width].T
+                velocity += flat @ self._response.samples[0][:, :width].T
         ends = ends.reshape(n_blocks, block, 2 * e) + path[:, None, -2 * e :]
         return (
             ends.reshape(1, n_blocks * block, 2 * e),
@@ -350,10 +356,10 @@ class LinearBlocks:
                     force += np.matmul(own, direction[:, None])
             inputs[:, :width] += np.einsum("nr,qkre->qkne", self._to_loads, force).reshape(q, -1)
         if count == self.block:
-            velocity, ends = self._response.velocity, self._response.ends
+            velocity, ends = self._response.samples, self._response.ends
         else:
             columns = np.r_[0:width, every : every + 2 * e]
-            velocity = self._response.velocity[:, : count * r * e][:, :, columns]
+            velocity = self._response.samples[:, : count * r * e][:, :, columns]
             ends = self._response.ends[:, : count * 2 * e][:, :, columns]
         driving = _times(velocity, inputs).reshape(q, count, r, e)
         path = _times(ends, inputs).reshape(q, count, 2 * e) + start[:, None]

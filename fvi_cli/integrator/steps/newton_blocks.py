@@ -21,12 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.lagrangian import Lagrangian
-from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import Potential
-from fvi_cli.integrator.convolution.damping import Damping, DampingTables
 from fvi_cli.integrator.step_tables import StepTables
-from fvi_cli.integrator.steps.block_memory import BlockMemory
-from fvi_cli.integrator.steps.block_response import LinearSystems, block_response
+from fvi_cli.integrator.steps.block_response import LinearSystems, OwnDamping, block_response
 from fvi_cli.integrator.steps.dynamics import General, Separable
 
 Array = NDArray[np.float64]
@@ -157,8 +154,10 @@ class NewtonSteps:
     ----------
     way, momentum_change
         Position and momentum after every step relative to the beginning, shape ``(n, d)``.
-    velocity
-        At the stages, shape ``(n, r, d)``.
+    samples
+        What drove the damping force, shape ``(n, m, d)``: velocities at the stages.
+    carry
+        What the last step adds to the samples of the next, shape ``(m, d)``, if anything.
     remainder
         What was left at the last point of all, shape ``(w,)``.
     changes
@@ -167,7 +166,8 @@ class NewtonSteps:
 
     way: Array
     momentum_change: Array
-    velocity: Array
+    samples: Array
+    carry: Array
     remainder: Array
     changes: tuple[float, ...]
 
@@ -178,8 +178,9 @@ class _Sized:
 
     points: Array
     response: Array
-    velocity: Array
+    samples: Array
     ends: Array
+    carry: Array
 
 
 class FrozenBlocks:
@@ -189,10 +190,9 @@ class FrozenBlocks:
     ----------
     law
         The linear scene, and what the other is beyond it.
-    damping, at
-        The damping, if any, and its numbers for this step size.
-    memory
-        The past over blocks; None without.
+    directions, damping
+        Directions of the damping, each of shape ``(d, d)``, and that of a block's steps by
+        themselves.
     tables, step_size, block
         Numbers of the method, h, and the most steps of a block.
     """
@@ -200,26 +200,24 @@ class FrozenBlocks:
     def __init__(
         self,
         law: FrozenLaw,
-        damping: Damping | None,
-        at: DampingTables,
-        memory: BlockMemory | None,
+        directions: tuple[Array, ...],
+        damping: OwnDamping,
         tables: StepTables,
         step_size: float,
         block: int,
     ) -> None:
-        self._law, self._memory, self._tables = law, memory, tables
+        self._law, self._tables = law, tables
         self._h, self._block = step_size, block
         self._d, self._r = law.mass.shape[0], tables.points.size
         self._rows = tables.degree + 1
         d = self._d
-        directions = () if damping is None else tuple(dense(o.matrix) for o in damping.directions)
-        self._directions = directions
         systems = LinearSystems(
             mass=law.mass[None],
             stiffness=law.stiffness[None],
             directions=tuple(one[None] for one in directions),
         )
-        self._response = block_response(systems, at, tables, step_size, block)
+        self._response = block_response(systems, damping, tables, step_size, block)
+        self._m = damping.sampling.driving.shape[0]
         by_value = step_size * tables.test_weights
         parts = [by_value]
         if law.has_rates:
@@ -234,7 +232,6 @@ class FrozenBlocks:
             .transpose(1, 2, 0, 3)
             .reshape(self._rows * d, -1)
         )
-        self._constant = at.constant_force
         self._made: dict[int, _Sized] = {}
 
     def _sized(self, count: int) -> _Sized:
@@ -248,10 +245,12 @@ class FrozenBlocks:
             return np.ascontiguousarray(matrix[0][: count * per_step][:, columns])
 
         way = part(self._response.way, r * d)
-        velocity = part(self._response.velocity, r * d)
+        samples = part(self._response.samples, self._m * d)
+        carried = self._response.carry.shape[1] // self._block
         points = way
         if self._law.has_rates:
-            pairs = np.stack([way, velocity]).reshape(2, count * r, d, -1)
+            # only methods whose samples are velocities at the points have such laws
+            pairs = np.stack([way, samples]).reshape(2, count * r, d, -1)
             points = pairs.transpose(1, 0, 2, 3).reshape(2 * count * r * d, -1)
         driven = points[:, :width].reshape(points.shape[0], count, rows * d)
         self._made[count] = _Sized(
@@ -259,8 +258,9 @@ class FrozenBlocks:
             response=np.ascontiguousarray(
                 (driven @ self._to_loads).reshape(points.shape[0], points.shape[0])
             ),
-            velocity=velocity,
+            samples=samples,
             ends=part(self._response.ends, 2 * d),
+            carry=part(self._response.carry, carried)[(count - 1) * carried :],
         )
         return self._made[count]
 
@@ -269,7 +269,6 @@ class FrozenBlocks:
         time: float,
         position: Array,
         momentum: Array,
-        states: Array,
         loads: Array | None,
         remainder: Array,
         count: int,
@@ -278,10 +277,10 @@ class FrozenBlocks:
 
         Parameters
         ----------
-        time, position, momentum, states
+        time, position, momentum
             Where it begins.
         loads
-            Load vectors of known forces, shape ``(count, s + 1, d)``.
+            Load vectors of known forces and of the past, shape ``(count, s + 1, d)``.
         remainder
             Guess of what is left, the same at all points, shape ``(w,)``.
         """
@@ -289,15 +288,6 @@ class FrozenBlocks:
         inputs = np.zeros(count * self._rows * d + 2 * d)
         if loads is not None:
             inputs[: -2 * d] = loads.ravel()
-        if self._memory is not None:
-            total = np.zeros((count * r, d))
-            for response, direction in zip(self._memory.responses, self._directions, strict=True):
-                total += (response[: count * r] @ states[:, :d]) @ direction
-            force = total.reshape(count, r, d) + self._constant
-            if states.shape[1] > d:
-                force = force + self._memory.carried_force(states[:, -1], count)
-            past = np.einsum("nr,krd->knd", -self._h * self._tables.test_weights, force)
-            inputs[: -2 * d] += past.ravel()
         # the way begins at zero
         inputs[-d:] = momentum
         fixed = (sized.points @ inputs).reshape(count, r, -1)
@@ -315,7 +305,8 @@ class FrozenBlocks:
         return NewtonSteps(
             way=ends[:, 0],
             momentum_change=ends[:, 1],
-            velocity=(sized.velocity @ inputs).reshape(count, r, d),
+            samples=(sized.samples @ inputs).reshape(count, -1, d),
+            carry=(sized.carry @ inputs).reshape(-1, d),
             remainder=left[-1, -1],
             changes=tuple(changes),
         )
