@@ -101,12 +101,13 @@ def _linear_matrices(run: Machinery, plan: BatchPlan) -> tuple[float, float]:
     first = far * m * e + state
     used = first + driven
     outputs = 2 * b * e + nodes * size
-    dense = (2 * size + outputs) * columns
+    dense = (size + outputs) * columns
     inside, sequential = first * used, first * first
     # a single system needs no second copy in another order
     copies = 0 if width == 1 else first * driven + outputs * used
-    impulses = b * (3 * m * e + 2 * e + run.method.stages * e) * (3 * e + 2 * m * e + 3)
-    own = width * (dense + inside + sequential + outputs * used + copies + impulses)
+    # the response to moments and state, from which that to all inputs is made
+    response = (2 * size + b * run.method.stages * e + outputs) * (driven + 2 * e)
+    own = width * (dense + max(response, inside + sequential + outputs * used + copies))
     past = _past(plan.convolved, b, width) if plan.is_damped else 0
     making = own + max(width * outputs * (columns - used if width > 1 else columns), past)
     kept = width * (inside + sequential + outputs * used + copies) + past
@@ -124,11 +125,11 @@ def _past(convolved: Convolved, block: int, width: int) -> float:
 
 def _newton_matrices(run: Machinery, plan: NewtonPlan) -> tuple[float, float]:
     d, r, m = run.scene.dimension, run.method.stages, run.samples
-    b, nodes = plan.block, run.keeps_force
+    b = plan.block
     size = b * m * d
-    columns = size + 2 * d + m * d + 1 + b * (run.method.degree + 1) * d
-    points, outputs = b * r * d, (1 + nodes) * size + 2 * b * d
-    dense = (2 * size + nodes * size + points + 2 * b * d) * columns
+    columns = 2 * d + b * (run.method.degree + 1) * d
+    points, outputs = b * r * d, size + 2 * b * d
+    dense = (2 * size + points + 2 * b * d) * columns
     frozen = points * columns + points**2 + outputs * columns
     past = _past(plan.convolved, b, 1) if plan.is_damped else 0
     # every halved block has matrices of its own
