@@ -78,7 +78,7 @@ def _linear_blocks(run: Machinery, plan: BatchPlan) -> float:
 def _newton_blocks(run: Machinery, plan: NewtonPlan) -> float:
     """The same; the matrices are made while the steps are under way."""
     held = _weights(run) + _known_in_advance(run) + _path(run)
-    return held + max(*_newton_matrices(run, plan), _after(run))
+    return held + max(_newton_matrices(run, plan), _after(run))
 
 
 def _after(run: Machinery) -> float:
@@ -123,7 +123,7 @@ def _past(convolved: Convolved, block: int, width: int) -> float:
     return matrices + making + 2 * remembered * convolved.size * width
 
 
-def _newton_matrices(run: Machinery, plan: NewtonPlan) -> tuple[float, float]:
+def _newton_matrices(run: Machinery, plan: NewtonPlan) -> float:
     d, r, m = run.scene.dimension, run.method.stages, run.samples
     b = plan.block
     size = b * m * d
@@ -133,8 +133,7 @@ def _newton_matrices(run: Machinery, plan: NewtonPlan) -> tuple[float, float]:
     frozen = points * columns + points**2 + outputs * columns
     past = _past(plan.convolved, b, 1) if plan.is_damped else 0
     # every halved block has matrices of its own
-    kept = past + dense + 1.33 * frozen
-    return past + dense + frozen + 1.5 * outputs * columns, kept
+    return past + dense + 1.33 * frozen
 
 
 def _single_steps(run: Machinery, plan: EqualPlan) -> float:
