@@ -22,9 +22,8 @@ from fvi_cli.config.keys.observations import check_units, read_observations
 from fvi_cli.config.keys.stability import stability_settings
 from fvi_cli.config.keys.store import read_diagnostics
 from fvi_cli.config.keys.sweep import SWEEP
-from fvi_cli.config.machine import machine_bytes
 from fvi_cli.config.members import ReadMembers, check_total_memory, make_members
-from fvi_cli.config.memory import bytes_at_most, derivative_bytes, in_gigabytes
+from fvi_cli.config.memory import bytes_at_most, derivative_bytes, in_gigabytes, machine_bytes
 from fvi_cli.config.problem import break_points, make_problem
 from fvi_cli.effects.diagnostics_request import NOTHING
 from fvi_cli.integrator.break_points import TOLERANCE
@@ -91,7 +90,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         observed = read_observations(values, described, problem, methods, at)
         check_units(values, problem, at)
         if at.has(SWEEP):
-            members = _make_members(described, problem, methods, steps, grading, at)
+            members = _make_members(described, methods, steps, grading, at)
             if members is not None and isinstance(every, int):
                 dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
                 points = [n_steps // every + 2 for n_steps in steps]
@@ -148,7 +147,6 @@ def _methods_of(
 
 def _make_members(
     template: Mapping[str, Any],
-    first: AnyProblem,
     methods: Sequence[ListedMethod],
     steps: tuple[int, ...],
     grading: float,

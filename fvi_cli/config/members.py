@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from fvi_cli.config.keys.sweep import BYTES_PER_RUN, PROBLEM, SWEEP, Sweep, read_sweep, tree_of
-from fvi_cli.config.machine import machine_bytes
-from fvi_cli.config.memory import in_gigabytes
+from fvi_cli.config.memory import in_gigabytes, machine_bytes
 from fvi_cli.config.problem import make_problem
 from fvi_cli.keys.complaints import excerpt
 from fvi_cli.keys.cursor import Cursor, is_complete

@@ -23,7 +23,6 @@ from fvi_cli.plotting.motions.paths import (
     phase_figure,
     waterfall_figure,
 )
-from fvi_cli.plotting.motions.quantities import has_quantities, quantities_figure
 from fvi_cli.plotting.motions.response_spectrum import response_spectrum_figure
 from fvi_cli.plotting.motions.section import has_events, section_figure, sweep_section_figure
 from fvi_cli.plotting.motions.sweeps import (
@@ -31,7 +30,13 @@ from fvi_cli.plotting.motions.sweeps import (
     sweep_quantities_figure,
     sweep_trajectory_figure,
 )
-from fvi_cli.plotting.motions.time_series import energy_figure, error_figure, trajectory_figure
+from fvi_cli.plotting.motions.time_series import (
+    energy_figure,
+    error_figure,
+    has_quantities,
+    quantities_figure,
+    trajectory_figure,
+)
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import FIGURE_KINDS, Experiment, FinishedRun
 

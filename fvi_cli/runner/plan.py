@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from fvi_cli.config.machine import machine_bytes
-from fvi_cli.config.memory import derivative_bytes, in_gigabytes
+from fvi_cli.config.memory import derivative_bytes, in_gigabytes, machine_bytes
 from fvi_cli.errors import RequestError
 from fvi_cli.planning.plan import planned_bytes
 from fvi_cli.runner.executors.batches import pack_size

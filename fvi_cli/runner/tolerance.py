@@ -6,7 +6,7 @@ import contextlib
 import logging
 from collections.abc import Sequence
 
-from fvi_cli.config.machine import machine_bytes
+from fvi_cli.config.memory import machine_bytes
 from fvi_cli.runner.compute import Keep
 from fvi_cli.runner.executors.executor import Batch
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure

@@ -30,7 +30,7 @@ from fvi_cli.mathematics.transforms.characteristic import (
     CharacteristicFunction,
     characteristic_zeros,
 )
-from fvi_cli.scenes.relaxation.response import LinearResponse, law_response
+from fvi_cli.scenes.relaxation import LinearResponse, law_response
 
 SOURCE = "characteristic roots and branch-cut integral"
 """Where exact solutions come from, in words, for tables."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fvi_cli.config.machine import machine_bytes
+from fvi_cli.config.memory import machine_bytes
 
 MEGA = 10**6
 
@@ -83,7 +83,7 @@ def test_groups_that_have_nothing_left_leave_nothing(tmp_path):
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no limit of that kind")
 def test_the_limit_of_the_address_space():
     code = (
-        "import resource; from fvi_cli.config.machine import machine_bytes\n"
+        "import resource; from fvi_cli.config.memory import machine_bytes\n"
         "resource.setrlimit(resource.RLIMIT_AS, (4 * 10**9, resource.RLIM_INFINITY))\n"
         "print(machine_bytes())"
     )

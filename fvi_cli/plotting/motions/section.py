@@ -19,8 +19,7 @@ from fvi_cli.plotting.motions.labels import (
     typeset_name,
     with_unit,
 )
-from fvi_cli.plotting.motions.quantities import observed_of
-from fvi_cli.plotting.motions.time_series import select_runs
+from fvi_cli.plotting.motions.time_series import observed_of, select_runs
 from fvi_cli.plotting.style import (
     COLOURS,
     MARKERS,

@@ -19,7 +19,7 @@ from fvi_cli.plotting.motions.labels import (
     time_axis,
     with_unit,
 )
-from fvi_cli.plotting.motions.quantities import (
+from fvi_cli.plotting.motions.time_series import (
     MOST_PANELS,
     mark_peak,
     name_quantity,

@@ -1,8 +1,9 @@
-"""Solutions, energies and errors over time: the exact ones against those of the methods."""
+"""Solutions, energies, errors and quantities over time, exact ones beside those of methods."""
 
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypedDict
@@ -12,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from fvi_cli.integrator.observations.observe import Extent, Observed
 from fvi_cli.plotting.methods import SeriesStyle
 from fvi_cli.plotting.motions.labels import (
     coordinates_of,
@@ -20,7 +22,14 @@ from fvi_cli.plotting.motions.labels import (
     typeset_name,
     with_unit,
 )
-from fvi_cli.plotting.style import few_decades, journal_style, legend_above, new_figure
+from fvi_cli.plotting.style import (
+    INK,
+    SMALL_TEXT,
+    few_decades,
+    journal_style,
+    legend_above,
+    new_figure,
+)
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.study import reference_of
@@ -42,6 +51,9 @@ _FINE_POINTS = 2001
 _MARKS = 12  # marks on one curve
 _MOST_COMPONENTS = 4
 _VISIBLE = 0.1  # of the largest position: an error that the eye sees
+MOST_PANELS = 6
+"""Quantities that are drawn; the first of them."""
+LONGEST_LABEL = 17
 EXACT = _Exact(color="#bdbdbd", linewidth=4.0, label="exact", zorder=2, solid_capstyle="butt")
 """The exact solution: a broad light line, seen even where thin ones lie upon it."""
 
@@ -240,3 +252,64 @@ def finish_figure(
     """Time axis, and one legend above all panels."""
     time_axis(axes, experiment, shown)
     legend_above(figure, axes)
+
+
+def has_quantities(item: FinishedRun) -> bool:
+    """Whether quantities were asked of a run."""
+    return bool(observed_of(item).quantities)
+
+
+def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw every quantity over time, a panel for each (up to 6), with the last method's peak."""
+    shown = select_runs(finished, has_quantities)
+    names = list(observed_of(shown[0]).quantities)[:MOST_PANELS]
+    with journal_style():
+        figure = new_figure(0.8 + panel_height(len(names)) * len(names))
+        panels = figure.subplots(len(names), 1, squeeze=False, sharex=True)[:, 0]
+        for name, axes in zip(names, panels, strict=True):
+            for item, style, position in styled(shown):
+                values = observed_of(item).quantities[name]
+                draw_series(axes, item.trajectory.time, values, style, position)
+            mark_peak(axes, observed_of(shown[-1]).extents[name])
+            name_quantity(axes, experiment, name)
+        figure.align_ylabels(panels)
+        finish_figure(figure, panels[-1], shown, experiment)
+    return figure
+
+
+def name_quantity(axes: Axes, experiment: Experiment, name: str) -> None:
+    """The name of a quantity beside its panel, in lines that are no longer than that is high."""
+    words = with_unit(name.replace("_", " "), experiment, name)
+    axes.set_ylabel(textwrap.fill(words, LONGEST_LABEL, break_long_words=False))
+    # room for the cross at a peak
+    axes.margins(y=0.12)
+
+
+def panel_height(count: int) -> float:
+    """Height of one of several panels in inches."""
+    return 1.25 if count <= 3 else 0.95
+
+
+def observed_of(item: FinishedRun) -> Observed:
+    """What was observed of a run; nothing where nothing was asked for."""
+    observed = item.trajectory.observed
+    return Observed(mesh=item.trajectory.time) if observed is None else observed
+
+
+def mark_peak(axes: Axes, extent: Extent, colour: str = "") -> None:
+    """A cross at the peak, and its value where no colour says whose it is."""
+    height = extent.greatest if extent.greatest == extent.peak else extent.least
+    axes.plot([extent.peak_time], [height], "x", color=colour or INK, markersize=5, zorder=6)
+    if colour:
+        return
+    low, high = axes.get_ylim()
+    above = height - low < 0.5 * (high - low)
+    axes.annotate(
+        f"{height:.4g}".replace("-", "\N{MINUS SIGN}"),
+        (extent.peak_time, height),
+        xytext=(5, 4 if above else -4),
+        textcoords="offset points",
+        va="bottom" if above else "top",
+        fontsize=SMALL_TEXT,
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5, "alpha": 0.8},
+    )

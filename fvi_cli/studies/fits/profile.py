@@ -85,7 +85,7 @@ def profile_side(
         is_bound = sign * (value - limit) >= 0
         if is_bound:
             value = limit
-        found = _others(model, best, at_best, point, index, value)
+        found = _others(model, at_best, point, index, value)
         root = math.inf
         if found is not None:
             root = math.sqrt(max(found[1] - at_best.cost, 0.0) / variance)
@@ -115,7 +115,6 @@ def profile_side(
 
 def _others(
     model: MotionModel,
-    best: Array,
     at_best: Evaluation,
     near: Array,
     index: int,

@@ -15,8 +15,7 @@ from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.transforms.characteristic import CharacteristicSum, characteristic_zeros
 from fvi_cli.scenes.linear_response import linear_response
 from fvi_cli.scenes.named import linear_oscillator
-from fvi_cli.scenes.relaxation.response import LinearResponse
-from fvi_cli.scenes.relaxation.transforms import product
+from fvi_cli.scenes.relaxation import LinearResponse, product
 from fvi_cli.studies.hard_cases.case import Claim, HardCase, Setting
 from fvi_cli.studies.hard_cases.judging import LAPLACE, accurate, largest_ratio
 from fvi_cli.studies.hard_cases.linear_cases import oscillator

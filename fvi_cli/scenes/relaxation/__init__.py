@@ -1,1 +1,0 @@
-"""Exact solutions of linear scenes with relaxation laws."""
