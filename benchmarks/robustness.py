@@ -460,7 +460,7 @@ def try_configurations(times: int, seed: int) -> Tally:
     refused = 0
     slowest = 0.0
     while tally.count < times:
-        text = _mutated(chance.choice((LADDER, SWEEP, LONG)), chance)
+        text = mutated(chance.choice((LADDER, SWEEP, LONG)), chance)
         began = time.process_time()
         try:
             with _alarm(LONGEST_SECONDS):
@@ -488,7 +488,8 @@ problem ladder method sweep experiments accuracy tolerance steps order damping f
 WORDS = [*_WORDS.split(), "\x00", "\u2028", "\ufeff"]
 
 
-def _mutated(text: str, chance: random.Random) -> str:
+def mutated(text: str, chance: random.Random) -> str:
+    """A text with some of its pieces cut out, doubled, swapped or replaced."""
     for _ in range(chance.choice((1, 1, 2, 4))):
         begin = chance.randrange(len(text) + 1)
         finish = min(len(text), begin + chance.choice((0, 1, 3, 10, 40)))

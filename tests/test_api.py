@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from letters import spring
 from typer.testing import CliRunner
 
 import fvi_cli as fvi
@@ -233,11 +234,7 @@ def test_mistakes_are_exceptions_with_the_words_of_the_command_line():
 
 
 def test_a_scene_is_integrated_without_any_configuration():
-    scene = fvi.linear_oscillator(
-        final_time=8.0,
-        damping=[fvi.FractionalDamping(order=0.5, coefficient=0.7)],
-        initial_position=1.0,
-    )
+    scene = spring((0.5, 0.7), T=8.0, x=1.0)
     method = fvi.Method(cq="gauss", degree=3, start="graded")
     coarse, fine = (fvi.integrate(scene, method, n) for n in (32, 64))
     assert np.abs(fine.position[::2] - coarse.position).max() < 1e-6

@@ -3,11 +3,10 @@
 import json
 from pathlib import Path
 
+import command_line
 import h5py
 import pytest
-from typer.testing import CliRunner
 
-from fvi_cli.cli.app import app
 from fvi_cli.config import load_config, parse_config
 from fvi_cli.storage import read_results
 from fvi_cli.storage.snapshot import Location, Snapshot
@@ -32,9 +31,7 @@ def fvi(tmp_path, monkeypatch):
     (tmp_path / "found.yaml").write_text(ADAPTIVE.replace("tuned", "found"))
 
     def call(*arguments, expected=0):
-        result = CliRunner().invoke(app, list(arguments))
-        assert result.exit_code == expected, result.output
-        return result.stdout
+        return command_line.fvi(*arguments, code=expected).stdout
 
     return call
 
@@ -120,8 +117,7 @@ def test_a_ladder_and_a_tolerance_take_each_others_place_by_set(fvi):
 
 def test_commands_that_need_a_ladder_say_so(fvi):
     for command in ("cost", "stability"):
-        result = CliRunner().invoke(app, [command, "tuned.yaml"])
-        assert result.exit_code == 2
+        result = command_line.fvi(command, "tuned.yaml", code=2)
         assert "give a ladder" in result.output
 
 
@@ -200,8 +196,7 @@ def test_what_is_out_of_reach_is_refused_with_the_best_error(fvi, tmp_path):
 )
 def test_mistakes_in_tolerances(tmp_path, given, words):
     (tmp_path / "wrong.yaml").write_text(ADAPTIVE.replace("{tolerance: 1e-7}", given))
-    result = CliRunner().invoke(app, ["check", str(tmp_path / "wrong.yaml")])
-    assert result.exit_code == 2
+    result = command_line.fvi("check", str(tmp_path / "wrong.yaml"), code=2)
     assert words in result.output
     assert "wrong.yaml:7:" in result.output or "wrong.yaml:8:" in result.output
 

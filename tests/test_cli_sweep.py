@@ -2,23 +2,18 @@
 
 import csv
 
+import command_line
 import h5py
 import pytest
-from typer.testing import CliRunner
 
-from fvi_cli.cli.app import app
-
-CONFIG = """\
-name: many
-problem:
-  kind: damped-oscillator
-  damping: [{order: 0.5, coefficient: 0.3}]
-  initial: {position: 1.0}
-  final_time: 4.0
+CONFIG = (
+    command_line.MANY
+    + """\
 method: {rk: gauss, degree: 2}
 ladder: {steps: [4, 8, 16]}
 sweep: {problem.stiffness: {from: 1, to: 4, number: 12}}
 """
+)
 
 
 @pytest.fixture
@@ -27,9 +22,7 @@ def fvi(tmp_path, monkeypatch):
     (tmp_path / "many.yaml").write_text(CONFIG)
 
     def call(*arguments, expected=0):
-        result = CliRunner().invoke(app, list(arguments))
-        assert result.exit_code == expected, result.output
-        return result.stdout
+        return command_line.fvi(*arguments, code=expected).stdout
 
     return call
 
@@ -75,7 +68,6 @@ def test_a_stored_sweep_is_shown_tabled_drawn_and_exported(fvi, tmp_path):
 
 
 def test_a_mistake_in_a_sweep_is_told_and_nothing_is_computed(fvi, tmp_path):
-    result = CliRunner().invoke(app, ["run", "many.yaml", "--set", "sweep.problem.stifness=[1]"])
-    assert result.exit_code == 2
+    result = command_line.fvi("run", "many.yaml", "--set", "sweep.problem.stifness=[1]", code=2)
     assert "did you mean 'stiffness'" in result.stderr
     assert not (tmp_path / "results").exists()

@@ -9,6 +9,7 @@ import pytest
 import typer
 import yaml
 from cost_tables import committed_tables
+from letters import spring
 from typer.testing import CliRunner
 
 import fvi_cli as fvi
@@ -156,13 +157,7 @@ def test_the_page_of_costs_says_what_was_measured():
 
 def test_expected_orders_are_those_of_the_program():
     def free(order: float) -> fvi.Scene:
-        return fvi.linear_oscillator(
-            final_time=8.0,
-            stiffness=2.0,
-            damping=[fvi.FractionalDamping(order=order, coefficient=0.7)],
-            initial_position=1.0,
-            initial_velocity=0.5,
-        )
+        return spring((order, 0.7), T=8.0, k=2.0, x=1.0, v=0.5)
 
     header = "| method | degree | none, 1/2 | none, 3/2 | graded, 1/2 | graded, 3/2 |"
     rows = cells("mathematics.md", header)

@@ -40,7 +40,7 @@ ROOT = Path(__file__).parents[1]
 TABLES = ROOT / "results" / "tables"
 # full-order takes too long here
 ORDER_TABLES = [
-    *("table-1", "table-2", "bagley-torvik-3-2", "bagley-torvik-3-2-long", "corrected-bdf3"),
+    *("table-1", "table-2", "bagley-torvik-3-2", "bagley-torvik-3-2-long", "corrected-bdf3")
 ]
 FIGURES = sorted((ROOT / "results" / "figures").glob("*.json"))
 SMALL = 1e-10

@@ -5,20 +5,15 @@ from pathlib import Path
 
 import h5py
 import pytest
-from typer.testing import CliRunner
+from command_line import configuration, fvi
 
-from fvi_cli.cli.app import app
-
-SCENE = """\
-name: planned
-problem:
-  kind: bagley-torvik
-  damping: [{order: 0.5, coefficient: 1.0}]
-  initial: {position: 1.0, velocity: 0.0}
-  final_time: 4.0
-method: {rk: gauss, degree: [2, 3]}
-ladder: {steps: [64, 128]}
-"""
+SCENE = configuration(
+    "kind: bagley-torvik, damping: [{order: 0.5, coefficient: 1.0}], "
+    "initial: {position: 1.0, velocity: 0.0}, final_time: 4.0",
+    name="planned",
+    method="{rk: gauss, degree: [2, 3]}",
+    steps="64, 128",
+)
 
 
 @pytest.fixture
@@ -26,12 +21,6 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "planned.yaml").write_text(SCENE)
     return tmp_path
-
-
-def fvi(*arguments):
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert "Traceback" not in result.output
-    return result
 
 
 def test_a_dry_run_tells_what_every_run_takes(folder):
@@ -69,12 +58,11 @@ def test_a_run_for_which_there_is_no_memory_is_refused_with_the_number(folder, m
     (folder / "planned.yaml").write_text(SCENE.replace("[64, 128]", "[4096]"))
     module = "fvi_cli.config.experiment.machine_bytes"
     monkeypatch.setattr(module, lambda: 3_300_000)
-    result = fvi("run", "planned.yaml")
-    assert result.exit_code == 2
-    assert "planned.yaml:8:18: ladder.steps.0: 4096 steps need about 0.00395" in result.stderr
+    result = fvi("run", "planned.yaml", code=2)
+    assert "planned.yaml:4:18: ladder.steps.0: 4096 steps need about 0.00395" in result.stderr
     assert "this machine has 0.0033 GB" in result.stderr
     assert not (folder / "results").exists()
-    assert fvi("check", "planned.yaml", "--set", "method.degree=2").exit_code == 0
+    fvi("check", "planned.yaml", "--set", "method.degree=2", code=0)
 
 
 def test_a_dry_run_of_a_sweep_tells_what_members_take_together(folder):

@@ -11,16 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from letters import spring
 from shown_numbers import differences_of_texts
 from typer.testing import CliRunner
 
 from fvi_cli.cli.app import app
-from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.operators import left_operator
 from fvi_cli.scenes.kinds import PROBLEM
-from fvi_cli.scenes.named import linear_oscillator
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -171,10 +170,7 @@ def test_every_command_and_common_option_is_documented():
     named = set(re.findall(r"`fvi ([a-z][a-z-]*)", README))
     assert named <= set(commands)
     parameters = [parameter for command in commands.values() for parameter in command.params]
-    known = {o for p in parameters for o in (*p.opts, *p.secondary_opts)} | {
-        "--version",
-        "--help",
-    }
+    known = {o for p in parameters for o in (*p.opts, *p.secondary_opts)} | {"--version", "--help"}
     assert set(re.findall(r"`[^`]*?(--[a-z][a-z-]*)", README)) <= known
 
 
@@ -197,11 +193,7 @@ def test_starting_weights_cost_an_order_on_the_damped_oscillator():
     def exact(time):
         return np.exp(-0.1 * time) * np.sin(math.sqrt(0.99) * time) / math.sqrt(0.99)
 
-    scene = linear_oscillator(
-        final_time=16.0,
-        damping=[FractionalDamping(order=1.0, coefficient=0.2)],
-        initial_velocity=1.0,
-    )
+    scene = spring((1.0, 0.2), T=16.0, v=1.0)
     assert order(start="none") == pytest.approx(2.0, abs=0.05)
     assert order(start="weights", start_exponents=(1.0, 2.0)) == pytest.approx(1.0, abs=0.05)
 

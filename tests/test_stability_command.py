@@ -5,9 +5,8 @@ import dataclasses
 import json
 
 import pytest
-from typer.testing import CliRunner
+from command_line import fvi
 
-from fvi_cli.cli.app import app
 from fvi_cli.runner.stability import ranges
 from fvi_cli.studies import stability_study
 
@@ -32,7 +31,7 @@ def call(folder, *arguments, text=CONFIG):
     path = folder / "quick.yaml"
     path.write_text(text, encoding="utf-8")
     command = ["stability", str(path), "--output", str(folder / "out"), *arguments]
-    return CliRunner().invoke(app, command)
+    return fvi(*command)
 
 
 def rows(folder):

@@ -127,13 +127,7 @@ def _derivatives(
     if scene.potential is None:
         return velocity @ scene.inertia.mass, np.zeros((m, d)), mass, zero, zero
     hessian = np.broadcast_to(scene.potential.hessian(points), zero.shape)
-    return (
-        velocity @ scene.inertia.mass,
-        -scene.potential.gradient(points),
-        mass,
-        zero,
-        -hessian,
-    )
+    return (velocity @ scene.inertia.mass, -scene.potential.gradient(points), mass, zero, -hessian)
 
 
 def _solve(

@@ -3,10 +3,10 @@
 import inspect
 
 import pytest
-from typer.testing import CliRunner
+from command_line import fvi
 
 from fvi_cli.cli import exits
-from fvi_cli.cli.app import COMMANDS, app
+from fvi_cli.cli.app import COMMANDS
 
 QUICK = ("bagley-torvik-1-2", "--set", "ladder.steps=[4, 8]")
 
@@ -14,8 +14,8 @@ QUICK = ("bagley-torvik-1-2", "--set", "ladder.steps=[4, 8]")
 @pytest.mark.parametrize("command", ["run", "convergence", "plot", "cost"])
 def test_a_dry_run_prints_plans_in_full_when_asked(command, tmp_path):
     arguments = [command, *QUICK, "--dry-run", "--output", str(tmp_path)]
-    brief = CliRunner().invoke(app, arguments)
-    full = CliRunner().invoke(app, [*arguments, "-v"])
+    brief = fvi(*arguments)
+    full = fvi(*arguments, "-v")
     assert brief.exit_code == full.exit_code == 0
     assert len(full.stdout.splitlines()) > len(brief.stdout.splitlines()) + 10
     assert list(tmp_path.iterdir()) == []

@@ -2,15 +2,13 @@
 
 from pathlib import Path
 
-from typer.testing import CliRunner
-
-from fvi_cli.cli.app import app
+from command_line import fvi
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 
 def test_pages_are_listed_with_their_titles():
-    listed = CliRunner().invoke(app, ["guide"]).stdout.splitlines()
+    listed = fvi("guide").stdout.splitlines()
     names = {line.split()[0]: line.partition(" ")[2].strip() for line in listed}
     assert set(names) == {one.stem for one in DOCS.glob("*.md")} - {"index"}
     assert names["motion"] == "What is asked of a motion"
@@ -19,12 +17,11 @@ def test_pages_are_listed_with_their_titles():
 
 def test_a_page_is_printed_as_it_stands():
     for name in ("motion", "motion.md"):
-        shown = CliRunner().invoke(app, ["guide", name])
+        shown = fvi("guide", name)
         assert shown.stdout.strip() == (DOCS / "motion.md").read_text(encoding="utf-8").strip()
 
 
 def test_a_page_that_is_none_is_answered_with_the_nearest():
-    missed = CliRunner().invoke(app, ["guide", "motoin"])
-    assert missed.exit_code == 2
+    missed = fvi("guide", "motoin", code=2)
     assert "did you mean 'motion'?" in missed.stderr
-    assert CliRunner().invoke(app, ["guide", "../README"]).exit_code == 2
+    fvi("guide", "../README", code=2)

@@ -5,10 +5,9 @@ import re
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from command_line import fvi as command
 
 import fvi_cli as fvi
-from fvi_cli.cli.app import app
 from fvi_cli.config import shipped_configs
 
 DOCS = Path(__file__).parents[2] / "docs" / "python.md"
@@ -16,7 +15,7 @@ QUICK = ("bagley-torvik-1-2", "--set", "ladder.steps=[4, 8]")
 
 
 def document(*arguments: str, code: int = 0) -> dict:
-    result = CliRunner().invoke(app, list(arguments))
+    result = command(*arguments)
     assert result.exit_code == code, result.output
     found = json.loads(result.stdout, parse_constant=pytest.fail)
     assert found.pop("format") == 1
@@ -78,7 +77,7 @@ def test_every_shipped_configuration_is_listed_with_what_it_shows():
     for title in titles:
         assert 20 < len(title) < 210
         assert title[0].isupper()
-    text = CliRunner().invoke(app, ["list"]).stdout
+    text = command("list").stdout
     assert [line.split(maxsplit=1) for line in text.splitlines()] == [
         [one["name"], one["title"]] for one in listed
     ]

@@ -1,6 +1,7 @@
 """Short names of options, the variable of the environment, and the help."""
 
 import pytest
+from command_line import fvi
 from typer.testing import CliRunner
 
 from fvi_cli.cli.app import COMMANDS, app
@@ -24,7 +25,7 @@ def test_the_folder_is_an_option_or_a_variable(options, variable, tmp_path, monk
 
 
 def test_summaries_are_whole_on_a_screen_of_80_columns():
-    shown = CliRunner().invoke(app, ["--help"]).stdout
+    shown = fvi("--help").stdout
     assert max(map(len, shown.splitlines())) <= 80
     words = " ".join(shown.split())
     for command in COMMANDS:

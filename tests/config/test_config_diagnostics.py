@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 import xarray
+from command_line import configuration
 
 from fvi_cli.config import parse_config
 from fvi_cli.errors import ConfigError
@@ -14,17 +15,14 @@ from fvi_cli.storage import open_results, read_results
 from fvi_cli.storage.provenance import identity
 from fvi_cli.studies.study import study
 
-KEPLER = """\
-name: planet
-problem:
-  kind: kepler
-  damping: [{order: 0.5, coefficient: 0.05}]
-  initial: {position: [1.0, 0.0], velocity: [0.0, 0.8]}
-  final_time: 4.0
-method: [{rk: gauss, degree: 2}, {baseline: explicit-euler}]
-ladder: {steps: [64]}
-store: {every: 3, diagnostics: [energy-balance, momentum-maps]}
-"""
+KEPLER = configuration(
+    "kind: kepler, damping: [{order: 0.5, coefficient: 0.05}], initial: {position: [1.0, "
+    "0.0], velocity: [0.0, 0.8]}, final_time: 4.0",
+    name="planet",
+    method="[{rk: gauss, degree: 2}, {baseline: explicit-euler}]",
+    steps="64",
+    more="store: {every: 3, diagnostics: [energy-balance, momentum-maps]}\n",
+)
 DUFFING = "name: d\nproblem: {kind: duffing, final_time: 2.0}\nladder: {steps: [4]}\n"
 
 
@@ -98,29 +96,19 @@ def test_symmetries_are_found_where_coordinates_do_not_occur():
     ("store", "expected"),
     [
         ("{diagnostics: [energy]}", "store.diagnostics.0: the text 'energy' is not allowed"),
-        (
-            "{diagnostics: [momentum-maps]}",
-            "store.diagnostics.0: no symmetry of this scene was found",
-        ),
+        ("{diagnostics: [momentum-maps]}",
+         "store.diagnostics.0: no symmetry of this scene was found"),
         ("{symmetries: [{name: a, shift: [1]}]}", "store.symmetries: needs diagnostics: ["),
-        (
-            "{diagnostics: [momentum-maps], symmetries: [{name: a, shift: [1]}]}",
-            "store.symmetries.0: a is no symmetry: ",
-        ),
-        (
-            "{diagnostics: [momentum-maps], symmetries: [{name: a, shift: [1, 2]}]}",
-            "store.symmetries.0.shift: 2 numbers for 1 coordinates",
-        ),
-        (
-            "{diagnostics: [momentum-maps], symmetries: [{name: a, generator: [[1, 0]]}]}",
-            "store.symmetries.0.generator: must be 1 rows of 1 numbers",
-        ),
-        (
-            "{diagnostics: [momentum-maps], symmetries: [{name: a}]}",
-            "store.symmetries.0: symmetry a: generator and shift are zero",
-        ),
+        ("{diagnostics: [momentum-maps], symmetries: [{name: a, shift: [1]}]}",
+         "store.symmetries.0: a is no symmetry: "),
+        ("{diagnostics: [momentum-maps], symmetries: [{name: a, shift: [1, 2]}]}",
+         "store.symmetries.0.shift: 2 numbers for 1 coordinates"),
+        ("{diagnostics: [momentum-maps], symmetries: [{name: a, generator: [[1, 0]]}]}",
+         "store.symmetries.0.generator: must be 1 rows of 1 numbers"),
+        ("{diagnostics: [momentum-maps], symmetries: [{name: a}]}",
+         "store.symmetries.0: symmetry a: generator and shift are zero"),
     ],
-)
+)  # fmt: skip
 def test_mistakes_are_told_where_they_stand(store, expected):
     with pytest.raises(ConfigError) as caught:
         parse_config(f"{DUFFING}store: {store}\n", "d.yaml")

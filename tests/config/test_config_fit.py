@@ -3,9 +3,8 @@
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from command_line import fvi
 
-from fvi_cli.cli.app import app
 from fvi_cli.config import load_config, parse_config
 from fvi_cli.errors import ConfigError
 
@@ -139,8 +138,7 @@ def test_a_parameter_without_influence_is_told_at_its_line(folder):
         + "fit:\n  data: {file: decay.csv, columns: {x: x}}\n"
         "  parameters:\n    problem.stiffness: {}\n    problem.damping.0.order: {}\n"
     )
-    done = CliRunner().invoke(app, ["fit", str(path), "-o", str(folder / "out")])
-    assert done.exit_code == 2
+    done = fvi("fit", str(path), "-o", str(folder / "out"), code=2)
     assert "decay.yaml:14:30: fit.parameters.problem.damping.0.order: it has no influence" in (
         done.stderr
     )
@@ -149,6 +147,5 @@ def test_a_parameter_without_influence_is_told_at_its_line(folder):
 
 
 def test_a_configuration_without_fit_is_told(folder):
-    done = CliRunner().invoke(app, ["fit", "damped-oscillator", "-o", str(folder / "out")])
-    assert done.exit_code == 2
+    done = fvi("fit", "damped-oscillator", "-o", str(folder / "out"), code=2)
     assert "nothing is fitted; write fit: with data and parameters" in done.stderr

@@ -33,10 +33,7 @@ WORDS = (
     "pendulum bagley-torvik damped-oscillator fractional-derivative gauss nodes points series "
     "none weights auto max t t**2 sin(t) 1/t 1e-3 no true explicit-euler lobatto-iiic"
 )
-words = st.one_of(
-    st.sampled_from(WORDS.split()),
-    st.text(max_size=8),
-)
+words = st.one_of(st.sampled_from(WORDS.split()), st.text(max_size=8))
 KNOWN = (
     "name problem kind mass stiffness damping order coefficient derivative forcing pieces until "
     "value initial position velocity final_time exact omega function method bdf rk baseline "

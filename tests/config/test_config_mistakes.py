@@ -233,47 +233,23 @@ WHOLE_TEXTS = [
     ("experiments: [»1]\n", "experiments.0: 1 is not allowed", "name, problem"),
     ("experiments: [»{}]\n", "experiments.0.name: missing", ""),
     ("experiments: []\n»problem: {}\n", "problem: not known", "experiments"),
-    (
-        "name: p\nproblem: {»mass: 1, kind: pendulum, final_time: 2.0}\nladder: {steps: [4]}\n",
-        "problem.mass: not known",
-        "omega",
-    ),
-    (
-        "name: p\nproblem: {kind: pendulum, final_time: 2.0, omega: »-1}\nladder: {steps: [4]}\n",
-        "problem.omega: -1",
-        "0 or gr",
-    ),
-    (
-        PENDULUM.replace("2.0}", "2.0, initial: {position: »[1, 2]}}"),
-        "problem.initial.position: is for 2 coordinates, but omega for 1",
-        "",
-    ),
-    (
-        PENDULUM.replace(
-            "2.0}",
-            "2.0, derivative: »riemann-liouville, initial: {position: 1}, "
-            "damping: [{order: 1.5, coefficient: 1}]}",
-        ),
-        "problem.derivative: riemann-liouville of order 1.5",
-        "use caputo",
-    ),
-    (
-        DERIVATIVE.replace("{bdf: 1}", "[{bdf: 1}, »{rk: gauss}]"),
-        "method.1: gauss-s3-graded: a fractional derivative is taken by bdf only",
-        "",
-    ),
-    (
-        "»" + DERIVATIVE.replace("method: {bdf: 1}\n", ""),
-        "method: gauss-s3-graded: a fractional derivative is taken by bdf only",
-        "",
-    ),
+    ("name: p\nproblem: {»mass: 1, kind: pendulum, final_time: 2.0}\nladder: {steps: [4]}\n",
+     "problem.mass: not known", "omega"),
+    ("name: p\nproblem: {kind: pendulum, final_time: 2.0, omega: »-1}\nladder: {steps: [4]}\n",
+     "problem.omega: -1", "0 or gr"),
+    (PENDULUM.replace("2.0}", "2.0, initial: {position: »[1, 2]}}"),
+     "problem.initial.position: is for 2 coordinates, but omega for 1", ""),
+    (PENDULUM.replace("2.0}", "2.0, derivative: »riemann-liouville, initial: {position: 1}, "
+     "damping: [{order: 1.5, coefficient: 1}]}"),
+     "problem.derivative: riemann-liouville of order 1.5", "use caputo"),
+    (DERIVATIVE.replace("{bdf: 1}", "[{bdf: 1}, »{rk: gauss}]"),
+     "method.1: gauss-s3-graded: a fractional derivative is taken by bdf only", ""),
+    ("»" + DERIVATIVE.replace("method: {bdf: 1}\n", ""),
+     "method: gauss-s3-graded: a fractional derivative is taken by bdf only", ""),
     ("»" + "#" * 1_000_001, "the text has more than 1000000 characters", "too large"),
-    (
-        PENDULUM.replace("[4]", "[»1073741824]"),
-        "ladder.steps.0: 1073741824 steps need about 43 GB",
-        "has 8 GB",
-    ),
-]
+    (PENDULUM.replace("[4]", "[»1073741824]"), "ladder.steps.0: 1073741824 steps need about 43 GB",
+     "has 8 GB"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "begins", "says"), WHOLE_TEXTS)
@@ -297,50 +273,26 @@ def test_anchors_cannot_multiply_without_limit():
     assert "counting repeated anchors" in line
 
 
-def test_an_anchor_may_be_used_for_what_repeats():
-    text = VALID.replace("position: 1.0, velocity: 1.0", "position: &one 1.0, velocity: *one")
-    parse_config(text, "f.yaml")
-
-
 PIECES = [
     # pieces of the forcing, ladder, how the complaint begins, what it says
     ("[{until: 1, value: 8}, {value: 0}]", "[»3]", "ladder.steps.0: 3", "2 and 4"),
     ("[{until: 0.5, value: 8}, {value: 0}]", "[»1]", "ladder.steps.0: 1", "fits is 4"),
-    (
-        "[{until: 0.4, value: 8}, {until: 1, value: t}, {value: 0}]",
-        "[10, »1024]",
-        "ladder.steps.1: 1024 steps put the break point t = 0.4 between two steps",
-        "1020 and 1030",
-    ),
+    ("[{until: 0.4, value: 8}, {until: 1, value: t}, {value: 0}]", "[10, »1024]",
+     "ladder.steps.1: 1024 steps put the break point t = 0.4 between two steps", "1020 and 1030"),
     ("[{until: »1, value: 8}]", "[4]", "problem.forcing.pieces.0.until: not", "last"),
     ("[»{value: 8}, {value: 0}]", "[4]", "problem.forcing.pieces.0.until: miss", ""),
-    (
-        "[{until: 1, value: 8}, {until: »0.5, value: 8}, {value: 0}]",
-        "[4]",
-        "problem.forcing.pieces.1.until: 0.5 is not after 1",
-        "increase",
-    ),
-    (
-        "[{until: »3, value: 8}, {value: 0}]",
-        "[4]",
-        "problem.forcing.pieces.0.until: 3 is not before final_time = 2",
-        "never act",
-    ),
+    ("[{until: 1, value: 8}, {until: »0.5, value: 8}, {value: 0}]", "[4]",
+     "problem.forcing.pieces.1.until: 0.5 is not after 1", "increase"),
+    ("[{until: »3, value: 8}, {value: 0}]", "[4]",
+     "problem.forcing.pieces.0.until: 3 is not before final_time = 2", "never act"),
     ("[{until: »0, value: 8}, {value: 0}]", "[4]", "problem.forcing.pieces.0.until: 0", ""),
-    (
-        "[{until: 1, value: »1/(1 - t)}, {value: 0}]",
-        "[4]",
-        "problem.forcing.pieces.0.value: is infinite at t = 1",
-        "",
-    ),
-    (
-        "[{until: 1, value: 0}, {value: »(t - 1)**-1.5}]",
-        "[4]",
-        "problem.forcing.pieces.1.value: grows like (t - 1)**-1.5 behind t = 1",
-        "integral is infinite",
-    ),
+    ("[{until: 1, value: »1/(1 - t)}, {value: 0}]", "[4]",
+     "problem.forcing.pieces.0.value: is infinite at t = 1", ""),
+    ("[{until: 1, value: 0}, {value: »(t - 1)**-1.5}]", "[4]",
+     "problem.forcing.pieces.1.value: grows like (t - 1)**-1.5 behind t = 1",
+     "integral is infinite"),
     ("»[]", "[4]", "problem.forcing.pieces: 0 entries", ""),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("pieces", "steps", "begins", "says"), PIECES)

@@ -130,10 +130,7 @@ def test_a_tolerance_with_quantities(tmp_path):
         ("quantities: {x: 2*x}\n", "13:14: quantities.x: is the name of something that is stored"),
         ("quantities: {1a: x}\n", "13:14: quantities.1a: a name has letters, digits and _"),
         ("events: {e: {when: sin(2x)}}\n", "13:25: events.e.when: '*' is missing: write 2*x"),
-        (
-            "events: {e: {when: x, direction: up}}\n",
-            "13:34: events.e.direction: the text",
-        ),
+        ("events: {e: {when: x, direction: up}}\n", "13:34: events.e.direction: the text"),
         ("events: {e: {}}\n", "13:13: events.e.when: missing"),
         ("output: {step: 1}\nstore: {every: 2}\n", "store.every: not together with output"),
         ("output: {step: 1}\nstore: {diagnostics: [energy-balance]}\n", "not together with output"),

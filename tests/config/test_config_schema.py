@@ -47,21 +47,16 @@ def test_starters_fit(kind):
 @pytest.mark.parametrize(
     "entry",
     [
-        "methods: {bdf: 2}",
-        "method: {bdf: 7}",
-        "method: {bdf: 2, sampling: node}",
-        "report: {norm: mean}",
-        "problem: {kind: pendulm, final_time: 1.0}",
+        "methods: {bdf: 2}", "method: {bdf: 7}", "method: {bdf: 2, sampling: node}",
+        "report: {norm: mean}", "problem: {kind: pendulm, final_time: 1.0}",
         "problem: {kind: pendulum, final_time: 0}",
         "problem: {kind: pendulum, final_time: 1.0, stiffness: 2}",
         "problem: {kind: pendulum, final_time: 1.0, damping: [{order: 2.0, coefficient: 1}]}",
         "problem: {kind: pendulum, final_time: 1.0, damping: [{order: 0.5}]}",
-        "ladder: {steps: [0]}",
-        "ladder: {steps: 8, base: 2}",
-        "store: {every: 0}",
+        "ladder: {steps: [0]}", "ladder: {steps: 8, base: 2}", "store: {every: 0}",
         "allow_unstable: yes",
     ],
-)
+)  # fmt: skip
 def test_mistakes_do_not_fit(entry):
     CHECK.validate(plain(CONFIG))
     key = entry.partition(":")[0]

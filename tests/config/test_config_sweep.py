@@ -4,8 +4,7 @@ import itertools
 
 import pytest
 
-from fvi_cli.config import json_schema, parse_config, starter_config
-from fvi_cli.config.keys import sweep as sweep_module
+from fvi_cli.config import parse_config, starter_config
 from fvi_cli.errors import ConfigError
 from fvi_cli.scenes.kinds import PROBLEM
 
@@ -108,55 +107,34 @@ def test_overrides_reach_into_a_sweep():
 @pytest.mark.parametrize(
     ("sweep", "told"),
     [
-        (
-            "sweep: {problem.damping.0.order: [0.5, 2.5]}",
-            "many.yaml:8:40: problem.damping.0.order: 2.5 is not allowed; it must be a number "
-            "between 0 and 2, both excluded",
-        ),
-        (
-            "sweep: {problem.stifness: [1, 2]}",
-            "many.yaml:8:9: problem.stifness: not known; did you mean 'stiffness'?",
-        ),
-        (
-            "sweep: {problem.damping.3.order: [1]}",
-            "many.yaml:8:9: sweep.problem.damping.3.order: there is no problem.damping.3",
-        ),
-        (
-            "sweep: {problem.damping.-1: [1]}",
-            "many.yaml:8:9: sweep.problem.damping.-1: there is no problem.damping.-1",
-        ),
+        ("sweep: {problem.damping.0.order: [0.5, 2.5]}",
+         "many.yaml:8:40: problem.damping.0.order: 2.5 is not allowed; it must be a number "
+         "between 0 and 2, both excluded"),
+        ("sweep: {problem.stifness: [1, 2]}",
+         "many.yaml:8:9: problem.stifness: not known; did you mean 'stiffness'?"),
+        ("sweep: {problem.damping.3.order: [1]}",
+         "many.yaml:8:9: sweep.problem.damping.3.order: there is no problem.damping.3"),
+        ("sweep: {problem.damping.-1: [1]}",
+         "many.yaml:8:9: sweep.problem.damping.-1: there is no problem.damping.-1"),
         ("sweep: {method.degree: [1, 2]}", "many.yaml:8:9: sweep.method.degree: only keys of the"),
         ("sweep: {problem.kind: [pendulum]}", "many.yaml:8:9: sweep.problem.kind: members are of"),
         ("sweep: {problem.final_time: [1, 2]}", "sweep.problem.final_time: members share"),
         ("sweep: {problem.mass: [1, 2, 1.0]}", "many.yaml:8:30: sweep.problem.mass.2: 1.0 stands"),
         ("sweep: {problem.mass: []}", "many.yaml:8:23: sweep.problem.mass: no entries"),
-        (
-            "sweep: {problem.mass: 3}",
-            "many.yaml:8:23: sweep.problem.mass: 3 is not allowed",
-        ),
+        ("sweep: {problem.mass: 3}", "many.yaml:8:23: sweep.problem.mass: 3 is not allowed"),
         ("sweep: 3", "many.yaml:8:8: sweep: 3 is not allowed; it must be a mapping such as"),
-        (
-            "sweep: {problem.mass: {from: 1, to: -1, number: 3, spacing: log}}",
-            "many.yaml:8:37: sweep.problem.mass.to: -1 is not allowed with spacing: log",
-        ),
-        (
-            "sweep: {problem.mass: {from: 1, to: 2}}",
-            "many.yaml:8:23: sweep.problem.mass.number: missing",
-        ),
-        (
-            "sweep: [{problem.mass: 1}, {problem.stiffness: 1}]",
-            "many.yaml:8:28: sweep.1: every member must have the same keys: problem.mass",
-        ),
-        (
-            "sweep: [{problem.mass: 1}, {problem.mass: 1.0}]",
-            "many.yaml:8:28: sweep.1: the same values stand in the list already",
-        ),
-        (
-            "sweep: {problem.damping: [[]], problem.damping.0.order: [1]}",
-            "many.yaml:8:32: sweep.problem.damping.0.order: lies inside of problem.damping",
-        ),
+        ("sweep: {problem.mass: {from: 1, to: -1, number: 3, spacing: log}}",
+         "many.yaml:8:37: sweep.problem.mass.to: -1 is not allowed with spacing: log"),
+        ("sweep: {problem.mass: {from: 1, to: 2}}",
+         "many.yaml:8:23: sweep.problem.mass.number: missing"),
+        ("sweep: [{problem.mass: 1}, {problem.stiffness: 1}]",
+         "many.yaml:8:28: sweep.1: every member must have the same keys: problem.mass"),
+        ("sweep: [{problem.mass: 1}, {problem.mass: 1.0}]",
+         "many.yaml:8:28: sweep.1: the same values stand in the list already"),
+        ("sweep: {problem.damping: [[]], problem.damping.0.order: [1]}",
+         "many.yaml:8:32: sweep.problem.damping.0.order: lies inside of problem.damping"),
     ],
-)
+)  # fmt: skip
 def test_a_mistake_is_told_with_its_place(sweep, told):
     found = complaints(sweep)
     assert any(told in one for one in found), found
@@ -222,13 +200,3 @@ def test_the_sweep_in_a_starter_file_is_valid_when_it_is_switched_on(kind):
     if kind == "bagley-torvik":
         switched = switched.replace("exact: t**2.5", "exact: auto")
     assert len(parse_config(switched, "starter.yaml").experiments[0].members) >= 2
-
-
-def test_the_schema_knows_sweeps():
-    schema = json_schema()
-    assert "sweep" in schema["$defs"]
-    assert "sweep" in schema["$defs"]["experiment"]["properties"]
-
-
-def test_the_most_members_are_told_by_the_message():
-    assert str(sweep_module.MOST_MEMBERS) in sweep_module.too_many(10**6)

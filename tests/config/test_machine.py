@@ -68,10 +68,7 @@ def test_groups_of_version_1(tmp_path):
 
 
 def test_a_container_that_does_not_see_its_group_has_the_outermost(tmp_path):
-    files = {
-        "proc/self/cgroup": "0::/../../docker/abc\n",
-        "sys/fs/cgroup/memory.max": "4000000\n",
-    }
+    files = {"proc/self/cgroup": "0::/../../docker/abc\n", "sys/fs/cgroup/memory.max": "4000000\n"}
     assert machine_bytes(tree(tmp_path, MACHINE | files)) == 4 * MEGA
 
 

@@ -1,17 +1,17 @@
 """Relaxation laws: their transforms against their spectra, and what they refuse."""
 
+from dataclasses import replace
+
 import mpmath as mp
 import numpy as np
 import pytest
+from letters import spring
 from spread import spread
 
-from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.cole_cole import fractional_maxwell, fractional_zener
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.laws.tempered import tempered
-from fvi_cli.effects.potential import QuadraticPotential
-from fvi_cli.effects.scene import Scene
 
 ZENER = {"order": 0.675, "time": 0.3, "relaxed": 2.0, "unrelaxed": 7.0, "coefficient": 1.0}
 LAWS = {
@@ -60,22 +60,8 @@ def test_the_zener_law_goes_from_the_relaxed_to_the_unrelaxed_modulus():
 def test_relaxed_moduli_become_stiffnesses_of_the_scene_once():
     matrix = np.array([[2.0, -1.0], [-1.0, 1.0]])
     law = fractional_zener(**{**ZENER, "coefficient": matrix})
-    scene = Scene(
-        inertia=Inertia(mass=np.eye(2)),
-        potential=QuadraticPotential(stiffness=3.0 * np.eye(2)),
-        laws=(law,),
-        initial_position=np.zeros(2),
-        initial_velocity=np.ones(2),
-        final_time=1.0,
-    )
-    again = Scene(
-        inertia=scene.inertia,
-        potential=scene.potential,
-        laws=scene.laws,
-        initial_position=np.zeros(2),
-        initial_velocity=np.ones(2),
-        final_time=1.0,
-    )
+    scene = spring(T=1.0, m=np.eye(2), k=3.0 * np.eye(2), x=[0.0, 0.0], v=[1.0, 1.0], laws=(law,))
+    again = replace(scene)
     for one in (scene, again):
         np.testing.assert_array_equal(one.potential.stiffness, 3.0 * np.eye(2) + 2.0 * matrix)
         assert one.laws[0].relaxed == 0.0
@@ -90,23 +76,19 @@ def test_relaxed_moduli_become_stiffnesses_of_the_scene_once():
         (lambda: fractional_zener(**{**ZENER, "relaxed": -1.0}), "relaxed: -1.0 "),
         (lambda: fractional_zener(**{**ZENER, "unrelaxed": 1.0}), "unrelaxed: 1.0 .* energy"),
         (lambda: fractional_zener(**{**ZENER, "unrelaxed": np.inf}), "unrelaxed: inf "),
-        (
-            lambda: fractional_maxwell(order=0.5, time=1.0, modulus=-2.0, coefficient=1.0),
-            "modulus: -2.0 ",
-        ),
+        (lambda: fractional_maxwell(order=0.5, time=1.0, modulus=-2.0, coefficient=1.0),
+         "modulus: -2.0 "),
         (lambda: prony(moduli=[1.0], times=[1.0, 2.0], coefficient=1.0), "times: 2 of them"),
         (lambda: prony(moduli=[], times=[], coefficient=1.0), "moduli: at least one"),
         (lambda: prony(moduli=[1.0, 0.0], times=[1.0, 2.0], coefficient=1.0), "moduli.1: 0.0 "),
         (lambda: prony(moduli=[1.0], times=[-1.0], coefficient=1.0), "times.0: -1.0 "),
         (lambda: tempered(order=1.5, rate=1.0, coefficient=1.0), "order: 1.5 "),
         (lambda: tempered(order=0.5, rate=0.0, coefficient=1.0), "rate: 0.0 "),
-        (
-            lambda: tempered(order=0.5, rate=1.0, coefficient=[[1.0, 2.0], [0.0, 1.0]]),
-            "coefficient: .*symmetric",
-        ),
+        (lambda: tempered(order=0.5, rate=1.0, coefficient=[[1.0, 2.0], [0.0, 1.0]]),
+         "coefficient: .*symmetric"),
         (lambda: Law(kernel=LAWS["prony"].kernel, size=-1.0, coefficient=1.0), "size: -1.0 "),
     ],
-)
+)  # fmt: skip
 def test_what_is_no_passive_law_is_refused(make, said):
     with pytest.raises(ValueError, match=said):
         make()

@@ -7,11 +7,11 @@ import sys
 import mpmath
 import numpy as np
 import pytest
+from letters import in_pieces, spring, swing
 from spread import spread
 
 from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import RequestError
 from fvi_cli.integrator.baselines import peers, product_integration
@@ -19,9 +19,7 @@ from fvi_cli.integrator.baselines.product_integration import trapezoidal_weights
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import PEER_NAMES, Baseline, Method
 from fvi_cli.integrator.stability.prediction import predict_stability
-from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.planning.expected_order import expected_order
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 
 GRUENWALD = Baseline(name="gruenwald-letnikov")
 PRODUCT = Baseline(name="product-integration")
@@ -33,50 +31,27 @@ def damping(order: float, coefficient: object = 0.7) -> FractionalDamping:
     return FractionalDamping(order=order, coefficient=np.asarray(coefficient, dtype=float))
 
 
-def step_forcing() -> Forcing:
-    def constant(value: str) -> tuple[Expression, ...]:
-        return (Expression.parse(value, variables=("t",)),)
-
-    return Forcing(
-        pieces=(
-            ForcingPiece(components=constant("8"), until=1.0),
-            ForcingPiece(components=constant("0")),
-        )
-    )
-
-
 def free(order: float) -> Scene:
-    return linear_oscillator(
-        final_time=4.0,
-        stiffness=2.0,
-        damping=[damping(order)],
-        initial_position=1.0,
-        initial_velocity=0.5,
-    )
+    return spring(T=4.0, k=2.0, x=1.0, v=0.5, damping=[damping(order)])
 
 
 SCENES = {
     **{f"gamma = {order}": free(order) for order in (0.3, 0.5, 1.0, 1.5, 1.9)},
-    "three terms": linear_oscillator(
-        final_time=4.0,
-        damping=[damping(0.5), damping(1.25, 0.2), damping(1.0, 0.1)],
-        initial_position=1.0,
-        initial_velocity=0.5,
+    "three terms": spring(
+        T=4.0, x=1.0, v=0.5, damping=[damping(0.5), damping(1.25, 0.2), damping(1.0, 0.1)]
     ),
-    "two masses": linear_oscillator(
-        final_time=4.0,
-        mass=[[2, 0.3], [0.3, 1]],
-        stiffness=[[2, -1], [-1, 2]],
+    "two masses": spring(
+        T=4.0,
+        m=[[2, 0.3], [0.3, 1]],
+        k=[[2, -1], [-1, 2]],
+        x=[1.0, -0.3],
+        v=[0.5, 0.1],
         damping=[damping(0.5, [[0.5, -0.2], [-0.2, 0.4]])],
-        initial_position=[1.0, -0.3],
-        initial_velocity=[0.5, 0.1],
     ),
-    "pendulum": pendulum(final_time=4.0, damping=[damping(0.5, 0.3)], initial_position=1.0),
-    "pendulum, gamma = 1.5": pendulum(
-        final_time=4.0, damping=[damping(1.5, 0.3)], initial_position=1.0, initial_velocity=0.4
-    ),
-    "step": linear_oscillator(final_time=4.0, damping=[damping(1.5, 0.5)], forcing=step_forcing()),
-    "no damping": pendulum(final_time=4.0, initial_position=1.0, initial_velocity=0.4),
+    "pendulum": swing(T=4.0, x=1.0, damping=[damping(0.5, 0.3)]),
+    "pendulum, gamma = 1.5": swing(T=4.0, x=1.0, v=0.4, damping=[damping(1.5, 0.3)]),
+    "step": spring(T=4.0, damping=[damping(1.5, 0.5)], forcing=in_pieces("8", 1.0, "0")),
+    "no damping": swing(T=4.0, x=1.0, v=0.4),
 }
 
 
@@ -114,10 +89,8 @@ def test_one_wrong_weight_costs_the_order(monkeypatch):
 @pytest.mark.parametrize(("method", "order"), [(GRUENWALD, 1.0), (PRODUCT, 1.5)])
 def test_orders_on_an_exact_solution(method, order):
     # x = t^(5/2) solves x'' + D^(3/2) x + x = 15/4 sqrt(t) + 15/8 sqrt(pi) t + t^(5/2)
-    scene = linear_oscillator(
-        final_time=1.0,
-        damping=[damping(1.5, 1.0)],
-        forcing=Forcing.from_text("15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5"),
+    scene = spring(
+        T=1.0, damping=[damping(1.5, 1.0)], forcing="15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5"
     )
     # the linear interpolant of sqrt(t) costs half an order
     assert expected_order(scene, method, "max", 100) == order
@@ -176,7 +149,7 @@ def test_newton_is_counted_where_there_is_something_to_solve():
 
 
 def test_what_blows_up_is_told():
-    stiff = linear_oscillator(final_time=10.0, stiffness=1e6, initial_position=1.0)
+    stiff = spring(T=10.0, k=1e6, x=1.0)
     trajectory = integrate(stiff, GRUENWALD, 400)
     assert trajectory.status == "diverged"
     assert trajectory.position.shape[0] == trajectory.time.size < 401
@@ -195,7 +168,7 @@ class TestDop853:
         assert "evaluations of the right-hand side" in found.remarks[0]
 
     def test_jumps_of_the_force_are_met(self):
-        scene = linear_oscillator(final_time=4.0, damping=[damping(1.0)], forcing=step_forcing())
+        scene = spring(T=4.0, damping=[damping(1.0)], forcing=in_pieces("8", 1.0, "0"))
         fine = integrate(scene, FINE, 800).position[::8]
         found = integrate(scene, Baseline(name="dop853", tolerance=1e-11), 100)
         assert np.abs(found.position - fine).max() < 1e-9
@@ -264,12 +237,7 @@ class TestPeers:
     @pytest.mark.parametrize("order", [0.4, 1.0, 1.6])
     def test_the_system_is_the_equation_of_motion(self, order):
         # along x = 1 + t^3 with its own derivatives the last block is the acceleration
-        scene = pendulum(
-            final_time=1.0,
-            damping=[damping(order, 0.3)],
-            initial_position=1.0,
-            forcing=Forcing.from_text("cos(t)"),
-        )
+        scene = swing(T=1.0, x=1.0, damping=[damping(order, 0.3)], forcing="cos(t)")
         orders, start, rate, jacobian, velocity = peers._system(scene, scene.active_damping[0])
         t = 0.8
         x, v = 1 + t**3, 3 * t**2

@@ -244,12 +244,6 @@ def test_momentum_maps_are_kept_or_balanced_to_round_off(method):
     assert np.abs(damped.momentum_map_defect).max() < 3e-14
 
 
-def test_momentum_balance_of_a_graded_start_is_exact():
-    found = diagnosed(kepler(0.05), GAUSS2_GRADED, 128, TURN)
-    assert np.abs(found.momentum_map_defect).max() < 1e-13
-    assert found.momentum_map[-1, 0] < 0.9 * found.momentum_map[0, 0]
-
-
 def test_linear_momentum_of_a_free_chain_takes_up_the_impulse_of_the_forcing():
     chain = scene_of(
         kind="chain",

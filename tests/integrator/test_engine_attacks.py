@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from letters import in_pieces, spring
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loads.step_loads import StepLoads
@@ -16,8 +16,6 @@ from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import uniform_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import step_tables
-from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.named import linear_oscillator
 
 
 def gauss(degree: int, start: str = "none") -> Method:
@@ -28,20 +26,8 @@ def damped(order: float, coefficient: float = 0.5) -> list[FractionalDamping]:
     return [FractionalDamping(order=order, coefficient=np.array([[coefficient]]))]
 
 
-def pulse(until: float) -> Forcing:
-    def piece(value: str, end: float) -> ForcingPiece:
-        return ForcingPiece(components=(Expression.parse(value, variables=("t",)),), until=end)
-
-    return Forcing(pieces=(piece("1", until), piece("0", math.inf)))
-
-
 def pushed(order: float, until: float, final_time: float = 10.0) -> Scene:
-    return linear_oscillator(
-        final_time=final_time,
-        damping=damped(order),
-        initial_position=1.0,
-        forcing=pulse(until),
-    )
+    return spring(T=final_time, x=1.0, damping=damped(order), forcing=in_pieces("1", until, "0"))
 
 
 @pytest.mark.parametrize(("degree", "order"), [(3, 1.98), (6, 1.5), (10, 0.5)])
@@ -77,8 +63,8 @@ def test_a_break_point_a_little_beside_a_fine_grid():
 def test_riemann_liouville_of_order_near_one_pushes_at_the_start():
     """The force of an initial position tends to a push: the limit is order 1 with v0 - mu q0."""
     order, mass_free = 1 - 1e-6, {"final_time": 4.0, "initial_position": 1.0}
-    near = linear_oscillator(damping=damped(order), derivative="riemann-liouville", **mass_free)
-    limit = linear_oscillator(damping=damped(1.0), initial_velocity=-0.5, **mass_free)
+    near = spring(damping=damped(order), derivative="riemann-liouville", **mass_free)
+    limit = spring(v=-0.5, damping=damped(1.0), **mass_free)
     wanted = integrate(limit, gauss(4), 200).position[-1, 0]
     for method, steps in (
         (gauss(4, "graded"), 200),
@@ -91,12 +77,7 @@ def test_riemann_liouville_of_order_near_one_pushes_at_the_start():
 @spread(order=[0.01, 0.5, 0.9, 0.999], ratio=[math.inf, 1.0, 80.0, 1e9])
 def test_loads_of_riemann_liouville(order, ratio):
     """Their sum over the basis is the integral of the force."""
-    scene = linear_oscillator(
-        final_time=1.0,
-        damping=damped(order),
-        initial_position=1.0,
-        derivative="riemann-liouville",
-    )
+    scene = spring(T=1.0, x=1.0, damping=damped(order), derivative="riemann-liouville")
     method, h = gauss(5), 0.25
     begin = h / ratio
     loads = StepLoads(scene, method, step_tables(method)).of_steps(begin, h, 1, is_fresh=begin == 0)
@@ -108,7 +89,7 @@ def test_loads_of_riemann_liouville(order, ratio):
 @pytest.mark.parametrize("n_steps", [1, 8, 1000])
 def test_steps_without_a_solution_are_a_failure(n_steps):
     """Midpoint rule with negative stiffness: M - h^2 / 4 = 0."""
-    scene = linear_oscillator(final_time=2.0 * n_steps, stiffness=-1.0, initial_position=1.0)
+    scene = spring(T=2.0 * n_steps, k=-1.0, x=1.0)
     found = integrate(scene, gauss(1), n_steps)
     assert found.status == "failed"
     assert "no unique solution" in found.message
@@ -116,7 +97,7 @@ def test_steps_without_a_solution_are_a_failure(n_steps):
 
 @pytest.mark.parametrize("order", [1e-17, 1e-300])
 def test_orders_below_round_off(order):
-    scene = linear_oscillator(final_time=2.0, damping=damped(order), initial_position=1.0)
+    scene = spring(T=2.0, x=1.0, damping=damped(order))
     found = integrate(scene, gauss(4), 32)
     # D^0 of q - q0 is a spring
     wanted = (0.5 + math.cos(2.0 * math.sqrt(1.5))) / 1.5
@@ -126,9 +107,9 @@ def test_orders_below_round_off(order):
 
 @pytest.mark.parametrize("degree", [4, 7, 10])
 def test_a_tolerance_below_round_off_of_the_position(degree):
-    scene = linear_oscillator(final_time=9.0, damping=damped(0.5, 0.3), initial_position=1e30)
+    scene = spring(T=9.0, x=1e30, damping=damped(0.5, 0.3))
     found = integrate(scene, gauss(degree), AdaptiveSteps(tolerance=1e-6, most_steps=3000))
-    small = linear_oscillator(final_time=9.0, damping=damped(0.5, 0.3), initial_position=1.0)
+    small = spring(T=9.0, x=1.0, damping=damped(0.5, 0.3))
     wanted = integrate(small, gauss(degree), AdaptiveSteps(tolerance=1e-12)).position[-1, 0]
     assert found.status == "ok"
     assert abs(found.position[-1, 0] / 1e30 - wanted) < 1e-12

@@ -10,6 +10,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from letters import in_pieces, spring, swing
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -21,7 +22,6 @@ from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 
 TOLERANCE = 1e-12
 GAUSS2 = Method(cq="gauss", degree=2)
@@ -61,16 +61,15 @@ def oscillators(
     count: int, orders: tuple[float, ...] = (0.5,), forcing: str | None = None
 ) -> list[Scene]:
     rng = np.random.default_rng(11)
+    draw = rng.uniform
     return [
-        linear_oscillator(
-            final_time=5.0,
-            mass=rng.uniform(0.5, 2.0),
-            stiffness=rng.uniform(0.5, 4.0),
-            damping=[
-                FractionalDamping(order=o, coefficient=rng.uniform(0.05, 0.3)) for o in orders
-            ],
-            initial_position=rng.normal(),
-            initial_velocity=rng.normal(),
+        spring(
+            T=5.0,
+            m=draw(0.5, 2.0),
+            k=draw(0.5, 4.0),
+            damping=[FractionalDamping(order=o, coefficient=draw(0.05, 0.3)) for o in orders],
+            x=rng.normal(),
+            v=rng.normal(),
             forcing=None if forcing is None else Forcing.from_text(f"{rng.normal()!r}*{forcing}"),
         )
         for _ in range(count)
@@ -88,18 +87,10 @@ def coupled(kind: str, seed: int) -> Scene:
     if kind == "uncoupled":
         mass, stiffness = np.diag(np.diagonal(mass)), np.diag(np.diagonal(stiffness))
     damping = positive(rng, 3) if kind == "general" else stiffness
-    return linear_oscillator(
-        final_time=3.0,
-        mass=mass,
-        stiffness=stiffness,
-        damping=[
-            FractionalDamping(order=0.5, coefficient=0.2 * damping),
-            FractionalDamping(order=1.5, coefficient=0.1 * mass),
-        ],
-        initial_position=rng.normal(size=3),
-        initial_velocity=rng.normal(size=3),
-        forcing=Forcing.from_text("cos(t)", "0", f"{seed}*t"),
-    )
+    terms = ((0.5, 0.2 * damping), (1.5, 0.1 * mass))
+    start = {"x": rng.normal(size=3), "v": rng.normal(size=3)}
+    forcing = Forcing.from_text("cos(t)", "0", f"{seed}*t")
+    return spring(*terms, T=3.0, m=mass, k=stiffness, forcing=forcing, **start)
 
 
 @spread(method=METHODS, forcing=[None, "cos(2*t)"])
@@ -107,59 +98,45 @@ def test_each_member_is_what_it_is_alone(method, forcing):
     agree(oscillators(5, forcing=forcing), method, 300)
 
 
-@pytest.mark.parametrize("orders", [(), (1.0,), (1.4,), (0.3, 1.5), (0.5, 1.0, 0.5)])
-def test_orders(orders):
-    agree(oscillators(3, orders), BDF2, 200)
-
-
-def test_terms_in_any_sequence():
+TERMS = [FractionalDamping(order=o, coefficient=c) for o, c in ((0.5, 0.2), (1.0, 0.4), (1.5, 0.9))]
+KINDS: dict[str, tuple[list[Scene], int]] = {
+    **{
+        f"orders {orders}": (oscillators(3, orders), 200)
+        for orders in ((), (1.0,), (1.4,), (0.3, 1.5), (0.5, 1.0, 0.5))
+    },
     # the same orders, with the coefficients of one scene at those of the other
-    terms = [
-        FractionalDamping(order=0.5, coefficient=np.array([[0.2]])),
-        FractionalDamping(order=1.0, coefficient=np.array([[0.4]])),
-        FractionalDamping(order=1.5, coefficient=np.array([[0.9]])),
-    ]
-    scenes = [
-        linear_oscillator(
-            mass=1.0,
-            stiffness=2.0,
-            damping=sequence,
-            final_time=4.0,
-            initial_position=1.0,
-            initial_velocity=0.5,
-        )
-        for sequence in (terms, terms[::-1], [terms[1], terms[2], terms[0]])
-    ]
-    agree(scenes, BDF2, 100)
+    "any sequence": (
+        [
+            spring(T=4.0, k=2.0, x=1.0, v=0.5, damping=[TERMS[place] for place in places])
+            for places in ((0, 1, 2), (2, 1, 0), (1, 2, 0))
+        ],
+        100,
+    ),
+    "Riemann-Liouville": (
+        [replace(scene, derivative="riemann-liouville") for scene in oscillators(3)],
+        100,
+    ),
+    "with and without modes": (
+        [coupled("modal", 1), coupled("general", 2), coupled("uncoupled", 3)],
+        80,
+    ),
+    "more than a slice holds": (oscillators(130), 64),
+    "break points": (
+        [replace(scene, forcing=in_pieces("8", 2.5, "0")) for scene in oscillators(3)],
+        100,
+    ),
+}
 
 
-def test_riemann_liouville():
-    scenes = [replace(scene, derivative="riemann-liouville") for scene in oscillators(3)]
-    agree(scenes, BDF2, 100)
+@pytest.mark.parametrize("name", KINDS)
+def test_members_of_every_kind(name):
+    scenes, n_steps = KINDS[name]
+    agree(scenes, BDF2, n_steps)
 
 
 @spread(kind=["modal", "general", "uncoupled"], method=METHODS)
 def test_several_degrees_of_freedom(kind, method):
     agree([coupled(kind, seed) for seed in range(4)], method, 150)
-
-
-def test_members_with_and_without_modes():
-    agree([coupled("modal", 1), coupled("general", 2), coupled("uncoupled", 3)], BDF2, 80)
-
-
-def test_more_members_than_a_slice_holds():
-    agree(oscillators(130), BDF2, 64)
-
-
-def test_break_points_of_the_forcing():
-    scenes = oscillators(3)
-    force = Forcing(
-        pieces=(
-            replace(Forcing.from_text("8").pieces[0], until=2.5),
-            Forcing.from_text("0").pieces[0],
-        )
-    )
-    agree([replace(scene, forcing=force) for scene in scenes], BDF2, 100)
 
 
 def counted(call: Callable[[], object]) -> tuple[int, int]:
@@ -177,10 +154,7 @@ def test_those_that_fit_together_are_one_batch():
     assert counted(lambda: integrate_members(scenes, BDF2, 64)) == (1, 0)
     mixed = [*scenes, *oscillators(2, (0.7,)), replace(scenes[0], final_time=4.0)]
     assert counted(lambda: integrate_members(mixed, BDF2, 64)) == (2, 1)
-    assert counted(lambda: integrate_members(scenes, replace(BDF2, history="direct"), 64)) == (
-        0,
-        4,
-    )
+    assert counted(lambda: integrate_members(scenes, replace(BDF2, history="direct"), 64)) == (0, 4)
     assert counted(lambda: integrate_members(scenes, BDF2, 8)) == (0, 4)
     agree(mixed, BDF2, 64)
 
@@ -265,7 +239,7 @@ def test_a_wrong_member_would_be_seen():
 @pytest.mark.parametrize("n_steps", [3, 32, 33])
 def test_singular_steps_end_a_run_wherever_they_begin(n_steps):
     """On a mesh of its own, singly and in blocks: what was done before them is kept."""
-    scene = linear_oscillator(stiffness=-64.0, final_time=1.0 + 0.25 * n_steps, initial_position=1)
+    scene = spring(T=1.0 + 0.25 * n_steps, k=-64.0, x=1.0)
     mesh = Mesh(
         stretches=(
             Stretch(begin=0.0, end=1.0, n_steps=10, step_size=0.1),
@@ -281,13 +255,13 @@ def test_singular_steps_end_a_run_wherever_they_begin(n_steps):
 
 def test_a_singular_frozen_response_is_no_failure():
     """A pendulum that begins upside down: its linear scene there has no unique step, it has."""
-    swing = pendulum(final_time=128.0, initial_position=math.pi, initial_velocity=1e-3)
-    run = integrate(swing, Method(cq="gauss", degree=1), 64)
+    turned = swing(T=128.0, x=math.pi, v=1e-3)
+    run = integrate(turned, Method(cq="gauss", degree=1), 64)
     assert run.status in ("ok", "failed")
     assert "unique" not in run.message
 
 
 def test_a_baseline_step_without_a_solution():
-    scene = linear_oscillator(stiffness=-1.0, final_time=2.0, initial_position=1.0)
+    scene = spring(T=2.0, k=-1.0, x=1.0)
     assert integrate(scene, Baseline(name="implicit-euler"), 2).status == "failed"
     assert integrate(scene, Baseline(name="implicit-euler"), 4).status == "ok"

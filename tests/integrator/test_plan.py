@@ -6,6 +6,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 import scipy.sparse.linalg
+from letters import spring, swing
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -17,7 +18,6 @@ from fvi_cli.integrator.members import companions, integrate_members
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.planning.plan import plan_run
 from fvi_cli.scenes.lagrangian import double_pendulum
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 
 NODES = Method(cq="bdf2", degree=1, sampling="nodes")
 
@@ -42,23 +42,20 @@ def oscillators(
     neighbours = 2 * unit - np.eye(dimension, k=1) - np.eye(dimension, k=-1)
     stiffness = unit if coupled == "no" else neighbours
     matrix = np.diag(np.linspace(1.0, 2.0, dimension)) if coupled == "all" else unit
-    return linear_oscillator(
-        final_time=8.0,
-        mass=unit,
-        stiffness=stiffness,
-        damping=[
-            FractionalDamping(order=order, coefficient=(0.3 + 0.1 * place) * matrix)
-            for place, order in enumerate(orders)
-        ],
+    return spring(
+        *((order, (0.3 + 0.1 * place) * matrix) for place, order in enumerate(orders)),
+        T=8.0,
+        m=unit,
+        k=stiffness,
+        x=np.linspace(1.0, 0.5, dimension),
+        v=np.zeros(dimension),
         forcing=None if forcing is None else Forcing.from_text(*[forcing] * dimension),
-        initial_position=np.linspace(1.0, 0.5, dimension),
-        initial_velocity=np.zeros(dimension),
     )
 
 
-def swing(order: float | None = 0.5) -> Scene:
+def pendulum_of(order: float | None = 0.5) -> Scene:
     damping = [] if order is None else [FractionalDamping(order=order, coefficient=0.3)]
-    return pendulum(final_time=8.0, damping=damping, initial_position=1.0)
+    return swing(T=8.0, x=1.0, damping=damping)
 
 
 def rods() -> Scene:
@@ -101,24 +98,16 @@ def test_operations_of_linear_scenes_are_those_counted(name, scene, method):
         ), n_steps
 
 
-@spread(
-    method=[
-        NODES,
-        points(),
-        gauss(),
-        gauss(3, "graded"),
-    ],
-    order=[None, 0.5, 1.0, 1.5],
-)
+@spread(method=[NODES, points(), gauss(), gauss(3, "graded")], order=[None, 0.5, 1.0, 1.5])
 def test_operations_of_nonlinear_scenes_do_not_depend_on_newton(order, method):
-    scene = swing(order)
+    scene = pendulum_of(order)
     for n_steps in (10, 100, 333, 1025):
         trajectory = integrate(scene, method, n_steps)
         assert trajectory.newton.iterations > 0
         planned = plan_run(scene, method, n_steps).history_operations
         assert planned == trajectory.history_operations, n_steps
     # a finer grid takes more iterations, a larger amplitude too; the memory does the same
-    wide = pendulum(final_time=8.0, damping=scene.damping, initial_position=2.9)
+    wide = swing(T=8.0, x=2.9, damping=scene.damping)
     assert integrate(wide, method, 333).history_operations == (
         integrate(scene, method, 333).history_operations
     )
@@ -137,13 +126,13 @@ def test_operations_of_large_coupled_scenes():
     unit = np.eye(dimension)
     one = np.zeros((dimension, dimension))
     one[0, 0] = 1.0
-    scene = linear_oscillator(
-        final_time=2.0,
-        mass=unit,
-        stiffness=2 * unit - np.eye(dimension, k=1) - np.eye(dimension, k=-1),
-        damping=[FractionalDamping(order=0.5, coefficient=one)],
-        initial_position=np.ones(dimension),
-        initial_velocity=np.zeros(dimension),
+    scene = spring(
+        (0.5, one),
+        T=2.0,
+        m=unit,
+        k=2 * unit - np.eye(dimension, k=1) - np.eye(dimension, k=-1),
+        x=np.ones(dimension),
+        v=np.zeros(dimension),
     )
     for n_steps in (40, 300):
         planned = plan_run(scene, gauss(), n_steps)
@@ -191,9 +180,9 @@ MEMORY = [
     ("first order", oscillators(orders=(1.0,)), NODES),
     ("uncoupled", oscillators(4), gauss()),
     ("coupled", oscillators(4, coupled="all"), gauss()),
-    ("pendulum", swing(), gauss()),
-    ("undamped pendulum", swing(None), gauss()),
-    ("pendulum on nodes", swing(), NODES),
+    ("pendulum", pendulum_of(), gauss()),
+    ("undamped pendulum", pendulum_of(None), gauss()),
+    ("pendulum on nodes", pendulum_of(), NODES),
 ]
 
 
@@ -237,7 +226,7 @@ class TestWords:
         assert plan_run(oscillators(), gauss(3), 1000).start == "nothing is done about the start"
 
     def test_every_line_is_there(self):
-        lines = plan_run(swing(), gauss(2, "graded"), 1000).lines()
+        lines = plan_run(pendulum_of(), gauss(2, "graded"), 1000).lines()
         heads = [line.split(":")[0] for line in lines]
         assert heads[:5] == ["effects", "steps", "history", "start", "forcing"]
         assert "Newton" in lines[1]
@@ -251,11 +240,11 @@ class TestWords:
 
 def different(count: int, forcing: str | None = None) -> list[Scene]:
     return [
-        linear_oscillator(
-            final_time=8.0,
-            stiffness=1.0 + 0.1 * place,
-            damping=[FractionalDamping(order=0.5, coefficient=0.3)],
-            initial_position=1.0,
+        spring(
+            (0.5, 0.3),
+            T=8.0,
+            k=1.0 + 0.1 * place,
+            x=1.0,
             forcing=None if forcing is None else Forcing.from_text(forcing),
         )
         for place in range(count)
@@ -287,10 +276,12 @@ class TestMembers:
                 assert found.history_operations == planned.history_operations
 
     def test_members_that_do_not_go_together_are_planned_alone(self):
-        scenes = [*different(3), swing(), oscillators(2), *different(2)]
+        scenes = [*different(3), pendulum_of(), oscillators(2), *different(2)]
         assert companions(scenes, gauss(), 300) == [5, 5, 5, 1, 1, 5, 5]
         # seven pendulums are quicker one by one
-        assert plan_run(swing(), gauss(), 300, members=7) == plan_run(swing(), gauss(), 300)
+        assert plan_run(pendulum_of(), gauss(), 300, members=7) == plan_run(
+            pendulum_of(), gauss(), 300
+        )
         assert companions(scenes, points(history="direct"), 300) == [1] * len(scenes)
 
     def test_many_members_take_other_blocks_than_one(self):
@@ -317,7 +308,7 @@ class TestDiagnosed:
     BALANCE = Asked(energy_balance=True)
 
     @spread(
-        scene=[oscillators(), oscillators(3, coupled="all"), oscillators(orders=()), swing()],
+        scene=[oscillators(), oscillators(3, coupled="all"), oscillators(orders=()), pendulum_of()],
         method=MEMBER_METHODS,
     )
     def test_operations_are_those_counted(self, scene, method):
@@ -335,7 +326,7 @@ class TestDiagnosed:
         assert planned.history_operations == alone.history_operations
         assert planned.steps == alone.steps
 
-    @spread(method=MEMBER_METHODS, scene=[oscillators(), swing()])
+    @spread(method=MEMBER_METHODS, scene=[oscillators(), pendulum_of()])
     def test_peak_memory(self, scene, method):
         integrate(scene, method, 32, diagnostics=self.BALANCE)
         planned = plan_run(scene, method, 4096, diagnosed=True).memory_bytes

@@ -5,6 +5,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from letters import spring, swing
 from spread import spread
 
 import fvi_cli as fvi
@@ -15,19 +16,8 @@ from fvi_cli.integrator.run import march
 from fvi_cli.integrator.run.unfinished import UnfinishedRun
 
 N = 400
-LINEAR = fvi.linear_oscillator(
-    final_time=8.0,
-    stiffness=2.0,
-    damping=[fvi.FractionalDamping(order=0.5, coefficient=0.7)],
-    initial_position=1.0,
-    initial_velocity=0.5,
-)
-PENDULUM = fvi.pendulum(
-    final_time=8.0,
-    damping=[fvi.FractionalDamping(order=1.5, coefficient=0.7)],
-    initial_position=1.0,
-    initial_velocity=0.5,
-)
+LINEAR = spring((0.5, 0.7), T=8.0, k=2.0, x=1.0, v=0.5)
+PENDULUM = swing((1.5, 0.7), T=8.0, x=1.0, v=0.5)
 GENERAL = fvi.lagrangian_scene(
     final_time=8.0,
     coordinates=("x",),

@@ -1,16 +1,16 @@
 """Members of a sweep side by side on one mesh give what each of them gives alone."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from unittest.mock import patch
 
 import numpy as np
 import pytest
+from letters import in_pieces, spring, swing
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.laws.cole_cole import fractional_zener
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
@@ -25,8 +25,6 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import companions, integrate_members
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.nonlinear import duffing
 
 TOLERANCE = 1e-12
@@ -39,12 +37,7 @@ METHODS = [
     Method(cq="radau-iia", degree=2),
     Method(cq="lobatto-iiic", degree=2, forcing_quadrature="exact"),
 ]
-FORCE = Forcing(
-    pieces=tuple(
-        ForcingPiece(components=(Expression.parse(text, variables=("t",)),), until=until)
-        for text, until in (("sin(3*t)", 1.7), ("0.5", math.inf))
-    )
-)
+FORCE = in_pieces("sin(3*t)", 1.7, "0.5")
 
 
 def damping(rng: np.random.Generator, orders: Sequence[float]) -> list[FractionalDamping]:
@@ -54,12 +47,12 @@ def damping(rng: np.random.Generator, orders: Sequence[float]) -> list[Fractiona
 def swings(count: int, *orders: float, forcing: Forcing | None = None) -> list[Scene]:
     rng = np.random.default_rng(5)
     return [
-        pendulum(
+        swing(
+            T=4.0,
             omega=rng.uniform(0.5, 3.0),
-            final_time=4.0,
             damping=damping(rng, orders),
-            initial_position=rng.normal(),
-            initial_velocity=rng.normal(),
+            x=rng.normal(),
+            v=rng.normal(),
             forcing=forcing,
         )
         for _ in range(count)
@@ -69,13 +62,13 @@ def swings(count: int, *orders: float, forcing: Forcing | None = None) -> list[S
 def springs(count: int, *orders: float, forcing: Forcing | None = None) -> list[Scene]:
     rng = np.random.default_rng(6)
     return [
-        linear_oscillator(
-            mass=rng.uniform(0.5, 2.0),
-            stiffness=rng.uniform(0.5, 9.0),
-            final_time=4.0,
+        spring(
+            T=4.0,
+            m=rng.uniform(0.5, 2.0),
+            k=rng.uniform(0.5, 9.0),
             damping=damping(rng, orders),
-            initial_position=rng.normal(),
-            initial_velocity=rng.normal(),
+            x=rng.normal(),
+            v=rng.normal(),
             forcing=forcing,
         )
         for _ in range(count)
@@ -90,21 +83,14 @@ def positive(rng: np.random.Generator) -> np.ndarray:
 def coupled(count: int) -> list[Scene]:
     """Two components with two directions of damping; nothing is diagonal together."""
     rng = np.random.default_rng(7)
-    return [
-        linear_oscillator(
-            mass=positive(rng),
-            stiffness=positive(rng),
-            final_time=3.0,
-            damping=[
-                FractionalDamping(order=0.4, coefficient=0.2 * positive(rng)),
-                FractionalDamping(order=1.6, coefficient=0.1 * positive(rng)),
-            ],
-            initial_position=rng.normal(size=2),
-            initial_velocity=rng.normal(size=2),
-            forcing=Forcing.from_text("cos(t)", "t"),
-        )
-        for _ in range(count)
-    ]
+
+    def one() -> Scene:
+        m, k, near, far = (positive(rng) for _ in range(4))
+        start = {"x": rng.normal(size=2), "v": rng.normal(size=2)}
+        force = Forcing.from_text("cos(t)", "t")
+        return spring((0.4, 0.2 * near), (1.6, 0.1 * far), T=3.0, m=m, k=k, forcing=force, **start)
+
+    return [one() for _ in range(count)]
 
 
 def modal(count: int) -> list[Scene]:
@@ -213,7 +199,7 @@ def test_one_that_cannot_be_solved_tells_itself():
     """A midpoint step of length 2 / sqrt(-k) has a singular matrix."""
     method = Method(cq="gauss", degree=1)
     scenes = springs(6)
-    scenes[2] = linear_oscillator(stiffness=-64.0, final_time=4.0, initial_position=1.0)
+    scenes[2] = spring(T=4.0, k=-64.0, x=1.0)
     runs = integrate_members(scenes, method, 16)
     assert [run.status for run in runs] == ["ok", "ok", "failed", "ok", "ok", "ok"]
     assert "no unique solution" in runs[2].message
@@ -276,10 +262,7 @@ def test_work_is_that_of_one_loop():
             return super().pushed(block, states, velocities)
 
     solved = patch.object(
-        steps_module.SideStep,
-        "iterated",
-        autospec=True,
-        side_effect=steps_module.SideStep.iterated,
+        steps_module.SideStep, "iterated", autospec=True, side_effect=steps_module.SideStep.iterated
     )
     with patch.object(run_module, "SideDamping", Counted), solved as steps:
         runs = integrate_members(scenes, GAUSS2, 100)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from letters import spring
 from spread import spread
 
 from fvi_cli.config import parse_config
@@ -24,13 +25,7 @@ from fvi_cli.mathematics.transforms.disc_zeros import count_zeros
 from fvi_cli.mathematics.transforms.many_discs import UNDECIDED, count_zeros_of_many
 from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.stability import COLUMNS, stability_report
-from fvi_cli.scenes.named import linear_oscillator
-from fvi_cli.studies.stability_study import (
-    distinct_regions,
-    observe,
-    regions,
-    stability_rows,
-)
+from fvi_cli.studies.stability_study import distinct_regions, observe, regions, stability_rows
 from fvi_cli.studies.study import execute
 
 GAUSS = Method(cq="gauss", degree=2)
@@ -39,13 +34,13 @@ NODES = Method(cq="bdf6", degree=1, sampling="nodes")
 
 def oscillator(final_time, *, mass=1.0, stiffness=1.0, damping=((1.5, 1.0),)):
     mass = np.atleast_2d(mass)
-    return linear_oscillator(
-        final_time=final_time,
-        mass=mass,
-        stiffness=stiffness,
-        damping=[FractionalDamping(order=o, coefficient=np.atleast_2d(c)) for o, c in damping],
-        initial_position=np.ones(mass.shape[0]),
-        initial_velocity=np.zeros(mass.shape[0]),
+    return spring(
+        *((o, np.atleast_2d(c)) for o, c in damping),
+        T=final_time,
+        m=mass,
+        k=stiffness,
+        x=np.ones(mass.shape[0]),
+        v=np.zeros(mass.shape[0]),
     )
 
 

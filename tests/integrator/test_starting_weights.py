@@ -2,17 +2,16 @@
 
 import numpy as np
 import pytest
+from letters import spring
 from scipy.special import gamma as gamma_function
 from spread import spread
 
-from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.equal_steps.starting_weights import starting_weights
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.bdf import convolution_weights
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.linear_response import match_scene
-from fvi_cli.scenes.named import linear_oscillator
 
 
 @spread(offset=[0.0, 0.21], order=[0.5, 1.0, 1.5], bdf_order=[1, 3, 6])
@@ -39,12 +38,7 @@ def test_the_corrected_quadrature_is_exact_on_the_powers(bdf_order, order, offse
 
 
 def oscillator(order: float, v0: float = 1.0, x0: float = 0.0):
-    scene = linear_oscillator(
-        final_time=8.0,
-        damping=[FractionalDamping(order=order, coefficient=0.4)],
-        initial_position=x0,
-        initial_velocity=v0,
-    )
+    scene = spring((order, 0.4), T=8.0, x=x0, v=v0)
     solution = match_scene(scene)
     return scene, solution.position
 

@@ -5,10 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from letters import in_pieces, spring, swing
 from spread import spread
 
-from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import nearest_fitting, steps_at_break_points
@@ -18,12 +17,11 @@ from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.lagrange import lobatto_basis
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 
 
 def loads(text: str, method: Method, h: float, n_steps: int) -> np.ndarray:
     """Load vectors of a force on equal steps from 0 on."""
-    scene = linear_oscillator(final_time=h * n_steps, forcing=Forcing.from_text(text))
+    scene = spring(T=h * n_steps, forcing=text)
     found, _ = StepLoads(scene, method, step_tables(method)).of_run(h, (), n_steps)
     assert found is not None
     return found
@@ -70,11 +68,8 @@ def test_projected_moments_are_those_of_polynomials_on_the_points(stages):
 
 
 def piecewise(*ends: float, final_time: float = 3.0) -> Scene:
-    pieces = [
-        ForcingPiece(components=(Expression.parse(str(i), variables=("t",)),), until=end)
-        for i, end in enumerate([*ends, math.inf])
-    ]
-    return linear_oscillator(final_time=final_time, forcing=Forcing(pieces=tuple(pieces)))
+    parts = [part for i, end in enumerate(ends) for part in (str(i), end)]
+    return spring(T=final_time, forcing=in_pieces(*parts, str(len(ends))))
 
 
 def test_break_points_on_the_grid():
@@ -98,12 +93,7 @@ def test_one_sided_values_at_break_points():
 
 @spread(name=["explicit-euler", "implicit-euler"], order=[0.5, 1.0, 1.5])
 def test_euler_is_of_order_1(name, order):
-    scene = linear_oscillator(
-        final_time=2.0,
-        damping=[FractionalDamping(order=order, coefficient=0.5)],
-        initial_position=1.0,
-        initial_velocity=0.3,
-    )
+    scene = spring((order, 0.5), T=2.0, x=1.0, v=0.3)
     fine = integrate(scene, Method(cq="gauss", degree=3, start="graded"), 128).position[-1, 0]
     errors = [
         abs(integrate(scene, Baseline(name=name), n).position[-1, 0] - fine)
@@ -113,11 +103,7 @@ def test_euler_is_of_order_1(name, order):
 
 
 def test_euler_with_classical_damping_is_the_textbook_scheme():
-    scene = linear_oscillator(
-        final_time=1.0,
-        damping=[FractionalDamping(order=1.0, coefficient=0.2)],
-        initial_velocity=1.0,
-    )
+    scene = spring((1.0, 0.2), T=1.0, v=1.0)
     h, x, v = 0.125, 0.0, 1.0
     y, w = 0.0, 1.0
     for _ in range(8):
@@ -131,11 +117,7 @@ def test_euler_with_classical_damping_is_the_textbook_scheme():
 
 
 def test_implicit_euler_on_the_pendulum():
-    scene = pendulum(
-        final_time=2.0,
-        damping=[FractionalDamping(order=0.5, coefficient=0.3)],
-        initial_position=1.0,
-    )
+    scene = swing((0.5, 0.3), T=2.0, x=1.0)
     trajectory = integrate(scene, Baseline(name="implicit-euler"), 400)
     fine = integrate(scene, Method(cq="gauss", degree=3, start="graded"), 64)
     assert trajectory.position[-1, 0] == pytest.approx(fine.position[-1, 0], abs=5e-3)
@@ -143,7 +125,7 @@ def test_implicit_euler_on_the_pendulum():
 
 
 def test_newton_converges_quadratically_and_keeps_its_history():
-    scene = pendulum(final_time=4.0, initial_position=2.5, initial_velocity=0.5)
+    scene = swing(T=4.0, x=2.5, v=0.5)
     method = Method(cq="bdf1", degree=2, sampling="nodes", history="direct")
     record = integrate(scene, method, 8).newton
     assert record.iterations >= 16
@@ -161,7 +143,7 @@ def test_a_step_without_solution_fails_with_evidence():
         gradient_expressions=(Expression.parse("-exp(x)", variables=names),),
         hessian_expressions=((Expression.parse("-exp(x)", variables=names),),),
     )
-    base = pendulum(final_time=20.0, initial_position=1.0)
+    base = swing(T=20.0, x=1.0)
     scene = Scene(
         inertia=base.inertia,
         potential=runaway,
@@ -179,14 +161,14 @@ def test_a_step_without_solution_fails_with_evidence():
 
 @pytest.mark.parametrize("n_steps", [0, -3, 2.0, True, "8"])
 def test_step_counts_must_be_positive_integers(n_steps):
-    scene = linear_oscillator(final_time=1.0, initial_position=1.0)
+    scene = spring(T=1.0, x=1.0)
     for method in (Method(cq="bdf1", degree=1), Method(cq="gauss", degree=2)):
         with pytest.raises(ValueError, match=r"n_steps: .* an integer >= 1, a Mesh or Adaptive"):
             integrate(scene, method, n_steps)
 
 
 def test_final_time_is_reached_exactly():
-    scene = linear_oscillator(final_time=0.3, initial_position=1.0)
+    scene = spring(T=0.3, x=1.0)
     trajectory = integrate(scene, Method(cq="gauss", degree=2), 3)
     assert trajectory.time[-1] == pytest.approx(0.3, abs=1e-16)
     assert trajectory.time.size == 4

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
+from letters import swing
 
 import fvi_cli as fvi
 
-SCENE = fvi.pendulum(
-    final_time=10.0,
-    damping=[fvi.FractionalDamping(order=0.5, coefficient=0.3)],
-    initial_position=2.0,
-)
+SCENE = swing((0.5, 0.3), T=10.0, x=2.0)
 
 
 @pytest.fixture(scope="module")

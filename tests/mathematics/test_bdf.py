@@ -79,13 +79,6 @@ def test_generating_polynomial_is_its_definition_rounded_once(bdf_order):
     assert quotient_polynomial(bdf_order).tolist() == [float(c) for c in quotient]
 
 
-def test_known_formulas():
-    assert generating_polynomial(1).tolist() == [1, -1]
-    assert generating_polynomial(2).tolist() == [1.5, -2, 0.5]
-    assert generating_polynomial(3).tolist() == [11 / 6, -3, 1.5, -1 / 3]
-    assert quotient_polynomial(2).tolist() == [1.5, -0.5]
-
-
 @pytest.mark.parametrize("bdf_order", BDF_ORDERS)
 def test_symbol_has_the_order_of_the_formula(bdf_order):
     """gamma_p(exp(-h)) = h - h^(p+1) / (p+1) + ..., as gamma_infinity(z) = -log z."""
@@ -182,25 +175,6 @@ def test_the_comparison_notices_a_small_error(kind):
     assert budget_used(spoilt, exact) > 1
 
 
-def _value(polynomial: list[mp.mpf], z: mp.mpc) -> mp.mpc:
-    """Sum of c_n z^n."""
-    return mp.fsum(c * z**n for n, c in enumerate(polynomial))
-
-
-@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
-def test_integer_arithmetic_agrees_with_mpmath(bdf_order):
-    """The reference by another route: Cauchy's integral on a small circle, in 50 digits."""
-    with mp.workdps(60):
-        polynomial = [mp.mpf(c.numerator) / c.denominator for c in exact_polynomial(bdf_order)]
-        points, radius = 256, mp.mpf(1) / 4
-        z = [radius * mp.expjpi(mp.mpf(2 * j) / points) for j in range(points)]
-        values = [mp.power(_value(polynomial, w), mp.mpf(3) / 2) for w in z]
-        for n, exact in enumerate(reference("convolution", bdf_order, 1.5, 12)):
-            powers = (v * mp.expjpi(mp.mpf(-2 * j * n) / points) for j, v in enumerate(values))
-            coefficient = mp.fsum(powers).real / points / radius**n
-            assert abs(coefficient - mp.ldexp(exact, -BITS)) < mp.mpf(10) ** -50
-
-
 @pytest.mark.parametrize("bdf_order", BDF_ORDERS)
 def test_integer_orders_are_exact_stencils(bdf_order):
     first = exact_polynomial(bdf_order)
@@ -245,14 +219,6 @@ def test_no_drift_at_a_million_weights(kind, order, bdf_order):
                 binomial *= (n - j) / (n - j - 1 - exponent)
             exact = mp.ldexp(total, -BITS)
             assert abs(weights[n] / exact - 1) < 2e-15
-
-
-def test_a_running_product_would_drift():
-    """Control: the plain recurrence of the binomial series fails the bound above by far."""
-    n = np.arange(1, 2**20)
-    drifted = np.cumprod((n - 1 - 1.9) / n)[-1]
-    mine = convolution_weights(1, 1.9, 2**20)[-1]
-    assert abs(drifted / mine - 1) > 1e-11
 
 
 @spread(n_weights=[1, 2, 23, 24, 25, 26, 1023, 1024, 1025, 1026], bdf_order=[1, 3, 6])

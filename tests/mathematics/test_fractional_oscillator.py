@@ -36,27 +36,6 @@ def by_talbot(characteristic, numerator, time):
         return float(value)
 
 
-def by_cut(characteristic, numerator, time):
-    """One pair of residues and the integral along the cut, in 25 digits."""
-    with mpmath.workdps(25):
-        t = mpmath.mpf(time)
-        (zero,) = characteristic_zeros(characteristic)
-        start = mpmath.mpc(complex(zero.center))
-        powers = {mpmath.mpf(p): mpmath.mpf(c) for p, c in characteristic.terms}
-        pole = mpmath.findroot(lambda s: sum(c * s**p for p, c in powers.items()), start)
-        slope = sum(p * c * pole ** (p - 1) for p, c in powers.items())
-        top = sum(mpmath.mpf(c) * pole ** mpmath.mpf(p) for p, c in numerator.items())
-        residue = 2 * mpmath.re(top / slope * mpmath.exp(pole * t))
-
-        def density(u):
-            r = mpmath.exp(u)
-            upper = mpmath.mpc(-r, 0)
-            return -mpmath.im(transform(characteristic, numerator, upper)) * mpmath.exp(u - r * t)
-
-        integral = mpmath.quad(density, [-300, -120, -50, *range(-20, 7, 2)])
-        return float(residue + integral / mpmath.pi)
-
-
 def free_numerator(order, coefficient):
     numerator = {1.0: 1.0, 0.0: 0.5, order - 1.0: coefficient}
     if order > 1:
@@ -76,17 +55,6 @@ def test_agrees_with_laplace_inversion(order):
         expected = np.array([by_talbot(characteristic, numerator, t) for t in times])
         found = contour_response(characteristic, zeros, numerator, times)
         assert np.abs(found - expected).max() < 3e-14
-
-
-@pytest.mark.parametrize("order", [0.4, 1.25])
-def test_agrees_with_the_branch_cut_integral(order):
-    characteristic, zeros = oscillator(2.0, (order, 0.7))
-    numerator = free_numerator(order, 0.7)
-    times = np.array([2.0])
-    expected = [by_cut(characteristic, numerator, t) for t in times]
-    assert contour_response(characteristic, zeros, numerator, times) == pytest.approx(
-        expected, abs=2e-14
-    )
 
 
 def test_a_wrong_pole_shows():

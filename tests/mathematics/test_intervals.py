@@ -9,17 +9,12 @@ from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
 from fvi_cli.mathematics.intervals.interval import Interval
 
 FORMULAS = [
-    "x**3 - 2*x + 1/3",
-    "-5*exp(-((x-2)/0.03)**2)",
-    "sin(7*x)*cos(x) - tan(x/9)",
-    "1/(x**2 + 0.01)",
-    "x/(3 - x)",
-    "abs(x - 1)*sign(x) + cosh(x)",
-    "(x + 5)**1.5 + (x + 5)**(-2) + 2**x",
-    "x**x0 + arctan(x) + tanh(3*x) + sqrt(x + 4)",
+    "x**3 - 2*x + 1/3", "-5*exp(-((x-2)/0.03)**2)", "sin(7*x)*cos(x) - tan(x/9)",
+    "1/(x**2 + 0.01)", "x/(3 - x)", "abs(x - 1)*sign(x) + cosh(x)",
+    "(x + 5)**1.5 + (x + 5)**(-2) + 2**x", "x**x0 + arctan(x) + tanh(3*x) + sqrt(x + 4)",
     "log(x + 4) + log1p(x + 3) + arcsin(x/9) - arccos(x/9)",
     "gamma(x + 4.5) + arcsinh(x) + cbrt(x) + expm1(x) + arctanh(x/9) + sinh(x)",
-]
+]  # fmt: skip
 
 
 def at(text: str, value: object, functions: object) -> object:

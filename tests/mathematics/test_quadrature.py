@@ -121,10 +121,7 @@ def test_rules_of_the_textbooks():
     expected = {
         ("gauss", 1): ([0.5], [1.0]),
         ("gauss", 2): ([0.5 - root(3) / 6, 0.5 + root(3) / 6], [0.5, 0.5]),
-        ("gauss", 3): (
-            [0.5 - root(15) / 10, 0.5, 0.5 + root(15) / 10],
-            [5 / 18, 8 / 18, 5 / 18],
-        ),
+        ("gauss", 3): ([0.5 - root(15) / 10, 0.5, 0.5 + root(15) / 10], [5 / 18, 8 / 18, 5 / 18]),
         ("lobatto", 2): ([0, 1], [0.5, 0.5]),
         ("lobatto", 3): ([0, 0.5, 1], [1 / 6, 4 / 6, 1 / 6]),
         ("lobatto", 4): (
@@ -174,14 +171,10 @@ def test_numbers_of_points_out_of_range(name, n):
         ("gauss", [0.5], [1.0 + 1e-12], r"integral of t\*\*0"),
         ("gauss", [0.5 + 1e-12], [1.0], r"integral of t\*\*1"),
         # The trapezoidal rule is Lobatto's, not Gauss's.
-        (
-            "gauss",
-            [0.0, 1.0],
-            [0.5, 0.5],
-            r"integral of t\*\*2 by gauss with 2 points is wrong by 0.167",
-        ),
+        ("gauss", [0.0, 1.0], [0.5, 0.5],
+         r"integral of t\*\*2 by gauss with 2 points is wrong by 0.167"),
     ],
-)
+)  # fmt: skip
 def test_wrong_rules_are_refused(name, nodes, weights, complaint):
     with pytest.raises(ValueError, match=complaint):
         QuadratureRule(name=name, nodes=np.array(nodes), weights=np.array(weights))

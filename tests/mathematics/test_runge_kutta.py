@@ -26,9 +26,6 @@ METHODS = [
     *[("radau-iia", m) for m in (1, 2, 3)],
     *[("lobatto-iiic", m) for m in (2, 3, 4)],
 ]
-THETAS = (-0.99, -0.9, -0.4, 0.01, 0.6, 0.9)
-
-
 # --- reference arithmetic ----------------------------------------------------------------------
 
 
@@ -76,33 +73,6 @@ def to_array(matrix: mp.matrix) -> np.ndarray:
     return np.array(
         [[float(mp.re(matrix[i, j])) for j in range(matrix.cols)] for i in range(matrix.rows)]
     )
-
-
-@cache
-def cauchy_weights(
-    name: str, m: int, exponents: tuple[float, ...], n_weights: int = 12
-) -> dict[float, np.ndarray]:
-    """Taylor coefficients of ``Delta(z)^exponent``: 48 points on a circle; 1e-30 of aliasing."""
-    points = 48
-    with mp.workdps(50):
-        A, b, _ = reference_tableau(name, m)
-        update = mp.ones(m, 1) * b.T
-        radius = mp.mpf(10) ** (-mp.mpf(30) / points)
-        sums = {e: [mp.zeros(m) for _ in range(n_weights)] for e in exponents}
-        for k in range(points // 2 + 1):
-            z = radius * mp.expjpi(mp.mpf(2) * k / points)
-            values, vectors = mp.eig((A + z / (1 - z) * update) ** -1)
-            inverse = vectors**-1
-            share = mp.mpf(1 if k in (0, points // 2) else 2) / points
-            for e in exponents:
-                power = vectors * mp.diag([v ** mp.mpf(e) for v in values]) * inverse
-                for n in range(n_weights):
-                    sums[e][n] += share * z**-n * power
-        return {e: np.array([to_array(w) for w in sums[e]]) for e in exponents}
-
-
-def relative_error(weight: np.ndarray, reference: np.ndarray) -> float:
-    return float(np.abs(weight - reference).max() / np.abs(reference).max())
 
 
 # --- tableaux ----------------------------------------------------------------------------------
@@ -273,25 +243,6 @@ def test_symbol_power_refuses_the_pole_and_bad_exponents():
 
 
 # --- weights, as the tests write them out ------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "m"),
-    # the other families with as many stages take seconds each
-    [
-        pytest.param(n, m, marks=pytest.mark.slow if m > 2 and n != "radau-iia" else ())
-        for n, m in METHODS
-    ],
-)
-def test_first_weights_agree_with_fifty_digits(name, m):
-    references = cauchy_weights(name, m, (*THETAS, 0.6 + 1e-9))
-    for theta in THETAS:
-        weights = power_weights(tableau(name, m), theta, 12)
-        scale = np.abs(references[theta]).max()
-        assert np.abs(weights - references[theta]).max() < 1e-13 * scale, theta
-    # control: an exponent wrong in the ninth digit is seen
-    weights = power_weights(tableau(name, m), 0.6, 12)
-    assert relative_error(weights, references[0.6 + 1e-9]) > 1e-11
 
 
 def test_weights_printed_for_lobatto_iiic():

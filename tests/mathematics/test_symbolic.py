@@ -11,19 +11,11 @@ from fvi_cli.mathematics.series.power_series import SERIES_FUNCTIONS, PowerSerie
 
 NAMES = ("x", "y")
 TEXTS = [
-    "x*y - 3*x**2/7 + 2",
-    "sin(x)*cos(y)*exp(-x*y)",
-    "sqrt(x**2 + y**2)",
-    "x**y + y**-2.5",
-    "(2*x - y)**3/(1 + x*y)",
-    "tanh(x)*log1p(y) - expm1(x/2)",
-    "arctan(x/y) + arcsinh(x) - arcsin(x/4)",
-    "cbrt(x) + abs(y - 5)**1.5",
-    "tan(x/3)*sinh(y) - cosh(x)*log(y)",
-    "-x/y/2",
-    "x",
-    "3",
-]
+    "x*y - 3*x**2/7 + 2", "sin(x)*cos(y)*exp(-x*y)", "sqrt(x**2 + y**2)", "x**y + y**-2.5",
+    "(2*x - y)**3/(1 + x*y)", "tanh(x)*log1p(y) - expm1(x/2)",
+    "arctan(x/y) + arcsinh(x) - arcsin(x/4)", "cbrt(x) + abs(y - 5)**1.5",
+    "tan(x/3)*sinh(y) - cosh(x)*log(y)", "-x/y/2", "x", "3",
+]  # fmt: skip
 
 
 def tree(text: str) -> symbolic.Symbolic:

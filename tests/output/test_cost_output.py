@@ -8,12 +8,12 @@ import json
 import math
 
 import pytest
+from command_line import configuration, fvi
 from cost_tables import row, table
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from typer.testing import CliRunner
 
-from fvi_cli.cli.app import app
+from benchmarks.robustness import LADDER
 from fvi_cli.integrator.baselines import peers
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.plotting.ladders import cost as cost_plots
@@ -158,8 +158,7 @@ class TestFigure:
         table = measured()
         slow = table.cases[2]
         lucky = dataclasses.replace(
-            slow,
-            rows=tuple(dataclasses.replace(r, error=1e-16, status="floor") for r in slow.rows),
+            slow, rows=tuple(dataclasses.replace(r, error=1e-16, status="floor") for r in slow.rows)
         )
         figure = cost_figure(dataclasses.replace(table, cases=(table.cases[0], lucky)))
         labels = [line.get_label() for line in figure.axes[0].lines]
@@ -174,33 +173,24 @@ class TestFigure:
         assert list(cost_figures("both", [first])) == ["both-cost"]
 
 
-TEXT = """\
-name: small
-problem:
-  kind: bagley-torvik
-  damping: [{order: 0.5, coefficient: 1.0}]
-  initial: {position: 1.0, velocity: 0.0}
-  final_time: 1.0
-method:
-  - {rk: gauss, degree: 2}
-  - {baseline: product-integration}
-ladder: {steps: [4, 8, 16]}
-"""
+TEXT = configuration(
+    "kind: bagley-torvik, damping: [{order: 0.5, coefficient: 1.0}], "
+    "initial: {position: 1.0, velocity: 0.0}, final_time: 1.0",
+    name="small",
+    method="[{rk: gauss, degree: 2}, {baseline: product-integration}]",
+    steps="4, 8, 16",
+)
 
 # the damping of order 3/2 is too much for BDF6 on the nodes
-FAILING = """\
-name: small
-problem:
-  kind: bagley-torvik
-  damping: [{order: 1.5, coefficient: 1.0}]
-  forcing: 15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5
-  final_time: 1.0
-  exact: t**2.5
+FAILING = (
+    LADDER.replace("quick", "small").partition("method")[0]
+    + """\
 method:
   - {rk: gauss, degree: 2}
   - {bdf: 6, sampling: nodes, degree: 1}
 ladder: {steps: [8, 16, 32]}
 """
+)
 
 
 class TestCommand:
@@ -213,7 +203,7 @@ class TestCommand:
         (tmp_path / "small.yaml").write_text(TEXT)
 
     def run(self, *arguments: str):
-        return CliRunner().invoke(app, ["cost", *arguments])
+        return fvi("cost", *arguments)
 
     def test_tables_and_figure(self, tmp_path):
         result = self.run("small.yaml")

@@ -11,13 +11,12 @@ from itertools import combinations
 import matplotlib as mpl
 import numpy as np
 import pytest
+from command_line import fvi
+from letters import spring
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from typer.testing import CliRunner
 
 from fvi_cli import plotting
-from fvi_cli.cli.app import app
-from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.plotting.ladders.saturation import leading_exponent
@@ -26,7 +25,6 @@ from fvi_cli.plotting.motions.time_series import exact_energy
 from fvi_cli.plotting.style import COLUMN_WIDTH
 from fvi_cli.render.figures import compare_figures, write_figures
 from fvi_cli.reports.naming import method_names
-from fvi_cli.scenes.named import linear_oscillator
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 
@@ -37,11 +35,7 @@ ORDERS = {"bdf1": 1.0, "bdf2": 2.0, "bdf3": 2.0}
 
 def oscillator(exact: bool = True) -> Problem:
     """x'' + x = 0, x(0) = 0, x'(0) = 1, with a damping of coefficient zero for the title."""
-    scene = linear_oscillator(
-        final_time=8.0,
-        initial_velocity=1.0,
-        damping=(FractionalDamping(order=1.5, coefficient=np.zeros((1, 1))),),
-    )
+    scene = spring((1.5, np.zeros((1, 1))), T=8.0, v=1.0)
     return Problem(
         kind="bagley-torvik", scene=scene, exact=(lambda t: np.sin(t)[:, None]) if exact else None
     )
@@ -385,11 +379,7 @@ def test_a_method_looks_the_same_in_every_figure():
 def test_labels_say_no_more_than_is_needed():
     assert list(method_labels(NODES).values()) == ["BDF1", "BDF2", "BDF3"]
     mixed = [NODES[1], Method(cq="bdf2", degree=2), Method(cq="gauss", degree=3)]
-    assert list(method_labels(mixed).values()) == [
-        "BDF2 nodes",
-        "BDF2 points",
-        "Gauss3",
-    ]
+    assert list(method_labels(mixed).values()) == ["BDF2 nodes", "BDF2 points", "Gauss3"]
     beside = [NODES[0], Baseline(name="explicit-euler")]
     assert list(method_labels(beside).values()) == ["BDF1", "explicit Euler"]
     corrected = Method(
@@ -715,16 +705,13 @@ def test_the_command_takes_formats_and_a_style(tmp_path):
     style = tmp_path / "mine.mplstyle"
     style.write_text("font.size: 12\n")
     asked = ["plot", str(config), "-q", "--output", str(tmp_path), "--style", str(style)]
-    answer = CliRunner().invoke(app, [*asked, "--format", "svg", "--format", "png"])
-    assert answer.exit_code == 0, answer.output
+    fvi(*asked, "--format", "svg", "--format", "png", code=0)
     written = {path.name for path in (tmp_path / "figures").iterdir()}
     assert written == {f"tiny-trajectory.{suffix}" for suffix in ("svg", "png", "json")}
-    refused = CliRunner().invoke(app, [*asked, "--format", "gif"])
-    assert refused.exit_code == 2
+    refused = fvi(*asked, "--format", "gif", code=2)
     assert "--format: 'gif' is not one of pdf, png, svg" in refused.stderr
     style.write_text("font.sise: 12\n")
-    refused = CliRunner().invoke(app, asked)
-    assert refused.exit_code == 2
+    refused = fvi(*asked, code=2)
     assert "--style" in refused.stderr
     assert "line 1: 'font.sise' is not a setting of matplotlib" in refused.stderr
 

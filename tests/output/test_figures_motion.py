@@ -5,6 +5,7 @@ import re
 import matplotlib as mpl
 import numpy as np
 import pytest
+from command_line import configuration
 from matplotlib.figure import Figure
 
 from fvi_cli import plotting
@@ -17,76 +18,47 @@ from fvi_cli.studies.study import study
 
 Study = tuple[Experiment, list[FinishedRun]]
 
-OSCILLATOR = """\
-name: one
-problem:
-  kind: damped-oscillator
-  damping: [{order: 0.5, coefficient: 0.3}]
-  forcing: cos(1.2*t)
-  final_time: 4.0
-method: {rk: gauss, degree: [2, 3]}
-ladder: {steps: [32, 64]}
-store: {diagnostics: [energy-balance]}
-"""
-KEPLER = """\
-name: planet
-problem:
-  kind: kepler
-  damping: [{order: 0.5, coefficient: 0.05}]
-  initial: {position: [1.0, 0.0], velocity: [0.0, 1.1]}
-  final_time: 8.0
-method: [{rk: gauss, degree: 2}, {baseline: implicit-euler}]
-ladder: {steps: [128]}
-expect: {implicit-euler: diverged}
-store: {diagnostics: [energy-balance, momentum-maps]}
-"""
-PENDULUM = """\
-name: two
-problem:
-  kind: double-pendulum
-  lengths: [1.0, 0.5]
-  joints: [{order: 0.5, coefficient: 0.1}]
-  initial: {position: [2.0, 2.5], velocity: 0.0}
-  final_time: 2.0
-method: {rk: gauss, degree: 2}
-ladder: {steps: [40]}
-"""
-CHAIN = """\
-name: row
-problem:
-  kind: chain
-  masses: 40
-  dampers: [{order: 0.5, coefficient: 0.05}]
-  initial: {position: 0.0, velocity: 1.0}
-  final_time: 4.0
-method: {rk: gauss, degree: 2}
-ladder: {steps: [40]}
-"""
-FRAME = """\
-name: house
-problem:
-  kind: frame
-  storeys: 3
-  mass: 2.0
-  stiffness: 40.0
-  dampers: [{order: 0.5, coefficient: 1.0}]
-  ground_acceleration: sin(3*t)
-  final_time: 2.0
-method: {rk: gauss, degree: 2}
-ladder: {steps: [40]}
-"""
-STRING = """\
-name: tone
-problem:
-  kind: string
-  modes: 6
-  length: 2.0
-  pluck: {at: 0.3, height: 0.1}
-  internal_damping: [{order: 0.5, coefficient: 0.01}]
-  final_time: 2.0
-method: {rk: gauss, degree: 2}
-ladder: {steps: [64]}
-"""
+OSCILLATOR = configuration(
+    "kind: damped-oscillator, damping: [{order: 0.5, coefficient: 0.3}], "
+    "forcing: cos(1.2*t), final_time: 4.0",
+    name="one",
+    method="{rk: gauss, degree: [2, 3]}",
+    steps="32, 64",
+    more="store: {diagnostics: [energy-balance]}\n",
+)
+KEPLER = configuration(
+    "kind: kepler, damping: [{order: 0.5, coefficient: 0.05}], initial: {position: [1.0, "
+    "0.0], velocity: [0.0, 1.1]}, final_time: 8.0",
+    name="planet",
+    method="[{rk: gauss, degree: 2}, {baseline: implicit-euler}]",
+    steps="128",
+    more="expect: {implicit-euler: diverged}\n"
+    "store: {diagnostics: [energy-balance, momentum-maps]}\n",
+)
+PENDULUM = configuration(
+    "kind: double-pendulum, lengths: [1.0, 0.5], joints: [{order: 0.5, coefficient: 0.1}], "
+    "initial: {position: [2.0, 2.5], velocity: 0.0}, final_time: 2.0",
+    name="two",
+    steps="40",
+)
+CHAIN = configuration(
+    "kind: chain, masses: 40, dampers: [{order: 0.5, coefficient: 0.05}], "
+    "initial: {position: 0.0, velocity: 1.0}, final_time: 4.0",
+    name="row",
+    steps="40",
+)
+FRAME = configuration(
+    "kind: frame, storeys: 3, mass: 2.0, stiffness: 40.0, dampers: [{order: 0.5, "
+    "coefficient: 1.0}], ground_acceleration: sin(3*t), final_time: 2.0",
+    name="house",
+    steps="40",
+)
+STRING = configuration(
+    "kind: string, modes: 6, length: 2.0, pluck: {at: 0.3, height: 0.1}, "
+    "internal_damping: [{order: 0.5, coefficient: 0.01}], final_time: 2.0",
+    name="tone",
+    steps="64",
+)
 
 
 def made(text: str) -> Study:

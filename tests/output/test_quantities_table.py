@@ -4,25 +4,21 @@ import csv
 from pathlib import Path
 
 import pytest
+from command_line import configuration
+from command_line import fvi as command
 from scipy.sparse import csr_array
-from typer.testing import CliRunner
 
 import fvi_cli as fvi
-from fvi_cli.cli.app import app
 
-TEXT = """\
-name: asked
-problem:
-  kind: pendulum
-  damping: [{order: 0.5, coefficient: 0.3}]
-  initial: {position: 1.0}
-  final_time: 6.0
-  exact: none
-method: {rk: gauss, degree: [3, 4]}
-ladder: {steps: [40]}
-quantities: {torque: dx, a: ax}
-events: {bottom: {when: x, direction: falling}, end: {when: x + 0.4, stop: true}}
-"""
+TEXT = configuration(
+    "kind: pendulum, damping: [{order: 0.5, coefficient: 0.3}], initial: {position: 1.0}, "
+    "final_time: 6.0, exact: none",
+    name="asked",
+    method="{rk: gauss, degree: [3, 4]}",
+    steps="40",
+    more="quantities: {torque: dx, a: ax}\n"
+    "events: {bottom: {when: x, direction: falling}, end: {when: x + 0.4, stop: true}}\n",
+)
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def _fvi(folder: Path, *options: str) -> tuple[int, str]:
     arguments = ["quantities", str(folder / "asked.yaml"), "-q", "--output", str(folder), *options]
-    found = CliRunner().invoke(app, arguments)
+    found = command(*arguments)
     return found.exit_code, found.output
 
 
@@ -67,10 +63,7 @@ def test_a_check_holds_until_something_changes(folder):
 
 def test_nothing_asked_for_is_told(folder):
     (folder / "bare.yaml").write_text(TEXT[: TEXT.index("quantities")].replace("asked", "bare"))
-    found = CliRunner().invoke(
-        app, ["quantities", str(folder / "bare.yaml"), "-q", "--output", str(folder)]
-    )
-    assert found.exit_code == 2
+    found = command("quantities", str(folder / "bare.yaml"), "-q", "--output", str(folder), code=2)
     assert "no quantities, events or impacts are asked for" in found.output
 
 

@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from command_line import MANY
 
 from fvi_cli.config import parse_config
 from fvi_cli.plotting import drawn_data, figures_for, left_out
@@ -17,16 +18,13 @@ from fvi_cli.runner.executors.batches import batches_of, execute_batch
 from fvi_cli.studies.order import order_tables
 from fvi_cli.studies.sweep_summary import sweep_lines
 
-TEXT = """\
-name: many
-problem:
-  kind: damped-oscillator
-  damping: [{order: 0.5, coefficient: 0.3}]
-  initial: {position: 1.0}
-  final_time: 4.0
+TEXT = (
+    MANY
+    + """\
 method: {rk: gauss, degree: [1, 2]}
 ladder: {steps: [32, 48, 96, 128]}
 """
+)
 ONE_KEY = "sweep: {problem.damping.0.order: [0.3, 0.5, 1.0, 1.5]}\n"
 TWO_KEYS = ONE_KEY.replace("}", ", problem.stiffness: [0.5, 1, 2]}")
 

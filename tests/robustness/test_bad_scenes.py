@@ -2,9 +2,7 @@
 
 import h5py
 import pytest
-from typer.testing import CliRunner
-
-from fvi_cli.cli.app import app
+from command_line import fvi
 
 LAGRANGIAN = """\
 name: bad
@@ -19,11 +17,9 @@ ladder: {{steps: [{steps}]}}
 """
 
 
-def fvi(folder, text, *arguments):
+def run_text(folder, text, code):
     (folder / "bad.yaml").write_text(text)
-    result = CliRunner().invoke(app, ["run", "bad.yaml", *arguments])
-    assert "Traceback" not in result.output
-    return result
+    return fvi("run", "bad.yaml", code=code)
 
 
 @pytest.fixture
@@ -41,11 +37,7 @@ def lagrangian(
     steps: str = "8",
 ) -> str:
     return LAGRANGIAN.format(
-        formula=formula,
-        coordinates=coordinates,
-        position=position,
-        velocity=velocity,
-        steps=steps,
+        formula=formula, coordinates=coordinates, position=position, velocity=velocity, steps=steps
     )
 
 
@@ -58,55 +50,33 @@ ladder: {{steps: [8]}}
 
 BEFORE = [
     # the scene, where it is told, what is told
-    (
-        lagrangian("x**2*vx**2/2 - x", position="0.0"),
-        "bad.yaml:5:15: problem.lagrangian: the mass matrix d2L/dv2 is not positive definite at",
-        "vx does not occur quadratically",
-    ),
-    (
-        lagrangian("(vx + vy)**2/2 - x**2 - y**2", coordinates="[x, y]"),
-        "bad.yaml:5:15: problem.lagrangian: the mass matrix d2L/dv2 is not positive definite:",
-        "its smallest eigenvalue is",
-    ),
-    (
-        lagrangian("vx**2/2 - sqrt(x)", position="-0.5"),
-        "bad.yaml:5:15: problem.lagrangian: the potential energy is not a real number",
-        "x = -0.5",
-    ),
-    (
-        lagrangian("vx**2/2 + 1/x", position="0.0"),
-        "bad.yaml:5:15: problem.lagrangian: the potential energy is infinite",
-        "x = 0",
-    ),
-    (
-        lagrangian("vx**2/2 + 1/x + t*vx*x", position="0.0"),
-        "bad.yaml:5:15: problem.lagrangian: it or a derivative of it is not finite",
-        "initial position",
-    ),
+    (lagrangian("x**2*vx**2/2 - x", position="0.0"),
+     "bad.yaml:5:15: problem.lagrangian: the mass matrix d2L/dv2 is not positive definite at",
+     "vx does not occur quadratically"),
+    (lagrangian("(vx + vy)**2/2 - x**2 - y**2", coordinates="[x, y]"),
+     "bad.yaml:5:15: problem.lagrangian: the mass matrix d2L/dv2 is not positive definite:",
+     "its smallest eigenvalue is"),
+    (lagrangian("vx**2/2 - sqrt(x)", position="-0.5"),
+     "bad.yaml:5:15: problem.lagrangian: the potential energy is not a real number", "x = -0.5"),
+    (lagrangian("vx**2/2 + 1/x", position="0.0"),
+     "bad.yaml:5:15: problem.lagrangian: the potential energy is infinite", "x = 0"),
+    (lagrangian("vx**2/2 + 1/x + t*vx*x", position="0.0"),
+     "bad.yaml:5:15: problem.lagrangian: it or a derivative of it is not finite",
+     "initial position"),
     (lagrangian("-x**2"), "bad.yaml:5:15: problem.lagrangian: no velocity occurs in it (vx)", ""),
     (lagrangian("vx**2/2 - k*x"), "bad.yaml:5:15: problem.lagrangian: column 11: unknown", "'k'"),
-    (
-        lagrangian("vx**2/2 - x", position="[1.0, 2.0]"),
-        "bad.yaml:6:23: problem.initial.position: is for 2 coordinates",
-        "for 1",
-    ),
-    (
-        FORCED.format(forcing="sqrt(1 - t)"),
-        "bad.yaml:2:41: problem.forcing: is not a real number at t = ",
-        "",
-    ),
-    (
-        FORCED.format(forcing="{file: none.csv, column: a}"),
-        "bad.yaml:2:48: problem.forcing.file: none.csv: cannot be read",
-        "No such file",
-    ),
-]
+    (lagrangian("vx**2/2 - x", position="[1.0, 2.0]"),
+     "bad.yaml:6:23: problem.initial.position: is for 2 coordinates", "for 1"),
+    (FORCED.format(forcing="sqrt(1 - t)"),
+     "bad.yaml:2:41: problem.forcing: is not a real number at t = ", ""),
+    (FORCED.format(forcing="{file: none.csv, column: a}"),
+     "bad.yaml:2:48: problem.forcing.file: none.csv: cannot be read", "No such file"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "begins", "says"), BEFORE)
 def test_what_can_be_seen_before_is_told_with_its_place(folder, text, begins, says):
-    result = fvi(folder, text)
-    assert result.exit_code == 2
+    result = run_text(folder, text, 2)
     assert result.stderr.startswith(begins)
     assert says in result.stderr
     assert not (folder / "results").exists()
@@ -114,34 +84,21 @@ def test_what_can_be_seen_before_is_told_with_its_place(folder, text, begins, sa
 
 ON_THE_WAY = [
     # the scene, step and time, what is told
-    (
-        lagrangian("x*vx**2/2 - x", velocity="-1.0", steps="16"),
-        "step 2, t = 0.5: ",
-        "whether the mass matrix is singular near q = [",
-    ),
-    (
-        lagrangian("vx**2/2 - x**1.5", position="0.5", velocity="-1.0", steps="16"),
-        "step 1, t = 0.25: ",
-        "the force is not finite (no real number",
-    ),
-    (
-        lagrangian("vx**2/2*(1 + x**2) - x**1.5", velocity="-1.0", steps="16"),
-        "step ",
-        "the force is not finite",
-    ),
-    (
-        "name: bad\nproblem:\n  kind: kepler\n  initial: {position: [1.0, 0.0], velocity: 0.0}\n"
-        "  final_time: 4.0\nmethod: {rk: gauss, degree: 2}\nladder: {steps: [16]}\n",
-        "step 4, t = 1: ",
-        "take a smaller step",
-    ),
-]
+    (lagrangian("x*vx**2/2 - x", velocity="-1.0", steps="16"), "step 2, t = 0.5: ",
+     "whether the mass matrix is singular near q = ["),
+    (lagrangian("vx**2/2 - x**1.5", position="0.5", velocity="-1.0", steps="16"),
+     "step 1, t = 0.25: ", "the force is not finite (no real number"),
+    (lagrangian("vx**2/2*(1 + x**2) - x**1.5", velocity="-1.0", steps="16"), "step ",
+     "the force is not finite"),
+    ("name: bad\nproblem:\n  kind: kepler\n  initial: {position: [1.0, 0.0], velocity: 0.0}\n"
+     "  final_time: 4.0\nmethod: {rk: gauss, degree: 2}\nladder: {steps: [16]}\n",
+     "step 4, t = 1: ", "take a smaller step"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "place", "says"), ON_THE_WAY)
 def test_what_happens_on_the_way_is_told_with_step_and_time(folder, text, place, says):
-    result = fvi(folder, text)
-    assert result.exit_code == 1
+    result = run_text(folder, text, 1)
     assert place in result.stderr
     assert says in result.stderr
     with h5py.File(folder / "results" / "bad.h5") as file:
@@ -170,8 +127,7 @@ experiments:
     method: {rk: gauss, degree: 2}
     ladder: {steps: [16]}
 """
-    result = fvi(folder, f"name: both\n{text}")
-    assert result.exit_code == 1
+    result = run_text(folder, f"name: both\n{text}", 1)
     rows = [row.split() for row in result.stdout.splitlines()[1:3]]
     assert [(row[0], row[5]) for row in rows] == [("good", "ok"), ("bad", "failed")]
     with h5py.File(folder / "results" / "both.h5") as file:

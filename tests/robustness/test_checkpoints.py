@@ -6,12 +6,12 @@ import signal
 import time
 from pathlib import Path
 
+import command_line
 import h5py
 import pytest
 from commands import started
-from typer.testing import CliRunner
 
-from fvi_cli.cli.app import app
+from benchmarks.robustness import LADDER
 from fvi_cli.config import load_config
 from fvi_cli.integrator.run import march
 from fvi_cli.integrator.run.unfinished import UnfinishedRun
@@ -19,14 +19,7 @@ from fvi_cli.runner.executors.checkpoints import CheckpointFile, CheckpointFolde
 
 N = 600
 LONG = f"""\
-name: long
-problem:
-  kind: bagley-torvik
-  damping: [{{order: 1.5, coefficient: 1.0}}]
-  forcing: 15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5
-  initial: {{position: 0.0, velocity: 0.0}}
-  final_time: 1.0
-  exact: t**2.5
+{LADDER.replace("quick", "long").partition("method")[0]}\
 method: {{rk: gauss, degree: 2, start: none}}
 ladder: {{steps: [4, {N}]}}
 """
@@ -42,11 +35,8 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def fvi(*arguments, code=0):
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == code, result.output
-    assert "Traceback" not in result.output
-    return result
+def fvi(*arguments: object, code: int = 0):
+    return command_line.fvi(*arguments, code=code)
 
 
 def run(*options, code=0):

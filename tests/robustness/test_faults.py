@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import h5py
 import pytest
+from command_line import fvi as here
 from commands import (
     N_RUNS,
     QUICK,
@@ -25,10 +26,8 @@ from commands import (
     fvi,
     started,
 )
-from typer.testing import CliRunner
 
 from fvi_cli.cli import app as app_module
-from fvi_cli.cli.app import app
 from fvi_cli.config import load_config
 from fvi_cli.planning.plan import planned_bytes
 from fvi_cli.runner.executors.batches import execute_batch
@@ -48,13 +47,6 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "quick.yaml").write_text(QUICK)
     (tmp_path / "slow.yaml").write_text(SLOW)
     return tmp_path
-
-
-def here(*arguments):
-    """A command in this process."""
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert "Traceback" not in result.output
-    return result
 
 
 def told_runs(lines):
@@ -89,8 +81,7 @@ def kill_and_resume(folder, chance, *options):
     assert told <= found
     # what is stored but was not told: one that was just being finished
     assert len(found) <= len(told) + 1
-    resumed = here("run", "quick.yaml")
-    assert resumed.exit_code == 0, resumed.output
+    resumed = here("run", "quick.yaml", code=0)
     assert f"quick: {N_RUNS} runs, {len(found)} of them stored" in resumed.stderr
     assert len(complete_runs(stored)) == N_RUNS
     assert sorted(p.name for p in stored.parent.iterdir()) == [".quick.h5.lock", "quick.h5"]
@@ -127,32 +118,52 @@ def test_killed_fifty_times(folder, options):
     assert 0 < min(n for n in survived if n) < max(survived)
 
 
+@pytest.mark.parametrize("options", [(), ("--workers", "2")])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_interrupted_it_stores_what_is_finished_and_exits_130(folder, number):
-    process = started(folder, "run", "slow.yaml", "-v")
+def test_interrupted_it_stores_what_is_finished_and_exits_130(folder, number, options):
+    process = started(folder, "run", "slow.yaml", "-v", *options)
     with process:
         first_finished(process, 2)
         process.send_signal(number)
         rest = process.stderr.read()
+        assert process.stdout.read() == ""
     assert process.returncode == 130
     assert "interrupted" in rest
     assert "Traceback" not in rest
     # consolidated, and no part left
     assert sorted(p.name for p in (folder / "results").iterdir()) == [".quick.h5.lock", "quick.h5"]
     assert len(complete_runs(folder / "results" / "quick.h5")) == 2
+    rows = here("run", "slow.yaml", "--dry-run").stdout.splitlines()[1:]
+    assert [("reuse" in row) for row in rows] == [True, True, False]
 
 
-def test_interrupted_while_commands_are_put_together_it_ends_without_a_word(folder):
+BEFORE_COMMANDS = """
+import typer.main as made
+whole = made.get_command
+made.get_command = lambda one: (press(), whole(one))[1]
+from fvi_cli.__main__ import main
+main()
+"""
+BEFORE_TYPER = """
+from fvi_cli.__main__ import main
+class Press:
+    def find_spec(self, name, path=None, target=None):
+        if name == "typer":
+            press()
+sys.meta_path.insert(0, Press())
+main()
+"""
+
+
+@pytest.mark.parametrize("moment", [BEFORE_TYPER, BEFORE_COMMANDS])
+def test_interrupted_before_it_has_begun_it_ends_without_a_word(folder, moment):
     script = (
-        "import os, signal, sys, typer.main as made\n"
-        "whole = made.get_command\n"
-        "made.get_command = lambda one: (os.kill(os.getpid(), signal.SIGINT), whole(one))[1]\n"
-        "sys.argv = ['fvi', 'list']\n"
+        "import os, signal, sys\nsys.argv = ['fvi', 'list']\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from fvi_cli.__main__ import main\n"
-        "main()\n"
+        f"press = lambda: os.kill(os.getpid(), signal.SIGINT)\n{moment}"
     )
-    ended = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True)
+    command = [sys.executable, "-c", script]
+    ended = subprocess.run(command, cwd=folder, capture_output=True, env=environment())
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, b"", b"")
 
 
@@ -184,16 +195,14 @@ def dies_of_64(batch, checkpoints):
 
 def test_a_run_that_no_worker_survives_is_reported_and_computed_the_next_time(folder, monkeypatch):
     monkeypatch.setattr("fvi_cli.runner.compute.execute_batch", dies_of_64)
-    result = here("run", "quick.yaml", "--workers", "2")
-    assert result.exit_code == 1
+    result = here("run", "quick.yaml", "--workers", "2", code=1)
     failed = [row.split() for row in result.stdout.splitlines() if "failed" in row]
     assert [row[1:3] for row in failed] == [["bdf2-nodes-s1-gauss1-none", "64"]]
     assert "ended by SIGKILL (out of memory?), 2 times" in result.stderr
     assert len(complete_runs(folder / "results" / "quick.h5")) == N_RUNS - 1
     monkeypatch.undo()
     monkeypatch.chdir(folder)
-    again = here("run", "quick.yaml")
-    assert again.exit_code == 0
+    again = here("run", "quick.yaml", code=0)
     assert f"{N_RUNS} runs, {N_RUNS - 1} of them stored" in again.stderr
     assert "failed" not in again.stdout
 
@@ -339,7 +348,7 @@ def test_two_commands_on_one_file_do_not_meet(folder):
         assert fvi(folder, "run", "beside.yaml", "-q").returncode == 0
         assert len(complete_runs(folder / "results" / "beside.h5")) == N_RUNS
         first.kill()
-    assert here("run", "quick.yaml").exit_code == 0
+    here("run", "quick.yaml", code=0)
 
 
 @pytest.mark.parametrize("number", [errno.ENOLCK, errno.EOPNOTSUPP])
@@ -348,8 +357,7 @@ def test_a_file_system_without_locks_is_told(folder, monkeypatch, number):
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(fcntl, "flock", refuse)
-    result = here("run", "quick.yaml")
-    assert result.exit_code == 2
+    result = here("run", "quick.yaml", code=2)
     assert "cannot be locked" in result.stderr
     assert "file system without locks" in result.stderr
     assert "--output" in result.stderr
@@ -403,8 +411,7 @@ def test_a_file_in_the_way_is_named_and_left_alone(folder, how, told):
 def test_runs_for_which_there_is_no_memory_are_refused_before_anything_is_computed(
     folder, monkeypatch
 ):
-    result = here("run", "quick.yaml", "--set", "ladder.steps=[4, 1073741824]")
-    assert result.exit_code == 2
+    result = here("run", "quick.yaml", "--set", "ladder.steps=[4, 1073741824]", code=2)
     assert "of memory, this machine has" in result.stderr
     assert not (folder / "results").exists()
     # each of these would have room, and any two, but not three at a time
@@ -418,13 +425,12 @@ def test_runs_for_which_there_is_no_memory_are_refused_before_anything_is_comput
     room = (sum(largest[:2]) + sum(largest[:3])) // 2
     monkeypatch.setattr("fvi_cli.runner.plan.machine_bytes", lambda: room)
     arguments = ("run", "quick.yaml", "--set", steps)
-    result = here(*arguments, "--workers", "3")
-    assert result.exit_code == 2
+    result = here(*arguments, "--workers", "3", code=2)
     assert "--workers 3" in result.stderr
     assert "GB" in result.stderr
     assert not (folder / "results").exists()
-    assert here(*arguments, "--workers", "2", "--dry-run").exit_code == 0
-    assert here(*arguments).exit_code == 0
+    here(*arguments, "--workers", "2", "--dry-run", code=0)
+    here(*arguments, code=0)
 
 
 def test_an_allocation_that_fails_is_told_and_what_is_finished_is_stored(folder):

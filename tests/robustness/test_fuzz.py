@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import fvi
 from commands import QUICK
-from typer.testing import CliRunner
 
-from fvi_cli.cli.app import app
+from benchmarks.robustness import mutated
 from fvi_cli.config import parse_config
 from fvi_cli.errors import ConfigError
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
@@ -92,34 +92,6 @@ def test_the_guard_notices(guard, tmp_path):
 
 # --- configurations -------------------------------------------------------------------------------
 
-_PIECES = """
-{ } [ ] : , - & * ! | > % @ ` ' " # ? ~ << !!python/object/apply:os.system ["true"] *a &a *b
-null true no yes 1e400 .nan .inf -1 0 0.5 1e-3 0x10 1_000 2001-01-01 ../../x /etc/passwd ${HOME}
-t**2 __import__('os').system('true') ().__class__ problem kind chain pendulum lagrangian mass
-damping order coefficient method bdf rk ladder steps sweep store every exact auto forcing file
-"""
-PIECES = _PIECES.split()
-GLUE = ["", " ", "  ", "\n", "\n  ", "\n    ", "\t", ": ", ", ", "\x00", "é", "\u2028", "\ufeff"]
-
-
-def mutated(text, chance):
-    """A text with some of its pieces cut out, doubled, swapped or replaced."""
-    for _ in range(chance.choice((1, 1, 2, 4))):
-        begin = chance.randrange(len(text) + 1)
-        end = min(len(text), begin + chance.choice((0, 1, 3, 10, 40)))
-        new = chance.choice(
-            (
-                "",
-                text[begin:end] * 2,
-                text[end : 2 * end - begin],
-                chance.choice(PIECES),
-                chance.choice(GLUE).join(chance.choice(PIECES) for _ in range(3)),
-                chance.choice(GLUE),
-            )
-        )
-        text = text[:begin] + new + text[end:]
-    return text
-
 
 def try_configurations(guard, count, seed):
     chance = random.Random(seed)
@@ -195,10 +167,10 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "quick.yaml").write_text(QUICK)
     arguments = ["run", "quick.yaml", "-q", "--set", "ladder.steps=[4, 8]"]
-    assert CliRunner().invoke(app, arguments).exit_code == 0
+    fvi(*arguments, code=0)
     # what is imported at the first time is no execution of what stands in a file
     for command in ("show", "convergence"):
-        assert CliRunner().invoke(app, [command, "results/quick.h5"]).exit_code == 0
+        fvi(command, "results/quick.h5", code=0)
     return tmp_path
 
 
@@ -228,7 +200,7 @@ def try_files(guard, folder, count, seed):
         source = "quick.yaml" if command == "run" else "results/quick.h5"
         # the library that parses commands evaluates their annotations
         with guard.watching(is_exec_a_crime=False):
-            result = CliRunner().invoke(app, [command, source])
+            result = fvi(command, source)
         codes.add(result.exit_code)
         assert result.exit_code in (0, 2), result.output
         assert "Traceback" not in result.output

@@ -3,22 +3,17 @@
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from command_line import configuration, fvi
 
-from fvi_cli.cli.app import app
 from fvi_cli.studies import cost, stability_study
 
-CONFIG = """\
-name: small
-problem:
-  kind: damped-oscillator
-  damping: [{order: 0.5, coefficient: 0.3}]
-  stiffness: 4.0
-  initial: {position: 1.0, velocity: 0.0}
-  final_time: 1.0
-method: {rk: gauss, degree: [1, 2], start: none}
-ladder: {steps: [4, 8]}
-"""
+CONFIG = configuration(
+    "kind: damped-oscillator, damping: [{order: 0.5, coefficient: 0.3}], stiffness: 4.0, "
+    "initial: {position: 1.0, velocity: 0.0}, final_time: 1.0",
+    name="small",
+    method="{rk: gauss, degree: [1, 2], start: none}",
+    steps="4, 8",
+)
 
 
 @pytest.fixture(autouse=True)
@@ -39,18 +34,11 @@ def breaking(real, at):
     return broken
 
 
-def fvi(*arguments):
-    result = CliRunner().invoke(app, [*arguments, "small.yaml"])
-    assert "Traceback" not in result.output
-    return result
-
-
 def test_in_the_midst_of_costs(monkeypatch):
     at = lambda run: run.method.degree == 2 and run.n_steps == 4  # noqa: E731
     monkeypatch.setattr(cost, "execute", breaking(cost.execute, at))
     monkeypatch.setattr("fvi_cli.runner.cost.TOLERANCES", (1e-3,))
-    result = fvi("cost")
-    assert result.exit_code == 1, result.output
+    result = fvi("cost", "small.yaml", code=1)
     (line,) = [line for line in result.stderr.splitlines() if "unexpected" in line]
     assert line.startswith("small gauss-s2-none N=4: failed (unexpected ZeroDivisionError")
     assert "nobody thought of that; this is a mistake of the program, please report it" in line
@@ -63,8 +51,7 @@ def test_in_the_midst_of_stability(monkeypatch):
     at = lambda scene, method, n_steps: method.degree == 2 and n_steps == 4  # noqa: E731
     real = stability_study.predict_stability
     monkeypatch.setattr(stability_study, "predict_stability", breaking(real, at))
-    result = fvi("stability", "--no-observe")
-    assert result.exit_code == 1, result.output
+    result = fvi("stability", "--no-observe", "small.yaml", code=1)
     (line,) = [line for line in result.stderr.splitlines() if "unexpected" in line]
     assert line.startswith("small gauss-s2-none N=4: unexpected ZeroDivisionError")
     assert "this is a mistake of the program, please report it" in line

@@ -9,13 +9,12 @@ import threading
 from pathlib import Path
 from types import SimpleNamespace
 
+import command_line
 import h5py
 import numpy as np
 import pytest
 from commands import environment
-from typer.testing import CliRunner
 
-from fvi_cli.cli.app import app
 from fvi_cli.config import parse_config
 from fvi_cli.runner.executors import batches
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
@@ -45,8 +44,7 @@ OF_TIME = {"setup_seconds", "stepping_seconds", "created", "checksum", "seconds"
 
 
 def fvi(*arguments: object) -> tuple[int, str]:
-    done = CliRunner().invoke(app, [str(one) for one in arguments])
-    assert "Traceback" not in done.output
+    done = command_line.fvi(*arguments)
     return done.exit_code, done.output
 
 

@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from command_line import MANY, configuration
 
 from fvi_cli.config import parse_config
 from fvi_cli.runner.executors.batches import batches_of, execute_batch
@@ -13,28 +14,21 @@ from fvi_cli.studies import members as members_module
 from fvi_cli.studies.reference import find_reference, find_references
 from fvi_cli.studies.study import execute
 
-OSCILLATORS = """\
-name: many
-problem:
-  kind: damped-oscillator
-  damping: [{order: 0.5, coefficient: 0.3}]
-  initial: {position: 1.0}
-  final_time: 4.0
+OSCILLATORS = (
+    MANY
+    + """\
 method: [{rk: gauss, degree: 2}, {bdf: 2, sampling: nodes}]
 ladder: {steps: [16, 32]}
 sweep: {problem.damping.0.order: [0.5, 1.5], problem.stiffness: [1, 2, 3]}
 """
-PENDULUMS = """\
-name: many
-problem:
-  kind: pendulum
-  damping: [{order: 0.5, coefficient: 0.3}]
-  initial: {position: 1.0}
-  final_time: 2.0
-method: {rk: gauss, degree: 2}
-ladder: {steps: [16, 32]}
-sweep: {problem.initial.position: [0.5, 1.0, 2.0], problem.omega: [1, 2]}
-"""
+)
+PENDULUMS = configuration(
+    "kind: pendulum, damping: [{order: 0.5, coefficient: 0.3}], initial: {position: 1.0}, "
+    "final_time: 2.0",
+    name="many",
+    steps="16, 32",
+    more="sweep: {problem.initial.position: [0.5, 1.0, 2.0], problem.omega: [1, 2]}\n",
+)
 
 
 def experiment(text, *overrides):

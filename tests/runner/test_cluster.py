@@ -15,11 +15,10 @@ import dask
 import numpy as np
 import pytest
 import test_executor as local
+from command_line import fvi
 from distributed import LocalCluster
-from typer.testing import CliRunner
 
 import fvi_cli
-from fvi_cli.cli.app import app
 from fvi_cli.errors import ExecutorError
 from fvi_cli.runner.executors import executor as executor_module
 from fvi_cli.runner.executors.batches import execute_batch
@@ -67,8 +66,7 @@ def test_a_cluster_gives_the_same_numbers_to_the_last_bit(cluster):
 def test_the_command_computes_there_what_it_computes_here(cluster, tmp_path):
     def run(folder, *options):
         few = ("--set", "ladder.steps=[4, 8]", "-q", "--output", str(tmp_path / folder))
-        result = CliRunner().invoke(app, ["run", "bagley-torvik-1-2", *few, *options])
-        assert result.exit_code == 0, result.output
+        result = fvi("run", "bagley-torvik-1-2", *few, *options, code=0)
         assert (tmp_path / folder / "bagley-torvik-1-2.h5").is_file()
         return result.stdout.splitlines()[:-1]
 

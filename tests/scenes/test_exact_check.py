@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from command_line import fvi as command
 from scipy.special import roots_jacobi
 from spread import spread
-from typer.testing import CliRunner
 
 import fvi_cli as fvi
-from fvi_cli.cli.app import app
 from fvi_cli.scenes import exact_check
 from fvi_cli.scenes.exact_check import objection
 from fvi_cli.scenes.problem import Problem
@@ -30,9 +29,7 @@ SOLVED = {
         kind="bagley-torvik", forcing=JUMP, damping=[{"order": 1.5, "coefficient": 0.5}]
     ),
     "riemann-liouville": problem_of(
-        initial=FREE,
-        derivative="riemann-liouville",
-        damping=[{"order": 0.5, "coefficient": 0.7}],
+        initial=FREE, derivative="riemann-liouville", damping=[{"order": 0.5, "coefficient": 0.7}]
     ),
     "two masses": problem_of(
         kind="bagley-torvik",
@@ -90,20 +87,15 @@ def test_a_motion_that_is_zero():
         ("problem.damping.0.order=0.5", "does not solve the equation"),
         ("problem.damping.0.coefficient=0.2001", "does not solve the equation"),
         ("problem.initial.position=5", "is 0 at t = 0, but initial.position is 5"),
-        (
-            "problem.initial.velocity=1.0",
-            "has the derivative 1.199",
-        ),
+        ("problem.initial.velocity=1.0", "has the derivative 1.199"),
     ],
 )
 def test_a_changed_problem_with_the_old_solution_is_refused_at_its_line(change, told):
-    for command in ("check", "convergence"):
-        result = CliRunner().invoke(app, [command, "damped-oscillator", "--set", change])
-        assert result.exit_code == 2
+    for name in ("check", "convergence"):
+        result = command(name, "damped-oscillator", "--set", change, code=2)
         assert f":18:10: problem.exact: {told}" in result.stderr
-        assert "Traceback" not in result.output
     found = ["check", "damped-oscillator", "--set", change, "--set", "problem.exact=auto"]
-    assert CliRunner().invoke(app, found).exit_code == 0
+    command(*found, code=0)
 
 
 def test_shipped_solutions_are_right():

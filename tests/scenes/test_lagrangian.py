@@ -1,10 +1,8 @@
 """Scenes from a Lagrangian: what is recognised, and what is refused."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
+from letters import spring, swing
 
 from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
@@ -16,7 +14,6 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.chains import chain
 from fvi_cli.scenes.lagrangian import lagrangian_scene
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 
 GAUSS3 = Method(cq="gauss", degree=3, start="graded")
 
@@ -30,7 +27,7 @@ def test_the_pendulum_is_the_pendulum():
     damping = [FractionalDamping(order=0.5, coefficient=0.3)]
     text = "m*(l*vx)**2/2 - m*g*l*(1 - cos(x))"
     made = single(text, parameters={"m": 1.0, "l": 1.0, "g": 4.0}, damping=damping)
-    named = pendulum(final_time=4.0, omega=2.0, damping=damping, initial_position=1.0)
+    named = swing(T=4.0, omega=2.0, x=1.0, damping=damping)
     assert isinstance(made.potential, ExpressionPotential)
     for method in (GAUSS3, Method(cq="bdf3", degree=2)):
         a, b = integrate(made, method, 64), integrate(named, method, 64)
@@ -71,24 +68,14 @@ def test_a_chain_is_recognised_as_matrices():
 
 def test_forces_in_the_lagrangian_are_forces():
     made = single("vx**2/2 - x**2 + x*sin(3*t) - 2*x", forcing=Forcing.from_text("t"))
-    plain = linear_oscillator(
-        final_time=4.0,
-        stiffness=2.0,
-        forcing=Forcing.from_text("t + sin(3*t) - 2"),
-        initial_position=1.0,
-    )
+    plain = spring(T=4.0, k=2.0, x=1.0, forcing="t + sin(3*t) - 2")
     a, b = integrate(made, GAUSS3, 32), integrate(plain, GAUSS3, 32)
     assert np.abs(a.position - b.position).max() < 1e-14
 
 
 def test_a_spring_whose_end_is_shaken():
     made = single("vx**2/2 - (x - sin(3*t))**2")
-    plain = linear_oscillator(
-        final_time=4.0,
-        stiffness=2.0,
-        forcing=Forcing.from_text("2*sin(3*t)"),
-        initial_position=1.0,
-    )
+    plain = spring(T=4.0, k=2.0, x=1.0, forcing="2*sin(3*t)")
     assert isinstance(made.potential, QuadraticPotential)
     a, b = integrate(made, GAUSS3, 32), integrate(plain, GAUSS3, 32)
     assert np.abs(a.position - b.position).max() < 1e-14
@@ -183,19 +170,3 @@ def test_mistakes_in_a_configuration(old, new, messages):
         parse_config(CASE.replace(old, new), "a.yaml")
     for message in messages:
         assert message in str(caught.value)
-
-
-@pytest.mark.processes
-@pytest.mark.parametrize("kind", ["pendulum", "lagrangian"])
-def test_only_lagrangians_import_sympy(kind):
-    own = "" if kind == "pendulum" else ", 'coordinates': ['x'], 'lagrangian': 'vx**2 - x**2'"
-    code = (
-        "import sys\n"
-        "from fvi_cli.scenes.registry import build_problem\n"
-        f"build_problem({{'kind': '{kind}', 'final_time': 1.0{own}}})\n"
-        "print('sympy' in sys.modules)"
-    )
-    result = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
-    assert result.stdout.strip() == str(kind == "lagrangian")

@@ -3,20 +3,16 @@
 import mpmath as mp
 import numpy as np
 import pytest
+from letters import spring
 
 from benchmarks.talbot import talbot_inverse
-from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
-from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_maxwell, fractional_zener
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.laws.tempered import TemperedPower, tempered
-from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.linear_response import match_scene
 
 ZENER = fractional_zener(order=0.675, time=0.3, relaxed=2.0, unrelaxed=7.0, coefficient=1.0)
@@ -30,20 +26,7 @@ TIMES = np.array([1e-3, 0.7, 3.0])
 
 
 def scene(*laws: Law, damping: tuple[tuple[float, float], ...] = (), push: str = "") -> Scene:
-    forcing = None
-    if push:
-        piece = ForcingPiece(components=(Expression.parse(push, variables=("t",)),))
-        forcing = Forcing(pieces=(piece,))
-    return Scene(
-        inertia=Inertia(mass=1.5),
-        potential=QuadraticPotential(stiffness=1.0),
-        laws=laws,
-        damping=tuple(FractionalDamping(order=o, coefficient=c) for o, c in damping),
-        forcing=forcing,
-        initial_position=1.0,
-        initial_velocity=0.5,
-        final_time=12.0,
-    )
+    return spring(*damping, T=12.0, m=1.5, x=1.0, v=0.5, laws=laws, forcing=push or None)
 
 
 def modulus(law: Law, s: mp.mpc) -> mp.mpc:
@@ -90,12 +73,7 @@ def test_exact_solutions_are_those_of_the_inversion(laws, damping):
     one = scene(*laws, damping=tuple(damping))
     exact = match_scene(one)
     assert exact.source == "characteristic roots and branch-cut integral"
-    np.testing.assert_allclose(
-        exact.position(TIMES)[:, 0],
-        by_inversion(one),
-        rtol=0,
-        atol=3e-14,
-    )
+    np.testing.assert_allclose(exact.position(TIMES)[:, 0], by_inversion(one), rtol=0, atol=3e-14)
 
 
 def test_a_force_acts_on_laws_too():
@@ -128,12 +106,6 @@ def test_residues_that_would_cancel_are_refused():
 def test_modes_of_proportional_laws_are_found():
     matrix = np.array([[2.0, -1.0], [-1.0, 1.0]])
     law = fractional_zener(order=0.5, time=0.3, relaxed=2.0, unrelaxed=7.0, coefficient=matrix)
-    one = Scene(
-        inertia=Inertia(mass=np.eye(2)),
-        laws=(law,),
-        initial_position=np.array([1.0, 0.0]),
-        initial_velocity=np.array([0.0, 0.5]),
-        final_time=3.0,
-    )
+    one = spring(T=3.0, m=np.eye(2), k=np.zeros((2, 2)), x=[1.0, 0.0], v=[0.0, 0.5], laws=(law,))
     run = integrate(one, Method(cq="gauss", degree=5, start="graded"), 40)
     np.testing.assert_allclose(match_scene(one).position(run.time), run.position, atol=1e-12)

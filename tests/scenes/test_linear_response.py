@@ -1,16 +1,16 @@
 """Exact solutions of scenes against published and independently computed numbers."""
 
-import itertools
 import math
 
 import mpmath
 import numpy as np
 import pytest
+from letters import in_pieces
 from scipy.special import wofz
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
@@ -72,16 +72,6 @@ def scene(
     )
 
 
-def pieces(*items):
-    """Forcing from pairs (text, until)."""
-    return Forcing(
-        pieces=tuple(
-            ForcingPiece(components=(Expression.parse(text, variables=("t",)),), until=until)
-            for text, until in items
-        )
-    )
-
-
 @pytest.mark.parametrize("order", [0.5, 1.5])
 def test_unit_step_and_free_response(order):
     common = {"mass": 1.0, "stiffness": 1.0, "damping": ((order, 1.0),)}
@@ -108,10 +98,7 @@ def test_tail_is_algebraic(order, expected, relative):
 def test_bagley_torvik_of_podlubny():
     # I. Podlubny, Fractional Differential Equations (1999), section 8.4: f = 8 up to t = 1, then 0.
     response = linear_response(
-        mass=1.0,
-        stiffness=1.0,
-        damping=((1.5, 1.0),),
-        forcing=((0.0, ZERO + 8.0), (1.0, ZERO)),
+        mass=1.0, stiffness=1.0, damping=((1.5, 1.0),), forcing=((0.0, ZERO + 8.0), (1.0, ZERO))
     )
     times = np.array([0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 30.0])
     expected = [
@@ -129,12 +116,7 @@ def test_bagley_torvik_of_podlubny():
 
 def test_polynomial_solution_detects_wrong_initial_terms():
     times = np.linspace(0.0, 30.0, 61)
-    common = {
-        "mass": 1.0,
-        "stiffness": 1.0,
-        "damping": ((1.5, 1.0),),
-        "velocity": 1.0,
-    }
+    common = {"mass": 1.0, "stiffness": 1.0, "damping": ((1.5, 1.0),), "velocity": 1.0}
     right = linear_response(**common, position=1.0, forcing=((0.0, 1.0 + T),))
     assert np.abs(right(times) - 1.0 - times).max() < 1e-13
     # The velocity's own term belongs to Caputo's derivative only.
@@ -156,11 +138,7 @@ def test_jump_as_the_order_passes_one():
     assert at_two(1.0 + 1e-9) == pytest.approx(1.26871, abs=5e-6)
     # v0 = 1 in the damping term is a step force of the same size.
     step = linear_response(
-        mass=1.0,
-        stiffness=1.0,
-        damping=((1.0, 1.0),),
-        velocity=1.0,
-        forcing=((0.0, ZERO + 1.0),),
+        mass=1.0, stiffness=1.0, damping=((1.0, 1.0),), velocity=1.0, forcing=((0.0, ZERO + 1.0),)
     )
     assert at_two(1.0 + 1e-9) == pytest.approx(float(step(np.array([2.0]))[0]), abs=1e-8)
 
@@ -169,11 +147,7 @@ def test_caputo_and_riemann_liouville():
     values = [
         float(
             linear_response(
-                mass=1.0,
-                stiffness=1.0,
-                damping=((0.5, 1.0),),
-                position=1.0,
-                derivative=derivative,
+                mass=1.0, stiffness=1.0, damping=((0.5, 1.0),), position=1.0, derivative=derivative
             )(np.ones(1))[0]
         )
         for derivative in ("caputo", "riemann-liouville")
@@ -214,7 +188,7 @@ def test_bagley_torvik_with_fractional_powers_in_the_force(order, gamma_factor):
     # x = t^(5/2): D^(3/2) x = 15/8 sqrt(pi) t, D^(1/2) x = 15/16 sqrt(pi) t^2.
     power = "t" if order == 1.5 else "t**2"
     text = f"15/4*sqrt(t) + {gamma_factor}*sqrt(pi)*{power} + t**2.5"
-    exact = match_scene(scene(damping=((order, 1.0),), forcing=pieces((text, math.inf))))
+    exact = match_scene(scene(damping=((order, 1.0),), forcing=Forcing.from_text(text)))
     t = np.linspace(0.0, 1.0, 65)
     assert exact.position(t)[:, 0] == pytest.approx(t**2.5, abs=1e-14)
 
@@ -226,7 +200,7 @@ def test_general_order_with_a_manufactured_solution():
     second = 0.4 * g(5) / g(4.3)
     text = f"2.99*t**0.3 + 12*t**2 + {first!r}*t**1.6 + {second!r}*t**3.3 + 3*(t**2.3 + t**4)"
     exact = match_scene(
-        scene(stiffness=3.0, damping=((0.7, 0.4),), forcing=pieces((text, math.inf)))
+        scene(stiffness=3.0, damping=((0.7, 0.4),), forcing=Forcing.from_text(text))
     )
     assert exact.source == "characteristic roots and branch-cut integral"
     t = np.linspace(0.0, 6.0, 61)
@@ -244,13 +218,6 @@ def test_pieces_are_superposed():
     assert stopped(times) == pytest.approx(ramp(times) - ramp(late), abs=1e-13)
     with pytest.raises(SeriesError):
         linear_response(**common, forcing=((0.0, T**0.5), (2.0, ZERO)))
-
-
-def test_scene_with_a_step_force():
-    exact = match_scene(scene(damping=((1.5, 1.0),), forcing=pieces(("8", 1.0), ("0", math.inf))))
-    assert exact.position(np.array([1.0, 2.0]))[:, 0] == pytest.approx(
-        [2.315525822792576, 4.425462195857781], abs=2e-15
-    )
 
 
 def test_modes_of_a_chain():
@@ -312,7 +279,7 @@ def pendulum():
         scene(potential=pendulum()),
         scene(damping=((0.5, 1.0),), forcing=Forcing.from_text("sin(t)")),
         scene(damping=((0.5, 1.0),), forcing=Forcing.from_text("1/(1 + t)")),
-        scene(forcing=pieces(("sqrt(t)", 1.0), ("0", math.inf))),
+        scene(forcing=in_pieces("sqrt(t)", 1.0, "0")),
         scene(
             mass=np.eye(2),
             stiffness=np.diag([1.0, 2.0]),
@@ -324,53 +291,6 @@ def pendulum():
 )
 def test_unknown_scenes(unknown):
     assert match_scene(unknown) is None
-
-
-@pytest.mark.parametrize("order", [0.5, 0.7, 1.5])
-def test_residual_of_the_equation(order):
-    # m x'' + mu D x + k x = f integrated twice: m (x - x0 - v0 t) + mu J^(2-g)(x - x0 [- v0 t])
-    # + k J^2 x = J^2 f, with Gauss-Jacobi quadrature of J on graded panels.
-    from scipy.special import roots_jacobi
-
-    m, mu, k, x0, v0 = 1.3, 0.7, 2.0, 0.4, -0.6
-    response = linear_response(
-        mass=m,
-        stiffness=k,
-        damping=((order, mu),),
-        position=x0,
-        velocity=v0,
-        forcing=((0.0, 1.0 - 0.5 * T),),
-    )
-
-    def remembered(s):
-        return response(s) - x0 - (v0 * s if order > 1 else 0.0)
-
-    def integral(function, power, t):
-        """J^power of function at t."""
-        nodes, weights = np.polynomial.legendre.leggauss(24)
-        ends = t * 0.5 ** np.arange(1, 60)
-        total = 0.0
-        for right, left in itertools.pairwise(ends):
-            s = left + (right - left) * (nodes + 1) / 2
-            total += (right - left) / 2 * weights @ ((t - s) ** (power - 1) * function(s))
-        last, kernel = roots_jacobi(24, power - 1, 0.0)
-        s = t / 2 + t / 4 * (last + 1)
-        total += (t / 4) ** power * (kernel @ function(s))
-        return total / math.gamma(power)
-
-    def residual(t, change):
-        known = t**2 / 2 - t**3 / 12
-        position = float(response(np.array([t]))[0]) * (1 + change)
-        return (
-            m * (position - x0 - v0 * t)
-            + mu * integral(remembered, 2 - order, t)
-            + k * integral(response, 2.0, t)
-            - known
-        )
-
-    for t in (0.3, 2.0, 5.0):
-        assert abs(residual(t, 0.0)) < 2e-13
-        assert abs(residual(t, 1e-11)) > abs(residual(t, 0.0))
 
 
 CRITICAL = 2 * math.sqrt(6.0)
@@ -434,13 +354,7 @@ def test_critical_damping_under_a_fractional_power():
     )
     values = found(np.linspace(0.0, 200.0, 301))
     assert values[[30, 150, 229, 300]] == pytest.approx(
-        [
-            1399.2172626079566,
-            95160.74522556031,
-            278760.93287130253,
-            551800.8563487692,
-        ],
-        rel=1e-14,
+        [1399.2172626079566, 95160.74522556031, 278760.93287130253, 551800.8563487692], rel=1e-14
     )
 
 

@@ -149,18 +149,6 @@ def test_gradient_and_hessian_are_derivatives_of_the_energy(kind, keys):
         assert potential.hessian(q)[i] == pytest.approx(curvature, rel=1e-8)
 
 
-def test_kepler_keeps_its_angular_momentum_without_drag():
-    scene = scene_of(
-        "kepler", initial={"position": [1.0, 0.0], "velocity": [0.0, 0.8]}, final_time=8.0
-    )
-    run = integrate(scene, Method(cq="gauss", degree=2), 512)
-    assert run.momentum is not None
-    x, p = run.position, run.momentum
-    assert x[:, 0] * p[:, 1] - x[:, 1] * p[:, 0] == pytest.approx(np.full(513, 0.8), abs=1e-12)
-    # control: the energy is kept to the order of the method only
-    assert 1e-12 < np.abs(run.energy - run.energy[0]).max() < 1e-5
-
-
 def case(body: str) -> str:
     return f"name: a\nproblem: {{{body}, final_time: 1}}\nladder: {{steps: [4]}}\n"
 

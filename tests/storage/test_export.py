@@ -7,27 +7,20 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from command_line import configuration, fvi
 from scipy.io import loadmat
-from typer.testing import CliRunner
 
-from fvi_cli.cli.app import app
 from fvi_cli.errors import RequestError, StorageError
 from fvi_cli.storage.export import FORMATS, StoredArrays, export_file, stored_arrays
 
-CONFIG = """
-name: two-masses
-problem:
-  kind: bagley-torvik
-  mass: [[1, 0], [0, 2]]
-  stiffness: [[2, -1], [-1, 2]]
-  damping: [{order: 0.5, coefficient: 0.3}]
-  initial: {position: [1, 0], velocity: 0}
-  final_time: 1.0
-method:
-  - {rk: gauss, degree: 2}
-  - {baseline: implicit-euler}
-ladder: {steps: [4, 8]}
-"""
+CONFIG = configuration(
+    "kind: bagley-torvik, mass: [[1, 0], [0, 2]], stiffness: [[2, -1], [-1, 2]], "
+    "damping: [{order: 0.5, coefficient: 0.3}], initial: {position: [1, 0], velocity: 0}, "
+    "final_time: 1.0",
+    name="two-masses",
+    method="[{rk: gauss, degree: 2}, {baseline: implicit-euler}]",
+    steps="4, 8",
+)
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +28,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("export")
     config = folder / "two-masses.yaml"
     config.write_text(CONFIG, encoding="utf-8")
-    done = CliRunner().invoke(app, ["run", str(config), "--output", str(folder), "-q"])
-    assert done.exit_code == 0, done.output
+    fvi("run", str(config), "--output", str(folder), "-q", code=0)
     return folder / "two-masses.h5"
 
 
@@ -114,11 +106,7 @@ def test_members_become_rows():
         "1,1.0,2.5,10.0,11.0",
     ]
     assert members_name == "sweep-gauss-s3-graded-n000002-members.csv"
-    assert members.decode().splitlines() == [
-        "member,stiffness,status",
-        "0,1.5,ok",
-        "1,2.5,floor",
-    ]
+    assert members.decode().splitlines() == ["member,stiffness,status", "0,1.5,ok", "1,2.5,floor"]
 
 
 def one_run(problem: dict[str, object], time: np.ndarray, size: int = 2) -> StoredArrays:
@@ -155,13 +143,10 @@ def lines_of(run: StoredArrays) -> list[str]:
         ({"kind": "pendulum"}, 1, "x,p_x"),
         ({"kind": "chain"}, 3, "x1,x2,x3,p_x1,p_x2,p_x3"),
         ({"kind": "kepler"}, 2, "x,y,p_x,p_y"),
-        (
-            {"kind": "lagrangian", "coordinates": ["r", "energy"]},
-            2,
-            "r,position_energy,p_r,p_energy",
-        ),
+        ({"kind": "lagrangian", "coordinates": ["r", "energy"]}, 2,
+         "r,position_energy,p_r,p_energy"),
     ],
-)
+)  # fmt: skip
 def test_columns_are_called_as_the_coordinates(problem, size, names):
     header = lines_of(one_run(problem, np.array([0.0, 1.0]), size))[0]
     assert header == f"time,{names},energy"
@@ -200,12 +185,10 @@ def test_names_that_matlab_would_take_for_one_stay_apart(tmp_path):
 
 def test_command_prints_what_it_writes(stored, tmp_path):
     arguments = ["export", str(stored), "--to", "npz", "--output", str(tmp_path)]
-    done = CliRunner().invoke(app, arguments)
-    assert done.exit_code == 0
+    done = fvi(*arguments, code=0)
     assert done.stdout.split() == [str(tmp_path / "export" / "two-masses" / "two-masses.npz")]
     arguments[3] = "xlsx"
-    done = CliRunner().invoke(app, arguments)
-    assert done.exit_code == 2
+    done = fvi(*arguments, code=2)
     assert "csv, npz, mat" in done.stderr
 
 

@@ -7,10 +7,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from command_line import fvi
 from spread import spread
-from typer.testing import CliRunner
 
-from fvi_cli.cli.app import app
 from fvi_cli.errors import StorageError
 from fvi_cli.storage import contents, list_runs
 from fvi_cli.storage import stream as seal
@@ -40,7 +39,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The file of results as it is written."""
     folder = tmp_path_factory.mktemp("written")
     (folder / "quick.yaml").write_text(CONFIG)
-    assert fvi("run", str(folder / "quick.yaml"), "-o", str(folder)).exit_code == 0
+    fvi("run", str(folder / "quick.yaml"), "-o", str(folder), code=0)
     return (folder / "quick.h5").read_bytes()
 
 
@@ -51,12 +50,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: bytes) -> P
     (tmp_path / "results").mkdir()
     (tmp_path / FILE).write_bytes(written)
     return tmp_path
-
-
-def fvi(*arguments: str):
-    result = CliRunner().invoke(app, list(arguments))
-    assert "Traceback" not in result.output
-    return result
 
 
 def smaller_error(file: h5py.File) -> None:
@@ -81,8 +74,7 @@ def test_a_changed_attribute_is_noticed_by_every_reader(change, reader):
     with h5py.File(FILE, "r+") as file:
         change(file)
     before = Path(FILE).read_bytes()
-    result = fvi(*reader)
-    assert result.exit_code == 2
+    result = fvi(*reader, code=2)
     assert "is not what was written" in result.stderr
     assert Path(FILE).read_bytes() == before
 
@@ -156,8 +148,7 @@ def test_the_root_is_verified():
     with h5py.File(FILE, "r+") as file:
         file.attrs["resolved_config"] = file.attrs["resolved_config"].replace("cos(t)", "sin(t)")
     for reader in READERS[:3]:
-        result = fvi(*reader)
-        assert result.exit_code == 2
+        result = fvi(*reader, code=2)
         assert "what is said of the file is not what was written" in result.stderr
 
 
@@ -174,8 +165,7 @@ def test_a_pipe_in_the_place_of_a_file_does_not_hang():
     Path(FILE).unlink()
     os.mkfifo(FILE)
     for reader in READERS:
-        result = fvi(*reader)
-        assert result.exit_code == 2
+        result = fvi(*reader, code=2)
         assert "is no ordinary file" in result.stderr
 
 
@@ -183,8 +173,7 @@ def test_an_older_format_is_told_what_to_do():
     with h5py.File(FILE, "r+") as file:
         file.attrs["format"] = 1
     for reader in READERS:
-        result = fvi(*reader)
-        assert result.exit_code == 2
+        result = fvi(*reader, code=2)
         assert "has format 1, this version of fvi reads 2; move the file away" in result.stderr
 
 
@@ -224,7 +213,7 @@ def test_every_flipped_bit_of_a_sealed_file_is_noticed_where_it_is_read(tmp_path
 
 def test_a_listing_of_a_large_file_does_not_read_all_of_it(monkeypatch):
     arguments = ("run", "quick.yaml", "--set", "ladder.steps=[100000]", "--fresh", "-q")
-    assert fvi(*arguments).exit_code == 0
+    fvi(*arguments, code=0)
     blocks = -(-Path(FILE).stat().st_size // seal.BLOCK)
     looked_at: set[int] = set()
     real = SealedStream._look_at
@@ -234,10 +223,10 @@ def test_a_listing_of_a_large_file_does_not_read_all_of_it(monkeypatch):
         real(self, own, number)
 
     monkeypatch.setattr(SealedStream, "_look_at", counted)
-    assert fvi("show", FILE).exit_code == 0
+    fvi("show", FILE, code=0)
     assert len(looked_at) < blocks / 2
     looked_at.clear()
-    assert fvi("export", FILE, "--to", "npz").exit_code == 0
+    fvi("export", FILE, "--to", "npz", code=0)
     assert len(looked_at) == blocks
 
 

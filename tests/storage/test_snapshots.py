@@ -7,9 +7,8 @@ import h5py
 import numpy as np
 import pytest
 import test_storage as t
-from typer.testing import CliRunner
+from command_line import fvi
 
-from fvi_cli.cli.app import app
 from fvi_cli.storage import open_results, read_results, store, stream
 from fvi_cli.studies.experiment import FinishedRun
 
@@ -42,8 +41,7 @@ def test_a_command_opens_its_file_at_most_twice(tmp_path, monkeypatch, opened):
 
     def count(*arguments: str) -> int:
         opened.clear()
-        done = CliRunner().invoke(app, list(arguments))
-        assert done.exit_code == 0, done.output
+        fvi(*arguments, code=0)
         return len(opened)
 
     assert count("run", "ten.yaml") > 10  # control: a part for every run

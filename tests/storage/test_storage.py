@@ -4,7 +4,6 @@ import hashlib
 import io
 import json
 import os
-import shutil
 import signal
 import socket
 import subprocess
@@ -18,14 +17,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import h5py
-import netCDF4
 import numpy as np
 import pytest
-import xarray as xr
 
 import fvi_cli
 from fvi_cli.errors import StorageError
-from fvi_cli.integrator.method import AnyMethod, Baseline, Method, RuleSpecification
+from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage import (
@@ -210,23 +207,6 @@ def test_a_thinned_grid_keeps_first_and_last_point(tmp_path):
 # --- identity -------------------------------------------------------------------------------------
 
 
-def test_identity_is_made_of_what_determines_the_numbers():
-    first = experiment().runs()[0]
-    assert provenance.identity(first) == provenance.identity(experiment().runs()[0])
-    assert provenance.identity(first) == provenance.identity(experiment(name="other").runs()[0])
-    others = [
-        experiment().runs()[1],
-        experiment(stiffness=2.0).runs()[0],
-        experiment(norm="final").runs()[0],
-        experiment(methods=(replace(BDF, sampling="points"),)).runs()[0],
-        experiment(methods=(replace(BDF, quadrature=RuleSpecification(points=2)),)).runs()[0],
-        experiment(methods=(replace(BDF, history="direct"),)).runs()[0],
-        experiment(methods=(EULER,)).runs()[0],
-    ]
-    identities = {provenance.identity(run) for run in [first, *others]}
-    assert len(identities) == 1 + len(others)
-
-
 @pytest.mark.parametrize("constant", ["FORMAT", "SOLVER_VERSION"])
 def test_runs_of_an_older_program_are_not_taken(path, monkeypatch, constant):
     run = experiment().runs()[0]
@@ -327,36 +307,6 @@ def test_every_axis_has_a_scale_and_every_attribute_a_type_of_netcdf(path):
             writing.attribute(wrong)
 
 
-@pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
-def test_xarray_opens_every_group(path, runs, engine):
-    group = "/sample/gauss-s3-graded/n000008"
-    with xr.open_dataset(path, group=group, engine=engine) as opened:
-        found = opened.load()
-    expected = next(f for f in runs if f.run.method == GAUSS and f.run.n_steps == 8)
-    assert found["position"].dims == ("time", "dof")
-    assert found["momentum"].dims == ("time", "dof")
-    assert found["energy"].dims == ("time",)
-    assert found["position"].values.tolist() == expected.trajectory.position.tolist()
-    assert found["time"].values.tolist() == expected.trajectory.time.tolist()
-    assert found.attrs["cq"] == "gauss"
-    assert found.attrs["n_steps"] == 8
-    with xr.open_dataset(path, group="/sample/gauss-s3-graded/convergence", engine=engine) as t:
-        assert t["error"].sel(n_steps=8).item() == expected.error
-        assert t["status"].values.tolist() == ["ok", "ok"]
-    with xr.open_dataset(path, engine=engine) as root:
-        assert root.attrs["config"] == TEXT
-    groups = xr.open_groups(path, engine=engine)
-    assert len(groups) == 1 + 1 + 4 + 4 * 3
-
-
-def test_netcdf4_reads_the_whole_tree(path):
-    with netCDF4.Dataset(path) as file:
-        run = file["sample/bdf2-nodes-s1-gauss1-none/n000008"]
-        assert run["position"].dimensions == ("time", "dof")
-        assert run["energy"][:].shape == (9,)
-        assert run.getncattr("status") == "ok"
-
-
 def test_the_root_says_where_the_file_comes_from(path):
     stored = read_configuration(path)
     assert stored.text == TEXT
@@ -385,47 +335,6 @@ def test_no_name_of_user_or_machine_and_no_absolute_path_is_inside(path):
         if len(place.parts) > 1:
             assert str(place) not in text
     assert str(path.parent).encode() not in path.read_bytes()
-
-
-def git(folder: Path, *arguments: str) -> str:
-    identity = ["-c", "user.name=n", "-c", "user.email=e@example.org", "-c", "commit.gpgsign=false"]
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("GIT_")}
-    done = subprocess.run(
-        ["git", "-C", str(folder), *identity, *arguments],
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**environment, "GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_SYSTEM": os.devnull},
-    )
-    return done.stdout.strip()
-
-
-@pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
-def test_commit_and_changes_are_those_of_the_checkout_of_the_package(tmp_path):
-    package = tmp_path / "package"
-    package.mkdir()
-    init = package / "__init__.py"
-    init.write_text("")
-
-    def checkout() -> tuple[str, str]:
-        provenance.checkout.cache_clear()
-        return provenance.checkout(package)
-
-    assert checkout() == ("unknown", "unknown")
-    git(tmp_path, "init", "-q")
-    # installed inside a checkout that does not know it
-    assert checkout() == ("unknown", "unknown")
-    git(tmp_path, "add", ".")
-    git(tmp_path, "commit", "-q", "-m", "first")
-    commit = git(tmp_path, "rev-parse", "HEAD")
-    assert checkout() == (commit, "no")
-    # what the program makes does not count
-    (tmp_path / "results").mkdir()
-    (tmp_path / "results" / "table.csv").write_text("1")
-    assert checkout() == (commit, "no")
-    init.write_text("changed = 1\n")
-    assert checkout() == (commit, "yes")
-    provenance.checkout.cache_clear()
 
 
 # --- consolidation --------------------------------------------------------------------------------
@@ -865,40 +774,6 @@ def test_an_interrupt_in_the_midst_of_writing_leaves_what_was_there(path, runs, 
 
 # --- two processes --------------------------------------------------------------------------------
 
-HOLD = """
-    import sys, time
-    from pathlib import Path
-    import test_storage as t
-    with t.open_results(Path(sys.argv[1]), "sample"):
-        print("held", flush=True)
-        sys.stdin.read()
-"""
-
-
-@pytest.mark.processes
-def test_a_file_is_held_by_one_process_until_it_ends_in_whatever_way(tmp_path, runs):
-    package = str(Path(fvi_cli.__file__).parents[1])
-    holder = subprocess.Popen(
-        [sys.executable, "-c", textwrap.dedent(HOLD), str(tmp_path)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), package])},
-    )
-    with holder:
-        assert holder.stdout.readline() == "held\n"
-        with (
-            pytest.raises(StorageError, match=r"sample\.h5: another fvi is writing it.*--output"),
-            open_results(tmp_path, "sample"),
-        ):
-            pass
-        # another file of the folder is free, and another folder
-        with open_results(tmp_path, "other"):
-            pass
-        store(tmp_path / "elsewhere", runs[:1])
-        holder.kill()
-    store(tmp_path, runs[:1])
-
 
 def test_a_file_is_held_once_in_a_process_and_free_after_an_error(tmp_path):
     def fail() -> None:
@@ -911,8 +786,3 @@ def test_a_file_is_held_once_in_a_process_and_free_after_an_error(tmp_path):
         fail()
     with open_results(tmp_path, "sample"):
         pass
-
-
-def test_methods_have_different_names_in_files():
-    methods: tuple[AnyMethod, ...] = experiment().methods
-    assert len({method.case for method in methods}) == len(methods)

@@ -7,6 +7,7 @@ import warnings
 import h5py
 import numpy as np
 import pytest
+from command_line import MANY
 
 from fvi_cli.config import parse_config
 from fvi_cli.errors import StorageError
@@ -18,18 +19,15 @@ from fvi_cli.storage.provenance import identity
 from fvi_cli.storage.records import record_of
 from fvi_cli.storage.writing import columns_of, write_group
 
-CONFIG = """\
-name: many
-problem:
-  kind: damped-oscillator
-  damping: [{order: 0.5, coefficient: 0.3}]
-  initial: {position: 1.0}
-  final_time: 4.0
+CONFIG = (
+    MANY
+    + """\
 method: {bdf: 2, sampling: nodes}
 ladder: {steps: [8, 16]}
 allow_unstable: true
 sweep: {problem.damping.0.order: [0.5, 1.5], problem.damping.0.coefficient: [0.1, 1, 300]}
 """
+)
 ORDER, COEFFICIENT = "problem.damping.0.order", "problem.damping.0.coefficient"
 GROUP = "/many/bdf2-nodes-s1-gauss1-none/n000016"
 
@@ -66,7 +64,10 @@ def assert_same(one, other):
         )
 
 
-def test_members_come_back_as_they_were_computed(tmp_path):
+@pytest.mark.parametrize("block_bytes", [snapshot.BLOCK_BYTES, 1500])
+def test_members_come_back_as_they_were_computed(tmp_path, monkeypatch, block_bytes):
+    """In small blocks as well."""
+    monkeypatch.setattr(snapshot, "BLOCK_BYTES", block_bytes)
     loaded = load()
     runs = loaded.experiments[0].runs()
     finished = [one for batch in batches_of(runs) for one in execute_batch(batch)]
@@ -77,7 +78,7 @@ def test_members_come_back_as_they_were_computed(tmp_path):
         for one in finished:  # from the parts
             assert_same(results.finished(one.run), one)
         results.consolidate(loaded)
-        for one in finished:  # from the file
+        for one in reversed(finished):  # from the file
             assert_same(results.finished(one.run), one)
     assert not (tmp_path / "many.parts").exists()
 
@@ -183,20 +184,6 @@ def test_an_experiment_that_gets_a_sweep_keeps_its_single_runs(tmp_path):
     with h5py.File(tmp_path / "many.h5") as file:
         assert file[GROUP]["position"].ndim == 2
     assert keep(tmp_path, load()) == 0
-
-
-def test_members_are_read_in_small_blocks_as_well(tmp_path, monkeypatch):
-    loaded = load()
-    finished = [
-        one for batch in batches_of(loaded.experiments[0].runs()) for one in execute_batch(batch)
-    ]
-    monkeypatch.setattr(snapshot, "BLOCK_BYTES", 1500)
-    with open_results(tmp_path, "many") as results:
-        results.add_batch(finished[:6])
-        results.add_batch(finished[6:])
-        results.consolidate(loaded)
-        for one in reversed(finished):
-            assert_same(results.finished(one.run), one)
 
 
 def test_thinned_members_share_their_times(tmp_path):

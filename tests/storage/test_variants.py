@@ -4,12 +4,11 @@ import csv
 import dataclasses
 from pathlib import Path
 
+import command_line
 import h5py
 import pytest
-from typer.testing import CliRunner
 
 import fvi_cli as api
-from fvi_cli.cli.app import app
 from fvi_cli.runner import compute
 from fvi_cli.storage import list_runs
 
@@ -33,11 +32,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def fvi(*arguments: str, code: int = 0):
-    result = CliRunner().invoke(app, list(arguments))
-    assert result.exit_code == code, result.output
-    assert "Traceback" not in result.output
-    return result
+def fvi(*arguments: object, code: int = 0):
+    return command_line.fvi(*arguments, code=code)
 
 
 def told(*arguments: str) -> str:
@@ -143,36 +139,6 @@ def test_a_mistake_forgets_nothing(arguments, words):
     assert Path(FILE).read_bytes() == before
     assert "no such file" in fvi("forget", "results/other.h5", "--all", code=2).stderr
     assert "such as quick.h5" in fvi("forget", "quick.yaml", "--all", code=2).stderr
-
-
-UNSTABLE = """\
-name: quick
-problem:
-  kind: bagley-torvik
-  damping: [{order: 1.5, coefficient: 1.0}]
-  forcing: 15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5
-  initial: {position: 0.0, velocity: 0.0}
-  final_time: 1.0
-  exact: t**2.5
-method: {bdf: 6, sampling: nodes, degree: 1}
-ladder: {steps: [64, 128]}
-"""
-
-
-def test_a_refusal_and_what_it_refuses_are_both_kept():
-    Path("quick.yaml").write_text(UNSTABLE)
-    refused = fvi("run", "quick.yaml", code=1)
-    assert refused.stdout.count("refused") == 2
-    computed = fvi("run", "quick.yaml", "--allow-unstable", code=1)
-    assert "refused" not in computed.stdout
-    assert "2 runs, 0 of them stored" in computed.stderr
-    for options, statuses in (((), {"refused"}), (("--allow-unstable",), {"diverged", "ok"})):
-        again = fvi("run", "quick.yaml", *options, code=1)
-        assert "2 runs, 2 of them stored" in again.stderr
-        assert {line.split()[5] for line in again.stdout.splitlines()[1:3]} <= statuses
-        table = fvi("convergence", FILE, "--output", "made", code=1)
-        assert "missing" not in table.stderr
-    assert {run.variant for run in list_runs(Path(FILE)).runs} == {"", "allow_unstable = False"}
 
 
 def test_fresh_replaces_run_by_run(monkeypatch):

@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from benchmarks.robustness import LADDER
 from fvi_cli.config import parse_config
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
@@ -26,19 +27,15 @@ from fvi_cli.studies.cost import (
 from fvi_cli.studies.experiment import Experiment
 from fvi_cli.studies.tolerance import price
 
-TEXT = """\
-name: small
-problem:
-  kind: bagley-torvik
-  damping: [{order: 1.5, coefficient: 1.0}]
-  forcing: 15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5
-  final_time: 1.0
-  exact: t**2.5
+TEXT = (
+    LADDER.replace("quick", "small").partition("method")[0]
+    + """\
 method:
   - {rk: gauss, degree: 2}
   - {baseline: gruenwald-letnikov}
 ladder: {steps: [8, 16, 32]}
 """
+)
 
 
 def experiment(text: str = TEXT) -> Experiment:

@@ -4,15 +4,15 @@ import math
 
 import numpy as np
 import pytest
+from letters import in_pieces
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.lagrangian import double_pendulum
 from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.named import linear_oscillator, pendulum
@@ -93,14 +93,8 @@ def test_the_cheaper_of_two_methods_is_taken():
 
 
 def test_break_points_lie_on_the_grid():
-    def constant(value: str) -> tuple[Expression]:
-        return (Expression.parse(value, variables=("t",)),)
-
-    pieces = (
-        ForcingPiece(components=constant("8"), until=1.0),
-        ForcingPiece(components=constant("0")),
-    )
-    scene = oscillator(1.5, final_time=5.0, initial_position=0.0, forcing=Forcing(pieces=pieces))
+    forcing = in_pieces("8", 1.0, "0")
+    scene = oscillator(1.5, final_time=5.0, initial_position=0.0, forcing=forcing)
     run = solved(scene, tolerance=1e-8)
     assert math.log2(run.n_steps / 5).is_integer()
     assert true_error(scene, run) <= 1e-8

@@ -188,14 +188,6 @@ def test_what_cannot_be_is_refused_with_what_to_do(ladder, method, complaint):
         experiment(ladder, PULSE, **method)
 
 
-def test_methods_refuse_a_graded_start_that_they_cannot_have():
-    with pytest.raises(ValueError, match="with bdf2 take weights"):
-        Method(cq="bdf2", degree=1, start="graded")
-    with pytest.raises(ValueError, match="write history: auto"):
-        Method(cq="gauss", degree=2, start="graded", history="fft")
-    assert fvi.method_named("gauss3-graded").case == "gauss-s3-graded"
-
-
 def test_no_reference_is_computed_where_none_is_wanted(monkeypatch, tmp_path):
     calls: list[int] = []
 

@@ -8,23 +8,22 @@ the negative axis leaves the residues at the modes and an integral over the bran
           e^{-rt}\, dr .
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from letters import spring
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.cole_cole import fractional_zener
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.registry import build_scene
-from fvi_cli.studies.vibration.modes import find_modes
+from fvi_cli.studies.vibration.modes import Mode, find_modes
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -72,15 +71,16 @@ class Transform:
 
 
 def oscillator(*laws: Law, order: float | None = None) -> Scene:
-    damping = () if order is None else (FractionalDamping(order=order, coefficient=0.8),)
-    return Scene(
-        inertia=Inertia(mass=1.5),
-        potential=QuadraticPotential(stiffness=4.0),
-        laws=laws,
-        damping=damping,
-        initial_position=1.0,
-        initial_velocity=0.0,
-        final_time=20.0,
+    damping = [] if order is None else [(order, 0.8)]
+    return spring(*damping, T=20.0, m=1.5, k=4.0, x=1.0, laws=laws)
+
+
+def ringing(transform: Transform, modes: Sequence[Mode], time: Array) -> Array:
+    """What residues at modes and their conjugates leave of a motion."""
+    return sum(
+        2.0
+        * np.outer(np.exp(one.frequency * time), transform.residue(one.frequency, one.shape)).real
+        for one in modes
     )
 
 
@@ -98,12 +98,7 @@ def test_one_degree_of_freedom_rings_down_as_pole_and_branch_cut(scene):
     run = integrate(scene, GAUSS4, 200)
     late = run.time >= 0.5
     time = run.time[late]
-    pole = (
-        2.0
-        * np.outer(
-            np.exp(mode.frequency * time), transform.residue(mode.frequency, mode.shape)
-        ).real
-    )
+    pole = ringing(transform, [mode], time)
     whole = pole + transform.cut(time, 1e-22, 1e3, 1500)
     assert np.abs(run.position[late] - whole).max() < 1e-8
     # neither is small
@@ -128,19 +123,8 @@ def test_the_beam_rings_down_from_its_first_shape_as_modes_and_branch_cut():
     run = integrate(scene, GAUSS4, 400)
     late = run.time >= 1e-3
     time = run.time[late]
-    modes = sum(
-        2.0
-        * np.outer(np.exp(one.frequency * time), transform.residue(one.frequency, one.shape)).real
-        for one in table.modes
-    )
-    whole = modes + transform.cut(time, 1e-16, 1e5, 800)
+    whole = ringing(transform, table.modes, time) + transform.cut(time, 1e-16, 1e5, 800)
     largest = np.abs(scene.initial_position).max()
     assert np.abs(run.position[late] - whole).max() < 1e-8 * largest
-    first = table.modes[0]
-    alone = (
-        2.0
-        * np.outer(
-            np.exp(first.frequency * time), transform.residue(first.frequency, first.shape)
-        ).real
-    )
+    alone = ringing(transform, table.modes[:1], time)
     assert np.abs(run.position[late] - alone).max() > 1e-6 * largest

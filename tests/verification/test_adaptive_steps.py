@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from letters import in_pieces, spring, swing
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
@@ -20,7 +21,6 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.linear_response import match_scene
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.nonlinear import duffing, kepler
 
 Array = np.ndarray
@@ -33,15 +33,6 @@ def gauss(m: int, **more) -> Method:
 
 def damping(order: float, coefficient: float, d: int = 1) -> list[FractionalDamping]:
     return [FractionalDamping(order=order, coefficient=coefficient * np.eye(d))]
-
-
-def pieces(*parts: tuple[str, float]) -> Forcing:
-    return Forcing(
-        pieces=tuple(
-            ForcingPiece(components=Forcing.from_text(text).pieces[0].components, until=until)
-            for text, until in parts
-        )
-    )
 
 
 def run(scene: Scene, tolerance: float, m: int = 8, **more) -> Trajectory:
@@ -67,15 +58,10 @@ def on_uniform_steps(found: Trajectory, scene: Scene, n_steps: int) -> float:
     return float(np.abs(found.steps(other.time) - other.position).max())
 
 
-PENDULUM = pendulum(final_time=20.0, damping=damping(0.5, 0.3), initial_position=1.0)
-STEP_FORCED = linear_oscillator(
-    final_time=50.0, damping=damping(1.5, 0.5), forcing=pieces(("1", 1.0), ("0", math.inf))
-)
-PULSE = pendulum(
-    final_time=100.0,
-    damping=damping(0.5, 0.3),
-    initial_position=1.0,
-    forcing=pieces(("0", 10.0), ("1000", 10.001), ("0", math.inf)),
+PENDULUM = swing(T=20.0, x=1.0, damping=damping(0.5, 0.3))
+STEP_FORCED = spring(T=50.0, damping=damping(1.5, 0.5), forcing=in_pieces("1", 1.0, "0"))
+PULSE = swing(
+    T=100.0, x=1.0, damping=damping(0.5, 0.3), forcing=in_pieces("0", 10.0, "1000", 10.001, "0")
 )
 
 
@@ -117,13 +103,7 @@ def test_a_jump_that_no_formula_tells_of():
     ("mu", "order", "stiffness"), [(50.0, 0.5, 100.0), (20.0, 1.5, 30.0), (50.0, 1.9, 1.0)]
 )
 def test_strong_damping(mu, order, stiffness):
-    scene = linear_oscillator(
-        final_time=5.0,
-        damping=damping(order, mu),
-        stiffness=stiffness,
-        initial_position=1.0,
-        initial_velocity=0.5,
-    )
+    scene = spring(T=5.0, k=stiffness, x=1.0, v=0.5, damping=damping(order, mu))
     found = run(scene, 1e-6)
     assert found.n_steps <= 35
     assert error(found, exact(scene)) < 1e-9
@@ -136,7 +116,7 @@ def test_a_short_pulse():
     finer = run(PULSE, 1e-10, m=11)
     assert error(found, finer.steps) < 1e-9
     # the momentum of the pulse is 1; with half of it the motion is another one
-    half = replace(PULSE, forcing=pieces(("0", 10.0), ("500", 10.001), ("0", math.inf)))
+    half = replace(PULSE, forcing=in_pieces("0", 10.0, "500", 10.001, "0"))
     other = run(half, 1e-6)
     assert np.abs(found.steps(12.0) - other.steps(12.0)) > 0.1
 
@@ -167,13 +147,7 @@ def test_an_orbit_of_eccentricity_95_against_equal_steps():
 
 
 def test_a_tail_over_many_decades():
-    scene = linear_oscillator(
-        final_time=1e6,
-        damping=damping(0.5, 0.7),
-        stiffness=2.0,
-        initial_position=1.0,
-        initial_velocity=0.5,
-    )
+    scene = spring(T=1e6, k=2.0, x=1.0, v=0.5, damping=damping(0.5, 0.7))
     found = run(scene, 1e-11)
     assert found.n_steps <= 600
     assert error(found, exact(scene)) < 1e-9
@@ -220,7 +194,7 @@ def test_work_is_linear_in_the_number_of_steps():
 
 @pytest.mark.parametrize("m", [4, 6])
 def test_an_undamped_motion_begins_with_longer_steps(m):
-    scene = linear_oscillator(final_time=20.0, initial_position=1.0)
+    scene = spring(T=20.0, x=1.0)
     found = run(scene, 1e-8, m=m)
     assert found.time[1] > 10 * run(PENDULUM, 1e-8, m=m).time[1]
     assert error(found, lambda t: np.cos(t)[:, None]) < 1e-4

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from letters import swing
 from numpy.typing import NDArray
 from spread import spread
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.scenes.named import pendulum
 from fvi_cli.scenes.registry import build_problem
 
 Array = NDArray[np.float64]
@@ -153,7 +153,7 @@ def test_implicit_euler_does_not_lead_back():
 def energy_slope(method: AnyMethod, n_steps: int) -> tuple[float, float]:
     """Least-squares slope of the energy error per period, and the largest error."""
     step_size = 0.1
-    scene = pendulum(final_time=n_steps * step_size, initial_position=1.0)
+    scene = swing(T=n_steps * step_size, x=1.0)
     trajectory = integrate(scene, method, n_steps)
     assert trajectory.status == "ok"
     error = trajectory.energy - trajectory.energy[0]

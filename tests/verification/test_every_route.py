@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
+from letters import spring, swing
 from written_out import integrate_written_out
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -26,7 +27,6 @@ from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.run.parts import integrate_part
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.nonlinear import duffing
 
 Array = np.ndarray
@@ -93,16 +93,16 @@ def scene_of(rng: np.random.Generator, kind: str, n_steps: int, n_terms: int) ->
         data["forcing"] = force(rng, d, n_steps, final_time / n_steps, broken=forced == 2)
     if kind == "coupled":
         mass, stiffness = positive(rng, d, 0.5, 2.0), positive(rng, d, 0.2, 30.0)
-        return linear_oscillator(mass=mass, stiffness=stiffness, **data)
+        return spring(m=mass, k=stiffness, **data)
     if kind == "modes":
         stiffness = positive(rng, d, 0.2, 30.0)
-        return linear_oscillator(mass=np.eye(d), stiffness=stiffness, **data)
+        return spring(m=np.eye(d), k=stiffness, **data)
     if kind == "growing":
-        return linear_oscillator(stiffness=-float(rng.uniform(0.1, 4.0)), **data)
+        return spring(k=-float(rng.uniform(0.1, 4.0)), **data)
     if kind == "oscillator":
-        return linear_oscillator(stiffness=float(10 ** rng.uniform(-1, 3)), **data)
+        return spring(k=float(10 ** rng.uniform(-1, 3)), **data)
     if kind == "pendulum":
-        return pendulum(omega=2.0, **data)
+        return swing(omega=2.0, **data)
     if kind == "duffing":
         return duffing(stiffness=float(rng.choice([-1.0, 1.0])), **data)
     if kind == "chain of five":

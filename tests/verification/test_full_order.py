@@ -5,19 +5,17 @@ import math
 
 import numpy as np
 import pytest
+from letters import in_pieces, spring, swing
 from paper_problems import errors
 from spread import spread
 
-from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.linear_response import match_scene
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.problem import Problem
 
 FLOOR = 2e-13
@@ -39,23 +37,14 @@ def smooth_problem(name: str, gamma: float) -> Problem:
         ]
         exact = "t**8*(1 + sin(t))"
     force = " + ".join(power_text(c, p, gamma) for c, p in terms)
-    scene = linear_oscillator(
-        final_time=1.0,
-        damping=[FractionalDamping(order=gamma, coefficient=1.0)],
-        forcing=Forcing.from_text(force),
+    scene = spring((gamma, 1.0), T=1.0, forcing=force)
+    return Problem(
+        kind="bagley-torvik", scene=scene, exact=Forcing.from_text(exact).pieces[0].evaluate
     )
-    piece = ForcingPiece(components=(Expression.parse(exact, variables=("t",)),))
-    return Problem(kind="bagley-torvik", scene=scene, exact=piece.evaluate)
 
 
 def free_oscillator(gamma: float, mu: float = 0.7, x0: float = 1.0, v0: float = 0.5) -> Problem:
-    scene = linear_oscillator(
-        final_time=8.0,
-        stiffness=2.0,
-        damping=[FractionalDamping(order=gamma, coefficient=mu)],
-        initial_position=x0,
-        initial_velocity=v0,
-    )
+    scene = spring((gamma, mu), T=8.0, k=2.0, x=x0, v=v0)
     solution = match_scene(scene)
     return Problem(kind="damped-oscillator", scene=scene, exact=solution.position)
 
@@ -163,11 +152,7 @@ def test_without_a_graded_start_gauss_has_the_order_of_the_first_fractional_powe
 
 
 def fractional_pendulum() -> Scene:
-    return pendulum(
-        final_time=20.0,
-        damping=[FractionalDamping(order=0.5, coefficient=0.3)],
-        initial_position=1.0,
-    )
+    return swing((0.5, 0.3), T=20.0, x=1.0)
 
 
 def test_pendulum():
@@ -188,15 +173,7 @@ def test_pendulum():
 
 
 def step_forced() -> Scene:
-    pieces = tuple(
-        ForcingPiece(components=(Expression.parse(text, variables=("t",)),), until=until)
-        for text, until in (("8", 1.0), ("0", math.inf))
-    )
-    return linear_oscillator(
-        final_time=50.0,
-        damping=[FractionalDamping(order=1.5, coefficient=0.5)],
-        forcing=Forcing(pieces=pieces),
-    )
+    return spring((1.5, 0.5), T=50.0, forcing=in_pieces("8", 1.0, "0"))
 
 
 @pytest.mark.parametrize(
@@ -219,44 +196,10 @@ def test_step_forcing(degree, limits):
     assert np.abs(plain.position - exact.position(plain.time)).max() > 2 * limits[0]
 
 
-def test_podlubny_values_of_the_step_forced_equation():
-    """mu = k = 1, f = 8 up to t = 1: Podlubny, Fractional Differential Equations, figure 8.4.
-
-    Digits by partial fractions and Laplace inversion.
-    """
-    table = {
-        0.5: 0.6843347531500309,
-        1: 2.315525822792576,
-        2: 4.425462195857781,
-        5: -0.4556413405384094,
-        10: 0.5316198658594876,
-        20: 0.187375156942063,
-        30: 0.03587938288263848,
-    }
-    forcing = step_forced().forcing
-    scene = linear_oscillator(
-        final_time=30.0,
-        damping=[FractionalDamping(order=1.5, coefficient=1.0)],
-        forcing=forcing,
-    )
-    trajectory = integrate(scene, Method(cq="gauss", degree=4, start="graded"), 600)
-    for time, value in table.items():
-        assert trajectory.position[round(time * 20), 0] == pytest.approx(value, abs=2e-12)
-
-
 @spread(degree=[2, 3], gamma=[0.5, 0.8, 1.25, 1.5, 1.75])
 def test_a_jump_of_the_force_on_a_pendulum(gamma, degree):
     """Full order with steps that are halved behind the jump, 4 - gamma without."""
-    pieces = tuple(
-        ForcingPiece(components=(Expression.parse(text, variables=("t",)),), until=until)
-        for text, until in (("2", 1.0), ("0", math.inf))
-    )
-    scene = pendulum(
-        final_time=8.0,
-        damping=[FractionalDamping(order=gamma, coefficient=0.5)],
-        forcing=Forcing(pieces=pieces),
-        initial_position=0.5,
-    )
+    scene = swing((gamma, 0.5), T=8.0, x=0.5, forcing=in_pieces("2", 1.0, "0"))
     finest = 1024
     ladder = (64, 128) if degree > 2 else (64, 128, 256)
     fine = Method(cq="gauss", degree=4, start="graded")
@@ -319,21 +262,14 @@ def test_a_graded_start_puts_a_break_point_between_steps_too():
 @spread(mass=[1.0, 3.0], unit=[1e-6, 1e6])
 def test_a_graded_start_does_not_depend_on_the_unit_of_time(mass, unit):
     gamma = 1.5
-    base = linear_oscillator(
-        final_time=8.0,
-        mass=mass,
-        stiffness=2.0,
-        initial_position=1.0,
-        initial_velocity=0.5,
-        damping=[FractionalDamping(order=gamma, coefficient=0.7)],
-    )
-    other = linear_oscillator(
-        final_time=8.0 * unit,
-        mass=mass,
-        stiffness=2.0 / unit**2,
-        initial_position=1.0,
-        initial_velocity=0.5 / unit,
-        damping=[FractionalDamping(order=gamma, coefficient=0.7 * unit ** (gamma - 2))],
+    base = spring((gamma, 0.7), T=8.0, m=mass, k=2.0, x=1.0, v=0.5)
+    other = spring(
+        (gamma, 0.7 * unit ** (gamma - 2)),
+        T=8.0 * unit,
+        m=mass,
+        k=2.0 / unit**2,
+        x=1.0,
+        v=0.5 / unit,
     )
     method = Method(cq="gauss", degree=3, start="graded")
     a, b = integrate(base, method, 64), integrate(other, method, 64)

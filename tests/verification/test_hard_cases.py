@@ -12,11 +12,10 @@ from pathlib import Path
 import mpmath
 import numpy as np
 import pytest
+from command_line import fvi
 from stored_results import stored_hard_cases
-from typer.testing import CliRunner
 
 from benchmarks.talbot import talbot_inverse
-from fvi_cli.cli.app import app
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.reports import compare, write
@@ -294,27 +293,22 @@ def test_the_readme_counts_what_holds_as_the_report_does():
 def test_the_command(tmp_path):
     write(tmp_path, hard_case_report(STORED))
     some = ["--case", "order-1-9-coefficient-100", "--method", "Gauss3", "--output", str(tmp_path)]
-    shown = CliRunner().invoke(app, ["hard-cases", *some])
-    assert shown.exit_code == 0, shown.output
+    shown = fvi("hard-cases", *some, code=0)
     assert "at most 1e-08" in shown.stdout
-    checked = CliRunner().invoke(app, ["hard-cases", "--check", *some])
-    assert checked.exit_code == 0, checked.output
+    checked = fvi("hard-cases", "--check", *some, code=0)
     assert checked.stdout == "up to date\n"
-    failing = CliRunner().invoke(app, ["hard-cases", *some, "--method", "BDF6 nodes"])
-    assert failing.exit_code == 0  # only Gauss3 must hold
+    failing = fvi("hard-cases", *some, "--method", "BDF6 nodes", code=0)  # only Gauss3 must hold
     assert "diverged" in failing.stdout
     path = tmp_path / "hard-cases.csv"
     text = path.read_text()
     path.write_text(text.replace(",1e-08,", ",1e-07,"))
-    stale = CliRunner().invoke(app, ["hard-cases", "--check", *some])
-    assert stale.exit_code == 3
+    stale = fvi("hard-cases", "--check", *some, code=3)
     assert "limit: 1e-07 is stored, now 1e-08" in stale.stdout
     path.write_text("{}")
-    assert CliRunner().invoke(app, ["hard-cases", "--check", *some]).exit_code == 3
+    fvi("hard-cases", "--check", *some, code=3)
     path.unlink()
-    assert CliRunner().invoke(app, ["hard-cases", "--check", *some]).exit_code == 3
-    wrong = CliRunner().invoke(app, ["hard-cases", "--case", "nothing", "--method", "Gauss9"])
-    assert wrong.exit_code == 2
+    fvi("hard-cases", "--check", *some, code=3)
+    fvi("hard-cases", "--case", "nothing", "--method", "Gauss9", code=2)
 
 
 def test_the_command_fails_when_gauss3_does_not_hold(tmp_path, monkeypatch):
@@ -323,15 +317,9 @@ def test_the_command_fails_when_gauss3_does_not_hold(tmp_path, monkeypatch):
         case, claims=tuple(dataclasses.replace(claim, limit=1e-20) for claim in case.claims)
     )
     monkeypatch.setattr("fvi_cli.runner.hard_cases.hard_cases", lambda: {case.name: strict})
-    result = CliRunner().invoke(
-        app, ["hard-cases", "--method", "Gauss3", "--output", str(tmp_path)]
-    )
-    assert result.exit_code == 3, result.output
+    result = fvi("hard-cases", "--method", "Gauss3", "--output", str(tmp_path), code=3)
     assert " NO" in result.stdout
     assert list(tmp_path.iterdir()) == []
     write(tmp_path, hard_case_report(of(strict, FLAGSHIP)))
-    checked = CliRunner().invoke(
-        app, ["hard-cases", "--check", "--method", "Gauss3", "--output", str(tmp_path)]
-    )
-    assert checked.exit_code == 3
+    checked = fvi("hard-cases", "--check", "--method", "Gauss3", "--output", str(tmp_path), code=3)
     assert checked.stdout.count("must be at most 1e-20") == 1

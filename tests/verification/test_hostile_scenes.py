@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from letters import spring
 
 import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
@@ -13,7 +14,6 @@ from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.linear_response import linear_response
-from fvi_cli.scenes.named import linear_oscillator
 
 GROWING = {
     "within what it can do": ("(1 + 0.1*sin(x)**2)*vx**2/2 + x**2/2", 40.0, "ok"),
@@ -83,13 +83,7 @@ def test_extreme_units_end_no_command(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("order", [1.5, 1.75, 1.99])
 def test_strong_damping_takes_few_steps(order):
-    scene = linear_oscillator(
-        final_time=5.0,
-        stiffness=1.0,
-        damping=[FractionalDamping(order=order, coefficient=50 * np.eye(1))],
-        initial_position=1.0,
-        initial_velocity=0.5,
-    )
+    scene = spring((order, 50 * np.eye(1)), T=5.0, k=1.0, x=1.0, v=0.5)
     found = fvi.solve(scene, tolerance=1e-8)
     exact = linear_response(
         mass=1.0, stiffness=1.0, damping=((order, 50.0),), position=1.0, velocity=0.5

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from letters import spring
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
@@ -12,7 +13,6 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.linear_response import match_scene
-from fvi_cli.scenes.named import linear_oscillator
 
 METHODS = [
     Method(cq="gauss", degree=3),
@@ -26,22 +26,10 @@ METHODS = [
 @pytest.mark.parametrize("method", [*METHODS, Method(cq="bdf2", degree=1, sampling="nodes")])
 def test_polynomial_solution(method):
     """x'' + D^{3/2} x + x = 1 + t with x(0) = x'(0) = 1 has x = 1 + t."""
-    scene = linear_oscillator(
-        final_time=1.0,
-        damping=[FractionalDamping(order=1.5, coefficient=1.0)],
-        forcing=Forcing.from_text("1 + t"),
-        initial_position=1.0,
-        initial_velocity=1.0,
-    )
+    scene = spring((1.5, 1.0), T=1.0, x=1.0, v=1.0, forcing="1 + t")
     trajectory = integrate(scene, method, 64)
     assert np.abs(trajectory.position[:, 0] - 1 - trajectory.time).max() < 1e-13
-    wrong = linear_oscillator(
-        final_time=1.0,
-        damping=[FractionalDamping(order=1.5, coefficient=1.0)],
-        forcing=Forcing.from_text("1 + t"),
-        initial_position=1.0,
-        initial_velocity=1.0001,
-    )
+    wrong = spring((1.5, 1.0), T=1.0, x=1.0, v=1.0001, forcing="1 + t")
     assert np.abs(integrate(wrong, method, 64).position - trajectory.position).max() > 1e-6
 
 
@@ -51,21 +39,11 @@ def test_polynomial_solution(method):
 )
 def test_caputo_and_riemann_liouville(derivative, value):
     """x'' + D^{1/2} x + x = 0, x0 = 1, v0 = 0 at t = 1, by Laplace inversion."""
-    scene = linear_oscillator(
-        final_time=1.0,
-        damping=[FractionalDamping(order=0.5, coefficient=1.0)],
-        initial_position=1.0,
-        derivative=derivative,
-    )
+    scene = spring((0.5, 1.0), T=1.0, x=1.0, derivative=derivative)
     for method in METHODS[:2]:
         assert integrate(scene, method, 128).position[-1, 0] == pytest.approx(value, abs=1e-12)
     other = {"caputo": "riemann-liouville", "riemann-liouville": "caputo"}[derivative]
-    swapped = linear_oscillator(
-        final_time=1.0,
-        damping=[FractionalDamping(order=0.5, coefficient=1.0)],
-        initial_position=1.0,
-        derivative=other,
-    )
+    swapped = spring((0.5, 1.0), T=1.0, x=1.0, derivative=other)
     assert abs(integrate(swapped, METHODS[0], 128).position[-1, 0] - value) > 0.5
 
 
@@ -74,11 +52,7 @@ def test_the_caputo_solution_jumps_as_the_order_passes_1(method):
     """x0 = 0, v0 = mu = k = 1, t = 2: 0.41928 up to order 1, 1.26871 just above."""
 
     def value(order: float) -> float:
-        scene = linear_oscillator(
-            final_time=2.0,
-            damping=[FractionalDamping(order=order, coefficient=1.0)],
-            initial_velocity=1.0,
-        )
+        scene = spring((order, 1.0), T=2.0, v=1.0)
         return float(integrate(scene, method, 256).position[-1, 0])
 
     assert value(1 - 1e-9) == pytest.approx(0.41928, abs=5e-6)
@@ -88,12 +62,7 @@ def test_the_caputo_solution_jumps_as_the_order_passes_1(method):
 
 def test_riemann_liouville_above_1_with_a_position_at_0_is_refused():
     with pytest.raises(ValueError, match="not integrable"):
-        linear_oscillator(
-            final_time=1.0,
-            damping=[FractionalDamping(order=1.5, coefficient=1.0)],
-            initial_position=1.0,
-            derivative="riemann-liouville",
-        )
+        spring((1.5, 1.0), T=1.0, x=1.0, derivative="riemann-liouville")
 
 
 @pytest.mark.parametrize(
@@ -120,11 +89,11 @@ def test_what_initial_data_cost_under_riemann_liouville(order, method, lost):
     """Slopes against the closed form; the same data cost less under Caputo."""
     measured = {}
     for derivative in ("riemann-liouville", "caputo"):
-        scene = linear_oscillator(
-            final_time=2.0,
-            damping=[FractionalDamping(order=order, coefficient=0.7)],
-            initial_position=1.0 if order < 1 else 0.0,
-            initial_velocity=1.0 if order > 1 else 0.0,
+        scene = spring(
+            (order, 0.7),
+            T=2.0,
+            x=1.0 if order < 1 else 0.0,
+            v=1.0 if order > 1 else 0.0,
             derivative=derivative,
         )
         solution = match_scene(scene)
@@ -152,7 +121,7 @@ def test_very_many_powers_at_the_start():
     method = Method(cq="gauss", degree=2, start="graded")
 
     def scene(**more: object) -> Scene:
-        return linear_oscillator(final_time=1.0, damping=terms, initial_velocity=0.32, **more)
+        return spring(T=1.0, v=0.32, damping=terms, **more)
 
     crowded = scene(derivative="riemann-liouville")
     assert expected_order(crowded, method, "max", 128) == 4.0
@@ -174,16 +143,7 @@ def test_very_many_powers_at_the_start():
 @pytest.mark.parametrize("method", METHODS)
 def test_orders_on_both_sides_of_1_together(method):
     """The velocity is subtracted for the order above 1 only; against a fine run of Gauss4."""
-    scene = linear_oscillator(
-        final_time=3.0,
-        stiffness=2.0,
-        damping=[
-            FractionalDamping(order=0.5, coefficient=0.4),
-            FractionalDamping(order=1.5, coefficient=0.3),
-        ],
-        initial_position=1.0,
-        initial_velocity=0.7,
-    )
+    scene = spring((0.5, 0.4), (1.5, 0.3), T=3.0, k=2.0, x=1.0, v=0.7)
     fine = integrate(scene, Method(cq="gauss", degree=4, start="graded"), 256).position[-1, 0]
     assert integrate(scene, method, 128).position[-1, 0] == pytest.approx(fine, abs=2e-4)
     from fvi_cli.scenes.linear_response import match_scene
@@ -199,13 +159,8 @@ def test_public_data_of_the_follow_up():
         2: (3.05875383e-4, 1.86120011e-5, 1.15820322e-6, 7.24071e-8),
         3: (3.8855294e-7, 6.27779e-9, 9.67e-11, 1.5e-12),
     }
-    scene = linear_oscillator(
-        final_time=30.0,
-        mass=np.eye(2),
-        stiffness=0.5 * np.eye(2),
-        damping=[FractionalDamping(order=1.0, coefficient=0.25 * np.eye(2))],
-        initial_position=[0.8, -0.5],
-        initial_velocity=[0.4, 0.0],
+    scene = spring(
+        (1.0, 0.25 * np.eye(2)), T=30.0, m=np.eye(2), k=0.5 * np.eye(2), x=[0.8, -0.5], v=[0.4, 0.0]
     )
     w, r = np.sqrt(31) / 8, np.sqrt(31)
     for degree, row in table.items():

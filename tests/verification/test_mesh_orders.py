@@ -12,18 +12,17 @@ from collections.abc import Callable, Sequence
 import mpmath
 import numpy as np
 import pytest
+from letters import spring, swing
 from spread import spread
 
 from benchmarks.talbot import talbot_inverse
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, mesh_of
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.linear_response import match_scene
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.nonlinear import duffing
 
 Array = np.ndarray
@@ -39,13 +38,7 @@ def damping(order: float, coefficient: float) -> list[FractionalDamping]:
 
 def singular(order: float, final_time: float, mu: float) -> tuple[Scene, Exact]:
     """A motion that begins with t^(3 - gamma) or t^(4 - gamma)."""
-    scene = linear_oscillator(
-        final_time=final_time,
-        damping=damping(order, mu),
-        stiffness=2.0,
-        initial_position=1.0,
-        initial_velocity=0.5,
-    )
+    scene = spring(T=final_time, k=2.0, x=1.0, v=0.5, damping=damping(order, mu))
     found = match_scene(scene)
     return scene, found.position
 
@@ -53,12 +46,7 @@ def singular(order: float, final_time: float, mu: float) -> tuple[Scene, Exact]:
 @functools.cache
 def smooth(order: float) -> tuple[Scene, Array, Array]:
     """A motion from rest under t^9 exp(-t), with its values at T / 4 and 9 T / 16."""
-    scene = linear_oscillator(
-        final_time=30.0,
-        damping=damping(order, 0.7),
-        stiffness=2.0,
-        forcing=Forcing.from_text("t**9*exp(-t)/1e5"),
-    )
+    scene = spring(T=30.0, k=2.0, damping=damping(order, 0.7), forcing="t**9*exp(-t)/1e5")
     times = 30.0 * np.array([1 / 4, 9 / 16])
 
     def transform(s: mpmath.mpc) -> mpmath.mpc:
@@ -77,7 +65,7 @@ def nonlinear(name: str, order: float) -> tuple[Scene, Exact]:
         "initial_position": 1.0,
         "initial_velocity": 0.5,
     }
-    scene = duffing(**data) if name == "duffing" else pendulum(omega=1.5, **data)
+    scene = duffing(**data) if name == "duffing" else swing(omega=1.5, **data)
     method = Method(cq="gauss", degree=12)
     found = integrate(scene, method, AdaptiveSteps(tolerance=1e-11), with_steps=True)
     return scene, found.steps

@@ -66,18 +66,6 @@ def test_corrected_bdf3(degree, expected):
     assert slope(LADDER_UNIT, values) == pytest.approx(expected, abs=0.0051)
 
 
-def test_correction_removes_the_accident_on_the_damped_oscillator():
-    """The missing half kick at 0 is hidden by the uncorrected start, and shows with weights."""
-    ladder = (16, 32, 64, 128, 256, 512)
-    plain = Method(cq="bdf3", sampling="nodes", degree=2)
-    corrected = Method(
-        cq="bdf3", sampling="nodes", degree=2, start="weights", start_exponents=(1.0, 2.0)
-    )
-    problem = damped_oscillator()
-    assert last_order(errors(problem, plain, ladder)) == pytest.approx(2.0, abs=0.05)
-    assert last_order(errors(problem, corrected, ladder)) == pytest.approx(1.0, abs=0.05)
-
-
 def test_bdf5_and_bdf6_blow_up_on_the_ladder_of_the_paper():
     """BDF5 in between (it is stable again for h < 0.0032), BDF6 on all of it (h < 0.00075)."""
     problem = bagley_torvik_three_quarters()

@@ -101,14 +101,6 @@ def test_steps_and_stated_orders_are_those_of_the_tables(number):
         assert claims == tuple(alone.claim(method) for method in experiment.methods)
 
 
-def test_the_order_1_8_is_the_slope_over_the_ladder_of_the_paper():
-    (table,) = [
-        one for one in fvi.order_tables(fvi.run("table-1")) if one.experiment.endswith("3-2")
-    ]
-    slopes = [case.slope for case in table.cases]
-    assert slopes == pytest.approx([1.0, 1.8, 1.8], abs=0.06)
-
-
 def test_bdf1_at_the_step_size_of_the_figures():
     """h = 0.125: error 2.190e-2; the energy begins with 1.2^2 / 2 = 0.72."""
     (experiment,) = fvi.load("damped-oscillator-comparison").experiments

@@ -14,22 +14,14 @@ import itertools
 
 import numpy as np
 import pytest
+from letters import spring
 from numpy.typing import NDArray
 
-from benchmarks.floors import (
-    METHODS,
-    ORDERS,
-    floor_table,
-    oscillator,
-    read_rows,
-    run_floors,
-)
-from fvi_cli.effects.damping import FractionalDamping
+from benchmarks.floors import METHODS, ORDERS, floor_table, oscillator, read_rows, run_floors
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.planning.round_off import TABLE, measured_floor, relative_round_off
 from fvi_cli.scenes.linear_response import linear_response
-from fvi_cli.scenes.named import linear_oscillator
 
 Long = NDArray[np.longdouble]
 GAUSS1 = Method(cq="gauss", degree=1)
@@ -76,13 +68,7 @@ def distances(order: float, n_steps: int) -> dict[str, float]:
     reference = literal(order, n_steps, exact)
     rounded = literal(order, n_steps, exact.astype(float).astype(np.longdouble))
     found = {"rounded weights": float(np.abs(rounded - reference).max())}
-    scene = linear_oscillator(
-        final_time=FINAL_TIME,
-        stiffness=STIFFNESS,
-        damping=[FractionalDamping(order=order, coefficient=np.eye(1))],
-        initial_position=POSITION,
-        initial_velocity=VELOCITY,
-    )
+    scene = spring((order, np.eye(1)), T=FINAL_TIME, k=STIFFNESS, x=POSITION, v=VELOCITY)
     position = integrate(scene, GAUSS1, n_steps).position[:, 0]
     found["exponentials"] = float(np.abs(position - reference).max())
     return found

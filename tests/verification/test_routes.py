@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
+from letters import spring
 from paper_problems import bagley_torvik_three_quarters, damped_oscillator
 from spread import spread
 
-from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method, RuleSpecification
 from fvi_cli.mathematics.bdf import convolution_weights
 from fvi_cli.mathematics.lagrange import lobatto_basis
-from fvi_cli.scenes.named import linear_oscillator
 
 
 def literal_midpoint(order, mu, k, v0, force, final_time, n_steps, bdf_order):
@@ -77,10 +76,8 @@ def test_any_degree_is_the_algorithm_of_the_paper(degree, bdf_order):
 def test_zero_damping_is_the_conservative_integrator_and_costs_no_history(sampling):
     method = Method(cq="bdf2", sampling=sampling, degree=2)
     common = {"final_time": 5.0, "stiffness": 2.0, "initial_position": 1.0}
-    zero = linear_oscillator(
-        damping=[FractionalDamping(order=0.5, coefficient=np.zeros((1, 1)))], **common
-    )
-    none = linear_oscillator(**common)
+    zero = spring((0.5, np.zeros((1, 1))), **common)
+    none = spring(**common)
     a, b = integrate(zero, method, 40), integrate(none, method, 40)
     assert np.array_equal(a.position, b.position)
     assert a.history_operations == b.history_operations == 0
@@ -96,31 +93,27 @@ def test_degrees_of_freedom_of_a_rotated_system_are_those_of_its_modes():
     stiffness, mu = np.array([1.0, 9.0]), np.array([0.3, 0.6])
     position, velocity = np.array([1.0, -0.5]), np.array([0.2, 0.4])
     method = Method(cq="bdf2", degree=2)
-    coupled = linear_oscillator(
-        final_time=4.0,
-        mass=np.eye(2),
-        stiffness=turn @ np.diag(stiffness) @ turn.T,
-        damping=[
-            FractionalDamping(order=0.5, coefficient=turn @ np.diag(mu) @ turn.T),
-            FractionalDamping(order=1.5, coefficient=0.1 * np.eye(2)),
-        ],
+    coupled = spring(
+        (0.5, turn @ np.diag(mu) @ turn.T),
+        (1.5, 0.1 * np.eye(2)),
+        T=4.0,
+        m=np.eye(2),
+        k=turn @ np.diag(stiffness) @ turn.T,
+        x=turn @ position,
+        v=turn @ velocity,
         forcing=Forcing.from_text("cos(t)", "0"),
-        initial_position=turn @ position,
-        initial_velocity=turn @ velocity,
     )
     ours = integrate(coupled, method, 50).position @ turn
     for index in range(2):
         force = f"{turn[0, index]!r}*cos(t)".replace("np.float64", "")
-        alone = linear_oscillator(
-            final_time=4.0,
-            stiffness=stiffness[index],
-            damping=[
-                FractionalDamping(order=0.5, coefficient=mu[index]),
-                FractionalDamping(order=1.5, coefficient=0.1),
-            ],
-            forcing=Forcing.from_text(force),
-            initial_position=position[index],
-            initial_velocity=velocity[index],
+        alone = spring(
+            (0.5, mu[index]),
+            (1.5, 0.1),
+            T=4.0,
+            k=stiffness[index],
+            x=position[index],
+            v=velocity[index],
+            forcing=force,
         )
         theirs = integrate(alone, method, 50).position[:, 0]
         assert np.abs(ours[:, index] - theirs).max() < 1e-12
@@ -131,10 +124,8 @@ def test_terms_of_one_order_add_up(sampling, derivative):
     """Two terms cost and do what their sum does."""
     method = Method(cq="bdf3", sampling=sampling, degree=2)
     common = {"final_time": 3.0, "initial_velocity": 1.0, "derivative": derivative}
-    two = linear_oscillator(
-        damping=[FractionalDamping(order=0.7, coefficient=c) for c in (0.25, 0.5)], **common
-    )
-    one = linear_oscillator(damping=[FractionalDamping(order=0.7, coefficient=0.75)], **common)
+    two = spring(*((0.7, c) for c in (0.25, 0.5)), **common)
+    one = spring((0.7, 0.75), **common)
     a, b = integrate(two, method, 40), integrate(one, method, 40)
     assert np.abs(a.position - b.position).max() < 1e-14
     assert a.history_operations == b.history_operations > 0

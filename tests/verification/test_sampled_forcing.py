@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from letters import spring
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -21,7 +22,6 @@ from fvi_cli.integrator.expansions.interpolation_limit import (
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.planning.expected_order import expected_order
-from fvi_cli.scenes.named import linear_oscillator
 
 BETWEEN, ON_GRID = 6, 8
 """Numbers of intervals between samples on [0, 3]."""
@@ -33,10 +33,8 @@ def shaken(interpolation: Interpolation, intervals: int, order: float | None) ->
     time = np.linspace(0.0, 3.0, intervals + 1)
     force = SampledForce.through(time, values, interpolation, source="a of quake.csv")
     damping = [] if order is None else [FractionalDamping(order=order, coefficient=1.0)]
-    return linear_oscillator(
-        final_time=3.0,
-        damping=damping,
-        forcing=Forcing(pieces=(ForcingPiece(components=(force,)),)),
+    return spring(
+        T=3.0, damping=damping, forcing=Forcing(pieces=(ForcingPiece(components=(force,)),))
     )
 
 
@@ -121,7 +119,7 @@ def test_the_reference_is_the_motion_between_corners():
 
 
 def test_without_samples_nothing_is_limited():
-    scene = linear_oscillator(final_time=3.0, forcing=Forcing.from_text("sin(t)"))
+    scene = spring(T=3.0, forcing="sin(t)")
     assert math.isinf(interpolation_limit(scene, 10))
     assert interpolation_remarks(scene, 10) == ()
     aligned = shaken("linear", ON_GRID, None)

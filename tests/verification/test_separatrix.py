@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from letters import swing
 
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method
-from fvi_cli.scenes.named import pendulum
 
 
 @pytest.mark.parametrize("n_steps", [512, 1024])
@@ -17,7 +17,7 @@ def test_newton_on_blocks_goes_on_to_round_off(n_steps):
     terms: 1.3e-11 to 1.4e-10, without a trend in the number of steps. Those that stop a digit
     earlier leave 8.6e-10.
     """
-    scene = pendulum(final_time=12.0, initial_position=0.0, initial_velocity=2.0)
+    scene = swing(T=12.0, x=0.0, v=2.0)
     method = Method(cq="gauss", degree=4)
     singly = mesh_of(np.linspace(0.0, 12.0, n_steps + 1))
     for steps, units in ((n_steps, 6), (singly, 1)):

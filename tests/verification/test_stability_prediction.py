@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from letters import spring
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
@@ -15,7 +16,6 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.determinant import independent_systems
 from fvi_cli.integrator.stability.prediction import predict_stability
-from fvi_cli.scenes.named import linear_oscillator
 
 FEWEST_STEPS = 2000
 
@@ -43,13 +43,13 @@ def random_case(random: np.random.Generator) -> tuple[Scene, Method]:
         )
         for _ in range(int(random.choice([1, 1, 2])))
     ]
-    scene = linear_oscillator(
-        final_time=float(FEWEST_STEPS),
-        mass=np.eye(dimension),
-        stiffness=random_matrix(random, dimension, 10 ** random.uniform(-2, 4)),
+    scene = spring(
+        T=float(FEWEST_STEPS),
+        m=np.eye(dimension),
+        k=random_matrix(random, dimension, 10 ** random.uniform(-2, 4)),
+        x=np.zeros(dimension),
+        v=np.zeros(dimension),
         damping=damping,
-        initial_position=np.zeros(dimension),
-        initial_velocity=np.zeros(dimension),
     )
     return scene, method
 
@@ -80,12 +80,12 @@ def extreme_case(random: np.random.Generator) -> tuple[Scene, Method, int]:
     n_steps = int(10 ** random.uniform(0, 7))
     order = random.choice([1e-3, 0.05, 0.5, 1 - 1e-9, 1.0, 1 + 1e-9, 1.5, 1.95, 1.999])
     coefficient = 10 ** random.uniform(-6, 6) * random.choice([1, 1, 1, -1])
-    scene = linear_oscillator(
-        final_time=float(n_steps),
-        stiffness=10 ** random.uniform(-8, 8) * random.choice([1, 1, 1, -1]),
-        damping=[FractionalDamping(order=float(order), coefficient=np.array([[coefficient]]))],
-        initial_position=0.0,
-        initial_velocity=0.0,
+    scene = spring(
+        (float(order), np.array([[coefficient]])),
+        T=float(n_steps),
+        k=10 ** random.uniform(-8, 8) * random.choice([1, 1, 1, -1]),
+        x=0.0,
+        v=0.0,
     )
     return scene, method, n_steps
 
@@ -161,13 +161,7 @@ def test_extreme_scenes_are_decided(count):
 def test_a_wrong_prediction_would_be_noticed():
     # the control: one order more in the prediction than in the run
     random = np.random.default_rng(3)
-    scene = linear_oscillator(
-        final_time=2000.0,
-        damping=[FractionalDamping(order=1.5, coefficient=np.array([[0.04]]))],
-        stiffness=0.1,
-        initial_position=0.0,
-        initial_velocity=0.0,
-    )
+    scene = spring((1.5, np.array([[0.04]])), T=2000.0, k=0.1, x=0.0, v=0.0)
     run_by, predicted_for = (Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in (5, 6))
     assert predict_stability(scene, run_by, 2000).verdict == "stable"
     assert predict_stability(scene, predicted_for, 2000).verdict == "unstable"

@@ -274,8 +274,7 @@ PROPERTIES = {
         {"seed": SEEDS, "d": DIMENSIONS, "index": INDICES, "n_steps": N_STEPS}, check_symplectic
     ),
     "time reversal": Property(
-        {"seed": SEEDS, "d": DIMENSIONS, "index": INDICES, "n_steps": N_STEPS},
-        check_reversal,
+        {"seed": SEEDS, "d": DIMENSIONS, "index": INDICES, "n_steps": N_STEPS}, check_reversal
     ),
     "units": Property(
         {

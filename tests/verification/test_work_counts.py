@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from letters import spring, swing
 
 import fvi_cli
 from fvi_cli.effects.damping import FractionalDamping
@@ -30,8 +31,6 @@ from fvi_cli.integrator.steps import linear_blocks, newton_blocks
 from fvi_cli.integrator.steps.step import StepSolver
 from fvi_cli.planning.plan import plan_run
 from fvi_cli.scenes.lagrangian import lagrangian_scene
-from fvi_cli.scenes.named import linear_oscillator, pendulum
-from fvi_cli.scenes.nonlinear import duffing
 
 NODES = Method(cq="bdf2", degree=1, sampling="nodes")
 POINTS = Method(cq="bdf4", degree=2, forcing_quadrature="exact")
@@ -64,17 +63,14 @@ def watch(monkeypatch, seen, owner, name):
 def oscillator(
     *orders: float, forcing: str | None = None, dimension: int = 1, coefficient: float = 0.3
 ) -> Scene:
-    return linear_oscillator(
-        final_time=6.0,
-        mass=np.eye(dimension),
-        stiffness=np.diag(np.linspace(1.0, 2.0, dimension)),
-        damping=[
-            FractionalDamping(order=order, coefficient=coefficient * np.eye(dimension))
-            for order in orders
-        ],
+    return spring(
+        *((order, coefficient * np.eye(dimension)) for order in orders),
+        T=6.0,
+        m=np.eye(dimension),
+        k=np.diag(np.linspace(1.0, 2.0, dimension)),
+        x=np.ones(dimension),
+        v=np.zeros(dimension),
         forcing=None if forcing is None else Forcing.from_text(*[forcing] * dimension),
-        initial_position=np.ones(dimension),
-        initial_velocity=np.zeros(dimension),
     )
 
 
@@ -140,16 +136,14 @@ def test_scalar_terms_together_cost_as_much_as_one(method):
     assert works[0] <= works[1] <= works[0] * 1.1
     assert plan_run(two, method, 1000).n_sequences == 1
     # the control: matrices of different directions have a sequence each
-    apart = linear_oscillator(
-        final_time=6.0,
-        mass=np.eye(2),
-        stiffness=np.eye(2),
-        damping=[
-            FractionalDamping(order=0.5, coefficient=np.diag([1.0, 0.5])),
-            FractionalDamping(order=1.5, coefficient=np.diag([0.5, 1.0])),
-        ],
-        initial_position=np.ones(2),
-        initial_velocity=np.zeros(2),
+    apart = spring(
+        (0.5, np.diag([1.0, 0.5])),
+        (1.5, np.diag([0.5, 1.0])),
+        T=6.0,
+        m=np.eye(2),
+        k=np.eye(2),
+        x=np.ones(2),
+        v=np.zeros(2),
     )
     assert plan_run(apart, method, 1000).n_sequences == 2
     assert integrate(apart, method, 300).history_operations > (
@@ -194,22 +188,6 @@ class TestQuadraticPotential:
             assert len(calls) <= 2
         assert trajectory.newton.iterations == 0
 
-    def test_it_is_the_scene_of_matrices(self):
-        by_matrices = linear_oscillator(
-            final_time=6.0,
-            mass=np.eye(2),
-            stiffness=np.array([[3.0, -2.0], [-2.0, 2.0]]),
-            damping=[FractionalDamping(order=0.5, coefficient=0.3 * np.eye(2))],
-            initial_position=np.array([1.0, 0.5]),
-            initial_velocity=np.zeros(2),
-        )
-        found = integrate(quadratic(self.FORMULA), GAUSS, 100).position
-        np.testing.assert_allclose(found, integrate(by_matrices, GAUSS, 100).position, rtol=1e-13)
-
-    def test_a_named_scene_without_its_nonlinear_part_is_one(self):
-        assert duffing(final_time=1.0, cubic_stiffness=0.0).is_linear
-        assert not duffing(final_time=1.0, cubic_stiffness=1e-3).is_linear
-
     def test_another_potential_is_evaluated(self, monkeypatch):
         scene = quadratic(f"{self.FORMULA} - x**4")
         assert isinstance(scene.potential, ExpressionPotential)
@@ -242,11 +220,7 @@ def test_without_forcing_there_are_no_load_vectors(monkeypatch, dimension, n_ste
 
 
 def test_a_smooth_start_is_not_graded():
-    rest = linear_oscillator(
-        final_time=6.0,
-        damping=[FractionalDamping(order=1.0, coefficient=0.3)],
-        initial_position=1.0,
-    )
+    rest = spring((1.0, 0.3), T=6.0, x=1.0)
     assert "100 steps in all" in plan_run(rest, GAUSS, 100).start
     assert "100 steps in all" not in plan_run(oscillator(0.5), GAUSS, 100).start
 
@@ -267,11 +241,7 @@ def test_uncoupled_degrees_of_freedom_are_a_batch(monkeypatch):
 class TestNewton:
     def test_the_jacobian_is_exact(self):
         """Residuals fall quadratically, which they do with no other matrix."""
-        scene = pendulum(
-            final_time=6.0,
-            damping=[FractionalDamping(order=0.5, coefficient=0.3)],
-            initial_position=2.0,
-        )
+        scene = swing((0.5, 0.3), T=6.0, x=2.0)
         direct = Method(cq="gauss", degree=2)
         residuals = integrate(scene, direct, 6).newton.worst_residuals
         large = [r for r in residuals if r > 1e-12]
@@ -283,11 +253,7 @@ class TestNewton:
     def test_matrices_are_made_a_few_times_and_not_for_every_step(self, monkeypatch, method):
         made = []
         watch(monkeypatch, made, newton_blocks, "block_response")
-        scene = pendulum(
-            final_time=6.0,
-            damping=[FractionalDamping(order=0.5, coefficient=0.3)],
-            initial_position=1.0,
-        )
+        scene = swing((0.5, 0.3), T=6.0, x=1.0)
         trajectory = integrate(scene, method, 4096)
         assert 1 <= len(made) <= 8
         assert trajectory.newton.iterations < 4096

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from letters import spring, swing
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -15,7 +16,6 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 
 Array = np.ndarray
 ASKED = Asked(energy_balance=True)
@@ -66,13 +66,8 @@ def drawn(seed: int) -> Drawn:
     stiffness = float(10 ** rng.uniform(-2, 8))
     velocity = float(rng.normal()) if order < 1 else 0.0
     kind = ("uniform", "random", "alternating")[seed % 3]
-    scene = linear_oscillator(
-        final_time=float(10 ** rng.uniform(-1, 2)),
-        stiffness=stiffness,
-        damping=[FractionalDamping(order=order, coefficient=float(10 ** rng.uniform(-3, 4)))],
-        initial_position=1.0,
-        initial_velocity=velocity,
-    )
+    final_time, coefficient = float(10 ** rng.uniform(-1, 2)), float(10 ** rng.uniform(-3, 4))
+    scene = spring((order, coefficient), T=final_time, k=stiffness, x=1.0, v=velocity)
     return Drawn(
         scene=scene,
         times=mesh_times(rng, kind, scene.final_time, int(rng.integers(20, 120))),
@@ -117,12 +112,7 @@ def test_negative_damping_raises_it():
 
 def test_the_mechanical_energy_alone_rises():
     """What is stored comes back: without it the law would not hold."""
-    scene = linear_oscillator(
-        final_time=20.0,
-        stiffness=2.0,
-        damping=[FractionalDamping(order=0.3, coefficient=2.0)],
-        initial_position=1.0,
-    )
+    scene = spring((0.3, 2.0), T=20.0, k=2.0, x=1.0)
     found = integrate(scene, Method(cq="gauss", degree=3), 200, diagnostics=ASKED)
     assert rise(found.energy) > 1e-4
     assert rise(extended(found)) < 1e-14
@@ -137,16 +127,13 @@ def test_several_terms_and_degrees_of_freedom(orders, kind):
     for _ in range(len(orders) + 2):
         random = rng.normal(size=(3, 3))
         matrices.append(random @ random.T + 0.2 * np.eye(3))
-    scene = linear_oscillator(
-        mass=matrices[-1],
-        stiffness=matrices[-2],
-        final_time=12.0,
-        damping=[
-            FractionalDamping(order=order, coefficient=matrix)
-            for order, matrix in zip(orders, matrices, strict=False)
-        ],
-        initial_position=[1.0, -0.5, 0.3],
-        initial_velocity=[0.4, 0.0, -1.0] if max(orders) <= 1 else 0.0,
+    scene = spring(
+        *((order, matrix) for order, matrix in zip(orders, matrices, strict=False)),
+        T=12.0,
+        m=matrices[-1],
+        k=matrices[-2],
+        x=[1.0, -0.5, 0.3],
+        v=[0.4, 0.0, -1.0] if max(orders) <= 1 else 0.0,
     )
     mesh = mesh_of(mesh_times(rng, kind, 12.0, 90))
     found = integrate(scene, Method(cq="gauss", degree=2), mesh, diagnostics=ASKED)
@@ -157,20 +144,16 @@ def test_several_terms_and_degrees_of_freedom(orders, kind):
 
 @spread(order=[0.4, 1.6], forced=[False, True])
 def test_the_balance_of_works_is_exact_for_quadratic_potentials(order, forced):
-    scene = linear_oscillator(
-        final_time=10.0,
-        stiffness=3.0,
-        damping=[FractionalDamping(order=order, coefficient=0.7)],
-        initial_position=1.0,
-        initial_velocity=0.5,
+    scene = spring(
+        (order, 0.7),
+        T=10.0,
+        k=3.0,
+        x=1.0,
+        v=0.5,
         forcing=Forcing.from_text("cos(2*t)") if forced else None,
     )
     rng = np.random.default_rng(1)
-    for steps in (
-        100,
-        mesh_of(mesh_times(rng, "random", 10.0, 60)),
-        AdaptiveSteps(tolerance=1e-6),
-    ):
+    for steps in (100, mesh_of(mesh_times(rng, "random", 10.0, 60)), AdaptiveSteps(tolerance=1e-6)):
         found = integrate(scene, Method(cq="gauss", degree=4), steps, diagnostics=ASKED)
         assert np.abs(found.diagnostics.energy_defect).max() < 1e-11
         assert np.abs(found.diagnostics.dissipated_work).max() > 0.1
@@ -180,11 +163,7 @@ def test_the_balance_of_works_is_exact_for_quadratic_potentials(order, forced):
 
 
 def test_the_balance_of_a_pendulum_falls_with_the_order():
-    scene = pendulum(
-        final_time=10.0,
-        damping=[FractionalDamping(order=0.5, coefficient=0.4)],
-        initial_position=1.5,
-    )
+    scene = swing((0.5, 0.4), T=10.0, x=1.5)
     numbers, defects = (40, 56, 80, 112), []
     for n in numbers:
         method = Method(cq="gauss", degree=2, start="graded")

@@ -94,11 +94,7 @@ def test_rates_that_end_too_early_are_seen():
     steps = meshes(6)["random"]
     exact = mesh_power(steps, 2, -0.5)
     kernel = kernel_for((-0.5,), steps, 2)
-    short = replace(
-        kernel,
-        rates=kernel.rates[:-12].copy(),
-        weights=kernel.weights[:, :-12].copy(),
-    )
+    short = replace(kernel, rates=kernel.rates[:-12].copy(), weights=kernel.weights[:, :-12].copy())
     assert block_error(dense(gauss_operator(2), kernel, steps)[0], exact, 2) < 1e-12
     assert block_error(dense(gauss_operator(2), short, steps)[0], exact, 2) > 1e-9
 
@@ -209,12 +205,7 @@ def test_the_work_of_damping_is_stored_or_dissipated(kind, theta):
 def test_few_rates_are_enough(ratio, steps, accuracy, most):
     for theta in (-0.98, -0.02, 0.5, 0.98):
         kernel = power_kernel(
-            (theta,),
-            shortest_step=1.0,
-            final_time=ratio,
-            stages=8,
-            steps=steps,
-            accuracy=accuracy,
+            (theta,), shortest_step=1.0, final_time=ratio, stages=8, steps=steps, accuracy=accuracy
         )
         assert kernel.n_states <= most
 

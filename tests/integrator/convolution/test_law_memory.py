@@ -5,6 +5,7 @@ from functools import cache
 import mpmath as mp
 import numpy as np
 import pytest
+from letters import spring, swing
 from mesh_powers import Array, gauss_operator, mesh_function, meshes
 from spread import spread
 
@@ -27,7 +28,6 @@ from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.plan import plan_run
 from fvi_cli.scenes.lagrangian import lagrangian_scene
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 
 
 def cole_cole(s: mp.mpc, order: float, time: float) -> mp.mpc:
@@ -132,30 +132,27 @@ LAWS = (
     tempered(order=0.4, rate=0.7, coefficient=0.5),
 )
 MATRIX = np.array([[1.0, -1.0], [-1.0, 1.0]])
+ZENER = fractional_zener(order=0.6, time=0.4, relaxed=1.0, unrelaxed=4.0, coefficient=MATRIX)
 SCENES = {
-    "pendulum": pendulum(initial_position=1.0, initial_velocity=0.3, final_time=8.0, laws=LAWS),
+    "pendulum": swing(T=8.0, x=1.0, v=0.3, laws=LAWS),
     "general": lagrangian_scene(
         coordinates=("x", "y"),
         lagrangian="(1 + x**2/4)*vx**2/2 + vy**2/2 - x**2 - y**2/2",
         initial_position=[1.0, 0.0],
         initial_velocity=[0.0, 0.5],
         final_time=6.0,
-        laws=(
-            fractional_zener(order=0.6, time=0.4, relaxed=1.0, unrelaxed=4.0, coefficient=MATRIX),
-        ),
+        laws=(ZENER,),
         damping=[FractionalDamping(order=0.5, coefficient=0.2 * np.eye(2))],
     ),
     # a column carries the start velocity for the derivative of order 3/2, and not for the law
-    "beside orders above 1": linear_oscillator(
-        stiffness=2.0 * np.eye(2),
-        mass=np.eye(2),
-        initial_position=[1.0, 0.5],
-        initial_velocity=[0.3, 0.0],
-        final_time=10.0,
-        damping=[FractionalDamping(order=1.5, coefficient=0.3 * np.eye(2))],
-        laws=(
-            fractional_zener(order=0.6, time=0.4, relaxed=1.0, unrelaxed=4.0, coefficient=MATRIX),
-        ),
+    "beside orders above 1": spring(
+        (1.5, 0.3 * np.eye(2)),
+        T=10.0,
+        m=np.eye(2),
+        k=2.0 * np.eye(2),
+        x=[1.0, 0.5],
+        v=[0.3, 0.0],
+        laws=(ZENER,),
     ),
 }
 
@@ -211,7 +208,7 @@ def test_the_plan_counts_what_a_run_with_laws_does():
     ("laws", "verdict"), [(LAWS, "stable"), ((fractional_zener_along(-1.0),), "unknown")]
 )
 def test_passive_laws_are_stable_and_others_are_not_known(laws, verdict):
-    scene = linear_oscillator(stiffness=9.0, initial_position=1.0, final_time=4.0, laws=laws)
+    scene = spring(T=4.0, k=9.0, x=1.0, laws=laws)
     prediction = predict_stability(scene, Method(cq="gauss", degree=3, start="graded"), 8)
     assert prediction.verdict == verdict
 

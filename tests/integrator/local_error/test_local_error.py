@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from letters import spring, swing
 
-from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.local_error.forces import SceneForces
@@ -15,7 +14,6 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.lagrangian import lagrangian_scene
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 
 
 def run(scene: Scene, tolerance: float, m: int = 6) -> Trajectory:
@@ -74,7 +72,7 @@ def test_a_narrow_wall_is_met(width):
 
 def test_a_narrow_pulse_is_met():
     def forced(text: str) -> Scene:
-        return linear_oscillator(final_time=20.0, forcing=Forcing.from_text(text))
+        return spring(T=20.0, forcing=text)
 
     found = run(forced("20*exp(-((t - 10)/7e-4)**2)"), 1e-7)
     push = 20.0 * 7e-4 * math.sqrt(math.pi)
@@ -85,11 +83,7 @@ def test_a_narrow_pulse_is_met():
 
 def test_no_more_steps_on_smooth_scenes():
     """Steps that the Legendre tail alone took."""
-    scene = pendulum(
-        final_time=20.0,
-        damping=[FractionalDamping(order=0.5, coefficient=np.array([[0.3]]))],
-        initial_position=1.0,
-    )
+    scene = swing((0.5, np.array([[0.3]])), T=20.0, x=1.0)
     assert [run(scene, tol).n_steps for tol in (1e-4, 1e-6, 1e-8)] <= [25, 41, 68]
 
 
@@ -101,8 +95,8 @@ def test_what_may_hide_something():
     assert not hides("1 - cos(x)")
     assert hides("exp(-x**2)")
     assert hides("1/x")
-    assert not SceneForces(linear_oscillator(final_time=1.0)).may_hide
-    assert SceneForces(linear_oscillator(final_time=1.0)).is_absent
+    assert not SceneForces(spring(T=1.0)).may_hide
+    assert SceneForces(spring(T=1.0)).is_absent
 
 
 def test_general_lagrangians_are_looked_at():

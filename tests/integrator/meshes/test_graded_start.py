@@ -5,20 +5,15 @@ import math
 
 import numpy as np
 import pytest
+from letters import spring
 from spread import spread
 from test_mesh import fresh, points
 
-from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
-from fvi_cli.integrator.meshes.graded_start import (
-    WINDOW_MOST,
-    WINDOW_SHARE,
-    graded_start_mesh,
-)
+from fvi_cli.integrator.meshes.graded_start import WINDOW_MOST, WINDOW_SHARE, graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import ForcingQuadrature
-from fvi_cli.scenes.named import linear_oscillator
 
 Array = np.ndarray
 
@@ -105,13 +100,7 @@ def test_the_steps_added_are_few(n_steps):
 
 
 def oscillator(order: float, *, position: float, velocity: float, **more):
-    return linear_oscillator(
-        final_time=1.0,
-        damping=[FractionalDamping(order=order, coefficient=1.0)],
-        initial_position=position,
-        initial_velocity=velocity,
-        **more,
-    )
+    return spring((order, 1.0), T=1.0, x=position, v=velocity, **more)
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from letters import spring
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
@@ -29,7 +30,7 @@ def scene(**changes: object) -> fvi.Scene:
         "final_time": 5.0,
         **changes,
     }
-    return fvi.linear_oscillator(**given)
+    return spring(**given)
 
 
 @pytest.fixture(scope="module")
@@ -64,10 +65,7 @@ def test_a_damper_that_is_not_there_has_no_work():
         fvi.integrate(scene(), "gauss2", 8, quantities={"w": "work_4"})
     with pytest.raises(ValueError, match=r"work_1: the power of a Riemann-Liouville"):
         fvi.integrate(
-            scene(derivative="riemann-liouville", laws=()),
-            "gauss2",
-            8,
-            quantities={"w": "work_1"},
+            scene(derivative="riemann-liouville", laws=()), "gauss2", 8, quantities={"w": "work_1"}
         )
     text = (
         "name: a\nproblem: {kind: pendulum, damping: [{order: 0.5, coefficient: 1}], final_time: 1}"

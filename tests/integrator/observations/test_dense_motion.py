@@ -3,6 +3,7 @@
 import mpmath
 import numpy as np
 import pytest
+from letters import spring, swing
 from numpy.typing import NDArray
 
 import fvi_cli as fvi
@@ -85,12 +86,7 @@ def _run_at(times: Array) -> Array:
 
 @pytest.mark.parametrize("order", [0.3, 1.0, 1.6])
 def test_velocity_acceleration_and_damping_force_of_a_pendulum(order):
-    scene = fvi.pendulum(
-        final_time=4.0,
-        damping=[fvi.FractionalDamping(order=order, coefficient=0.4)],
-        initial_position=1.5,
-        initial_velocity=0.3,
-    )
+    scene = swing((order, 0.4), T=4.0, x=1.5, v=0.3)
     asked = {"v": "vx", "a": "ax", "d": "dx", "balance": "ax + sin(x) - dx"}
     coarse = _run(scene, "gauss4", 64, quantities=asked)
     fine = _run(scene, "gauss6", 160, quantities=asked)
@@ -101,14 +97,7 @@ def test_velocity_acceleration_and_damping_force_of_a_pendulum(order):
 
 
 def test_damping_force_of_order_one_and_of_a_known_motion():
-    linear = fvi.linear_oscillator(
-        mass=1.0,
-        stiffness=2.0,
-        damping=[fvi.FractionalDamping(order=1.0, coefficient=0.7)],
-        initial_position=1.0,
-        initial_velocity=-0.5,
-        final_time=4.0,
-    )
+    linear = spring((1.0, 0.7), T=4.0, m=1.0, k=2.0, x=1.0, v=-0.5)
     run = fvi.integrate(linear, "gauss4", 40, quantities={"d": "dx", "v": "vx"})
     force, velocity = run.observed.quantities["d"], run.observed.quantities["v"]
     assert np.abs(force + 0.7 * velocity).max() < 1e-9
@@ -145,14 +134,7 @@ def test_acceleration_with_a_mass_matrix_that_depends_on_the_position():
 
 
 def test_a_force_that_is_infinite_at_the_start_has_no_value_there():
-    scene = fvi.linear_oscillator(
-        mass=1.0,
-        stiffness=1.0,
-        damping=[fvi.FractionalDamping(order=0.5, coefficient=0.3)],
-        derivative="riemann-liouville",
-        initial_position=1.0,
-        final_time=4.0,
-    )
+    scene = spring((0.5, 0.3), T=4.0, m=1.0, k=1.0, x=1.0, derivative="riemann-liouville")
     run = fvi.integrate(scene, "gauss4", 40, quantities={"d": "dx"})
     force = run.observed.quantities["d"]
     assert np.isnan(force[0])

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from letters import spring
 
 import fvi_cli as fvi
 from fvi_cli.integrator.observations.observe import event_places
 from fvi_cli.integrator.observations.pieces import bracketed_roots
 
-SCENE = fvi.linear_oscillator(mass=1.0, stiffness=1.0, initial_position=1.0, final_time=20.0)
+SCENE = spring(T=20.0, m=1.0, k=1.0, x=1.0)
 """x = cos(t)."""
 
 

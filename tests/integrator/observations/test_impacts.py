@@ -5,6 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from letters import spring
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import rgamma
@@ -61,14 +62,7 @@ class Oracle:
 
 
 def _ball(final_time: float) -> fvi.Scene:
-    return fvi.linear_oscillator(
-        mass=1.0,
-        stiffness=0.0,
-        damping=[fvi.FractionalDamping(order=ORDER, coefficient=COEFFICIENT)],
-        forcing=fvi.Forcing.from_text(f"-{GRAVITY}"),
-        initial_position=HEIGHT,
-        final_time=final_time,
-    )
+    return spring((ORDER, COEFFICIENT), T=final_time, m=1.0, k=0.0, x=HEIGHT, forcing=f"-{GRAVITY}")
 
 
 def test_twenty_impacts_on_a_moving_table():
@@ -109,13 +103,7 @@ def test_the_memory_is_what_makes_the_difference():
 
 @pytest.mark.parametrize("restitution", [0.5, 0.8])
 def test_endless_rebounds_end_in_rest(restitution):
-    scene = fvi.linear_oscillator(
-        mass=2.0,
-        stiffness=0.0,
-        forcing=fvi.Forcing.from_text("-4"),
-        initial_position=1.0,
-        final_time=30.0,
-    )
+    scene = spring(T=30.0, m=2.0, k=0.0, x=1.0, forcing="-4")
     run = fvi.integrate(
         scene, "gauss4", 60, impacts={"floor": {"when": "x", "restitution": restitution}}
     )

@@ -2,18 +2,14 @@
 
 import numpy as np
 import pytest
+from letters import spring
 
 import fvi_cli as fvi
 
 
 @pytest.fixture(scope="module")
 def run() -> fvi.Trajectory:
-    scene = fvi.linear_oscillator(
-        mass=np.eye(2),
-        stiffness=np.array([[2.0, -1.0], [-1.0, 2.0]]),
-        initial_position=[1.0, 0.0],
-        final_time=3.0,
-    )
+    scene = spring(T=3.0, m=np.eye(2), k=np.array([[2.0, -1.0], [-1.0, 2.0]]), x=[1.0, 0.0])
     return fvi.integrate(scene, "gauss2-graded", 30, quantities={"drift": "x2 - x1"})
 
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from letters import in_pieces, spring, swing
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.diagnostics_request import Asked
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
@@ -22,7 +22,6 @@ from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.run.parts import Part, integrate_part
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.lagrangian import lagrangian_scene
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 from fvi_cli.scenes.nonlinear import duffing
 
 GAUSS2 = Method(cq="gauss", degree=2)
@@ -43,29 +42,13 @@ def damping(*orders: float, size: int = 1) -> list[FractionalDamping]:
 
 
 def oscillator(*orders: float, forcing: Forcing | None = None, **more) -> Scene:
-    return linear_oscillator(
-        final_time=8.0,
-        damping=damping(*orders),
-        stiffness=2.0,
-        initial_position=1.0,
-        initial_velocity=0.5,
-        forcing=forcing,
-        **more,
-    )
+    return spring(T=8.0, k=2.0, x=1.0, v=0.5, damping=damping(*orders), forcing=forcing, **more)
 
 
 def broken_force() -> Forcing:
     """Breaks on the grid of N steps, one of them inside the second chunk."""
-    first, second = (
-        Forcing.from_text(text).pieces[0].components for text in ("cos(t) + sqrt(t)", "3")
-    )
-    return Forcing(
-        pieces=(
-            ForcingPiece(components=first, until=8.0 * 375 / N),
-            ForcingPiece(components=second, until=8.0 * 625 / N),
-            ForcingPiece(components=first),
-        )
-    )
+    first, ends = "cos(t) + sqrt(t)", (8.0 * 375 / N, 8.0 * 625 / N)
+    return in_pieces(first, ends[0], "3", ends[1], first)
 
 
 def coupled(*, diagonal: bool) -> Scene:
@@ -92,7 +75,7 @@ SCENES = {
     "coupled": coupled(diagonal=False),
     "modes": coupled(diagonal=True),
     "undamped": oscillator(),
-    "pendulum": pendulum(final_time=11.25, damping=damping(0.5), initial_position=2.9),
+    "pendulum": swing(T=11.25, x=2.9, damping=damping(0.5)),
     "general": lagrangian_scene(
         coordinates=("x",),
         lagrangian="vx**2*(1 + x*x)/2 - x**2/2",
@@ -136,34 +119,6 @@ def test_an_interrupted_run_goes_on_bit_for_bit(name, start):
         assert len(parts) == len(stops) + 1
         for field in FIELDS:
             assert np.array_equal(joined(parts, field), getattr(whole, field)), (stops, field)
-
-
-@spread(name=["forced", "pendulum"], every=[7, 64, 10_000])
-@pytest.mark.usefixtures("short_chunks")
-def test_thinned_parts(name, every):
-    scene, n_steps = SCENES[name], N
-    whole = integrate(scene, GRADED, n_steps)
-    parts = in_parts(scene, GRADED, n_steps, [250, 750], every=every)
-    kept = sorted({*range(0, n_steps + 1, every), n_steps})
-    thin = integrate(scene, GRADED, n_steps, every=every)
-    assert thin.every == every
-    for field in FIELDS:
-        assert np.array_equal(joined(parts, field), getattr(whole, field)[kept])
-        assert np.array_equal(getattr(thin, field), getattr(whole, field)[kept])
-
-
-@pytest.mark.parametrize("name", sorted(SCENES))
-def test_whoever_looks_on_changes_nothing(name):
-    scene, n_steps = SCENES[name], 225
-    for method in (GAUSS2, GRADED, Method(cq="lobatto-iiic", degree=2)):
-        plain = integrate(scene, method, n_steps)
-        asked = Asked(energy_balance=True)
-        for watched in (
-            integrate(scene, method, n_steps, diagnostics=asked),
-            integrate(scene, method, n_steps, with_steps=True),
-        ):
-            for field in FIELDS:
-                assert np.array_equal(getattr(watched, field), getattr(plain, field))
 
 
 @pytest.mark.parametrize("field", ["states", "position", "momentum", "position_lost"])
@@ -218,9 +173,7 @@ def test_bytes_that_hold_no_checkpoint_are_refused(spoil):
 @pytest.mark.usefixtures("short_chunks")
 def test_wild_motion_goes_on_bit_for_bit():
     """Blocks that do not contract, single steps and new linear responses lie where they lay."""
-    scene = pendulum(
-        final_time=225.0, damping=damping(0.5), initial_position=2.9, initial_velocity=2.0
-    )
+    scene = swing(T=225.0, x=2.9, v=2.0, damping=damping(0.5))
     for method in (GAUSS2, GRADED):
         whole = integrate(scene, method, N)
         assert whole.newton.largest > 4
@@ -250,11 +203,7 @@ def test_memory_does_not_grow_with_the_number_of_steps():
 def test_the_floor_does_not_grow(order, degree):
     """x = t^4, whose damping force is a power, with many steps."""
     factor = math.gamma(5.0) / math.gamma(5.0 - order)
-    scene = linear_oscillator(
-        final_time=1.0,
-        damping=[FractionalDamping(order=order, coefficient=1.0)],
-        forcing=Forcing.from_text(f"12*t**2 + {factor!r}*t**{4.0 - order!r} + t**4"),
-    )
+    scene = spring((order, 1.0), T=1.0, forcing=f"12*t**2 + {factor!r}*t**{4.0 - order!r} + t**4")
     found = integrate(scene, Method(cq="gauss", degree=degree), 2**16, every=64)
     assert np.abs(found.position[:, 0] - found.time**4).max() < 1e-12
 
@@ -264,11 +213,7 @@ def test_odd_stages_near_order_two(degree):
     """The start of x = t^4 with gamma = 1.98; weights of odd stages once lost six digits here."""
     order = 1.98
     factor = math.gamma(5.0) / math.gamma(5.0 - order)
-    scene = linear_oscillator(
-        final_time=1.0,
-        damping=[FractionalDamping(order=order, coefficient=1.0)],
-        forcing=Forcing.from_text(f"12*t**2 + {factor!r}*t**{4.0 - order!r} + t**4"),
-    )
+    scene = spring((order, 1.0), T=1.0, forcing=f"12*t**2 + {factor!r}*t**{4.0 - order!r} + t**4")
     found = integrate(scene, Method(cq="gauss", degree=degree), 2**16, every=64)
     limit = 1e-8 if degree == 1 else 1e-10
     assert np.abs(found.position[:, 0] - found.time**4).max() < limit
@@ -302,9 +247,7 @@ def test_a_run_that_leaves_its_bound_stops(n_steps):
 
 
 def test_a_linear_run_that_leaves_its_bound_stops():
-    scene = linear_oscillator(
-        final_time=500.0, damping=damping(1.9), stiffness=1e6, initial_position=1.0
-    )
+    scene = spring(T=500.0, k=1e6, x=1.0, damping=damping(1.9))
     found, usual = same_end(scene, Method(cq="lobatto-iiic", degree=2), 9000)
     assert found.status == usual.status
     assert abs(found.time.size - usual.time.size) <= 1
@@ -312,7 +255,7 @@ def test_a_linear_run_that_leaves_its_bound_stops():
 
 
 def test_growth_beyond_all_numbers_is_told():
-    scene = linear_oscillator(final_time=100.0, damping=[], stiffness=-1000.0, initial_position=1.0)
+    scene = spring(T=100.0, k=-1000.0, x=1.0)
     found = integrate(scene, GAUSS2, 2000)
     assert found.status == "diverged"
     assert "not finite after step" in found.message
@@ -321,7 +264,7 @@ def test_growth_beyond_all_numbers_is_told():
 
 def test_nonlinear_blocks_take_few_iterations():
     """Counted: blocks of steps share their iterations."""
-    scene = pendulum(final_time=20.0, damping=damping(0.5), initial_position=1.0)
+    scene = swing(T=20.0, x=1.0, damping=damping(0.5))
     by_block = integrate(scene, GAUSS2, 2048).newton.iterations
     times = 20.0 / 2048 * np.arange(2049)
     one_by_one = integrate(scene, GAUSS2, mesh_of(times)).newton.iterations

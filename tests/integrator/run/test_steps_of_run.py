@@ -2,23 +2,16 @@
 
 import numpy as np
 import pytest
+from letters import spring, swing
 
-from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import graded_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.scenes.linear_response import match_scene
-from fvi_cli.scenes.named import linear_oscillator, pendulum
 
-SCENE = linear_oscillator(
-    final_time=8.0,
-    stiffness=2.0,
-    damping=[FractionalDamping(order=0.5, coefficient=0.7)],
-    initial_position=1.0,
-    initial_velocity=0.5,
-)
+SCENE = spring((0.5, 0.7), T=8.0, k=2.0, x=1.0, v=0.5)
 STEPS = {
     "equal": 64,
     "graded": graded_mesh(8.0, 64, 3.0),
@@ -64,7 +57,7 @@ def test_between_the_points_a_polynomial_of_degree_m_is_of_order_m_plus_1(m):
 
 @pytest.mark.parametrize("cq", ["gauss", "radau-iia", "lobatto-iiic"])
 def test_it_is_continuous_and_passes_through_the_points(cq):
-    for scene in (SCENE, pendulum(final_time=8.0, damping=SCENE.damping, initial_position=1.0)):
+    for scene in (SCENE, swing(T=8.0, x=1.0, damping=SCENE.damping)):
         found = integrate(scene, Method(cq=cq, degree=3), 100, with_steps=True)
         steps = found.steps
         assert np.abs(steps(steps.time) - steps.position).max() < 1e-13

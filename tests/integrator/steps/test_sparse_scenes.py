@@ -89,11 +89,7 @@ def test_so_it_is_in_adaptive_steps():
 def test_states_stand_on_directions_and_not_on_degrees_of_freedom():
     scene = row_of_masses(300, sparse=True, orders=(0.5,))
     setup = prepare_run(
-        scene,
-        GAUSS,
-        shortest_step=0.01,
-        n_steps=200,
-        bound=GrowthBound(size=np.inf, rate=0.0),
+        scene, GAUSS, shortest_step=0.01, n_steps=200, bound=GrowthBound(size=np.inf, rate=0.0)
     )
     assert setup.damping.initial_states().shape == (setup.n_states, 3)
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from letters import spring
 from typer.testing import CliRunner
 
 import fvi_cli as fvi
@@ -35,11 +36,8 @@ PARAMETERS = (
 def motion(times: Any, position: float = 1.0, **changed: float) -> Any:
     """x(t) of the oscillator of mass 1 by another route."""
     values = TRUE | changed
-    scene = fvi.linear_oscillator(
-        stiffness=values["stiffness"],
-        damping=[fvi.FractionalDamping(order=values["order"], coefficient=values["coefficient"])],
-        initial_position=position,
-        final_time=10.0,
+    scene = spring(
+        (values["order"], values["coefficient"]), T=10.0, k=values["stiffness"], x=position
     )
     from fvi_cli.scenes.linear_response import match_scene
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from letters import spring, swing
 
 import fvi_cli as fvi
 from benchmarks.talbot import talbot_inverse
@@ -21,7 +22,7 @@ def damping(order: float, coefficient: float) -> list[fvi.FractionalDamping]:
 
 
 def forced(text: str, **more) -> fvi.Scene:
-    return fvi.linear_oscillator(forcing=fvi.Forcing.from_text(text), **more)
+    return spring(forcing=text, **more)
 
 
 def one_coordinate(lagrangian: str, **more) -> fvi.Scene:
@@ -58,7 +59,7 @@ def check(run: fvi.Trajectory, position: Callable[[Array], Array], tolerance: fl
     assert run.error_estimate <= tolerance
 
 
-SEPARATRIX = fvi.pendulum(initial_velocity=2.0, final_time=12.0)
+SEPARATRIX = swing(T=12.0, v=2.0)
 
 
 def separatrix(times: Array) -> Array:
@@ -99,12 +100,7 @@ def test_walls(width):
 
 LINEAR = {
     "singular force": (forced("t**(-0.5)", damping=damping(0.5, 0.3), final_time=10.0), 1e-8),
-    "strong damping": (
-        fvi.linear_oscillator(
-            stiffness=1.0, damping=damping(1.9, 50.0), initial_position=1.0, final_time=5.0
-        ),
-        1e-8,
-    ),
+    "strong damping": (spring(T=5.0, k=1.0, x=1.0, damping=damping(1.9, 50.0)), 1e-8),
 }
 
 
@@ -158,12 +154,12 @@ def test_kepler():
 
 def test_units_do_not_matter():
     def heavy(unit: float) -> fvi.Scene:
-        return fvi.linear_oscillator(
-            mass=unit,
-            stiffness=2.0 * unit,
+        return spring(
+            T=8.0,
+            m=unit,
+            k=2.0 * unit,
             damping=damping(0.5, 0.7 * unit),
-            forcing=fvi.Forcing.from_text(f"{unit!r}*sin(t)"),
-            final_time=8.0,
+            forcing=f"{unit!r}*sin(t)",
         )
 
     small, large = (fvi.solve(heavy(unit), tolerance=1e-8) for unit in (1.0, 1e9))
@@ -171,14 +167,14 @@ def test_units_do_not_matter():
 
 
 def test_relative_tolerances():
-    scene = fvi.pendulum(initial_position=1e-3, damping=damping(0.5, 0.3), final_time=20.0)
+    scene = swing(T=20.0, x=1e-3, damping=damping(0.5, 0.3))
     run, finer = fvi.solve(scene, relative=1e-5), fvi.solve(scene, relative=1e-11)
     assert run.assessment.tolerance == pytest.approx(1e-8, rel=1e-6)
     check(run, finer, 1e-8)
 
 
 def test_what_never_moves():
-    scene = fvi.linear_oscillator(final_time=1.0)
+    scene = spring(T=1.0)
     assert fvi.solve(scene, tolerance=1e-9).outcome == "met"
     refused = fvi.solve(scene, relative=1e-9)
     assert refused.outcome == "refused"
@@ -187,7 +183,7 @@ def test_what_never_moves():
 
 @pytest.mark.parametrize("given", [{"tolerance": 1e-18}, {"relative": 1e-16}])
 def test_tolerances_below_the_floor_say_what_is_reached(given):
-    scene = fvi.linear_oscillator(damping=damping(0.5, 0.3), initial_position=1.0, final_time=5.0)
+    scene = spring(T=5.0, x=1.0, damping=damping(0.5, 0.3))
     run = fvi.solve(scene, **given)
     assert run.outcome == "refused"
     assert "out of reach: the best error reached is" in run.assessment.reason
@@ -214,11 +210,11 @@ def test_samples_are_points_of_the_mesh():
     knots = np.arange(0.0, 4.01, 0.5)
     values = np.where(np.arange(knots.size) % 2 == 0, 0.0, 1.0)
     sampled = fvi.SampledForce.through(knots, values, "linear")
-    scene = fvi.linear_oscillator(
-        stiffness=4.0,
+    scene = spring(
+        T=4.0,
+        k=4.0,
         damping=damping(0.5, 0.3),
         forcing=fvi.Forcing(pieces=(fvi.ForcingPiece(components=(sampled,)),)),
-        final_time=4.0,
     )
     run = fvi.solve(scene, relative=1e-7)
     assert set(knots.tolist()) <= set(run.time.tolist())
@@ -263,9 +259,7 @@ def test_kinks_that_no_formula_tells_of(tolerance):
     """A force that a program computes is run on an unrelated mesh as well."""
     force = FunctionForce(function=lambda t: np.abs(np.sin(t)))
     data = {"damping": damping(0.5, 0.3), "final_time": 10.0}
-    scene = fvi.linear_oscillator(
-        forcing=fvi.Forcing(pieces=(fvi.ForcingPiece(components=(force,)),)), **data
-    )
+    scene = spring(forcing=fvi.Forcing(pieces=(fvi.ForcingPiece(components=(force,)),)), **data)
     run, told = (
         fvi.solve(scene, tolerance=tolerance),
         fvi.solve(forced("abs(sin(t))", **data), tolerance=1e-10),

@@ -1,0 +1,37 @@
+"""The command line, called in this process."""
+
+from click.testing import Result
+from typer.testing import CliRunner
+
+from fvi_cli.cli.app import app
+
+MANY = """\
+name: many
+problem:
+  kind: damped-oscillator
+  damping: [{order: 0.5, coefficient: 0.3}]
+  initial: {position: 1.0}
+  final_time: 4.0
+"""
+"""The problem of a sweep."""
+
+
+def configuration(
+    problem: str,
+    *,
+    name: str = "made",
+    method: str = "{rk: gauss, degree: 2}",
+    steps: str = "8, 16",
+    more: str = "",
+) -> str:
+    """The text of a configuration, of what stands in the braces of its problem and so on."""
+    chosen = f"method: {method}\n" if method else ""
+    return f"name: {name}\nproblem: {{{problem}}}\n{chosen}ladder: {{steps: [{steps}]}}\n{more}"
+
+
+def fvi(*arguments: object, code: int | None = None) -> Result:
+    """What a command answers: never a traceback, and this exit code where one is given."""
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert "Traceback" not in result.output
+    assert code is None or result.exit_code == code, result.output
+    return result

@@ -1,0 +1,48 @@
+r"""Scenes by the letters of :math:`m x'' + \sum_j c_j D^{g_j} x + k x = f(t)`, up to t = T."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.scene import Scene
+from fvi_cli.scenes import named
+
+WORDS = {
+    "T": "final_time",
+    "m": "mass",
+    "k": "stiffness",
+    "x": "initial_position",
+    "v": "initial_velocity",
+}
+
+
+def spring(*damping: tuple[float, Any], **data: Any) -> Scene:
+    """An oscillator with terms of damping as pairs (g, c); `x`, `v` are those at the start."""
+    return named.linear_oscillator(**in_words(damping, data))
+
+
+def swing(*damping: tuple[float, Any], **data: Any) -> Scene:
+    """The same with omega^2 sin x in the place of k x."""
+    return named.pendulum(**in_words(damping, data))
+
+
+def in_pieces(*parts: str | float) -> Forcing:
+    """A force of texts and the times between them: 8 up to t = 1, then 0 is ("8", 1.0, "0")."""
+    ends = (*parts[1::2], math.inf)
+    return Forcing(
+        pieces=tuple(
+            replace(Forcing.from_text(text).pieces[0], until=end)
+            for text, end in zip(parts[::2], ends, strict=True)
+        )
+    )
+
+
+def in_words(damping: tuple[tuple[float, Any], ...], data: dict[str, Any]) -> dict[str, Any]:
+    """The data of a scene; a force may be a text."""
+    terms = [FractionalDamping(order=order, coefficient=value) for order, value in damping]
+    found = {"damping": terms, **{WORDS.get(key, key): value for key, value in data.items()}}
+    if isinstance(found.get("forcing"), str):
+        found["forcing"] = Forcing.from_text(found["forcing"])
+    return found
