@@ -12,7 +12,7 @@ from spread import spread
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.stability.determinant import (
-    linear_system,
+    matrix_pencil,
     number_of_unknowns,
     step_determinant,
 )
@@ -168,7 +168,7 @@ def test_true_growth_is_not_called_unstable(stiffness, damping, method):
     assert prediction.exact_growth == pytest.approx(largest * 0.01, rel=1e-9)
     assert prediction.growth_per_step == pytest.approx(largest * 0.01, rel=0.05)
     # the growth is that of the equation, so an equation of the opposite sign has none
-    system = linear_system(oscillator(30.0, stiffness=1.0, damping=((0.5, 0.3),)))
+    system = matrix_pencil(oscillator(30.0, stiffness=1.0, damping=((0.5, 0.3),)))
     assert exact_growth(system, 30.0, 0.01) == 0.0
 
 
@@ -284,7 +284,7 @@ def test_symbols_near_one_are_exact():
     # Gauss with two stages has a pole at z = 1: the power of the symbol against 60 digits
     z = 1.0 - 1e-7
     method, order = Method(cq="gauss", degree=2), 0.3
-    logarithm = step_determinant(linear_system(oscillator(damping=((order, 0.7),))), method, 0.5)(
+    logarithm = step_determinant(matrix_pencil(oscillator(damping=((order, 0.7),))), method, 0.5)(
         np.array([z], dtype=complex)
     )[0]
     with mpmath.workdps(60):
@@ -300,7 +300,7 @@ def test_symbols_near_one_are_exact():
         force = mpmath.mpf(0.7) * h ** (-order) * power * symbol + mpmath.eye(2)
         damped = mpmath.det(symbol * symbol / h**2 + force)
         free = mpmath.det(symbol * symbol / h**2 + mpmath.eye(2))
-    reference = step_determinant(linear_system(oscillator(damping=())), method, 0.5)(
+    reference = step_determinant(matrix_pencil(oscillator(damping=())), method, 0.5)(
         np.array([z], dtype=complex)
     )[0]
     ratio = complex(damped / free)
@@ -312,7 +312,7 @@ def test_many_coupled_modes_are_counted_as_one_by_one():
     random = np.random.default_rng(4)
     stiffness, mu = random.uniform(0.5, 4.0, 8), random.uniform(0.1, 3.0, 8)
     turn, _ = np.linalg.qr(random.standard_normal((8, 8)))
-    whole = linear_system(
+    whole = matrix_pencil(
         oscillator(
             1.0,
             mass=np.eye(8),

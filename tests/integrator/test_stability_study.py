@@ -14,7 +14,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.stability.determinant import (
-    LinearSystem,
+    MatrixPencil,
     number_of_unknowns,
     step_determinant,
 )
@@ -100,7 +100,7 @@ def test_a_map_says_what_the_determinants_say_one_by_one(method):
         found = stability_map(method, order, stiffness, damping)
         for row, mu in enumerate(damping):
             for column, k in enumerate(stiffness):
-                system = LinearSystem(
+                system = MatrixPencil(
                     mass=np.eye(1), stiffness=np.array([[k]]), damping=((order, np.array([[mu]])),)
                 )
                 determinant = step_determinant(system, method, 1.0)

@@ -27,7 +27,7 @@ LARGEST_FREQUENCY = 1e3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LinearSystem:
+class MatrixPencil:
     r"""A homogeneous linear scene :math:`M x'' + \sum_j D_j D^{\gamma_j} x + K x = 0`.
 
     Parameters
@@ -67,7 +67,7 @@ class LinearSystem:
 def is_dissipative(scene: Scene) -> bool:
     """Whether nothing can grow: stiffness and all damping matrices are positive semi-definite.
 
-    See :attr:`LinearSystem.is_dissipative`; nothing dense is made of sparse matrices.
+    See :attr:`MatrixPencil.is_dissipative`; nothing dense is made of sparse matrices.
     """
     forms = [term.form for term in scene.active_forces]
     if isinstance(scene.potential, QuadraticPotential):
@@ -75,7 +75,7 @@ def is_dissipative(scene: Scene) -> bool:
     return scene.is_linear and all(map(is_semidefinite, forms))
 
 
-def linear_system(scene: Scene) -> LinearSystem:
+def matrix_pencil(scene: Scene) -> MatrixPencil:
     """Matrices of a linear scene, damping terms of one order added up.
 
     Raises
@@ -92,16 +92,16 @@ def linear_system(scene: Scene) -> LinearSystem:
     sums: dict[float, Array] = {}
     for term in scene.active_damping:
         sums[term.order] = sums.get(term.order, np.zeros((d, d))) + term.coefficient
-    return LinearSystem(
+    return MatrixPencil(
         mass=scene.inertia.mass,
         stiffness=stiffness,
         damping=tuple((order, matrix) for order, matrix in sums.items() if np.any(matrix != 0)),
     )
 
 
-def independent_systems(scene: Scene) -> tuple[LinearSystem, ...]:
+def independent_systems(scene: Scene) -> tuple[MatrixPencil, ...]:
     """The linear systems into which the scene falls apart, each of them once; itself otherwise."""
-    whole = linear_system(scene)
+    whole = matrix_pencil(scene)
     if scene.dimension == 1:
         return (whole,)
     parts = decouple_forms(whole.mass, whole.stiffness, [matrix for _, matrix in whole.damping])
@@ -109,9 +109,9 @@ def independent_systems(scene: Scene) -> tuple[LinearSystem, ...]:
         return (whole,)
     mass, stiffness = parts.matrices(whole.mass), parts.matrices(whole.stiffness)
     damping = [(order, parts.matrices(matrix)) for order, matrix in whole.damping]
-    systems: dict[tuple[float, ...], LinearSystem] = {}
+    systems: dict[tuple[float, ...], MatrixPencil] = {}
     for index in range(parts.batch):
-        system = LinearSystem(
+        system = MatrixPencil(
             mass=mass[index],
             stiffness=stiffness[index],
             damping=tuple((order, matrices[index]) for order, matrices in damping),
@@ -122,12 +122,12 @@ def independent_systems(scene: Scene) -> tuple[LinearSystem, ...]:
     return tuple(systems.values())
 
 
-def number_of_unknowns(system: LinearSystem, method: AnyMethod) -> int:
+def number_of_unknowns(system: MatrixPencil, method: AnyMethod) -> int:
     """Rows of the determinant: position, momentum and the increments of a step."""
     return pattern_size(method) * int(system.mass.shape[0])
 
 
-def step_determinant(system: LinearSystem, method: AnyMethod, step_size: float) -> LogFunction:
+def step_determinant(system: MatrixPencil, method: AnyMethod, step_size: float) -> LogFunction:
     """Logarithm of the determinant of one step of `method`, as a function of arrays of z."""
     patterns = step_patterns(method, tuple(order for order, _ in system.damping))
     forms = dimensionless_forms(system, step_size)
@@ -138,7 +138,7 @@ def step_determinant(system: LinearSystem, method: AnyMethod, step_size: float) 
     return log_determinant
 
 
-def dimensionless_forms(system: LinearSystem, step_size: float) -> Array:
+def dimensionless_forms(system: MatrixPencil, step_size: float) -> Array:
     r"""The forms of the patterns: 1, M, :math:`h^2 K`, :math:`h^{2-\gamma_j} D_j`, by size of M.
 
     Shape ``(3 + number of orders, d, d)``.
@@ -186,7 +186,7 @@ class HalfPlane:
         c > 0, of the size of the largest zero.
     """
 
-    system: LinearSystem
+    system: MatrixPencil
     scale: float
 
     def log_determinant(self, zeta: ComplexArray) -> ComplexArray:
@@ -208,7 +208,7 @@ class HalfPlane:
         return (1.0 - ratio) / (1.0 + ratio)
 
 
-def half_plane(system: LinearSystem, step_size: float) -> HalfPlane:
+def half_plane(system: MatrixPencil, step_size: float) -> HalfPlane:
     """The half-plane on a scale at which no zero is larger than c, or no step of h can follow."""
     sizes = system.sizes
     high = math.log(LARGEST_FREQUENCY / step_size)

@@ -10,7 +10,7 @@ import numpy as np
 
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.stability.determinant import (
-    LinearSystem,
+    MatrixPencil,
     number_of_unknowns,
     step_determinant,
 )
@@ -51,7 +51,7 @@ class GrowingModes:
 
 
 def growing_modes(
-    systems: Sequence[LinearSystem], method: AnyMethod, step_size: float, n_steps: int
+    systems: Sequence[MatrixPencil], method: AnyMethod, step_size: float, n_steps: int
 ) -> GrowingModes:
     """The growing modes of independent systems in steps of `method`.
 
@@ -95,8 +95,8 @@ def _of_one(log_determinant: LogFunction, n_steps: int, degree: int) -> GrowingM
 
 
 def _growing_among_many(
-    systems: Sequence[LinearSystem], method: AnyMethod, step_size: float, n_steps: int
-) -> tuple[int, list[LinearSystem]]:
+    systems: Sequence[MatrixPencil], method: AnyMethod, step_size: float, n_steps: int
+) -> tuple[int, list[MatrixPencil]]:
     """Number of growing modes of scalar systems, and those systems that may have the worst."""
     family = modal_family(systems, method, step_size)
     degree = number_of_unknowns(systems[0], method)

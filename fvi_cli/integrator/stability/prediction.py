@@ -27,7 +27,7 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.integrator.stability.determinant import (
-    LinearSystem,
+    MatrixPencil,
     half_plane,
     independent_systems,
     is_dissipative,
@@ -170,7 +170,7 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
     )
 
 
-def _too_large(systems: tuple[LinearSystem, ...], method: AnyMethod) -> str:
+def _too_large(systems: tuple[MatrixPencil, ...], method: AnyMethod) -> str:
     """Why the determinants of these systems are not looked at; nothing if they are."""
     size = max(system.mass.shape[0] for system in systems)
     if size > LARGEST_DIMENSION:
@@ -228,7 +228,7 @@ def _factor(growth: float) -> str:
 
 
 def _has_spurious_mode(
-    system: LinearSystem, method: AnyMethod, step_size: float, final_time: float, limit: float
+    system: MatrixPencil, method: AnyMethod, step_size: float, final_time: float, limit: float
 ) -> bool:
     """Whether a mode that grows faster than `limit` per step is none of the exact scene."""
     log_determinant = step_determinant(system, method, step_size)
@@ -257,7 +257,7 @@ def _by_energy(scene: Scene, method: AnyMethod) -> StabilityPrediction:
     return StabilityPrediction(verdict="unknown", reason=reason)
 
 
-def exact_growth(system: LinearSystem, final_time: float, step_size: float) -> float:
+def exact_growth(system: MatrixPencil, final_time: float, step_size: float) -> float:
     r"""Largest Re s of the exact scene that a step of this size can follow; 0 where none grows.
 
     Parameters
@@ -276,7 +276,7 @@ def exact_growth(system: LinearSystem, final_time: float, step_size: float) -> f
 
 
 def growing_frequencies(
-    system: LinearSystem, final_time: float, step_size: float
+    system: MatrixPencil, final_time: float, step_size: float
 ) -> ComplexArray | None:
     r"""Zeros s of the exact scene with Re s > 0 that a step of this size can follow.
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.stability.determinant import (
-    LinearSystem,
+    MatrixPencil,
     dimensionless_forms,
     log_determinants,
 )
@@ -76,7 +76,7 @@ class ModalFamily:
 
 
 def modal_family(
-    systems: Sequence[LinearSystem], method: AnyMethod, step_size: float
+    systems: Sequence[MatrixPencil], method: AnyMethod, step_size: float
 ) -> ModalFamily:
     """Scalar systems whose damping has the same orders, in a step of `method`.
 

@@ -215,10 +215,6 @@ class PowerSeries:
             cutoff=self.cutoff - 1.0,
         )
 
-    def antiderivative(self) -> PowerSeries:
-        """Ordinary integral from 0."""
-        return self.fractional_derivative(-1.0)
-
     def _lifted(self, other: PowerSeries | float) -> PowerSeries:
         if isinstance(other, PowerSeries):
             return other
