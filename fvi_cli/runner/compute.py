@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
 import logging
-from collections.abc import Callable, Hashable, Sequence
+import math
+import time
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 
 from fvi_cli.runner.executors.batches import batches_of, execute_batch
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
-from fvi_cli.runner.executors.executor import Batch, ComputeBatch, Watch
+from fvi_cli.runner.executors.executor import Batch, ComputeBatch, FinishedBatch, Watch
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure, without_motion
 from fvi_cli.runner.progress import RunBar, run_bar
 from fvi_cli.runner.settings import Settings
@@ -19,8 +22,14 @@ from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 
 _logger = logging.getLogger(__name__)
 
+LONGEST_WAIT = 1.0
+"""Seconds that a finished run waits to be kept together with others, at most."""
+
+LARGEST_SHARE = 0.05
+"""Of the time that keeping may take where runs are short."""
+
 Keep = Callable[[Sequence[FinishedRun]], object]
-"""Is given the runs that are computed together, as soon as they are finished."""
+"""Is given runs that are finished, before anybody is told of them."""
 
 
 def compute_runs(
@@ -46,7 +55,7 @@ def compute_runs(
     known
         Gives back a run that was finished before, or None.
     keep
-        Called with the runs of every batch that is computed, as soon as it is finished.
+        Called with the runs that are computed, soon after they are finished.
     why
         Says why a run is computed, for the log.
     checkpoints
@@ -87,23 +96,67 @@ def compute_runs(
             settings.executor(_watch(bar, title)).compute(batches, compute)
         ) as computed,
     ):
-        for batch in computed:
+        sizes = [sum(run.n_steps for run in batch) for batch in batches]
+        for together in _together(computed, sizes if settings.is_alone else ()):
             # what a dead worker did not tell is no result: the next time it is computed again
-            if keep is not None and batch.results:
-                keep(batch.results)
-            for finished in batch.finished:
-                done[finished.run] = kept(finished)
-                bar.finished(
-                    _named(finished.run, title), batch.finished[0].run, finished.run.n_steps
-                )
-                _report(finished)
-            if settings.fail_fast and any(map(is_unexpected_failure, batch.finished)):
+            results = [one for batch in together for one in batch.results]
+            if keep is not None and results:
+                keep(results)
+            for batch in together:
+                for finished in batch.finished:
+                    done[finished.run] = kept(finished)
+                    bar.finished(
+                        _named(finished.run, title), batch.finished[0].run, finished.run.n_steps
+                    )
+                    _report(finished)
+            if settings.fail_fast and any(map(_has_failed, together)):
                 _logger.error("stopped at the first unexpected failure (--fail-fast)")
                 break
     return [
         Outcome(experiment=experiment, finished=tuple(done[run] for run in runs if run in done))
         for experiment, runs in listed.items()
     ]
+
+
+def _together(
+    computed: Iterable[FinishedBatch], sizes: Sequence[int]
+) -> Iterator[list[FinishedBatch]]:
+    """Finished batches, several at a time where keeping each takes longer than computing it.
+
+    They are given before an exception is passed on. What waits has taken less than
+    :data:`LONGEST_WAIT`, and it does not wait for a batch that may take longer.
+
+    Parameters
+    ----------
+    computed
+        Batches, as they are finished.
+    sizes
+        Their steps, if they are computed one after the other; otherwise each is given at once.
+    """
+    together: list[FinishedBatch] = []
+    begun = latest = time.monotonic()
+    pause = 0.0
+    following = itertools.chain(itertools.pairwise(sizes), itertools.repeat((1, math.inf)))
+    try:
+        for batch, (own, after) in zip(computed, following, strict=False):
+            together.append(batch)
+            now = time.monotonic()
+            # the memory of a direct sum takes the square of the steps
+            next_one = (now - latest) * max(1.0, after / own) ** 2
+            latest = now
+            limit = min(LONGEST_WAIT, pause / LARGEST_SHARE)
+            if now - begun + next_one >= limit or _has_failed(batch):
+                given, together = together, []
+                yield given
+                begun = latest = time.monotonic()
+                pause = begun - now
+    finally:
+        if together:
+            yield together
+
+
+def _has_failed(batch: FinishedBatch) -> bool:
+    return any(map(is_unexpected_failure, batch.finished))
 
 
 def _watch(bar: RunBar, title: str) -> Watch | None:

@@ -110,9 +110,8 @@ def measure_request(request: Request, settings: Settings) -> list[CostTable]:
     ):
         for experiment in experiments:
             rows = []
-            for run, row in zip(
-                experiment.runs(), measure_costs(experiment, results.add, _told), strict=True
-            ):
+            measured = measure_costs(experiment, lambda one: results.add([one]), _told)
+            for run, row in zip(experiment.runs(), measured, strict=True):
                 rows.append(row)
                 advance(run.title)
                 _logger.debug("%s: %s, %.3g s", run.title, row.status, row.seconds)

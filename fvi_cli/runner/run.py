@@ -48,7 +48,7 @@ def run_request(request: Request, settings: Settings) -> list[Outcome]:
     with stored_runs(request, settings, writes=is_kept) as (store, why):
         if request.stored is not None:
             return recall(experiments, store)
-        keep = store.add_batch if is_kept else None
+        keep = store.add if is_kept else None
         if settings.fresh and checkpoints is not None:
             checkpoints.remove(run for one in experiments for run in one.runs())
         try:

@@ -12,7 +12,7 @@ import h5py
 
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.contents import LISTING, listing_of
-from fvi_cli.storage.files import replacing, say_also
+from fvi_cli.storage.files import SUFFIX, replacing, say_also
 from fvi_cli.storage.groups import CONVERGENCE, MOST_ROWS, Columns, Repeated
 from fvi_cli.storage.provenance import (
     canonical_json,
@@ -21,9 +21,24 @@ from fvi_cli.storage.provenance import (
     platform_name,
     sha256,
 )
-from fvi_cli.storage.records import SWEPT, Record, group_path
-from fvi_cli.storage.snapshot import BLOCK_BYTES, VARIANT_MARK, Key, Location, Snapshot
-from fvi_cli.storage.writing import WrittenGroup, is_same, write_convergence, write_group
+from fvi_cli.storage.records import SWEPT, Record, group_path, place_of, record_of
+from fvi_cli.storage.snapshot import (
+    BLOCK_BYTES,
+    VARIANT_MARK,
+    Key,
+    Location,
+    NewPart,
+    Source,
+    location_of,
+)
+from fvi_cli.storage.writing import (
+    WrittenGroup,
+    columns_of,
+    is_same,
+    write_convergence,
+    write_group,
+)
+from fvi_cli.studies.experiment import FinishedRun
 
 Layout = dict[str, Sequence[tuple[Key, Location]]]
 """Runs by the path of the group that they belong to, with the key that they have there."""
@@ -78,12 +93,47 @@ def _unused(path: str, placed: Mapping[str, object]) -> str:
     return next(one for one in itertools.chain([path], numbered) if not placed.get(one))
 
 
+def write_part(
+    folder: Path, batch: Sequence[FinishedRun]
+) -> tuple[Sequence[Location], NewPart | None]:
+    """Write finished runs into a part of their own.
+
+    Returns
+    -------
+    tuple of sequence of Location and NewPart or None
+        Where they lie, in their order; and the part, if all of them stand alone.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be written.
+    """
+    records = [record_of(finished) for finished in batch]
+    # experiments may share a run, and a refusal has the identity of what it refuses
+    said = ("identity", "experiment", "status")
+    names = [str(record.attributes[name]) for name in said for record in records]
+    path = folder / f"{sha256(';'.join(names))}{SUFFIX}"
+    groups: dict[str, list[Record]] = {}
+    locations = []
+    for finished, record in zip(batch, records, strict=True):
+        group = groups.setdefault(group_path(place_of(finished.run)), [])
+        locations.append(location_of(path, len(group), finished, record))
+        group.append(record)
+    with replacing(path) as new:
+        for place, own in groups.items():
+            columns = columns_of([record.attributes for record in own])
+            write_group(new.file, place, columns, [own], is_part=True)
+    if any(finished.run.member is not None for finished in batch):
+        return locations, None
+    return locations, NewPart(records={place: own[0] for place, own in groups.items()})
+
+
 def write_file(
     path: Path,
     layout: Layout,
     said: Mapping[str, str],
     *,
-    opened: Callable[[Path], Snapshot],
+    opened: Callable[[Path], Source],
     done: Callable[[], None],
 ) -> None:
     """Write all runs, some in memory at a time, and the summary of every case.
@@ -97,7 +147,7 @@ def write_file(
     said
         What the root says of the configuration.
     opened
-        Opens a file for reading.
+        Gives what may be read of a file.
     done
         Is called when everything is read, before the file is replaced.
 
@@ -134,7 +184,7 @@ def write_file(
         done()
 
 
-def _columns(runs: Sequence[tuple[Key, Location]], opened: Callable[[Path], Snapshot]) -> Columns:
+def _columns(runs: Sequence[tuple[Key, Location]], opened: Callable[[Path], Source]) -> Columns:
     """The attributes of runs that share a group, under the name that they are asked for."""
     columns = _columns_of([one for _, one in runs], opened)
     experiment, case, n_steps, _ = runs[0][0][0]
@@ -145,7 +195,7 @@ def _columns(runs: Sequence[tuple[Key, Location]], opened: Callable[[Path], Snap
     return columns | {name: Repeated(value, len(runs)) for name, value in named.items()}
 
 
-def _columns_of(locations: Sequence[Location], opened: Callable[[Path], Snapshot]) -> Columns:
+def _columns_of(locations: Sequence[Location], opened: Callable[[Path], Source]) -> Columns:
     """The attributes of runs by name; what a run does not have is an empty text."""
     found: Columns = {}
     done = 0
@@ -183,7 +233,7 @@ def _joined(first: Sequence[Any], second: Sequence[Any]) -> Sequence[Any]:
 
 
 def _blocks(
-    locations: Sequence[Location], opened: Callable[[Path], Snapshot]
+    locations: Sequence[Location], opened: Callable[[Path], Source]
 ) -> Iterator[list[Record]]:
     """The runs, some in memory at a time."""
     waiting: list[Record] = []

@@ -229,6 +229,39 @@ class Snapshot:
         return self._groups[path]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NewPart:
+    """A part with runs that stand alone, which this process has just written and still has.
+
+    Parameters
+    ----------
+    records
+        Its runs, by the path of their group.
+    """
+
+    records: Mapping[str, Record]
+
+    @property
+    def size(self) -> int:
+        """Bytes of the arrays."""
+        return sum(one.nbytes for each in self.records.values() for one in each.datasets.values())
+
+    def record(self, location: Location) -> Record:
+        """As :meth:`Snapshot.record`."""
+        return self.records[location.group]
+
+    def attributes(self, location: Location) -> dict[str, Any]:
+        """As :meth:`Snapshot.attributes`."""
+        return dict(self.records[location.group].attributes)
+
+    def columns(self, group: str) -> Columns:
+        """As :meth:`Snapshot.columns`."""
+        return {name: [value] for name, value in self.records[group].attributes.items()}
+
+
+Source = Snapshot | NewPart
+
+
 def _is_refusal(status: str, predicted: str, specification: Mapping[str, Any]) -> bool:
     allowed = specification["allow_unstable"]
     return status == "refused" and predicted == "unstable" and not allowed

@@ -5,14 +5,14 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.atomic import told
-from fvi_cli.storage.consolidation import Layout, layout_of, write_file
+from fvi_cli.storage.consolidation import Layout, layout_of, write_file, write_part
 from fvi_cli.storage.contents import (
     CONFIGURATION,
     RESOLVED,
@@ -22,25 +22,28 @@ from fvi_cli.storage.contents import (
 )
 from fvi_cli.storage.files import (
     PARTS_SUFFIX,
-    SUFFIX,
     damage_told,
     part_paths,
     remove_checkpoints,
-    replacing,
     root_attributes,
 )
 from fvi_cli.storage.groups import run_groups
-from fvi_cli.storage.provenance import sha256
 from fvi_cli.storage.records import (
     Place,
     asked_for_tolerance,
     finished_of,
-    group_path,
     place_of,
-    record_of,
 )
-from fvi_cli.storage.snapshot import VARIANT_MARK, Index, Key, Location, Snapshot, location_of
-from fvi_cli.storage.writing import columns_of, write_group
+from fvi_cli.storage.snapshot import (
+    BLOCK_BYTES,
+    VARIANT_MARK,
+    Index,
+    Key,
+    Location,
+    NewPart,
+    Snapshot,
+    Source,
+)
 from fvi_cli.studies.experiment import FinishedRun, Run
 
 _logger = logging.getLogger(__name__)
@@ -60,6 +63,7 @@ class Store:
     is_fresh: bool = False
     _main: Snapshot | None = None
     _parts: OrderedDict[Path, Snapshot] = field(default_factory=OrderedDict)
+    _written: dict[Path, NewPart] = field(default_factory=dict)
     _index: Index = field(default_factory=Index)
     _asked: dict[Key, Location] = field(default_factory=dict)
     _numbers: dict[Key, int] = field(default_factory=dict)
@@ -86,11 +90,11 @@ class Store:
         location = None if self.is_fresh else self._index.find(run)
         if location is None:
             return None
-        found = self._read(location, Snapshot.record)
+        found = self._read(location, "record")
         if found is None:
             # its part went into the file since
             location = self._index.find(run)
-            found = None if location is None else self._read(location, Snapshot.record)
+            found = None if location is None else self._read(location, "record")
         if found is None or location is None:
             return None
         with damage_told(location.file):
@@ -109,21 +113,24 @@ class Store:
             If what is stored is damaged.
         """
         for location in self._index.searched(search):
-            attributes = self._read(location, Snapshot.attributes) or {}
+            attributes = self._read(location, "attributes") or {}
             run = asked_for_tolerance(search, attributes)
             if run is not None and (found := self.finished(run)) is not None:
                 return found
         return None
 
-    def _read(self, location: Location, how: Callable[[Snapshot, Location], Any]) -> Any:
-        """What `how` reads; None if a part has gone, and all is looked up again."""
+    def _read(self, location: Location, what: Literal["record", "attributes"]) -> Any:
+        """What is asked for; None if a part has gone, and all is looked up again."""
         try:
-            return how(self._snapshot(location.file), location)
+            return getattr(self._source(location.file), what)(location)
         except StorageError:
             if location.file == self.path or location.file.exists():
                 raise
         self.look()
         return None
+
+    def _source(self, path: Path) -> Source:
+        return self._written.get(path) or self._snapshot(path)
 
     def _snapshot(self, path: Path) -> Snapshot:
         if path == self.path:
@@ -165,9 +172,9 @@ class Store:
             self._snapshot(self.path)
 
     def close(self) -> None:
-        """Let go of all files."""
-        while self._parts:
-            self._parts.popitem()[1].close()
+        """Let go of all files, and of what is remembered."""
+        self._written.clear()
+        self._close_parts()
         if self._main is not None:
             self._main.close()
         self._main = None
@@ -178,7 +185,7 @@ class Store:
 
     def attributes(self, place: Place) -> Mapping[str, Any]:
         """What is said of the run in one of :meth:`places`, that of the configuration if any."""
-        return self._read(self._index.at_places()[place], Snapshot.attributes) or {}
+        return self._read(self._index.at_places()[place], "attributes") or {}
 
     def incomplete(self) -> frozenset[str]:
         """Paths of groups of runs that are only half there."""
@@ -188,44 +195,26 @@ class Store:
             groups = [group for _, _, group in run_groups(self._main.file)]
             return frozenset(str(one.group.name) for one in groups if not one.is_complete)
 
-    def add(self, finished: FinishedRun) -> None:
-        """Write a finished run at once, as a part of its own.
+    def add(self, batch: Sequence[FinishedRun]) -> None:
+        """Write finished runs, which differ in their places, at once and as one part.
 
         Raises
         ------
         StorageError
             If it cannot be written; other runs stay as they are.
         """
-        self.add_batch([finished])
-
-    def add_batch(self, batch: Sequence[FinishedRun]) -> None:
-        """Write the finished runs of a batch at once; those that share a group as one part.
-
-        Raises
-        ------
-        StorageError
-            As :meth:`add`.
-        """
         with told(self.parts):
             self.parts.mkdir(exist_ok=True)
-        alone = [[one] for one in batch if one.run.member is None]
-        members = [one for one in batch if one.run.member is not None]
-        for together in [*alone, *([members] if members else [])]:
-            records = [record_of(finished) for finished in together]
-            columns = columns_of([record.attributes for record in records])
-            # experiments may share a run, and a refusal has the identity of what it refuses
-            names = [*columns["identity"], columns["experiment"][0], *columns["status"]]
-            path = self.parts / f"{sha256(';'.join(names))}{SUFFIX}"
-            place = group_path(place_of(together[0].run))
-            if path in self._parts:
-                self._parts.pop(path).close()
-            with replacing(path) as new:
-                write_group(new.file, place, columns, [records], is_part=True)
-            remove_checkpoints(self.parts, columns["identity"])
-            for row, (finished, record) in enumerate(zip(together, records, strict=True)):
-                location = location_of(path, row, finished, record)
-                self._index.learn([location])
-                self._ask(finished.run, location)
+        # some systems replace no file that is open
+        self._close_parts()
+        locations, new = write_part(self.parts, batch)
+        remove_checkpoints(self.parts, (location.identity for location in locations))
+        self._index.learn(locations)
+        for finished, location in zip(batch, locations, strict=True):
+            self._ask(finished.run, location)
+        held = sum(part.size for part in self._written.values())
+        if new is not None and held + new.size <= BLOCK_BYTES:
+            self._written[locations[0].file] = new
 
     def _ask(self, run: Run, location: Location) -> None:
         """What is asked for belongs where the file's configuration points to."""
@@ -281,7 +270,7 @@ class Store:
 
     def _data_of(self, location: Location) -> tuple[str, str]:
         """Which run, and the checksum of its numbers."""
-        attributes = self._read(location, Snapshot.attributes) or {}
+        attributes = self._read(location, "attributes") or {}
         return location.identity, str(attributes.get("data_sha256"))
 
     def consolidate(
@@ -367,7 +356,7 @@ class Store:
     def _write(self, layout: Layout, said: Mapping[str, str]) -> None:
         try:
             # some systems replace no file that is open
-            write_file(self.path, layout, said, opened=self._snapshot, done=self.close)
+            write_file(self.path, layout, said, opened=self._source, done=self.close)
         except StorageError as error:
             kept = f"; finished runs are kept in {self.parts}" if part_paths(self.path) else ""
             raise StorageError(f"{error}{kept}") from error
@@ -375,9 +364,12 @@ class Store:
         self._index = Index()
         self._index.learn(self._snapshot(self.path).locations())
 
-    def _remove_parts(self) -> None:
+    def _close_parts(self) -> None:
         while self._parts:
             self._parts.popitem()[1].close()
+
+    def _remove_parts(self) -> None:
+        self._close_parts()
         with told(self.parts):
             if self.parts.is_dir():
                 for path in part_paths(self.path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -127,12 +128,45 @@ def write_group(
     """
     group = file.create_group(path, track_order=True)
     keys: list[str] = json.loads(columns[SWEPT][0]) if SWEPT in columns else []
-    count, length = len(columns["identity"]), max(int(points) for points in columns[POINTS])
     by_member: Columns = {}
     if keys:
         said, by_member = _said_of_members(group, columns, keys)
+        shared = _write_members(group, columns, blocks, keys)
     else:
         said = {name: attribute(values[0]) for name, values in columns.items()}
+        ((record,),) = blocks
+        shared = _write_alone(group, record.datasets, is_part=is_part)
+    said["shared_sha256"] = digest_of(shared)
+    if is_part:
+        packed = json.dumps({name: plain(value) for name, value in said.items()})
+        write_attributes(group, {PACKED: packed})
+    else:
+        write_attributes(group, said)
+    of_members = {f"{name}{_OF_MEMBER}": values for name, values in by_member.items()}
+    write_attributes(group, {CHECKSUM: checksum(said | of_members), COMPLETE: 1})
+    count = len(columns["identity"])
+    return WrittenGroup(attributes=said, by_member=by_member, keys=tuple(keys), count=count)
+
+
+def _write_alone(
+    group: h5py.Group, datasets: Mapping[str, NDArray[Any]], *, is_part: bool
+) -> dict[str, NDArray[Any]]:
+    """Write the arrays of a run that stands alone; gives those that members would share."""
+    shared = {name: datasets[name] for name in SHARED if name in datasets}
+    nodes = {
+        name: _create(group, name, data=data, is_described=not is_part)
+        for name, data in {**shared, **datasets}.items()
+    }
+    if not is_part:
+        _attach_scales(nodes)
+    return shared
+
+
+def _write_members(
+    group: h5py.Group, columns: Columns, blocks: Iterable[Sequence[Record]], keys: Sequence[str]
+) -> dict[str, NDArray[Any]]:
+    """Write the arrays of members of a sweep; gives those that they share."""
+    count, length = len(columns["identity"]), max(int(points) for points in columns[POINTS])
     shared: dict[str, NDArray[Any]] = {}
     start = 0
     for block in blocks:
@@ -144,9 +178,6 @@ def write_group(
         _write_shared(group, shared, length)
         for name in dict.fromkeys(n for record in block for n in record.datasets):
             if name in SHARED:
-                continue
-            if not keys:
-                _create(group, name, data=block[0].datasets[name])
                 continue
             if name not in group:
                 like = next(r.datasets[name] for r in block if name in r.datasets)
@@ -160,16 +191,8 @@ def write_group(
                     values[row, : record.datasets[name].shape[0]] = record.datasets[name]
             group[name][start : start + len(block)] = values
         start += len(block)
-    said["shared_sha256"] = digest_of(shared)
-    if is_part:
-        packed = json.dumps({name: plain(value) for name, value in said.items()})
-        write_attributes(group, {PACKED: packed})
-    else:
-        _attach_scales(group)
-        write_attributes(group, said)
-    of_members = {f"{name}{_OF_MEMBER}": values for name, values in by_member.items()}
-    write_attributes(group, {CHECKSUM: checksum(said | of_members), COMPLETE: 1})
-    return WrittenGroup(attributes=said, by_member=by_member, keys=tuple(keys), count=count)
+    _attach_scales(dict(datasets_below(group)))
+    return shared
 
 
 def write_attributes(node: h5py.Group | h5py.Dataset, said: Mapping[str, Any]) -> None:
@@ -179,10 +202,16 @@ def write_attributes(node: h5py.Group | h5py.Dataset, said: Mapping[str, Any]) -
     """
     for name, value in said.items():
         data = np.asarray(value, dtype=_TEXT if isinstance(value, str) else None)
-        kind = h5py.h5t.py_create(data.dtype, logical=True)
+        in_file, in_memory = _kinds(data.dtype)
         space = h5py.h5s.create_simple(data.shape)
-        held = h5py.h5a.create(node.id, name.encode(), kind, space)
-        held.write(data, mtype=h5py.h5t.py_create(data.dtype))
+        held = h5py.h5a.create(node.id, name.encode(), in_file, space)
+        held.write(data, mtype=in_memory)
+
+
+@functools.cache
+def _kinds(dtype: np.dtype[Any]) -> tuple[Any, Any]:
+    """The library's own names of a type."""
+    return h5py.h5t.py_create(dtype, logical=True), h5py.h5t.py_create(dtype)
 
 
 def _label_occurrences(group: h5py.Group, name: str, columns: Columns) -> int:
@@ -272,28 +301,32 @@ def _create(
     shape: tuple[int, ...] | None = None,
     kind: str = "<f8",
     keys: Sequence[str] = (),
-) -> None:
+    is_described: bool = True,
+) -> h5py.Dataset:
     if data is not None:
         dataset = group.create_dataset(name, data=data, dtype=stored_kind(data))
     else:
         dataset = group.create_dataset(name, shape=shape, dtype=kind, fillvalue=_FILL[kind])
+    if not is_described:
+        return dataset
     said = {"long_name": MEANINGS[name] if name in MEANINGS else observed_meaning(name)}
     if keys:
         said["coordinates"] = " ".join(keys)
     write_attributes(dataset, said)
     if dimensions_of(name, of_members=bool(keys)) == (name,):
         dataset.make_scale(name.rpartition("/")[2])
+    return dataset
 
 
 _FILL: Mapping[str, float] = {"<f8": math.nan, "<i8": 0}
 
 
-def _attach_scales(group: h5py.Group) -> None:
-    for name, dataset in datasets_below(group):
+def _attach_scales(nodes: Mapping[str, h5py.Dataset]) -> None:
+    for name, dataset in nodes.items():
         if dataset.is_scale:
             continue
-        for axis, dimension in enumerate(axes_of(name, of_members=MEMBER in group)):
-            dataset.dims[axis].attach_scale(group[dimension])
+        for axis, dimension in enumerate(axes_of(name, of_members=MEMBER in nodes)):
+            h5py.h5ds.attach_scale(dataset.id, nodes[dimension].id, axis)
 
 
 _SUMMARY: Mapping[str, tuple[str, Any, Any]] = {

@@ -30,7 +30,7 @@ def kept(tmp_path, text):
     config = parse_config(text, "planet.yaml")
     with open_results(tmp_path, "planet") as results:
         for finished in study(config.experiments[0]):
-            results.add(finished)
+            results.add([finished])
         results.consolidate(config)
     return config
 

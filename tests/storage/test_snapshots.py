@@ -9,6 +9,7 @@ import pytest
 import test_storage as t
 from command_line import fvi
 
+from fvi_cli.runner import compute
 from fvi_cli.storage import open_results, read_results, store, stream
 from fvi_cli.studies.experiment import FinishedRun
 
@@ -44,6 +45,7 @@ def test_a_command_opens_its_file_at_most_twice(tmp_path, monkeypatch, opened):
         fvi(*arguments, code=0)
         return len(opened)
 
+    monkeypatch.setattr(compute, "LARGEST_SHARE", 1e9)
     assert count("run", "ten.yaml") > 10  # control: a part for every run
     assert count("run", "ten.yaml") == 1
     assert count("run", "ten.yaml", "--dry-run") == 1
@@ -100,7 +102,7 @@ def test_parts_that_go_into_the_file_while_they_are_read_are_found_there(tmp_pat
     runs = stamped(1.0)
     with open_results(tmp_path, "sample") as results:
         for finished in runs:
-            results.add(finished)
+            results.add([finished])
         with read_results(tmp_path / "sample.h5") as stored:
             results.consolidate(t.CONFIGURATION)
             for finished in runs:
@@ -109,7 +111,7 @@ def test_parts_that_go_into_the_file_while_they_are_read_are_found_there(tmp_pat
     others = t.experiment(stiffness=3.0).runs()[:2]
     with open_results(tmp_path, "sample") as results:
         for run in others:
-            results.add(t.made_up(run))
+            results.add([t.made_up(run)])
     with read_results(tmp_path / "sample.h5") as stored:
         for part in (tmp_path / "sample.parts").iterdir():
             part.unlink()

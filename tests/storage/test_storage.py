@@ -117,7 +117,7 @@ def assert_same(one: Any, other: Any) -> None:
 def store(folder: Path, runs: list[FinishedRun], **keywords: Any) -> Path:
     with open_results(folder, "sample", **keywords) as results:
         for finished in runs:
-            results.add(finished)
+            results.add([finished])
         path = results.consolidate(CONFIGURATION)
     assert path == folder / "sample.h5"
     return path
@@ -148,7 +148,7 @@ def test_every_field_comes_back_bit_by_bit(tmp_path, runs):
     with open_results(tmp_path, "sample") as results:
         for finished in runs:
             assert results.finished(finished.run) is None
-            results.add(finished)
+            results.add([finished])
         # from the parts, then from the file
         for finished in runs:
             assert_same(results.finished(finished.run), finished)
@@ -219,8 +219,8 @@ def test_runs_of_an_older_program_are_not_taken(path, monkeypatch, constant):
 def test_experiments_that_share_a_run_both_have_it(tmp_path):
     one, two, three = (experiment(name=name) for name in ("one", "two", "three"))
     with open_results(tmp_path, "sample") as results:
-        results.add(made_up(one.runs()[0]))
-        results.add(made_up(two.runs()[0]))
+        results.add([made_up(one.runs()[0])])
+        results.add([made_up(two.runs()[0])])
         assert results.finished(three.runs()[0]) is not None
         results.consolidate(CONFIGURATION)
     found = [(run.experiment, run.n_steps) for run in list_runs(tmp_path / "sample.h5").runs]
@@ -470,7 +470,7 @@ KILLED = """
     Path.replace = replace
     with t.open_results(folder, "sample") as results:
         for finished in runs:
-            results.add(finished)
+            results.add([finished])
         results.consolidate(t.CONFIGURATION)
 """
 
@@ -489,7 +489,7 @@ def test_killed_between_write_and_rename_only_that_run_is_lost(tmp_path, runs, m
         for one, finished in zip(found[: moment - 1], runs, strict=False):
             assert_same(one, finished)
         for finished in runs[moment - 1 :]:
-            results.add(finished)
+            results.add([finished])
         results.consolidate(CONFIGURATION)
     # nothing half written is left
     assert sorted(tree(tmp_path)) == ["sample.h5"]
@@ -498,13 +498,13 @@ def test_killed_between_write_and_rename_only_that_run_is_lost(tmp_path, runs, m
 
 def test_parts_that_wait_are_read_beside_and_without_the_file(tmp_path, runs):
     with open_results(tmp_path, "sample") as results:
-        results.add(runs[0])
+        results.add([runs[0]])
     path = tmp_path / "sample.h5"
     with read_results(path) as stored:
         assert_same(stored.finished(runs[0].run), runs[0])
     store(tmp_path, [runs[1]])
     with open_results(tmp_path, "sample") as results:
-        results.add(runs[2])
+        results.add([runs[2]])
     before = tree(tmp_path)
     with read_results(path) as stored:
         assert all(stored.finished(finished.run) for finished in runs[:3])
@@ -520,14 +520,14 @@ FULL = """
     runs = [t.made_up(run) for run in t.experiment().runs()]
     with t.open_results(folder, "sample") as results:
         for finished in runs[2:]:
-            results.add(finished)
+            results.add([finished])
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
         try:
             results.consolidate(t.CONFIGURATION)
         except t.StorageError as error:
             print(error)
         try:
-            results.add(runs[0])
+            results.add([runs[0]])
         except t.StorageError as error:
             print(error)
 """
@@ -580,7 +580,7 @@ def test_a_folder_that_may_not_be_written_is_told(path, runs, monkeypatch):
     with open_results(path.parent, "sample", fresh=True) as results:
         monkeypatch.setattr(atomic.tempfile, "mkstemp", refuse)
         with pytest.raises(StorageError, match=r"\.h5: cannot be written: Permission denied"):
-            results.add(runs[0])
+            results.add([runs[0]])
     monkeypatch.undo()
     assert tree(path.parent) == before
 
@@ -652,7 +652,7 @@ def test_a_file_that_is_not_there_is_named(tmp_path):
 
 def test_a_damaged_part_is_named(tmp_path, runs):
     with open_results(tmp_path, "sample") as results:
-        results.add(runs[0])
+        results.add([runs[0]])
     (part,) = (tmp_path / "sample.parts").iterdir()
     damaged(part, "cut")
     with pytest.raises(StorageError, match=part.name), open_results(tmp_path, "sample"):

@@ -44,7 +44,7 @@ def keep(folder, loaded, *, most=10**6, fresh=False):
             run for e in loaded.experiments for run in e.runs() if results.finished(run) is None
         ]
         for batch in batches_of(waiting)[:most]:
-            results.add_batch(execute_batch(batch))
+            results.add(execute_batch(batch))
             computed += len(batch)
         results.consolidate(loaded)
     return computed
@@ -73,8 +73,8 @@ def test_members_come_back_as_they_were_computed(tmp_path, monkeypatch, block_by
     finished = [one for batch in batches_of(runs) for one in execute_batch(batch)]
     assert {one.status for one in finished} == {"ok", "diverged"}
     with open_results(tmp_path, "many") as results:
-        results.add_batch(finished[:6])
-        results.add_batch(finished[6:])
+        results.add(finished[:6])
+        results.add(finished[6:])
         for one in finished:  # from the parts
             assert_same(results.finished(one.run), one)
         results.consolidate(loaded)
@@ -87,7 +87,7 @@ def test_a_batch_is_one_part(tmp_path):
     loaded = load()
     with open_results(tmp_path, "many") as results:
         for batch in batches_of(loaded.experiments[0].runs()):
-            results.add_batch(execute_batch(batch))
+            results.add(execute_batch(batch))
         assert len(list((tmp_path / "many.parts").glob("*.h5"))) == 2
 
 
