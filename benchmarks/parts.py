@@ -101,7 +101,7 @@ def _make_up(folder: Path, files: Sequence[Path]) -> None:
         runs = Shard(number=number, count=len(files)).runs_of([experiment])[experiment]
         with open_results(file.parent, file.stem) as store:
             for batch in batches_of(runs):
-                store.add_batch([replace(first, run=run) for run in batch])
+                store.add([replace(first, run=run) for run in batch])
             store.consolidate(loaded)
     os._exit(0)
 
