@@ -56,7 +56,7 @@ def test_coefficients_are_those_of_the_laplace_transform(order):
 
 
 @pytest.mark.parametrize("rate", [2.0, 2.0 * (1 + 1e-9)])
-def test_a_mass_that_varies_has_the_coefficients_of_the_free_motion(rate: float) -> None:
+def test_a_mass_that_varies_has_the_coefficients_of_the_free_motion(rate):
     """L = exp(2 x) v^2/2 is (d exp(x)/dt)^2/2: x = log(1 + v0 t)."""
     scene = lagrangian_scene(
         coordinates=["x"],
@@ -71,7 +71,7 @@ def test_a_mass_that_varies_has_the_coefficients_of_the_free_motion(rate: float)
     assert agrees == (rate == 2.0)
 
 
-def test_powers_that_cancel_are_absent() -> None:
+def test_powers_that_cancel_are_absent():
     """A charge in a magnetic field moves on a circle: x = sin(2 t)/2, y = (cos(2 t) - 1)/2."""
     scene = lagrangian_scene(
         final_time=5.0,
@@ -91,8 +91,6 @@ def test_powers_that_cancel_are_absent() -> None:
     ("order", "coefficient", "message"),
     [(1.99, DAMPING, "more than 128"), (1.9, 1e300, "not finite")],
 )
-def test_what_has_no_usable_expansion_is_named(
-    order: float, coefficient: float, message: str
-) -> None:
+def test_what_has_no_usable_expansion_is_named(order, coefficient, message):
     with pytest.raises(SeriesError, match=message):
         solution_expansion(oscillator(order, coefficient), 8.0)

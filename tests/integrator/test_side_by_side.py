@@ -119,6 +119,12 @@ def difference(one: Trajectory, other: Trajectory) -> float:
     return worst
 
 
+def assert_alike(scenes: list[Scene], method: Method, n_steps: int, every: int = 1) -> None:
+    runs = integrate_members(scenes, method, n_steps, every=every)
+    for scene, one in zip(scenes, runs, strict=True):
+        assert difference(one, integrate(scene, method, n_steps, every=every)) <= TOLERANCE
+
+
 KINDS = {
     "springs": lambda: springs(9, 0.5),
     "undamped": lambda: springs(5),
@@ -136,8 +142,7 @@ KINDS = {
 def test_each_is_what_it_is_alone(kind, method):
     scenes = KINDS[kind]()
     assert companions(scenes, method, 60) == [len(scenes)] * len(scenes)
-    for scene, one in zip(scenes, integrate_members(scenes, method, 60), strict=True):
-        assert difference(one, integrate(scene, method, 60)) <= TOLERANCE
+    assert_alike(scenes, method, 60)
 
 
 LINEAR = ["springs", "undamped", "several terms", "forced", "coupled", "modes"]
@@ -161,15 +166,13 @@ def test_whole_blocks_of_linear_members(kind):
 @pytest.mark.parametrize("method", METHODS[2:], ids=lambda method: method.case)
 def test_other_methods(method):
     for scenes in (springs(4, 0.5, 1.5, forcing=FORCE), swings(16, 0.6)):
-        for scene, one in zip(scenes, integrate_members(scenes, method, 50), strict=True):
-            assert difference(one, integrate(scene, method, 50)) <= TOLERANCE
+        assert_alike(scenes, method, 50)
 
 
 def test_orders_of_their_own_share_the_states():
     scenes = [swings(1, order)[0] for order in np.linspace(0.05, 1.95, 20)]
     assert companions(scenes, GAUSS2, 40) == [20] * 20
-    for scene, one in zip(scenes, integrate_members(scenes, GAUSS2, 40), strict=True):
-        assert difference(one, integrate(scene, GAUSS2, 40)) <= TOLERANCE
+    assert_alike(scenes, GAUSS2, 40)
     # another order begins with another power of t, and has another mesh
     assert companions(scenes, GRADED3, 40) == [1] * 20
 
@@ -179,8 +182,7 @@ def test_riemann_liouville():
         replace(scene, derivative="riemann-liouville")
         for scene in (*springs(4, 0.5), *swings(16, 0.7))
     ]
-    for scene, one in zip(scenes, integrate_members(scenes, GRADED3, 40), strict=True):
-        assert difference(one, integrate(scene, GRADED3, 40)) <= TOLERANCE
+    assert_alike(scenes, GRADED3, 40)
 
 
 @pytest.mark.parametrize("scenes", [springs(11, 0.5, 1.5), swings(11, 0.5), modal(6)])
@@ -239,8 +241,7 @@ def test_some_that_run_away_do_not_disturb_the_others():
 
 def test_thinned():
     for scenes in (springs(4, 0.5), swings(16, 0.5)):
-        for scene, one in zip(scenes, integrate_members(scenes, GRADED3, 50, every=7), strict=True):
-            assert difference(one, integrate(scene, GRADED3, 50, every=7)) <= TOLERANCE
+        assert_alike(scenes, GRADED3, 50, every=7)
 
 
 def test_work_is_that_of_one_loop():
