@@ -442,7 +442,7 @@ def test_an_allocation_that_fails_is_told_and_what_is_finished_is_stored(folder)
 
     arguments = ("run", "quick.yaml", "--set", "method.bdf=1", "--set")
     script = (
-        "import sys; from fvi_cli.config import machine; "
+        "import sys; from fvi_cli.config import memory as machine; "
         # what nobody tells cannot be planned for
         "machine._of_machine = machine._of_groups = machine._of_address_space = lambda root: (); "
         "from fvi_cli.__main__ import main; sys.exit(main())"
