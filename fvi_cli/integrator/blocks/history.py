@@ -50,15 +50,15 @@ def convolved_of(channels: tuple[Channel, ...], samples: int, coupled: int) -> C
     )
 
 
-def lag_kernel(channels: tuple[BatchedChannel, ...], first: int, last: int, samples: int) -> Array:
-    r"""Force of one sample after `first` <= n < `last` steps, as matrices.
+def lag_kernel(channels: tuple[BatchedChannel, ...], block: int, samples: int) -> Array:
+    r"""Force of one sample after 0 <= n < `block` steps, as matrices.
 
     Parameters
     ----------
     channels
         The channels of one batch.
-    first, last
-        Range of lags.
+    block
+        Number of lags.
     samples
         Number m of samples per step.
 
@@ -66,18 +66,18 @@ def lag_kernel(channels: tuple[BatchedChannel, ...], first: int, last: int, samp
     -------
     Array
         :math:`\sum_D w^{(D)}_n[i, j] D[a, b]` at ``[q, n, (i, b), (j, a)]``, shape
-        ``(q, last - first, m e, m e)``.
+        ``(q, block, m e, m e)``.
     """
     q, e, _ = channels[0].directions.shape
     size = samples * e
-    kernel = np.zeros((q, last - first, samples, e, samples, e))
+    kernel = np.zeros((q, block, samples, e, samples, e))
     for batched in channels:
-        weights = batched.channel.weights[first:last]
+        weights = batched.channel.weights[:block]
         weights = weights[:, None, None] * np.eye(samples)
         kernel[:, : weights.shape[0]] += np.einsum(
             "nij,qab->qnibja", weights, batched.directions, optimize=False
         )
-    return kernel.reshape(q, last - first, size, size)
+    return kernel.reshape(q, block, size, size)
 
 
 class BlockHistory:
@@ -101,11 +101,8 @@ class BlockHistory:
     def __init__(self, channels: tuple[BatchedChannel, ...], samples: int, block: int) -> None:
         q, e = channels[0].directions.shape[:2] if channels else (1, 1)
         plan = convolved_of(tuple(one.channel for one in channels), samples, e)
-        self._shape, self._reach, self._per_step = (
-            (q, e, samples),
-            plan.reach,
-            plan.operations_per_step,
-        )
+        self._shape, self._reach = (q, e, samples), plan.reach
+        self._per_step = plan.operations_per_step
         self._rates = channels[0].channel.tail.rates if channels else np.zeros(0)
         # columns: the last steps in the order of time, and the states
         self._past = np.zeros((q * e * samples, self._reach + self._rates.size))
@@ -138,8 +135,9 @@ class BlockHistory:
         self._past[:, kept:reach] = own[:, max(count - reach, 0) :]
         if self._rates.size:
             states = self._past[:, reach:]
-            states *= np.exp(-count * self._rates)
-            states += own @ self._into[self._into.shape[0] - count :]
+            into = self._into[self._into.shape[0] - count :]
+            states *= into[0]
+            states += own @ into
         self.operations += count * self._per_step
 
 

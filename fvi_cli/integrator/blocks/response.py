@@ -178,7 +178,7 @@ def sampled_response(system: SampledSystems, block: int, *, with_force: bool) ->
     # the force on every step of the first sample's part, and of the constant ones
     of_carry, of_offset = np.zeros((q, block * me, me)), np.zeros((q, block * me, 1))
     if system.channels:
-        kernel = lag_kernel(system.channels, 0, block, m)
+        kernel = lag_kernel(system.channels, block, m)
         of_carry = kernel.reshape(q, block * me, me)
         late = np.cumsum(kernel[:, :-1] @ offset[:, None], axis=1)
         of_offset[:, me:] = late.reshape(q, -1, 1)
