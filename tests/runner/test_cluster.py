@@ -178,8 +178,7 @@ if __name__ == "__main__":
 """
 
 
-def test_a_scheduler_that_is_killed_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr("fvi_cli.runner.executors.cluster.CONNECTION_SECONDS", 1.0)
+def test_a_scheduler_that_is_killed_is_told(tmp_path):
     script = tmp_path / "scheduler.py"
     script.write_text(SCHEDULER)
     search = os.pathsep.join(str(Path(f).parent) for f in (__file__, fvi_cli.__path__[0]))

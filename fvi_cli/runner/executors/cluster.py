@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 
 _logger = logging.getLogger(__name__)
 
-CONNECTION_SECONDS = 6.0
+CONNECTION_SECONDS = 20.0
+"""For an answer of the scheduler: a machine with much to do leaves it waiting for long."""
+_CLOSING_SECONDS = 2.0
 _SECONDS_BETWEEN_LOOKS = 5.0
 _BATCHES_AHEAD = 2
 _LEAST_AHEAD = 8
@@ -211,11 +213,11 @@ def _connected(address: str) -> Iterator[Client]:
         with client:
             yield client
     finally:
-        client.close(timeout=CONNECTION_SECONDS)
+        client.close(timeout=_CLOSING_SECONDS)
 
 
 def _client(address: str) -> Client:
-    """The connection, or the reason why there is none, after a few seconds at the latest.
+    """The connection, or the reason why there is none, after half a minute at the latest.
 
     A port that accepts connections and stays silent keeps the constructor waiting for ever, so
     another thread waits for it.
