@@ -76,7 +76,7 @@ CheckpointEvery = Annotated[
         "--checkpoint-every",
         metavar="SECONDS",
         envvar="FVI_CHECKPOINT_EVERY",
-        help="Keep a checkpoint of a long run so often; the same command goes on from it.",
+        help="Keep a checkpoint of a long run or search so often; the same command goes on.",
     ),
 ]
 Quiet = Annotated[

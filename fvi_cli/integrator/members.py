@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,11 +22,17 @@ from fvi_cli.integrator.equal_steps.weights import shared_channels
 from fvi_cli.integrator.growth_bound import GrowthBound, cut_at_bound
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 
 
 def integrate_members(
-    scenes: Sequence[Scene], method: AnyMethod, n_steps: int, *, every: int = 1
+    scenes: Sequence[Scene],
+    method: AnyMethod,
+    n_steps: int,
+    *,
+    every: int = 1,
+    checkpoints: Callable[[Scene], RunKeeper | None] = lambda scene: None,
 ) -> list[Trajectory]:
     """Integrate every scene, those that fit together as one batch.
 
@@ -42,6 +48,8 @@ def integrate_members(
         What is integrated.
     method, n_steps, every
         As for :func:`fvi_cli.integrator.integrate.integrate`, the same for all.
+    checkpoints
+        Where a scene that is integrated by itself keeps its checkpoint.
 
     Returns
     -------
@@ -65,7 +73,10 @@ def integrate_members(
             else:
                 batch = _batch_or_none(together, method, int(n_steps), every)
         if batch is None:
-            batch = [integrate(scene, method, n_steps, every=every) for scene in together]
+            batch = [
+                integrate(scene, method, n_steps, every=every, checkpoints=checkpoints(scene))
+                for scene in together
+            ]
         found.update(zip(indices, batch, strict=True))
     return [found[index] for index in range(len(scenes))]
 

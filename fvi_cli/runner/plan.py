@@ -9,6 +9,7 @@ from fvi_cli.config.memory import derivative_bytes, in_gigabytes, machine_bytes
 from fvi_cli.errors import RequestError
 from fvi_cli.planning.plan import planned_bytes
 from fvi_cli.runner.executors.batches import pack_size
+from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.executor import crash
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
@@ -61,11 +62,13 @@ def plan_runs(requests: Sequence[Request], settings: Settings) -> list[PlannedRu
                 begun = {} if checkpoints is None else checkpoints.unfinished(runs)
                 plans += [_planned(run, store.finished, why, request, begun) for run in runs]
                 own = searched[experiment]
-                plans += [_search(one, request, store.chosen) for one in own]
+                plans += [_search(one, request, store.chosen, checkpoints) for one in own]
     return plans
 
 
-def _search(search: Run, request: Request, chosen: Chosen) -> PlannedRun:
+def _search(
+    search: Run, request: Request, chosen: Chosen, checkpoints: CheckpointFolder | None
+) -> PlannedRun:
     """The run that would be found for a tolerance, or the one that was."""
     earlier = reusable(chosen(search))
     if earlier is not None:
@@ -75,6 +78,8 @@ def _search(search: Run, request: Request, chosen: Chosen) -> PlannedRun:
     words = "a tolerance" if accuracy is None else accuracy.words
     action = "compute" if request.stored is None else "leave out"
     reason = f"steps are found on the way, for {words}; a second run tells the error"
+    if checkpoints is not None:
+        reason = checkpoints.resumed(search) or reason
     return PlannedRun(run=search, action=action, reason=reason, predicted="unknown")
 
 

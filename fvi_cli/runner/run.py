@@ -50,9 +50,12 @@ def run_request(request: Request, settings: Settings) -> list[Outcome]:
             return recall(experiments, store)
         keep = store.add if is_kept else None
         if settings.fresh and checkpoints is not None:
-            checkpoints.remove(run for one in experiments for run in one.runs())
+            every = (run for one in experiments for run in (*one.runs(), *one.searches()))
+            checkpoints.remove(every)
         try:
-            searched = run_tolerance_searches(experiments, settings, chosen=store.chosen, keep=keep)
+            searched = run_tolerance_searches(
+                experiments, settings, chosen=store.chosen, keep=keep, checkpoints=checkpoints
+            )
             return _all_outcomes(
                 experiments,
                 searched,

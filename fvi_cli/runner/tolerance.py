@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import logging
 from collections.abc import Sequence
 
 from fvi_cli.config.memory import machine_bytes
 from fvi_cli.runner.compute import Keep
-from fvi_cli.runner.executors.executor import Batch
+from fvi_cli.runner.executors.checkpoints import CheckpointFolder
+from fvi_cli.runner.executors.executor import Batch, ComputeBatch
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.settings import Settings
@@ -25,6 +27,7 @@ def run_tolerance_searches(
     *,
     chosen: Chosen,
     keep: Keep | None = None,
+    checkpoints: CheckpointFolder | None = None,
 ) -> dict[Experiment, Outcome]:
     """Recall or compute the run of every experiment with a tolerance, or of each of its members.
 
@@ -40,6 +43,8 @@ def run_tolerance_searches(
         Looks up what is stored.
     keep
         Is given every run that is computed, as soon as it is finished.
+    checkpoints
+        Where the runs of a search keep their checkpoints, and may have some from before.
     """
     outcomes: dict[Experiment, Outcome] = {}
     has_failed = False
@@ -49,26 +54,28 @@ def run_tolerance_searches(
             continue
         finished: list[FinishedRun] = []
         if not has_failed:
-            finished = _searched(experiment, searches[experiment], settings, chosen, keep)
+            own = searches[experiment]
+            finished = _searched(experiment, own, settings, chosen, keep, checkpoints)
         # nothing is begun after an unexpected failure (--fail-fast)
         has_failed |= settings.fail_fast and any(map(is_unexpected_failure, finished))
-        own = experiment if experiment.members or not finished else finished[0].run.experiment
-        outcomes[experiment] = Outcome(experiment=own, finished=tuple(finished))
+        is_whole = experiment.members or not finished
+        found = experiment if is_whole else finished[0].run.experiment
+        outcomes[experiment] = Outcome(experiment=found, finished=tuple(finished))
     return outcomes
 
 
-def search_batch(batch: Batch) -> list[FinishedRun]:
+def search_batch(batch: Batch, checkpoints: CheckpointFolder | None = None) -> list[FinishedRun]:
     """The runs that searches come to."""
     found = []
     for search in batch:
-        name = search.experiment.name
-        if search.member is not None:
-            name += f" ({search.member.label})"
 
-        def tell(line: str, name: str = name) -> None:
+        def tell(line: str, name: str = _name(search)) -> None:
             _logger.info("%s: %s", name, line)
 
-        found.append(run_for_tolerance(search, available_bytes=machine_bytes(), tell=tell))
+        own = None if checkpoints is None else checkpoints.of(search)
+        found.append(
+            run_for_tolerance(search, available_bytes=machine_bytes(), tell=tell, checkpoints=own)
+        )
     return found
 
 
@@ -78,6 +85,7 @@ def _searched(
     settings: Settings,
     chosen: Chosen,
     keep: Keep | None,
+    checkpoints: CheckpointFolder | None,
 ) -> list[FinishedRun]:
     """The runs of all searches of an experiment, in their order."""
     done: dict[object, FinishedRun] = {}
@@ -91,15 +99,24 @@ def _searched(
     if done:
         count = f"{len(done)} of {len(done) + len(waiting)} " if experiment.members else ""
         _logger.info("%s: %sstored", experiment.name, count)
+    compute: ComputeBatch = search_batch
+    if checkpoints is not None:
+        checkpoints.remove(search for search in searches if search.member in done)
+        for (search,) in waiting:
+            if words := checkpoints.resumed(search):
+                _logger.info("%s: %s", _name(search), words)
+        compute = functools.partial(search_batch, checkpoints=checkpoints)
     wanted = settings.show_progress and len(waiting) > 1
     with (
         progress_bar(experiment.name, len(waiting), wanted=wanted) as advance,
-        contextlib.closing(settings.executor().compute(waiting, search_batch)) as computed,
+        contextlib.closing(settings.executor().compute(waiting, compute)) as computed,
     ):
         for batch in computed:
             (finished,) = batch.finished
             if keep is not None and batch.results:
                 keep(batch.results)
+                if checkpoints is not None:
+                    checkpoints.remove(s for s in searches if s.member is finished.run.member)
             done[finished.run.member] = finished
             advance("" if finished.run.member is None else finished.run.member.label)
             _report(finished)
@@ -113,6 +130,9 @@ def _report(finished: FinishedRun) -> None:
         if remark.startswith("stability:"):
             _logger.warning("%s: %s", finished.run.title, remark)
     if is_unexpected_failure(finished):
-        member = finished.run.member
-        name = finished.run.experiment.name + ("" if member is None else f" ({member.label})")
-        _logger.warning("%s: %s", name, finished.trajectory.message)
+        _logger.warning("%s: %s", _name(finished.run), finished.trajectory.message)
+
+
+def _name(run: Run) -> str:
+    """Of a search, or of the run that it came to."""
+    return run.experiment.name + ("" if run.member is None else f" ({run.member.label})")

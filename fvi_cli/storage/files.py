@@ -224,17 +224,19 @@ def checkpoint_paths(parts: Path) -> Sequence[Path]:
 
 
 def remove_checkpoints(parts: Path, identities: Iterable[str]) -> None:
-    """Remove the checkpoints of these runs.
+    """Remove the checkpoints of these runs, and of runs of which they are made.
 
     Raises
     ------
     StorageError
         If one cannot be removed.
     """
-    found = {path.stem: path for path in checkpoint_paths(parts)}
-    for path in (found[one] for one in set(identities) & set(found)):
-        with told(path):
-            path.unlink(missing_ok=True)
+    paths = checkpoint_paths(parts)
+    owners = set(identities) if paths else set()
+    for path in paths:
+        if path.name.partition(".")[0] in owners:
+            with told(path):
+                path.unlink(missing_ok=True)
 
 
 def remove_unfinished(path: Path) -> None:

@@ -1,19 +1,24 @@
 """A run that was stopped, and stopped again, ends in the bits of one that never was."""
 
+import copy
 import io
 from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from letters import spring, swing
+from letters import in_pieces, spring, swing
 from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.observations.asked import observations
 from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.run import march
-from fvi_cli.integrator.run.unfinished import UnfinishedRun
+from fvi_cli.integrator.run.loop import Stepper
+from fvi_cli.integrator.run.unfinished import OF_ANOTHER_RUN, UnfinishedRun
+from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
+from fvi_cli.studies.tolerance.search import solve
 
 N = 400
 LINEAR = spring((0.5, 0.7), T=8.0, k=2.0, x=1.0, v=0.5)
@@ -28,6 +33,7 @@ GENERAL = fvi.lagrangian_scene(
 SCENES = {"linear": LINEAR, "pendulum": PENDULUM, "general": GENERAL}
 NONE = fvi.Method(cq="gauss", degree=2, start="none", history="exponentials")
 GRADED = replace(NONE, start="graded")
+GAUSS4 = fvi.Method(cq="gauss", degree=4, start="none")
 
 
 class InterruptedRunError(Exception):
@@ -35,16 +41,21 @@ class InterruptedRunError(Exception):
 
 
 class Kept:
-    """A checkpoint in memory; the run is stopped after so many have been written."""
+    """Checkpoints in memory; the run is stopped after so many have been written."""
 
-    def __init__(self, stops=()):
-        self.stops, self.content, self.written, self.taken_up = list(stops), b"", 0, []
-        self.rejected = []
+    def __init__(self, stops=(), pause=1):
+        self.pause, self.asked = pause, []
+        self.stops, self.contents, self.saves, self.taken_up = list(stops), {}, [], []
+        self.rejected, self.label = [], "a run"
+
+    @property
+    def content(self):
+        return self.contents[self.label]
 
     def load(self):
-        if not self.content:
+        if self.label not in self.contents:
             return None
-        found = UnfinishedRun.read(io.BytesIO(self.content), "a run")
+        found = UnfinishedRun.read(io.BytesIO(self.content), self.label)
         self.taken_up.append(found.checkpoint.done)
         return found
 
@@ -52,15 +63,24 @@ class Kept:
         self.rejected.append(reason)
 
     def is_due(self):
-        return True
+        self.asked.append(1)
+        return len(self.asked) % self.pause == 0
+
+    def is_kept_whole(self, seconds):
+        return self.label != "a run"
+
+    def part(self, name):
+        own = copy.copy(self)
+        own.label = f"{self.label} {name}"
+        return own
 
     def save(self, unfinished):
         stream = io.BytesIO()
-        unfinished.write(stream, "a run")
-        self.content = stream.getvalue()
-        self.written += 1
-        if self.stops and self.written >= self.stops[0]:
-            self.written = 0
+        unfinished.write(stream, self.label)
+        self.contents[self.label] = stream.getvalue()
+        self.saves.append(self.label)
+        if self.stops and len(self.saves) >= self.stops[0]:
+            self.saves.clear()
             self.stops.pop(0)
             raise InterruptedRunError
 
@@ -70,13 +90,14 @@ def short_chunks(monkeypatch):
     monkeypatch.setattr(march, "CHUNK", 32)
 
 
-def stopped_twice(scene, method, *asked, run=integrate, **options):
-    kept = Kept(stops=(3, 4))
+def stopped_twice(scene, method, *asked, run=integrate, steps=N, stops=(3, 4), pause=1, **options):
+    kept = Kept(stops=stops, pause=pause)
     for _ in range(2):
         with pytest.raises(InterruptedRunError):
-            run(scene, method, N, *asked, checkpoints=kept, **options)
-    found = run(scene, method, N, *asked, checkpoints=kept, **options)
+            run(scene, method, steps, *asked, checkpoints=kept, **options)
+    found = run(scene, method, steps, *asked, checkpoints=kept, **options)
     assert 0 < kept.taken_up[0] < kept.taken_up[1]
+    assert not kept.rejected
     return found
 
 
@@ -124,6 +145,125 @@ def test_what_is_observed_of_a_run_that_was_stopped_is_the_same():
         assert np.array_equal(found.quantities[name], values)
 
 
+KINKED = fvi.lagrangian_scene(
+    final_time=3.0,
+    coordinates=("x",),
+    lagrangian="vx**2/2 - x**2 - abs(x)",
+    damping=[fvi.FractionalDamping(order=0.5, coefficient=0.1)],
+    initial_position=1.0,
+)
+
+
+@pytest.mark.parametrize("scene", [LINEAR, PENDULUM, KINKED], ids=["linear", "pendulum", "kinks"])
+@pytest.mark.parametrize("stops", [(1, 1), (6, 7)])
+def test_steps_that_are_found_on_the_way_go_on_in_the_same_bits(scene, stops):
+    steps = AdaptiveSteps(tolerance=1e-9)
+    straight = integrate(scene, GAUSS4, steps, with_steps=True)
+    resumed = stopped_twice(scene, GAUSS4, steps=steps, stops=stops, with_steps=True)
+    assert_same(resumed, straight)
+    assert (resumed.rejected, resumed.doubts) == (straight.rejected, straight.doubts)
+    assert np.array_equal(resumed.steps.velocity, straight.steps.velocity)
+
+
+BALL = spring((0.5, 0.2), T=1.5, k=0.0, x=0.2, forcing=in_pieces("-10", 0.5, "-9"))
+FEW = 32
+WALLS = {
+    "floor": {"when": "x", "restitution": 0.9},
+    "table": {"when": "x - 0.1*sin(2*t)", "restitution": 0.8},
+}
+
+
+@pytest.mark.parametrize("stops", [(1, 1), (5, 8)])
+def test_a_motion_with_impacts_goes_on_in_the_same_bits(stops):
+    asked = observations(("x",), impacts=WALLS, quantities={"force": "dx", "speed": "abs(vx)"})
+    straight = integrate_observed(BALL, NONE, FEW, asked)
+    assert sum(one.time.size for one in straight[1].observed.events.values()) > 5
+    resumed = stopped_twice(
+        BALL, NONE, asked, run=integrate_observed, steps=FEW, stops=stops, pause=9
+    )
+    for one, other in zip(resumed, straight, strict=True):
+        assert_same(one, other)
+        assert one.remarks == other.remarks
+    found, expected = resumed[1].observed, straight[1].observed
+    for name, event in expected.events.items():
+        assert np.array_equal(found.events[name].time, event.time)
+    for name, values in expected.quantities.items():
+        assert np.array_equal(found.quantities[name], values)
+
+
+def test_a_motion_that_comes_to_rest_does_so_behind_a_checkpoint():
+    asked = observations(("x",), impacts={"floor": {"when": "x", "restitution": 0.5}})
+    straight = integrate_observed(BALL, NONE, FEW, asked)
+    assert any("at rest on floor" in one for one in straight[0].remarks)
+    resumed = stopped_twice(
+        BALL, NONE, asked, run=integrate_observed, steps=FEW, stops=(3, 3), pause=17
+    )
+    assert_same(resumed[0], straight[0])
+    assert resumed[0].remarks == straight[0].remarks
+
+
+def test_the_run_between_the_points_goes_on_too():
+    asked = observations(("x",), quantities={"force": "dx"})
+    straight = integrate_observed(PENDULUM, NONE, N, asked)
+    kept = Kept(stops=(20,))
+    with pytest.raises(InterruptedRunError):
+        integrate_observed(PENDULUM, NONE, N, asked, checkpoints=kept)
+    assert set(kept.contents) == {"a run", "a run between the points"}
+    resumed = integrate_observed(PENDULUM, NONE, N, asked, checkpoints=kept)
+    assert kept.taken_up == [384, 256]
+    assert np.array_equal(*(one[1].observed.quantities["force"] for one in (resumed, straight)))
+
+
+def computed_steps(monkeypatch):
+    """Steps that are solved one by one, by any run."""
+    real, solved = Stepper.solve, []
+
+    def solve(self, *arguments):
+        solved.append(1)
+        return real(self, *arguments)
+
+    monkeypatch.setattr(Stepper, "solve", solve)
+    return solved
+
+
+@pytest.mark.parametrize("stop", [5, 13, 20])
+def test_a_search_for_a_tolerance_computes_no_run_again(monkeypatch, stop):
+    solved = computed_steps(monkeypatch)
+    straight = solve(PENDULUM, tolerance=1e-8)
+    total = len(solved)
+    kept = Kept(stops=(stop,))
+    solved.clear()
+    with pytest.raises(InterruptedRunError):
+        solve(PENDULUM, tolerance=1e-8, checkpoints=kept)
+    resumed = solve(PENDULUM, tolerance=1e-8, checkpoints=kept)
+    assert_same(resumed, straight)
+    assert asdict(resumed.assessment) == asdict(straight.assessment)
+    assert len(solved) == total
+
+
+def test_a_search_on_equal_steps_computes_no_run_again():
+    methods = (GRADED, fvi.Method(cq="gauss", degree=3, start="graded"))
+    lines, again = [], []
+    chosen, straight = solve_on_equal_steps(PENDULUM, methods, tolerance=1e-8, tell=lines.append)
+    kept = Kept(stops=(10**6,))
+    solve_on_equal_steps(PENDULUM, methods, tolerance=1e-8, checkpoints=kept)
+    kept.stops = [len(kept.saves) - 5]
+    kept.contents.clear()
+    kept.saves.clear()
+    kept.taken_up.clear()
+    with pytest.raises(InterruptedRunError):
+        solve_on_equal_steps(PENDULUM, methods, tolerance=1e-8, checkpoints=kept)
+    found = solve_on_equal_steps(
+        PENDULUM, methods, tolerance=1e-8, checkpoints=kept, tell=again.append
+    )
+    assert found[0] == chosen
+    assert_same(found[1], straight)
+    assert asdict(found[1].assessment) == asdict(straight.assessment)
+    assert again == lines
+    # of every run before the stop nothing is done again
+    assert len(kept.taken_up) > 4
+
+
 def test_a_run_that_diverges_behind_a_checkpoint_says_the_same():
     scene = replace(LINEAR, potential=fvi.QuadraticPotential(stiffness=np.array([[-4000.0]])))
     straight = integrate(scene, NONE, N)
@@ -140,6 +280,22 @@ def test_a_checkpoint_of_another_run_is_not_believed():
     other = integrate(PENDULUM, NONE, 2 * N, checkpoints=kept)
     assert kept.rejected == ["it belongs to another run, or to another version of the solver"]
     assert_same(other, integrate(PENDULUM, NONE, 2 * N))
+
+
+def test_a_checkpoint_of_other_adaptive_steps_or_of_other_flights_is_not_believed():
+    walls = observations(("x",), impacts=WALLS)
+    for run, scene, asked, other in [
+        (integrate, PENDULUM, (AdaptiveSteps(tolerance=1e-6),), (AdaptiveSteps(tolerance=1e-7),)),
+        (integrate_observed, BALL, (FEW, walls), (FEW // 2, walls)),
+    ]:
+        kept = Kept(stops=(1,), pause=9)
+        with pytest.raises(InterruptedRunError):
+            run(scene, GAUSS4, *asked, checkpoints=kept)
+        found, expected = run(scene, GAUSS4, *other, checkpoints=kept), run(scene, GAUSS4, *other)
+        assert kept.rejected == [OF_ANOTHER_RUN]
+        pairs = [(found, expected)] if run is integrate else zip(found, expected, strict=True)
+        for one, straight in pairs:
+            assert_same(one, straight)
 
 
 def test_no_flipped_bit_and_no_cut_of_a_checkpoint_is_believed():

@@ -49,12 +49,14 @@ def digests(path=FILE):
         return {name: one.attrs["data_sha256"] for name, one in runs.items() if name[0] == "n"}
 
 
-def interrupt_after(monkeypatch, count):
-    """A Ctrl-C when so many checkpoints have been written."""
+def interrupt_after(monkeypatch, count, of=""):
+    """A Ctrl-C when so many checkpoints have been written of runs that are called so."""
     real, written = CheckpointFile.save, []
 
     def save(self, unfinished):
         real(self, unfinished)
+        if of not in self.title:
+            return
         written.append(unfinished.checkpoint.reported)
         if len(written) == count:
             raise KeyboardInterrupt
@@ -69,20 +71,18 @@ def interrupt_after(monkeypatch, count):
 def test_the_same_command_goes_on_after_two_interruptions(monkeypatch, options):
     run("-o", "straight", *options)
     with monkeypatch.context() as patch:
-        assert interrupt_after(patch, 3)[-1:] == []
+        assert interrupt_after(patch, 3, of=f"N={N}")[-1:] == []
         run(*options, code=130)
-    (checkpoint,) = PARTS.glob("*.checkpoint")
     planned = fvi("run", "long.yaml", "--dry-run", *options).stdout
     assert f"resume at step 192 of {N}" in planned
     with monkeypatch.context() as patch:
-        written = interrupt_after(patch, 2)
+        written = interrupt_after(patch, 2, of=f"N={N}")
         again = run(*options, code=130)
     assert f"resume at step 192 of {N}" in again.stderr
     assert written == [256, 320]
     rest = run(*options)
     assert f"resume at step 320 of {N}" in rest.stderr
     assert digests() == digests(Path("straight/long.h5"))
-    assert not checkpoint.exists()
     assert sorted(p.name for p in FILE.parent.iterdir()) == [".long.h5.lock", "long.h5"]
 
 
@@ -190,7 +190,94 @@ def test_a_stored_run_leaves_no_checkpoint_behind(monkeypatch):
     assert not PARTS.exists()
 
 
+ALONE = """\
+name: long
+problem:
+  kind: pendulum
+  damping: [{order: 0.5, coefficient: 0.1}]
+  initial: {position: 1.0}
+  final_time: 2.0
+  exact: none
+method: {rk: gauss, degree: 2, start: none}
+ladder: {steps: [12], grading: 2}
+sweep: {problem.omega: [0.5, 1]}
+"""
+WALL = (
+    ALONE.partition("sweep")[0].replace(", grading: 2", "")
+    + """\
+impacts: {wall: {when: x - 0.2, restitution: 0.9}}
+quantities: {force: dx}
+"""
+)
+SEARCH = ALONE.partition("method")[0] + "accuracy: {tolerance: 1e-6}\n"
+UNIFORM = SEARCH.replace("tolerance: 1e-6", "mesh: uniform, tolerance: 1e-3")
+KINDS = {"members": ALONE, "impacts": WALL, "search": SEARCH, "uniform": UNIFORM}
+
+
+def stored(path=FILE):
+    """Checksums of all runs of a file."""
+    found = {}
+
+    def note(name, one):
+        if "data_sha256" in one.attrs:
+            found[name] = one.attrs["data_sha256"]
+
+    with h5py.File(path, "r") as file:
+        file.visititems(note)
+    return found
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_run_goes_on(monkeypatch, folder, kind):
+    (folder / "long.yaml").write_text(KINDS[kind])
+    with monkeypatch.context() as patch:
+        counted = interrupt_after(patch, 10**6)
+        run("-o", "straight")
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, len(counted) * 2 // 3)
+        run(code=130)
+    assert list(PARTS.glob("*.checkpoint"))
+    assert "resume" in fvi("run", "long.yaml", "--dry-run").stdout
+    with monkeypatch.context() as patch:
+        written = interrupt_after(patch, 10**6)
+        told = run().stderr
+    assert "resume" in told
+    assert len(written) <= len(counted) - len(counted) * 2 // 3
+    assert stored() == stored(Path("straight/long.h5"))
+    assert not PARTS.exists()
+
+
+def test_what_was_kept_of_a_search_is_forgotten_by_fresh(monkeypatch, folder):
+    (folder / "long.yaml").write_text(SEARCH)
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, 20)
+        run(code=130)
+    assert "resume" not in fvi("run", "long.yaml", "--dry-run", "--fresh").stdout
+    assert "resume" not in run("--fresh").stderr
+    assert not PARTS.exists()
+
+
+def test_runs_among_others_are_kept_whole_where_they_took_their_time(folder):
+    (*_, last) = load_config(Path("long.yaml")).experiments[0].runs()
+    checkpoints = CheckpointFolder(folder=folder, seconds=60.0)
+    assert not checkpoints.of(last).is_kept_whole(1e6)
+    for one in (checkpoints.of(last, is_alone=False), checkpoints.of(last).part("second")):
+        assert not one.is_kept_whole(0.9)
+        assert one.is_kept_whole(1.1)
+
+
 SLOW = LONG.replace(f"[4, {N}]", "[4, 1000000]") + "store: {every: 1000}\n"
+
+
+def stop_at_a_checkpoint(folder, command, number):
+    with started(folder, *command) as process:
+        until = time.monotonic() + 100
+        while not list(PARTS.glob("*.checkpoint")):
+            assert process.poll() is None, process.stderr.read()
+            assert time.monotonic() < until
+            time.sleep(0.02)
+        process.send_signal(number)
+        process.communicate(timeout=60)
 
 
 @pytest.mark.processes
@@ -201,17 +288,24 @@ def test_the_same_command_goes_on_after_a_signal(folder, monkeypatch, number, op
     monkeypatch.chdir(folder)
     (folder / "long.yaml").write_text(SLOW)
     command = ("run", "long.yaml", "--checkpoint-every", "0", *options)
-    with started(folder, *command) as process:
-        until = time.monotonic() + 100
-        while not list(PARTS.glob("*.checkpoint")):
-            assert process.poll() is None, process.stderr.read()
-            assert time.monotonic() < until
-            time.sleep(0.02)
-        process.send_signal(number)
-        process.communicate(timeout=60)
+    stop_at_a_checkpoint(folder, command, number)
     logging.getLogger("fvi_cli").handlers.clear()
     rest = fvi("run", "long.yaml")
     assert "N=1000000: resume at step " in rest.stderr
     fvi("run", "long.yaml", "-o", "straight")
     assert digests() == digests(Path("straight/long.h5"))
+    assert not PARTS.exists()
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("options", [(), ("--workers", "2")])
+@pytest.mark.parametrize("kind", ["members", "impacts", "search"])
+def test_every_kind_of_run_goes_on_after_a_kill(folder, kind, options):
+    (folder / "long.yaml").write_text(KINDS[kind])
+    command = ("run", "long.yaml", "--checkpoint-every", "0", *options)
+    stop_at_a_checkpoint(folder, command, signal.SIGKILL)
+    logging.getLogger("fvi_cli").handlers.clear()
+    assert "resume" in fvi("run", "long.yaml").stderr
+    fvi("run", "long.yaml", "-o", "straight")
+    assert stored() == stored(Path("straight/long.h5"))
     assert not PARTS.exists()

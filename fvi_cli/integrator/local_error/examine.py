@@ -56,11 +56,6 @@ class Examiner:
     ----------
     scene, tables
         What is integrated, and the numbers of the method.
-
-    Attributes
-    ----------
-    n_kinks
-        Kinks that became points of the mesh.
     """
 
     def __init__(self, scene: Scene, tables: StepTables) -> None:
@@ -72,7 +67,16 @@ class Examiner:
         self._hidden = HiddenSearch(self._between)
         self._starts_on: int | None = None
         self._cuts = 0
-        self.n_kinks = 0
+
+    @property
+    def state(self) -> tuple[float, ...]:
+        """What the examination of steps behind an accepted one depends on."""
+        return (self._hidden.largest, -1 if self._starts_on is None else self._starts_on)
+
+    def restore(self, largest: float, starts_on: float) -> None:
+        """Go on behind an accepted step."""
+        self._hidden.largest = largest
+        self._starts_on = None if starts_on < 0 else int(starts_on)
 
     def spectrum(self, unknowns: Array, size: float) -> float:
         """Local error from the last Legendre coefficients of the velocity, a length."""
@@ -117,7 +121,6 @@ class Examiner:
         """The step is accepted."""
         self._starts_on = finding.ends_on
         self._cuts = 0
-        self.n_kinks += finding.ends_on is not None
 
     def give_up_cuts(self) -> None:
         """The step is rejected for its error: a shorter one may cross no kink."""

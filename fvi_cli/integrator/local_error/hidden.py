@@ -53,7 +53,7 @@ class HiddenSearch:
 
     def __init__(self, between: Between) -> None:
         self._between = between
-        self._largest = 0.0
+        self.largest = 0.0
 
     def search(self, path: StepPath, seen: PointForces, tolerance: float) -> Hidden:
         """Look for forces between the samples of a step that matter beside the tolerance.
@@ -67,8 +67,8 @@ class HiddenSearch:
         """
         low, high = seen.force.min(axis=0), seen.force.max(axis=0)
         largest = float(np.abs(seen.force).max())
-        self._largest = max(self._largest, largest)
-        permitted = BEYOND_SEEN * (high - low) + OF_LARGEST * self._largest
+        self.largest = max(self.largest, largest)
+        permitted = BEYOND_SEEN * (high - low) + OF_LARGEST * self.largest
         # a force F on a part of length d moves F / M d h by the end of the step
         counts = self._between.mobility_of(path) * path.size**2
         edges = np.linspace(0.0, 1.0, FIRST_PARTS + 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 FIRST_STEP = 1e-7
@@ -126,6 +127,20 @@ class StepController:
         self.forced_at: float | None = None
         self.is_stuck = False
         self._reaches_end = False
+
+    @property
+    def state(self) -> tuple[float, ...]:
+        """What the steps behind an accepted one depend on, and what is counted."""
+        at = math.nan if self.forced_at is None else self.forced_at
+        counts = (self.rejected, self.forced, at)
+        return (len(self._ends), self._size, self._intended, self.time, self.is_fresh, *counts)
+
+    def restore(self, state: Sequence[float]) -> None:
+        """Go on behind an accepted step."""
+        left, self._size, self._intended, self.time, is_fresh, rejected, forced, at = state
+        self._ends = self._ends[len(self._ends) - int(left) :]
+        self.is_fresh, self.rejected, self.forced = bool(is_fresh), int(rejected), int(forced)
+        self.forced_at = None if math.isnan(at) else at
 
     @property
     def is_finished(self) -> bool:

@@ -30,6 +30,7 @@ from fvi_cli.integrator.observations.impacts import replayed
 from fvi_cli.integrator.run.runge_kutta import integrate_runge_kutta
 from fvi_cli.integrator.run.setup import prepare_on_mesh
 from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
@@ -225,7 +226,9 @@ def _damping_at_start(scene: Scene) -> Array:
     return total
 
 
-def dense_motion(scene: Scene, method: Method, steps: RunSteps) -> DenseMotion:
+def dense_motion(
+    scene: Scene, method: Method, steps: RunSteps, checkpoints: RunKeeper | None = None
+) -> DenseMotion:
     """The dense motion of a finished run, by a second run on its mesh.
 
     Parameters
@@ -234,6 +237,8 @@ def dense_motion(scene: Scene, method: Method, steps: RunSteps) -> DenseMotion:
         What moved, and by which Runge-Kutta method.
     steps
         All steps of the run.
+    checkpoints
+        Where the second run keeps a checkpoint, and goes on from one.
     """
     stages = min(2 * method.degree, MOST_STAGES)
     shape, remark = steps, ""
@@ -245,7 +250,7 @@ def dense_motion(scene: Scene, method: Method, steps: RunSteps) -> DenseMotion:
             start="none",
             forcing_quadrature=method.forcing_quadrature,
         )
-        second, said = _second_run(scene, own, steps)
+        second, said = _second_run(scene, own, steps, checkpoints)
         if second is not None:
             shape = second
         else:
@@ -264,15 +269,19 @@ def dense_motion(scene: Scene, method: Method, steps: RunSteps) -> DenseMotion:
     )
 
 
-def _second_run(scene: Scene, method: Method, steps: RunSteps) -> tuple[RunSteps | None, str]:
+def _second_run(
+    scene: Scene, method: Method, steps: RunSteps, checkpoints: RunKeeper | None
+) -> tuple[RunSteps | None, str]:
     """The run by another method on the same mesh, or why there is none."""
     shorter = replace(scene, final_time=float(steps.time[-1]))
     mesh = steps.mesh(scene.break_points)
     if steps.jump is None:
-        second = integrate_runge_kutta(shorter, method, mesh, with_steps=True)
+        second = integrate_runge_kutta(
+            shorter, method, mesh, with_steps=True, checkpoints=checkpoints
+        )
         whole = second.steps if second.status == "ok" else None
         return whole, f"{second.status}: {second.message}"
-    return replayed(prepare_on_mesh(shorter, method, mesh), steps), "failed"
+    return replayed(prepare_on_mesh(shorter, method, mesh), steps, checkpoints), "failed"
 
 
 def stage_forces(scene: Scene, method: Method, steps: RunSteps) -> Array | None:

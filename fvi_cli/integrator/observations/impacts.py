@@ -31,6 +31,7 @@ from fvi_cli.integrator.run.loop import Course
 from fvi_cli.integrator.run.runge_kutta import MOST_SHORTEST, status_of
 from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_run
 from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.steps.step import StepFailedError, StepResult
 from fvi_cli.integrator.trajectory import Trajectory
@@ -42,6 +43,8 @@ Places = NDArray[np.intp]
 SHORTEST_FLIGHT = 1e-9
 """Flights between rebounds shorter than this, relative to T, are the beginning of endless ones."""
 SWEEPS = 8
+START, IMPACT, BREAK = range(3)
+"""What lies at the begin of a flight."""
 LEAST_IN_ULPS = 256
 """Steps behind an impact are no shorter than so many units in the last place of its time."""
 
@@ -54,6 +57,7 @@ def integrate_with_impacts(
     *,
     coordinates: Sequence[str],
     parameters: Mapping[str, float],
+    checkpoints: RunKeeper | None = None,
 ) -> tuple[Trajectory, dict[str, Array]]:
     """Integrate a scene with surfaces that it bounces off.
 
@@ -67,6 +71,8 @@ def integrate_with_impacts(
         Surfaces by name.
     coordinates, parameters
         Names in their expressions.
+    checkpoints
+        Where the run keeps a checkpoint, and goes on from one.
 
     Returns
     -------
@@ -88,7 +94,7 @@ def integrate_with_impacts(
         for name, one in impacts.items()
     }
     ready = clock.perf_counter()
-    run = _Bouncing(setup, surfaces, scene.final_time / n_steps, shortest)
+    run = _Bouncing(setup, surfaces, n_steps, shortest, checkpoints)
     with np.errstate(all="ignore"):
         run.march()
     finished = clock.perf_counter()
@@ -115,20 +121,28 @@ def integrate_with_impacts(
         message=course.failure,
         newton=course.newton,
         setup_seconds=ready - began,
-        stepping_seconds=finished - ready,
+        stepping_seconds=finished - ready + run.keeper.earlier_seconds,
         remarks=(run.rest,) if run.rest else (),
         steps=steps,
     )
     return trajectory, {name: np.array(times) for name, times in run.times.items()}
 
 
-def replayed(setup: RunSetup, steps: RunSteps) -> RunSteps | None:
+def replayed(
+    setup: RunSetup, steps: RunSteps, checkpoints: RunKeeper | None = None
+) -> RunSteps | None:
     """The steps of a run with impacts by another method: the same sizes and pushes."""
     marker = first_marker(setup)
-    positions, momenta = [marker.position.value.copy()], [marker.momentum.value.copy()]
-    velocities = []
+    course = Course.begun(marker)
+    asked = (setup.method.case, steps.n_steps, float(steps.time[-1]) / steps.n_steps)
+    keeper = CourseKeeper(checkpoints, marker, course, asked)
+    velocities = list(keeper.found.get("velocities", ()))
     jumps = steps.jump if steps.jump is not None else np.zeros_like(steps.momentum)
-    for index in range(steps.n_steps):
+
+    def found() -> dict[str, Array]:
+        return {"velocities": np.array(velocities)}
+
+    for index in range(len(velocities), steps.n_steps):
         h = float(steps.step_size[index])
         try:
             result = setup.stepper.attempt(marker, h, fresh=False)
@@ -138,14 +152,15 @@ def replayed(setup: RunSetup, steps: RunSteps) -> RunSteps | None:
         if np.any(jumps[index + 1]):
             marker.momentum.add(jumps[index + 1])
             marker.unknowns = None
-        positions.append(marker.position.value.copy())
-        momenta.append(marker.momentum.value.copy())
+        course.add(marker, result, h)
         velocities.append(result.velocity)
+        keeper.offer(found)
+    keeper.offer(found, has_ended=True)
     return RunSteps(
         tables=setup.stepper.solver.tables,
         time=steps.time,
-        position=np.array(positions),
-        momentum=np.array(momenta),
+        position=np.array(course.positions),
+        momentum=np.array(course.momenta),
         step_size=steps.step_size,
         velocity=np.array(velocities),
         jump=jumps,
@@ -156,40 +171,65 @@ class _Bouncing:
     """The steps of a run with impacts."""
 
     def __init__(
-        self, setup: RunSetup, surfaces: Mapping[str, Surface], step: float, shortest: float
+        self,
+        setup: RunSetup,
+        surfaces: Mapping[str, Surface],
+        n_steps: int,
+        shortest: float,
+        checkpoints: RunKeeper | None,
     ) -> None:
         self._setup, self._surfaces = setup, surfaces
-        self._step, self._shortest = step, shortest
         self._end = setup.scene.final_time
+        self._step, self._shortest = self._end / n_steps, shortest
         self._basis = lobatto_basis(setup.method.degree)
         self.marker = first_marker(setup)
-        self.course = Course(
-            times=[0.0],
-            positions=[self.marker.position.value.copy()],
-            momenta=[self.marker.momentum.value.copy()],
-        )
+        self.course = Course.begun(self.marker)
         self.jumps = [np.zeros(setup.scene.dimension)]
         self.times: dict[str, list[float]] = {name: [] for name in surfaces}
         self.rest = ""
-        self._flights: dict[str, tuple[float, float]] = {}
+        self._passed, self._behind, self._begin = 0, START, 0.0
+        asked = (setup.method.case, n_steps, self._step)
+        self.keeper = CourseKeeper(checkpoints, self.marker, self.course, asked)
+        if self.keeper.found:
+            self._restore(self.keeper.found)
+
+    def _state(self) -> dict[str, Array]:
+        """What the steps to come depend on beside points and marker."""
+        impacts = {f"impacts_{k}": np.array(one) for k, one in enumerate(self.times.values())}
+        place = np.array([self._passed, self._behind, self._begin])
+        return {"jumps": np.array(self.jumps), "place": place, **impacts}
+
+    def _restore(self, found: Mapping[str, Array]) -> None:
+        self.jumps = list(found["jumps"])
+        passed, behind, self._begin = found["place"].tolist()
+        self._passed, self._behind = int(passed), int(behind)
+        for k, times in enumerate(self.times.values()):
+            times += found[f"impacts_{k}"].tolist()
 
     def march(self) -> None:
         """To the end of the run, to rest, or to a failure."""
-        ends = [*self._setup.scene.break_points, self._end]
-        power = start_power(self._setup.scene, at_start=True)
-        while ends and not self.rest and not self.course.failure:
-            if self._to(ends[0], power):
-                power = power_behind_impact(self._setup.scene)
-                continue
-            power = start_power(self._setup.scene, at_start=False)
-            ends.pop(0)
+        scene = self._setup.scene
+        ends = [*scene.break_points, self._end]
+        while self._passed < len(ends) and not self.rest and not self.course.failure:
+            power = start_power(scene, at_start=self._behind == START)
+            if self._behind == IMPACT:
+                power = power_behind_impact(scene)
+            if self._to(ends[self._passed], power):
+                self._behind = IMPACT
+            else:
+                self._behind = BREAK
+                self._passed += 1
+            self._begin = self.marker.time
+        if not self.rest and not self.course.failure:
+            self.keeper.offer(self._state, has_ended=True)
 
     def _to(self, end: float, power: float | None) -> bool:
-        """Steps to a time; whether an impact stopped them."""
-        begin = self.marker.time
+        """The steps of a flight to a time, or the rest of them; whether an impact stopped it."""
+        begin = self._begin
         least = LEAST_IN_ULPS * math.ulp(begin) if begin else 0.0
-        self.marker.unknowns = None
-        is_first = True
+        is_first = self.marker.time == begin
+        if is_first:
+            self.marker.unknowns = None
         for place in step_ends(self._step, end - begin, self._setup.method.degree, power, least):
             target = min(begin + place, end)
             if target <= self.marker.time:
@@ -201,6 +241,7 @@ class _Bouncing:
                 return False
             if hit:
                 return True
+            self.keeper.offer(self._state)
         return False
 
     def _size(self, target: float) -> float:
@@ -233,11 +274,7 @@ class _Bouncing:
         course, marker = self.course, self.marker
         course.note(result.residuals)
         self._setup.stepper.accept(marker, result, size, target)
-        course.times.append(target)
-        course.positions.append(marker.position.value.copy())
-        course.momenta.append(marker.momentum.value.copy())
-        course.sizes.append(size)
-        course.unknowns.append(result.unknowns)
+        course.add(marker, result, size)
         self.jumps.append(np.zeros(marker.position.value.size))
         if not np.isfinite(marker.position.value).all():
             course.failure = f"not finite after step {len(course.sizes) - 1}, t = {target:.6g}"
@@ -300,7 +337,7 @@ class _Bouncing:
         self.jumps[-1] = push
         self.course.momenta[-1] = marker.momentum.value.copy()
         self.times[name].append(time)
-        self._look_for_rest(name, time, restitution)
+        self._look_for_rest(name, restitution)
 
     def _mobility(self, normal: Array) -> Array:
         """Inverse of the mass matrix times a normal."""
@@ -313,11 +350,9 @@ class _Bouncing:
         at = dynamics.lagrangian.derivatives(position, velocity, marker.time)
         return np.asarray(np.linalg.solve(at.mass, normal))
 
-    def _look_for_rest(self, name: str, time: float, restitution: float) -> None:
-        earlier = self._flights.get(name)
-        flight = math.inf if earlier is None else time - earlier[0]
-        before = math.inf if earlier is None else earlier[1]
-        self._flights[name] = (time, flight)
+    def _look_for_rest(self, name: str, restitution: float) -> None:
+        earliest, earlier, time = [-math.inf, -math.inf, *self.times[name]][-3:]
+        flight, before = time - earlier, earlier - earliest
         limit = SHORTEST_FLIGHT * self._end
         if restitution == 0.0:
             self.rest = f"at rest on {name} from t = {time:.10g} on: it does not bounce"

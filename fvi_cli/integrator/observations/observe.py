@@ -26,7 +26,7 @@ from fvi_cli.integrator.observations.pieces import (
     stations,
 )
 from fvi_cli.integrator.run.runge_kutta import AnySteps
-from fvi_cli.integrator.run.unfinished import RunKeeper
+from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
@@ -115,7 +115,7 @@ def integrate_observed(
     """Integrate a scene and observe it, as :func:`observe` says.
 
     `every`, `diagnostics` and `checkpoints` as for
-    :func:`fvi_cli.integrator.integrate.integrate`; a run with impacts has none of them.
+    :func:`fvi_cli.integrator.integrate.integrate`; a run with impacts has the last alone.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def integrate_observed(
             with_steps=True,
             checkpoints=checkpoints,
         )
-        return observe(scene, method, run, asked)
+        return observe(scene, method, run, asked, checkpoints=checkpoints)
     if not isinstance(n_steps, int):
         raise ValueError("impacts: steps are cut where these are; give a number of steps")
     run, times = integrate_with_impacts(
@@ -143,8 +143,9 @@ def integrate_observed(
         asked.impacts,
         coordinates=asked.coordinates,
         parameters=asked.parameters,
+        checkpoints=checkpoints,
     )
-    return observe(scene, method, run, asked, impacts=times)
+    return observe(scene, method, run, asked, impacts=times, checkpoints=checkpoints)
 
 
 def observe(
@@ -154,6 +155,7 @@ def observe(
     asked: Observations,
     *,
     impacts: Mapping[str, Array] | None = None,
+    checkpoints: RunKeeper | None = None,
 ) -> tuple[Trajectory, Trajectory]:
     """What is asked of a finished run.
 
@@ -167,6 +169,8 @@ def observe(
         What is wanted.
     impacts
         Times of the impacts of the run, which are told like events.
+    checkpoints
+        That of the run; the one that tells what lies between its points has a part of it.
 
     Returns
     -------
@@ -190,7 +194,7 @@ def observe(
         )
     if not steps.n_steps:
         return trajectory, replace(trajectory, observed=Observed(mesh=steps.time))
-    motion = dense_motion(scene, method, steps)
+    motion = dense_motion(scene, method, steps, part_of(checkpoints, "between the points"))
     events = {name: _occurrences(motion, asked, one) for name, one in (asked.events or {}).items()}
     for name, found in (impacts or {}).items():
         at = motion.located(found)

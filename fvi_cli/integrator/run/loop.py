@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,6 +26,7 @@ MATRICES_KEPT = 128
 """Step sizes whose matrices are kept; adaptive runs take a few dozen."""
 UNKNOWNS_KEPT = 2**20
 """Unknowns of their steps, at most: factors of large structures take a kilobyte for each."""
+INFINITE = "the force may be infinite"
 
 
 @dataclass(kw_only=True, eq=False)
@@ -66,8 +68,37 @@ class Course:
     most_iterations: int = 0
     worst_step: int = -1
     worst_residuals: tuple[float, ...] = ()
-    kinks: list[float] = field(default_factory=list)
     doubts: list[tuple[float, str]] = field(default_factory=list)
+
+    @classmethod
+    def begun(cls, marker: Marker) -> Course:
+        """Of a run that stands at its start."""
+        return cls(
+            times=[marker.time],
+            positions=[marker.position.value.copy()],
+            momenta=[marker.momentum.value.copy()],
+        )
+
+    def kept(self) -> dict[str, Array]:
+        """Points and polynomials so far by name, for a checkpoint."""
+        return {
+            "times": np.array(self.times),
+            "positions": np.array(self.positions),
+            "momenta": np.array(self.momenta),
+            "sizes": np.array(self.sizes),
+            "unknowns": np.array(self.unknowns),
+            "infinite": np.array([time for time, words in self.doubts if words == INFINITE]),
+        }
+
+    def restore(self, newton: NewtonRecord, kept: Mapping[str, Array] | None = None) -> None:
+        """Go on behind a checkpoint, with what was kept before it."""
+        self.iterations, self.most_iterations = newton.iterations, newton.largest
+        self.worst_step, self.worst_residuals = newton.worst_step, newton.worst_residuals
+        if kept is not None:
+            self.times, self.sizes = kept["times"].tolist(), kept["sizes"].tolist()
+            self.positions, self.momenta = list(kept["positions"]), list(kept["momenta"])
+            self.unknowns = list(kept["unknowns"])
+            self.doubts = [(time, INFINITE) for time in kept["infinite"].tolist()]
 
     @property
     def newton(self) -> NewtonRecord:
@@ -78,6 +109,14 @@ class Course:
             worst_step=self.worst_step,
             worst_residuals=self.worst_residuals,
         )
+
+    def add(self, marker: Marker, result: StepResult, size: float) -> None:
+        """A step that is done; the marker stands at its end."""
+        self.times.append(marker.time)
+        self.positions.append(marker.position.value.copy())
+        self.momenta.append(marker.momentum.value.copy())
+        self.sizes.append(size)
+        self.unknowns.append(result.unknowns)
 
     def note(self, residuals: tuple[float, ...]) -> None:
         """Count the iterations of a step."""
@@ -188,14 +227,15 @@ class Stepper:
 def march_adaptively(
     stepper: Stepper,
     marker: Marker,
+    course: Course,
     controller: StepController,
     examiner: Examiner,
     *,
     most_steps: int,
     bound: GrowthBound,
-) -> Course:
+    after_step: Callable[[], object],
+) -> None:
     """Steps whose sizes the controller finds, to the end or to a failure."""
-    course = _begun(marker)
     with np.errstate(over="ignore", invalid="ignore"):
         while not controller.is_finished:
             size = controller.propose()
@@ -238,11 +278,9 @@ def march_adaptively(
                 break
             examiner.go_on(finding)
             if finding.unresolved_at is not None:
-                course.doubts.append((finding.unresolved_at, "the force may be infinite"))
-            if is_kink:
-                course.kinks.append(controller.time)
+                course.doubts.append((finding.unresolved_at, INFINITE))
             stepper.accept(marker, result, size, controller.time)
-            _append(course, marker, result, size)
+            course.add(marker, result, size)
             if not _is_finite(marker):
                 course.failure = f"not finite after step {len(course.sizes) - 1}, "
                 course.failure += f"t = {marker.time:.6g}"
@@ -260,10 +298,10 @@ def march_adaptively(
             if len(course.sizes) >= most_steps:
                 course.failure = _at(len(course.sizes), marker.time, "the most steps are done")
                 break
+            after_step()
     course.rejected = controller.rejected
     if controller.forced_at is not None:
         course.doubts.append((controller.forced_at, "no step is short enough for the local error"))
-    return course
 
 
 def _scale(marker: Marker, result: StepResult | None, size: float) -> float:
@@ -272,22 +310,6 @@ def _scale(marker: Marker, result: StepResult | None, size: float) -> float:
     if result is not None:
         found += size * float(np.abs(result.velocity).max())
     return found if math.isfinite(found) else 0.0
-
-
-def _begun(marker: Marker) -> Course:
-    return Course(
-        times=[marker.time],
-        positions=[marker.position.value.copy()],
-        momenta=[marker.momentum.value.copy()],
-    )
-
-
-def _append(course: Course, marker: Marker, result: StepResult, size: float) -> None:
-    course.times.append(marker.time)
-    course.positions.append(marker.position.value)
-    course.momenta.append(marker.momentum.value)
-    course.sizes.append(size)
-    course.unknowns.append(result.unknowns)
 
 
 def _is_finite(marker: Marker) -> bool:

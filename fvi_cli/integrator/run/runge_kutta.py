@@ -19,13 +19,13 @@ from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.loop import march_adaptively
+from fvi_cli.integrator.run.loop import Course, march_adaptively
 from fvi_cli.integrator.run.march import March, MeshPlan
 from fvi_cli.integrator.run.regular import regular_until
 from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_on_mesh, prepare_run
 from fvi_cli.integrator.run.sink import Sink
 from fvi_cli.integrator.run.steps_of_run import RunSteps
-from fvi_cli.integrator.run.unfinished import RunKeeper, march_with_checkpoints
+from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper, march_with_checkpoints
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.trajectory import NewtonRecord, Status, Trajectory
 
@@ -118,8 +118,7 @@ def integrate_runge_kutta(
     with_steps
         Keep all steps as polynomials, for dense output.
     checkpoints
-        Where the run may have a checkpoint, from which it goes on, and keeps one now and then;
-        for steps on a given mesh.
+        Where the run may have a checkpoint, from which it goes on, and keeps one now and then.
     prepared
         What :func:`prepare_adaptive` gave for the same scene, method and first step: runs share
         the matrices of step sizes that they have in common.
@@ -135,7 +134,7 @@ def integrate_runge_kutta(
     sink = Sink(every=every, with_steps=keeps)
     if isinstance(steps, AdaptiveSteps):
         setup = prepared or prepare_adaptive(scene, method, steps)
-        ended, finished, count = _adaptive(setup, steps, sink)
+        ended, finished, count = _adaptive(setup, steps, sink, checkpoints)
         fresh_at = (0.0, *scene.break_points)
         ready = began
     else:
@@ -211,20 +210,38 @@ def _controller(scene: Scene, method: Method, steps: AdaptiveSteps) -> StepContr
     )
 
 
-def _adaptive(setup: RunSetup, steps: AdaptiveSteps, sink: Sink) -> tuple[Ended, float, int]:
+def _adaptive(
+    setup: RunSetup, steps: AdaptiveSteps, sink: Sink, checkpoints: RunKeeper | None
+) -> tuple[Ended, float, int]:
     """Steps that are found on the way."""
     scene = setup.scene
     controller = _controller(scene, setup.method, steps)
+    examiner = Examiner(scene, setup.stepper.solver.tables)
     marker = first_marker(setup)
     sink.begin(0.0, marker.position.value, marker.momentum.value)
-    course = march_adaptively(
+    course = Course.begun(marker)
+    asked = (setup.method.case, 0, steps.tolerance)
+    keeper = CourseKeeper(checkpoints, marker, course, asked)
+
+    def state() -> dict[str, Array]:
+        return {"state": np.array([*examiner.state, *controller.state], dtype=float)}
+
+    if keeper.found:
+        largest, starts_on, *rest = keeper.found["state"].tolist()
+        examiner.restore(largest, starts_on)
+        controller.restore(rest)
+    march_adaptively(
         setup.stepper,
         marker,
+        course,
         controller,
-        Examiner(scene, setup.stepper.solver.tables),
+        examiner,
         most_steps=steps.most_steps,
         bound=setup.bound,
+        after_step=lambda: keeper.offer(state),
     )
+    if not course.failure:
+        keeper.offer(state, has_ended=True)
     count = len(course.sizes)
     if count:
         velocity = np.array([setup.stepper.velocity_of(one) for one in course.unknowns])
@@ -244,6 +261,7 @@ def _adaptive(setup: RunSetup, steps: AdaptiveSteps, sink: Sink) -> tuple[Ended,
         rejected=course.rejected,
         operations=count * per_step,
         doubts=tuple(course.doubts),
+        earlier_seconds=keeper.earlier_seconds,
     )
     return ended, clock.perf_counter(), count
 

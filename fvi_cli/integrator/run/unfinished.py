@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time as clock
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import IO, Protocol
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.run.checkpoint import Checkpoint
-from fvi_cli.integrator.run.loop import Marker
+from fvi_cli.integrator.run.loop import Course, Marker
 from fvi_cli.integrator.run.march import March
 from fvi_cli.integrator.run.setup import RunSetup, first_marker
 from fvi_cli.integrator.run.sink import Sink
@@ -128,8 +128,106 @@ class RunKeeper(Protocol):
     def is_due(self) -> bool:
         """Whether it is time to keep a checkpoint."""
 
+    def is_kept_whole(self, seconds: float) -> bool:
+        """Whether a run that took so long is kept when it has ended, since others follow."""
+
     def save(self, unfinished: UnfinishedRun) -> None:
         """Keep a checkpoint in place of the one before."""
+
+    def part(self, name: str) -> RunKeeper:
+        """Where one of several runs, of which this one is made, keeps its own."""
+
+
+def part_of(checkpoints: RunKeeper | None, name: str) -> RunKeeper | None:
+    """Where one of several runs keeps its checkpoint; None: nowhere."""
+    return None if checkpoints is None else checkpoints.part(name)
+
+
+class CourseKeeper:
+    """The checkpoint of a run whose steps are found one after the other.
+
+    Parameters
+    ----------
+    keeper
+        Where it is kept; None: nowhere.
+    marker, course
+        The run at its start; they are brought to where it was stopped.
+    asked
+        Method, number of steps that are asked for, and their size, or the tolerance of theirs.
+
+    Attributes
+    ----------
+    found
+        What else was kept, by name; nothing for a run that begins at its start.
+    earlier_seconds
+        Time of the steps before the checkpoint.
+    """
+
+    def __init__(
+        self,
+        keeper: RunKeeper | None,
+        marker: Marker,
+        course: Course,
+        asked: tuple[str, int, float],
+    ) -> None:
+        self._keeper, self._marker, self._course = keeper, marker, course
+        self._asked = asked
+        self.found: Mapping[str, Array] = {}
+        self.earlier_seconds = 0.0
+        found = None if keeper is None else _believed(keeper, (*self._asked, marker.states.shape))
+        if found is not None:
+            self.found, self.earlier_seconds = found.kept, found.seconds
+            vars(marker).update(vars(found.checkpoint.marker()))
+            course.restore(found.newton, found.kept)
+        self._taken_up = len(course.sizes)
+        self._began = clock.perf_counter()
+
+    def offer(self, further: Callable[[], Mapping[str, Array]], *, has_ended: bool = False) -> None:
+        """Behind a step, or behind the last one: keep a checkpoint if it is time to.
+
+        Parameters
+        ----------
+        further
+            What else the steps to come depend on.
+        has_ended
+            Whether no step is left.
+        """
+        keeper, done = self._keeper, len(self._course.sizes)
+        if keeper is None or done == self._taken_up:
+            return
+        seconds = self.earlier_seconds + clock.perf_counter() - self._began
+        if not (keeper.is_kept_whole(seconds) if has_ended else keeper.is_due()):
+            return
+        case, n_steps, step_size = self._asked
+        checkpoint = Checkpoint.taken(
+            self._marker,
+            case=case,
+            n_steps=n_steps,
+            step_size=step_size,
+            place=(0, 0),
+            done=done,
+            reported=int(self._marker.time / step_size) if n_steps else done,
+        )
+        keeper.save(
+            UnfinishedRun(
+                checkpoint=checkpoint,
+                kept={**self._course.kept(), **further()},
+                newton=self._course.newton,
+                operations=0,
+                seconds=seconds,
+            )
+        )
+
+
+def _believed(keeper: RunKeeper, asked: tuple[object, ...]) -> UnfinishedRun | None:
+    """What was kept of the run that is asked for; None otherwise."""
+    found = keeper.load()
+    if found is not None:
+        at = found.checkpoint
+        if (at.case, at.n_steps, at.step_size, at.states.shape) == asked:
+            return found
+        keeper.reject(OF_ANOTHER_RUN)
+    return None
 
 
 def march_with_checkpoints(
@@ -155,28 +253,26 @@ def march_with_checkpoints(
     step_size = setup.scene.final_time / max(n_steps, 1)
     marker = first_marker(setup)
     following: tuple[int, int] | None = (0, 0)
-    found = checkpoints.load()
-    if found is not None:
-        at = found.checkpoint
-        asked = (method.case, n_steps, step_size, marker.states.shape)
-        if (at.case, at.n_steps, at.step_size, at.states.shape) != asked:
-            checkpoints.reject(OF_ANOTHER_RUN)
-            found = None
+    end = (len(mesh.stretches), 0)
+    found = _believed(checkpoints, (method.case, n_steps, step_size, marker.states.shape))
     if found is None:
         sink.begin(0.0, marker.position.value, marker.momentum.value)
     else:
-        at, newton = found.checkpoint, found.newton
+        at = found.checkpoint
         marker, following, earlier = at.marker(), (at.stretch, at.step), found.seconds
+        following = None if following == end else following
         sink.restore(found.kept, reported=at.reported)
         march.done, march.operations = at.done, found.operations
-        march.course.iterations, march.course.most_iterations = newton.iterations, newton.largest
-        march.course.worst_step = newton.worst_step
-        march.course.worst_residuals = newton.worst_residuals
+        march.course.restore(found.newton)
     began = clock.perf_counter()
     while following is not None:
         stretch, step = following
         following = march.run(marker, stretch=stretch, step=step, until=march.done + 1)
-        if following is not None and checkpoints.is_due():
+        seconds = earlier + clock.perf_counter() - began
+        is_whole = following is None and not march.failure
+        if (is_whole and checkpoints.is_kept_whole(seconds)) or (
+            following and checkpoints.is_due()
+        ):
             checkpoints.save(
                 UnfinishedRun(
                     checkpoint=Checkpoint.taken(
@@ -184,14 +280,14 @@ def march_with_checkpoints(
                         case=method.case,
                         n_steps=n_steps,
                         step_size=step_size,
-                        place=following,
+                        place=following or end,
                         done=march.done,
                         reported=sink.reported,
                     ),
                     kept=sink.kept(),
                     newton=march.course.newton,
                     operations=march.operations,
-                    seconds=earlier + clock.perf_counter() - began,
+                    seconds=seconds,
                 )
             )
     return marker, earlier

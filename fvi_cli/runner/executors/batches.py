@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.members import members_at_a_time
@@ -60,7 +61,12 @@ def pack_of(run: Run) -> Pack:
 
 
 def pack_size(experiment: Experiment) -> int:
-    """How many members of a sweep are computed together at most; 1 where nothing is swept."""
+    """How many members of a sweep are computed together at most; 1 where nothing is swept.
+
+    Also 1 where quantities or events are asked for: these members share nothing.
+    """
+    if not experiment.observations.is_empty:
+        return 1
     problem = experiment.problem
     dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
     members = max(1, len(experiment.members))
@@ -82,31 +88,41 @@ def execute_batch(
     batch
         The runs.
     checkpoints
-        Where runs that stand alone keep their checkpoints.
+        Where runs that are computed one by one keep their checkpoints.
     """
     first = batch[0]
     is_observed = not first.experiment.observations.is_empty
+
+    def keeper(run: Run) -> RunKeeper | None:
+        is_alone = len(batch) == 1 and not is_observed
+        return None if checkpoints is None else checkpoints.of(run, is_alone=is_alone)
+
     if first.member is None or is_observed or not isinstance(first.problem, Problem):
-        if checkpoints is None:
-            return [execute(run) for run in batch]
-        return [execute(run, checkpoints.of(run)) for run in batch]
+        return [execute(run, keeper(run)) for run in batch]
     members = tuple(run.member for run in batch if run.member is not None)
     references = references_of(members, first.experiment.steps, first.experiment.grading)
     predictions = [prediction_of(run) for run in batch]
-    going = [
-        run
+    going = {
+        run.problem.scene: run
         for run, prediction in zip(batch, predictions, strict=True)
-        if not is_refused(run, prediction)
-    ]
-    scenes = [run.problem.scene for run in going if isinstance(run.problem, Problem)]
+        if isinstance(run.problem, Problem) and not is_refused(run, prediction)
+    }
     every = kept_on_the_way(first)
     if first.experiment.grading == 1.0:
-        computed = iter(integrate_members(scenes, first.method, first.n_steps, every=every))
+        computed = iter(
+            integrate_members(
+                list(going),
+                first.method,
+                first.n_steps,
+                every=every,
+                checkpoints=lambda scene: keeper(going[scene]),
+            )
+        )
     else:
         computed = iter(
             [
-                integrate(scene, run.method, run.steps, every=every)
-                for scene, run in zip(scenes, going, strict=True)
+                integrate(scene, run.method, run.steps, every=every, checkpoints=keeper(run))
+                for scene, run in going.items()
             ]
         )
     return [

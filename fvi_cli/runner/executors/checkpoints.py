@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fvi_cli.integrator.run.unfinished import UnfinishedRun
@@ -19,6 +20,9 @@ _logger = logging.getLogger(__name__)
 
 LEAST_RATIO = 20.0
 """Writing a checkpoint takes at most this part of the time: one that is long to write is rare."""
+
+WHOLE_RATIO = 60.0
+"""A run among others that took this part of the time between checkpoints is kept when it ends."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,21 +40,36 @@ class CheckpointFolder:
     folder: Path
     seconds: float
 
-    def of(self, run: Run) -> CheckpointFile:
-        """The checkpoint of one run, which need not be there."""
+    def of(self, run: Run, *, is_alone: bool = True) -> CheckpointFile:
+        """The checkpoint of one run, which need not be there.
+
+        Parameters
+        ----------
+        run
+            The run, or a search for a tolerance.
+        is_alone
+            Whether the run is stored when it has ended; others are kept whole until they are.
+        """
         return CheckpointFile(
-            path=self.folder / f"{identity(run)}{CHECKPOINT_SUFFIX}",
+            folder=self.folder,
             title=run.title,
             label=identity(run),
             seconds=self.seconds,
+            is_alone=is_alone,
         )
 
     def unfinished(self, runs: Iterable[Run]) -> dict[Run, int]:
         """How many steps are done of those runs that have a checkpoint to be believed."""
         if not checkpoint_paths(self.folder):
             return {}
-        found = {run: self.of(run).steps_done() for run in runs if run.member is None}
+        found = {run: self.of(run).steps_done() for run in runs}
         return {run: done for run, done in found.items() if done is not None}
+
+    def resumed(self, search: Run) -> str:
+        """In words what is kept of the runs of a search; empty: nothing."""
+        owner = f"{identity(search)}."
+        found = [path for path in checkpoint_paths(self.folder) if path.name.startswith(owner)]
+        return f"resume: of its runs, whole or in part, {len(found)} kept" if found else ""
 
     def remove(self, runs: Iterable[Run]) -> None:
         """Forget how far these runs were.
@@ -73,25 +92,39 @@ class CheckpointFile:
 
     Parameters
     ----------
-    path
-        The file.
+    folder
+        Of the file.
     title
         The run in words.
     label
-        Identity of the run, which says by which version of the solver.
+        Identity of the run, which says by which version of the solver, and which part of it.
     seconds
         Between two checkpoints, at least.
+    is_alone
+        Whether nothing follows this run before it is stored.
     """
 
-    path: Path
+    folder: Path
     title: str
     label: str
     seconds: float
+    is_alone: bool = True
     _due: float = field(init=False)
-    _is_failure_told: bool = False
+    _is_failure_told: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
         self._due = time.monotonic() + self.seconds
+
+    @property
+    def path(self) -> Path:
+        """The file; of a part of a run it begins with the identity of the run."""
+        owner, _, part = self.label.partition(" ")
+        name = f"{owner}.{hashlib.sha256(part.encode()).hexdigest()[:16]}" if part else owner
+        return self.folder / f"{name}{CHECKPOINT_SUFFIX}"
+
+    def part(self, name: str) -> CheckpointFile:
+        """The checkpoint of one of several runs, of which this one is made."""
+        return replace(self, label=f"{self.label} {name}", is_alone=False)
 
     def load(self) -> UnfinishedRun | None:
         """What was kept of this run and is whole; None otherwise."""
@@ -128,6 +161,10 @@ class CheckpointFile:
     def is_due(self) -> bool:
         """Whether the last checkpoint is old enough."""
         return time.monotonic() >= self._due
+
+    def is_kept_whole(self, seconds: float) -> bool:
+        """Whether a run that took so long is kept when it has ended: others are soon done again."""
+        return not self.is_alone and seconds >= self.seconds / WHOLE_RATIO
 
     def save(self, unfinished: UnfinishedRun) -> None:
         """Write a checkpoint in place of the one before; if that fails the run goes on."""

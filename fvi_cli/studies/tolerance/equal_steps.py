@@ -13,6 +13,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import nearest_fitting
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.plan import planned_bytes, planned_seconds
@@ -55,6 +56,7 @@ def solve_on_equal_steps(
     norm: Norm = "max",
     available_bytes: int | None = None,
     tell: Callable[[str], object] = lambda line: None,
+    checkpoints: RunKeeper | None = None,
 ) -> tuple[AnyMethod, Trajectory]:
     """Find a method and a number of equal steps whose error is below a tolerance.
 
@@ -80,6 +82,8 @@ def solve_on_equal_steps(
         Memory that a run may take; None: as much as it likes.
     tell
         Is told of every run in a line.
+    checkpoints
+        Where every run of the search has a part.
 
     Returns
     -------
@@ -92,6 +96,7 @@ def solve_on_equal_steps(
         tolerance=None if tolerance is None else WITNESS * tolerance / unit,
         relative=None if relative is None else WITNESS * relative,
         tell=tell,
+        checkpoints=checkpoints,
     )
     search = _Search(
         scene=scene,
@@ -101,6 +106,7 @@ def solve_on_equal_steps(
         target=_target(witness, tolerance, relative, unit),
         available_bytes=available_bytes,
         tell=tell,
+        checkpoints=checkpoints,
     )
     return search.result(methods)
 
@@ -125,6 +131,7 @@ class _Search:
     target: float
     available_bytes: int | None
     tell: Callable[[str], object]
+    checkpoints: RunKeeper | None = None
     lines: list[str] = field(default_factory=list)
 
     def result(self, methods: Sequence[AnyMethod]) -> tuple[AnyMethod, Trajectory]:
@@ -181,7 +188,8 @@ class _Search:
     def _advance(self, one: _Candidate) -> None:
         """Run it, hold it against the witness, and say where it goes next."""
         n_steps = one.next_steps
-        run = integrate(self.scene, one.method, n_steps)
+        own = part_of(self.checkpoints, f"{one.method!r} N = {n_steps}")
+        run = integrate(self.scene, one.method, n_steps, checkpoints=own)
         before, error = one.error, math.inf
         if run.status == "ok":
             error = error_norm(run.position, self.witness(run.time), run.step_size, self.norm)

@@ -11,6 +11,7 @@ import numpy as np
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_observed, observe
+from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
@@ -28,6 +29,7 @@ def run_for_tolerance(
     *,
     available_bytes: int | None = None,
     tell: Callable[[str], object] = lambda line: None,
+    checkpoints: RunKeeper | None = None,
 ) -> FinishedRun:
     """Find the steps that the experiment's tolerance takes, and finish that run.
 
@@ -43,6 +45,8 @@ def run_for_tolerance(
         Memory that a run on equal steps may take.
     tell
         Is told of every run in a line.
+    checkpoints
+        Where every run of the search has a part.
 
     Returns
     -------
@@ -63,11 +67,18 @@ def run_for_tolerance(
             norm=experiment.norm,
             available_bytes=available_bytes,
             tell=tell,
+            checkpoints=checkpoints,
         )
         unit = 1.0
     else:
         absolute = None if absolute is None else absolute / unit
-        found = solve(problem.scene, tolerance=absolute, relative=accuracy.relative, tell=tell)
+        found = solve(
+            problem.scene,
+            tolerance=absolute,
+            relative=accuracy.relative,
+            tell=tell,
+            checkpoints=checkpoints,
+        )
         if found.steps is None:
             raise ValueError(f"{experiment.name}: nothing was run")
         method = gauss(problem.scene, found.steps.tables.degree)
@@ -84,7 +95,7 @@ def run_for_tolerance(
         outcome=assessment.outcome,
         relative=accuracy.relative,
     )
-    trajectory = _diagnosed(run, problem, found)
+    trajectory = _diagnosed(run, problem, found, part_of(checkpoints, "diagnosed"))
     remarks = (*trajectory.remarks, f"accuracy: {message}")
     trajectory = replace(trajectory, remarks=remarks)
     error, reference = unit * assessment.estimate, "a second run, an estimate"
@@ -102,7 +113,8 @@ def run_for_tolerance(
         trajectory = replace(trajectory, status="refused", message=reason)
         status = "refused"
     if not run.observations.is_empty and found.status == "ok":
-        trajectory = replace(_observed(run, problem, trajectory), remarks=remarks)
+        observed = _observed(run, problem, trajectory, part_of(checkpoints, "observed"))
+        trajectory = replace(observed, remarks=remarks)
     trajectory = replace(trajectory, steps=None)
     return FinishedRun(
         run=run,
@@ -134,26 +146,31 @@ def _message(run: Run, assessment: Assessment) -> str:
     )
 
 
-def _diagnosed(run: Run, problem: Problem, found: Trajectory) -> Trajectory:
+def _diagnosed(
+    run: Run, problem: Problem, found: Trajectory, checkpoints: RunKeeper | None
+) -> Trajectory:
     """The run, once more on its own mesh where it is wanted with its bookkeeping."""
     asked = run.experiment.diagnostics
     if asked.is_empty or found.status != "ok" or not isinstance(run.method, Method):
         return found
     steps = found.n_steps
-    mesh = steps if found.steps is None else found.steps.mesh(problem.scene.break_points)
+    scene, keeps = problem.scene, found.steps is not None
+    mesh = steps if found.steps is None else found.steps.mesh(scene.break_points)
     again = integrate(
-        problem.scene, run.method, mesh, diagnostics=asked, with_steps=found.steps is not None
+        scene, run.method, mesh, diagnostics=asked, with_steps=keeps, checkpoints=checkpoints
     )
     return replace(again, assessment=found.assessment, doubts=found.doubts)
 
 
-def _observed(run: Run, problem: Problem, found: Trajectory) -> Trajectory:
+def _observed(
+    run: Run, problem: Problem, found: Trajectory, checkpoints: RunKeeper | None
+) -> Trajectory:
     """The run at the times that are asked for, with what is asked of it."""
     asked, method = run.observations, run.method
     if found.steps is not None and isinstance(method, Method):
-        return observe(problem.scene, method, found, asked)[1]
-    diagnostics = run.experiment.diagnostics
+        return observe(problem.scene, method, found, asked, checkpoints=checkpoints)[1]
+    scene, diagnostics = problem.scene, run.experiment.diagnostics
     reported = integrate_observed(
-        problem.scene, method, run.n_steps, asked, diagnostics=diagnostics
+        scene, method, run.n_steps, asked, diagnostics=diagnostics, checkpoints=checkpoints
     )[1]
     return replace(reported, assessment=found.assessment)

@@ -16,6 +16,7 @@ from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import ForcingQuadrature, Method
 from fvi_cli.integrator.run.runge_kutta import integrate_runge_kutta, prepare_adaptive
 from fvi_cli.integrator.run.setup import RunSetup
+from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -47,6 +48,8 @@ class AdaptiveRuns:
         Further points of the mesh.
     most_steps
         A run with more steps than this fails.
+    checkpoints
+        Where every run has a part.
     """
 
     def __init__(
@@ -56,7 +59,9 @@ class AdaptiveRuns:
         *,
         points: tuple[float, ...] = (),
         most_steps: int = MOST_STEPS,
+        checkpoints: RunKeeper | None = None,
     ) -> None:
+        self._checkpoints = checkpoints
         self._scene, self._method = scene, gauss(scene, degree)
         self._points, self._most_steps = points, most_steps
         self._prepared: dict[float | None, RunSetup] = {}
@@ -73,12 +78,18 @@ class AdaptiveRuns:
         if first_step not in self._prepared:
             self._prepared[first_step] = prepare_adaptive(scene, method, steps)
         prepared = self._prepared[first_step]
-        return integrate_runge_kutta(scene, method, steps, with_steps=True, prepared=prepared)
+        own = part_of(self._checkpoints, f"{method.case} {local!r} {first_step!r}")
+        return integrate_runge_kutta(
+            scene, method, steps, with_steps=True, prepared=prepared, checkpoints=own
+        )
 
 
-def run_on(scene: Scene, degree: int, mesh: Mesh) -> Trajectory:
+def run_on(
+    scene: Scene, degree: int, mesh: Mesh, checkpoints: RunKeeper | None = None
+) -> Trajectory:
     """A run on a given mesh, with its polynomials."""
-    return integrate(scene, gauss(scene, degree), mesh, with_steps=True)
+    own = part_of(checkpoints, f"{degree} stages on {mesh.n_steps} steps")
+    return integrate(scene, gauss(scene, degree), mesh, with_steps=True, checkpoints=own)
 
 
 def knots_of(scene: Scene) -> tuple[float, ...]:

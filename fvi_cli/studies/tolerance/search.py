@@ -8,6 +8,7 @@ mesh as well. Forces by samples have the samples as points of the mesh.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Callable
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import SceneForces
+from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.tolerance.differences import (
@@ -89,6 +91,7 @@ def solve(
     tolerance: float | None = None,
     relative: float | None = None,
     tell: Callable[[str], object] = lambda line: None,
+    checkpoints: RunKeeper | None = None,
 ) -> Trajectory:
     """Integrate a scene such that the position errs by no more than a tolerance, at any time.
 
@@ -105,6 +108,8 @@ def solve(
         The same as a share of the largest position of the run; one of the two.
     tell
         Is told of every run in a line.
+    checkpoints
+        Where every run of the search has a part.
 
     Returns
     -------
@@ -119,9 +124,8 @@ def solve(
     ValueError
         If not exactly one of the two is given, or it is not a positive number.
     """
-    return _Search(
-        scene=scene, wanted=Accuracy(tolerance=tolerance, relative=relative), tell=tell
-    ).result()
+    wanted = Accuracy(tolerance=tolerance, relative=relative)
+    return _Search(scene=scene, wanted=wanted, tell=tell, checkpoints=checkpoints).result()
 
 
 @dataclass(kw_only=True, eq=False)
@@ -131,6 +135,7 @@ class _Search:
     scene: Scene
     wanted: Accuracy
     tell: Callable[[str], object]
+    checkpoints: RunKeeper | None = None
     best: Round | None = None
     worst_since: float = 0.0
     rounding: tuple[Array, Array] | None = None
@@ -168,6 +173,7 @@ class _Search:
         least = 6 if digits <= FEW_DIGITS else 8
         local = first_local(ROUGHLY * target, guess)
         most_steps = MOST_KINKED_STEPS if forces.has_kinks else MOST_STEPS
+        runs_of = functools.partial(AdaptiveRuns, points=knots, most_steps=most_steps)
         by_degree: dict[int, AdaptiveRuns] = {}
         # errors of steps that two runs have in common show where their degrees differ
         degrees = itertools.chain([least], itertools.cycle([least + 2, least + 1]))
@@ -176,9 +182,7 @@ class _Search:
         before, still, failed, doubted, is_looser = math.inf, 0, 0, False, False
         for degree in itertools.islice(degrees, MOST_ROUNDS):
             if degree not in by_degree:
-                by_degree[degree] = AdaptiveRuns(
-                    self.scene, degree, points=knots, most_steps=most_steps
-                )
+                by_degree[degree] = runs_of(self.scene, degree, checkpoints=self.checkpoints)
             run = by_degree[degree].run(local, self.first_step)
             words = f"gauss{degree}, local tolerance {local:.2g}: {run.n_steps} steps"
             if run.status != "ok" or run.steps is None:
@@ -193,9 +197,8 @@ class _Search:
                 pair, is_looser = (other or run, run), False
             is_probed = self.scene.is_linear or self.rounding is not None
             if not is_probed and self.target(amplitude_of(run)) < PROBED * amplitude_of(run):
-                moved = AdaptiveRuns(
-                    shifted(self.scene, run), degree, points=knots, most_steps=most_steps
-                )
+                own = part_of(self.checkpoints, "moved")
+                moved = runs_of(shifted(self.scene, run), degree, checkpoints=own)
                 self.rounding = on_other_mesh(run, moved.run(local, self.first_step))
             one = self._compared(*pair, least_gain, words)
             run = one.run
@@ -290,12 +293,12 @@ class _Search:
         per_interval, before = 1, math.inf
         while per_interval <= MOST_PER_INTERVAL and per_interval * len(knots) <= MOST_STEPS:
             mesh = knot_mesh(self.scene, knots, per_interval)
-            coarse = run_on(self.scene, degree, mesh)
+            coarse = run_on(self.scene, degree, mesh, self.checkpoints)
             line = f"gauss{degree}, {mesh.n_steps} steps between the samples"
             if coarse.status != "ok" or coarse.steps is None:
                 self._note(Round(run=coarse, line=f"{line}; {coarse.status}: {coarse.message}"))
                 return None
-            fine = run_on(self.scene, degree + 2, mesh)
+            fine = run_on(self.scene, degree + 2, mesh, self.checkpoints)
             if fine.status != "ok" or fine.steps is None:
                 return None
             differences = on_same_mesh(coarse, fine)
