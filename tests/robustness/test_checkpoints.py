@@ -10,6 +10,7 @@ import command_line
 import h5py
 import pytest
 from commands import started
+from spread import spread
 
 from benchmarks.robustness import LADDER
 from fvi_cli.config import load_config
@@ -266,7 +267,16 @@ def test_runs_among_others_are_kept_whole_where_they_took_their_time(folder):
         assert one.is_kept_whole(1.1)
 
 
-SLOW = LONG.replace(f"[4, {N}]", "[4, 1000000]") + "store: {every: 1000}\n"
+SLOW = LONG.replace(f"[4, {N}]", "[4, 100000]") + "store: {every: 1000}\n"
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The numbers of the long run when nothing ends it."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    (folder / "long.yaml").write_text(SLOW)
+    fvi("run", folder / "long.yaml", "-o", folder)
+    return digests(folder / "long.h5")
 
 
 def stop_at_a_checkpoint(folder, command, number):
@@ -281,9 +291,8 @@ def stop_at_a_checkpoint(folder, command, number):
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("options", [(), ("--workers", "2")])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_the_same_command_goes_on_after_a_signal(folder, monkeypatch, number, options):
+@spread(number=[signal.SIGINT, signal.SIGTERM, signal.SIGKILL], options=[("--workers", "2"), ()])
+def test_the_same_command_goes_on_after_a_signal(folder, monkeypatch, undisturbed, number, options):
     monkeypatch.undo()
     monkeypatch.chdir(folder)
     (folder / "long.yaml").write_text(SLOW)
@@ -291,15 +300,13 @@ def test_the_same_command_goes_on_after_a_signal(folder, monkeypatch, number, op
     stop_at_a_checkpoint(folder, command, number)
     logging.getLogger("fvi_cli").handlers.clear()
     rest = fvi("run", "long.yaml")
-    assert "N=1000000: resume at step " in rest.stderr
-    fvi("run", "long.yaml", "-o", "straight")
-    assert digests() == digests(Path("straight/long.h5"))
+    assert "N=100000: resume at step " in rest.stderr
+    assert digests() == undisturbed
     assert not PARTS.exists()
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("options", [(), ("--workers", "2")])
-@pytest.mark.parametrize("kind", ["members", "impacts", "search"])
+@spread(kind=["members", "impacts", "search"], options=[(), ("--workers", "2")])
 def test_every_kind_of_run_goes_on_after_a_kill(folder, kind, options):
     (folder / "long.yaml").write_text(KINDS[kind])
     command = ("run", "long.yaml", "--checkpoint-every", "0", *options)

@@ -1,10 +1,10 @@
 """Parts of a configuration, computed by several commands and joined, are the whole."""
 
+import contextlib
 import os
 import re
 import shutil
 import subprocess
-import sys
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +13,6 @@ import command_line
 import h5py
 import numpy as np
 import pytest
-from commands import environment
 
 from fvi_cli.config import parse_config
 from fvi_cli.runner.executors import batches
@@ -222,25 +221,22 @@ def shown(kind: str) -> str:
 
 
 def shell(folder: Path, script: str, **variables: str) -> str:
-    """Run a script in `folder`, where ``fvi`` is the command that is tested here."""
+    """What the commands of a script answer, called here with the arguments that it gives them."""
     (folder / "bin").mkdir(exist_ok=True)
     command = folder / "bin" / "fvi"
-    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m fvi_cli "$@"\n')
+    command.write_text('#!/bin/sh\nprintf "%s\\n" "$@" >>asked\n')
     command.chmod(0o755)
     path = f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
-    done = subprocess.run(
-        ["bash", "-euc", script],
-        cwd=folder,
-        env={**environment(), **variables, "PATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    asked = folder / "asked"
+    asked.unlink(missing_ok=True)
+    variables = {**os.environ, **variables, "PATH": path}
+    subprocess.run(["bash", "-euc", script], cwd=folder, env=variables, check=True)
+    with contextlib.chdir(folder):
+        code, told = fvi(*asked.read_text().splitlines())
+    assert code == 0, told
+    return told
 
 
-@pytest.mark.processes
 @pytest.mark.skipif(shutil.which("bash") is None, reason="runs scripts of bash")
 def test_the_job_array_and_the_rules_of_the_page(tmp_path):
     config = CONFIG.partition("  - name: one")[0] + "name: many\n"
