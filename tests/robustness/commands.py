@@ -65,7 +65,7 @@ def first_finished(process: subprocess.Popen[str], count: int = 1) -> None:
 
 
 def confined(folder: Path, script: str) -> subprocess.CompletedProcess[str] | None:
-    """Run a shell script with mounts of its own, ``$FVI`` being the command.
+    """Run a shell script with mounts of its own, ``$FVI`` being the command, ``$PYTHON`` Python.
 
     None where the system allows nobody to mount anything.
     """
@@ -78,7 +78,7 @@ def confined(folder: Path, script: str) -> subprocess.CompletedProcess[str] | No
     return subprocess.run(
         [*prefix, script],
         cwd=folder,
-        env={**environment(), "FVI": " ".join(COMMAND)},
+        env={**environment(), "FVI": " ".join(COMMAND), "PYTHON": sys.executable},
         capture_output=True,
         text=True,
         check=False,

@@ -1,5 +1,6 @@
 """What happens to a command from outside: results that are finished survive it."""
 
+import contextlib
 import errno
 import os
 import random
@@ -26,6 +27,7 @@ from commands import (
     fvi,
     started,
 )
+from spread import spread
 
 from fvi_cli.cli import app as app_module
 from fvi_cli.config import load_config
@@ -119,8 +121,7 @@ def test_killed_fifty_times(folder, options):
     assert 0 < min(n for n in survived if n) < max(survived)
 
 
-@pytest.mark.parametrize("options", [(), ("--workers", "2")])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@spread(number=[signal.SIGINT, signal.SIGTERM], options=[(), ("--workers", "2")])
 def test_interrupted_it_stores_what_is_finished_and_exits_130(folder, number, options):
     process = started(folder, "run", "slow.yaml", "-v", *options)
     with process:
@@ -213,8 +214,7 @@ def test_a_run_that_no_worker_survives_is_reported_and_computed_the_next_time(fo
 CRAMPED = """
 mkdir disk
 mount -t tmpfs -o size=120k tmpfs disk
-$FVI run quick.yaml --output disk --set ladder.steps=[4] -q
-cp disk/quick.h5 before.h5
+cp before.h5 disk/quick.h5
 set +e
 $FVI run quick.yaml --output disk -q
 echo "code $?"
@@ -229,6 +229,8 @@ cp disk/quick.h5 after.h5
 
 
 def test_on_a_full_disk_it_says_so_and_goes_on_where_there_is_room_again(folder):
+    here("run", "quick.yaml", "--output", "few", "--set", "ladder.steps=[4]", "-q", code=0)
+    (folder / "few" / "quick.h5").rename(folder / "before.h5")
     done = confined(folder, CRAMPED)
     if done is None:
         pytest.skip("nothing may be mounted here")
@@ -244,15 +246,23 @@ def test_on_a_full_disk_it_says_so_and_goes_on_where_there_is_room_again(folder)
     assert len(complete_runs(folder / "after.h5")) == N_RUNS
 
 
+@contextlib.contextmanager
+def largest_file(limit):
+    """No file of this process may grow beyond so many bytes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
 @pytest.mark.parametrize("limit", [0, 5_000, 250_000])
 def test_where_files_may_not_grow_it_says_so(folder, limit):
-    def starve():
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-    done = fvi(folder, "run", "quick.yaml", preexec_fn=starve)
-    assert done.returncode == 2, done.stderr
+    with largest_file(limit):
+        done = here("run", "quick.yaml")
+    assert done.exit_code == 2, done.stderr
     assert "cannot be written: File too large" in done.stderr
-    assert "Traceback" not in done.stderr
     assert not (folder / "results" / "quick.h5").exists()
     # parts that were written are whole, and taken the next time
     found = complete_runs(folder / "results" / "quick.h5")
@@ -261,33 +271,37 @@ def test_where_files_may_not_grow_it_says_so(folder, limit):
 
 
 READ_ONLY = """
-mkdir there
-$FVI run quick.yaml --output there --set ladder.steps=[4] -q
 mount --bind there there
 mount -o remount,bind,ro there
-set +e
-for output in there there/below; do
-  $FVI run quick.yaml --output $output
-  echo "code $?"
-done
-$FVI convergence quick.yaml --output there
-echo "code $?"
-$FVI plot quick.yaml --output there
-echo "code $?"
-$FVI show there/quick.h5 >/dev/null
-echo "shown $?"
+$PYTHON commands.py
+"""
+# one process for all of them
+COMMANDS = """
+from typer.testing import CliRunner
+from fvi_cli.cli.app import app
+for command in (
+    "run quick.yaml --output there",
+    "run quick.yaml --output there/below",
+    "convergence quick.yaml --output there",
+    "plot quick.yaml --output there",
+    "show there/quick.h5",
+):
+    done = CliRunner().invoke(app, command.split())
+    print(command.split()[0], "code", done.exit_code, done.stderr)
 """
 
 
 def test_in_a_folder_that_is_read_only_it_says_so(folder):
+    here("run", "quick.yaml", "--output", "there", "--set", "ladder.steps=[4]", "-q", code=0)
+    (folder / "commands.py").write_text(COMMANDS)
     done = confined(folder, READ_ONLY)
     if done is None:
         pytest.skip("nothing may be mounted here")
-    assert "Traceback" not in done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
     assert done.stdout.count("code 2") == 4, done.stdout + done.stderr
-    assert done.stderr.count("cannot be written: Read-only file system") == 4, done.stderr
+    assert done.stdout.count("cannot be written: Read-only file system") == 4, done.stdout
     # reading needs no writing
-    assert "shown 0" in done.stdout
+    assert "show code 0" in done.stdout
     assert len(complete_runs(folder / "there" / "quick.h5")) == 3
 
 
@@ -335,18 +349,17 @@ def test_two_commands_on_one_file_do_not_meet(folder):
     first = started(folder, "run", "slow.yaml", "-v")
     with first:
         first_finished(first)
-        second = fvi(folder, "run", "quick.yaml")
-        assert second.returncode == 2
+        second = here("run", "quick.yaml", code=2)
         assert second.stderr == (
             "fvi: results/quick.h5: another fvi is writing it; wait until it has ended (--wait "
             "does), or choose another folder with --output\n"
         )
         assert second.stdout == ""
         # neither looking nor another folder is forbidden, nor another file of the same folder
-        assert fvi(folder, "run", "quick.yaml", "--dry-run").returncode == 0
-        assert fvi(folder, "run", "quick.yaml", "--output", "other", "-q").returncode == 0
+        here("run", "quick.yaml", "--dry-run", code=0)
+        here("run", "quick.yaml", "--output", "other", "-q", code=0)
         (folder / "beside.yaml").write_text(QUICK.replace("name: quick", "name: beside"))
-        assert fvi(folder, "run", "beside.yaml", "-q").returncode == 0
+        here("run", "beside.yaml", "-q", code=0)
         assert len(complete_runs(folder / "results" / "beside.h5")) == N_RUNS
         first.kill()
     here("run", "quick.yaml", code=0)

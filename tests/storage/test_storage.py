@@ -512,37 +512,29 @@ def test_parts_that_wait_are_read_beside_and_without_the_file(tmp_path, runs):
     assert tree(tmp_path) == before
 
 
-FULL = """
-    import resource, sys
-    from pathlib import Path
-    import test_storage as t
-    folder, limit = Path(sys.argv[1]), int(sys.argv[2])
-    runs = [t.made_up(run) for run in t.experiment().runs()]
-    with t.open_results(folder, "sample") as results:
-        for finished in runs[2:]:
-            results.add([finished])
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-        try:
-            results.consolidate(t.CONFIGURATION)
-        except t.StorageError as error:
-            print(error)
-        try:
-            results.add([runs[0]])
-        except t.StorageError as error:
-            print(error)
-"""
-
-
-@pytest.mark.processes
 @pytest.mark.parametrize("limit", [0, 1000, 5000, 30_000])
 def test_a_full_disk_is_told_and_destroys_nothing(tmp_path, runs, limit):
+    resource = pytest.importorskip("resource", reason="limits of Unix")
     path = store(tmp_path, runs[:2])
     before = path.read_bytes()
     assert len(before) > 30_000
-    done = in_a_process(FULL, tmp_path, limit)
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
-    told = done.stdout.splitlines()
+    told = []
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with open_results(tmp_path, "sample") as results:
+        for finished in runs[2:]:
+            results.add([finished])
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+        try:
+            for write in (
+                lambda: results.consolidate(CONFIGURATION),
+                lambda: results.add([runs[0]]),
+            ):
+                try:
+                    write()
+                except StorageError as error:
+                    told.append(str(error))
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert told[0] == (
         f"{path}: cannot be written: File too large; finished runs are kept in "
         f"{tmp_path / 'sample.parts'}"

@@ -75,6 +75,10 @@ def million_steps() -> HardCase:
             return math.nan
         return largest_ratio(trajectory.energy - trajectory.energy[0], trajectory.energy[:1])
 
+    def position_error(trajectory: Trajectory) -> float:
+        exact = np.cos(trajectory.time)
+        return largest_ratio(trajectory.position[:, 0] - exact, exact)
+
     return HardCase(
         name="million-steps",
         title="10^6 steps without damping",
@@ -82,7 +86,7 @@ def million_steps() -> HardCase:
         reference="cos t",
         claims=(
             Claim("largest change of the energy", 1e-10, (setting,), energy_drift),
-            accurate("error of the position", 1e-6, setting),
+            Claim("error of the position", 1e-6, (setting,), position_error),
         ),
     )
 
