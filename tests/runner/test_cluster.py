@@ -36,7 +36,9 @@ pytestmark = [
 
 
 def start_cluster(n_workers, failures):
-    with dask.config.set({"distributed.scheduler.allowed-failures": failures}):
+    # a machine with much to do starts its workers late
+    patience = {f"distributed.comm.timeouts.{name}": "180s" for name in ("connect", "tcp")}
+    with dask.config.set({"distributed.scheduler.allowed-failures": failures, **patience}):
         return LocalCluster(
             n_workers=n_workers,
             threads_per_worker=1,
