@@ -46,15 +46,14 @@ def free_numerator(order, coefficient):
 ORDERS = [0.05, 0.3, 0.5, 0.8, 0.97, 1.03, 1.25, 1.5, 1.8, 1.95]
 
 
-@pytest.mark.parametrize("order", ORDERS)
-def test_agrees_with_laplace_inversion(order):
-    for coefficient in (0.05, 3.0):
-        characteristic, zeros = oscillator(2.0, (order, coefficient))
-        numerator = free_numerator(order, coefficient)
-        times = np.array([0.01, 1.0, 15.0])
-        expected = np.array([by_talbot(characteristic, numerator, t) for t in times])
-        found = contour_response(characteristic, zeros, numerator, times)
-        assert np.abs(found - expected).max() < 3e-14
+@spread(order=ORDERS, coefficient=(0.05, 3.0))
+def test_agrees_with_laplace_inversion(order, coefficient):
+    characteristic, zeros = oscillator(2.0, (order, coefficient))
+    numerator = free_numerator(order, coefficient)
+    times = np.array([0.01, 1.0, 15.0])
+    expected = np.array([by_talbot(characteristic, numerator, t) for t in times])
+    found = contour_response(characteristic, zeros, numerator, times)
+    assert np.abs(found - expected).max() < 3e-14
 
 
 def test_a_wrong_pole_shows():
@@ -100,16 +99,15 @@ def test_tail_is_algebraic_and_accurate(order):
     assert found == pytest.approx(float(series), rel=1e-11)
 
 
-@pytest.mark.parametrize("order", [0.3, 0.5, 1.2, 1.5])
-def test_nearly_double_growing_modes(order):
+@spread(order=[0.3, 0.5, 1.2, 1.5], change=[0.0, 1e-12, 1e-4, -1e-2])
+def test_nearly_double_growing_modes(order, change):
     coefficient = -2 / order
-    for change in (0.0, 1e-12, 1e-4, -1e-2):
-        characteristic, zeros = oscillator(2 / order - 1 + change, (order, coefficient))
-        numerator = {1.0: 0.7, 0.0: -0.4, -1.0: 1.0, -3.0: 2.0}
-        times = np.array([0.1, 2.9, 3.1])
-        expected = np.array([by_talbot(characteristic, numerator, t) for t in times])
-        found = contour_response(characteristic, zeros, numerator, times)
-        assert np.abs(found / expected - 1.0).max() < 2e-13
+    characteristic, zeros = oscillator(2 / order - 1 + change, (order, coefficient))
+    numerator = {1.0: 0.7, 0.0: -0.4, -1.0: 1.0, -3.0: 2.0}
+    times = np.array([0.1, 2.9, 3.1])
+    expected = np.array([by_talbot(characteristic, numerator, t) for t in times])
+    found = contour_response(characteristic, zeros, numerator, times)
+    assert np.abs(found / expected - 1.0).max() < 2e-13
 
 
 def test_several_orders_at_once():

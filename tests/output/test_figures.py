@@ -101,6 +101,13 @@ def usual() -> Figure:
     return plotting.convergence_figure([(one, finish(one))])
 
 
+@functools.cache
+def usual_alone() -> Figure:
+    """The same of the first of them."""
+    one = experiment(methods=NODES[:1])
+    return plotting.convergence_figure([(one, finish(one))])
+
+
 def lines(figure: Figure, gid: str | None = None) -> list[Line2D]:
     found = [line for axes in figure.axes for line in axes.lines]
     if gid is None:
@@ -463,11 +470,16 @@ def derivative_study(b: int) -> tuple[Experiment, list[FinishedRun]]:
     return one, finish(one, error=lambda run: 1e-3 * run.step_size ** min(2, b - 0.5))
 
 
-def test_saturation_has_a_row_for_every_b_and_a_column_for_every_norm():
-    studies = [derivative_study(b) for b in (1, 3, 4, 5)]
-    made = plotting.figures_for(studies)
+@functools.cache
+def saturated() -> Figure:
+    """The usual four rows; not to be changed."""
+    made = plotting.figures_for([derivative_study(b) for b in (1, 3, 4, 5)])
     assert set(made) == {"saturation"}
-    figure = made["saturation"]
+    return made["saturation"]
+
+
+def test_saturation_has_a_row_for_every_b_and_a_column_for_every_norm():
+    figure = saturated()
     assert [axes.get_title().split("\n")[-1] for axes in figure.axes] == [
         f"$b = {b}$: order $\\min(p, {limit})$"
         for b in (1, 3, 4, 5)
@@ -483,15 +495,16 @@ def test_saturation_has_a_row_for_every_b_and_a_column_for_every_norm():
     for phrase in ("b - 1/2", "b + 1", "captions of the paper say $b$", r"t^{\,b-1} \sin t"):
         assert phrase in heading
     # the second column is measured at the end of the trajectory
-    (_, finished) = studies[0]
+    (_, finished) = derivative_study(1)
     last = [abs(f.trajectory.position[-1, 0] - np.sin(1.0)) for f in finished[: len(LADDER)]]
     np.testing.assert_allclose(lines(figure)[3].get_ydata(), last[::-1], rtol=1e-12)
 
 
-@pytest.mark.parametrize("exponents", [(3,), (1, 3)])
-def test_the_heading_of_a_saturation_figure_fits(exponents):
-    figure = plotting.saturation_figure([derivative_study(b) for b in exponents])
-    figure.draw_without_rendering()
+@pytest.mark.parametrize(
+    "made", [lambda: plotting.saturation_figure([derivative_study(3)]), saturated]
+)
+def test_the_heading_of_a_saturation_figure_fits(made):
+    figure = made()
     heading = next(text for text in figure.texts if text.get_text() == figure.get_suptitle())
     extent = heading.get_window_extent()
     assert extent.x0 > 0
@@ -572,7 +585,8 @@ def test_error_is_measured_against_a_refined_run_where_no_exact_solution_is_know
 
 
 def test_experiments_of_one_configuration_share_a_convergence_figure():
-    studies = [(one, finish(one)) for one in (experiment(name="a"), experiment(name="b"))]
+    both = (experiment(name=name, methods=NODES[:1]) for name in "ab")
+    studies = [(one, finish(one)) for one in both]
     together = plotting.figures_for(studies, name="table-1")
     assert set(together) == {"table-1-convergence"}
     # one kind and order twice: the names tell the panels apart
@@ -581,7 +595,7 @@ def test_experiments_of_one_configuration_share_a_convergence_figure():
 
 
 def test_saved_files_are_the_same_bytes_every_time(tmp_path):
-    one = experiment()
+    one = experiment(methods=NODES[:1])
     kept = []
     for folder in ("first", "second"):
         made = plotting.convergence_figure([(one, finish(one))])
@@ -652,7 +666,7 @@ def test_formats_are_those_that_are_asked_for(tmp_path):
 
 
 def test_a_style_file_sets_fonts_and_leaves_methods_their_colours(tmp_path):
-    one = experiment()
+    one = experiment(methods=NODES[:2])
     style = tmp_path / "mine.mplstyle"
     style.write_text("axes.labelsize: 13.0  # large\nlines.linewidth: 3\nbackend: svg\n")
 
@@ -672,7 +686,7 @@ def test_a_style_file_sets_fonts_and_leaves_methods_their_colours(tmp_path):
     with plotting.style_file(style):
         size, colours, widths = drawn()
         styled = path.read_bytes()
-    assert (size, colours, widths) == (13.0, plain[1], [3.0] * 3)
+    assert (size, colours, widths) == (13.0, plain[1], [3.0] * 2)
     assert styled != picture
     # without the file everything is as before, and drawn anew
     assert drawn() == plain
@@ -733,7 +747,7 @@ def test_drawn_data_survives_its_file(tmp_path):
 )
 def test_comparison_sees_the_third_digit_and_no_more(factor, differences):
     one = experiment(methods=NODES[:1])
-    old = plotting.drawn_data(plotting.convergence_figure([(one, finish(one))]))
+    old = plotting.drawn_data(usual_alone())
     moved = finish(one, error=lambda run: factor * power_law(run))
     new = plotting.drawn_data(plotting.convergence_figure([(one, moved)]))
     assert len(plotting.compare_drawn(old, new)) == differences
@@ -751,9 +765,8 @@ def test_comparison_leaves_round_off_alone():
 
 
 def test_comparison_names_what_went_missing():
-    short, long = experiment(methods=NODES[:2]), experiment()
-    old = plotting.drawn_data(plotting.convergence_figure([(long, finish(long))]))
-    new = plotting.drawn_data(plotting.convergence_figure([(short, finish(short))]))
+    long = experiment()
+    old, new = plotting.drawn_data(usual()), plotting.drawn_data(usual_alone())
     found = plotting.compare_drawn(old, new)
     assert any("panels.0.lines" in line for line in found)
     diverged = finish(long, status=lambda run: "diverged" if run.n_steps == 8 else "ok")
@@ -770,17 +783,15 @@ def test_an_empty_request_is_refused():
 
 
 def test_nothing_is_written_too_small_to_read():
-    studies = [derivative_study(b) for b in (1, 3)]
     one = experiment()
     made = [
         plotting.interpolation_figure(),
-        plotting.saturation_figure(studies),
+        saturated(),
         usual(),
         plotting.error_figure(one, finish(one)),
     ]
     for figure in made:
         assert figure.get_figwidth() == COLUMN_WIDTH
-        figure.draw_without_rendering()
         sizes = [text.get_fontsize() for text in figure.findobj(mpl.text.Text) if text.get_text()]
         assert min(sizes) >= 7
 

@@ -83,7 +83,7 @@ def test_a_reader_beside_a_writer_never_mixes_two_problems(tmp_path):
     writer.start()
     try:
         reads = 0
-        while written < 5 or reads < 8:
+        while written < 3 or reads < 5:
             with read_results(path) as stored:
                 for value in (1.0, 2.0):
                     found = [stored.finished(finished.run) for finished in problems[value]]
