@@ -54,13 +54,12 @@ def run_tolerance_searches(
             continue
         finished: list[FinishedRun] = []
         if not has_failed:
-            own = searches[experiment]
-            finished = _searched(experiment, own, settings, chosen, keep, checkpoints)
+            listed = searches[experiment]
+            finished = _searched(experiment, listed, settings, chosen, keep, checkpoints)
         # nothing is begun after an unexpected failure (--fail-fast)
         has_failed |= settings.fail_fast and any(map(is_unexpected_failure, finished))
-        is_whole = experiment.members or not finished
-        found = experiment if is_whole else finished[0].run.experiment
-        outcomes[experiment] = Outcome(experiment=found, finished=tuple(finished))
+        own = experiment if experiment.members or not finished else finished[0].run.experiment
+        outcomes[experiment] = Outcome(experiment=own, finished=tuple(finished))
     return outcomes
 
 

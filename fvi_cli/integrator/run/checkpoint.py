@@ -56,16 +56,17 @@ class Checkpoint:
     def taken(
         cls,
         marker: Marker,
+        run: tuple[str, int, float],
         *,
-        case: str,
-        n_steps: int,
-        step_size: float,
-        place: tuple[int, int],
+        place: tuple[int, int] = (0, 0),
         done: int,
         reported: int,
     ) -> Checkpoint:
-        """Of a run that stands at `marker`, at a stretch and so many finished steps of it."""
-        unknowns = marker.unknowns
+        """Of a run that stands at `marker`, at a stretch and so many finished steps of it.
+
+        The run is told by `case`, `n_steps` and `step_size`.
+        """
+        unknowns, (case, n_steps, step_size) = marker.unknowns, run
         return cls(
             case=case,
             n_steps=n_steps,
@@ -85,6 +86,11 @@ class Checkpoint:
             else unknowns.copy(),
             last_step=marker.step_size,
         )
+
+    @property
+    def run(self) -> tuple[str, int, float]:
+        """What tells the run: method, number of reported steps, and T / N."""
+        return self.case, self.n_steps, self.step_size
 
     def marker(self) -> Marker:
         """The state from which the steps go on."""
@@ -120,20 +126,4 @@ class Checkpoint:
                 arrays = {one.name: found[one.name] for one in fields(cls)}
         except (KeyError, OSError, EOFError, ValueError, zipfile.BadZipFile) as error:
             raise ValueError(f"checkpoint: the bytes hold none ({error})") from error
-        return cls(
-            case=str(arrays["case"]),
-            n_steps=int(arrays["n_steps"]),
-            step_size=float(arrays["step_size"]),
-            stretch=int(arrays["stretch"]),
-            step=int(arrays["step"]),
-            done=int(arrays["done"]),
-            reported=int(arrays["reported"]),
-            time=float(arrays["time"]),
-            position=arrays["position"],
-            momentum=arrays["momentum"],
-            position_lost=arrays["position_lost"],
-            momentum_lost=arrays["momentum_lost"],
-            states=arrays["states"],
-            unknowns=arrays["unknowns"],
-            last_step=float(arrays["last_step"]),
-        )
+        return cls(**{name: one.item() if one.ndim == 0 else one for name, one in arrays.items()})

@@ -67,10 +67,8 @@ def integrate_part(
     mesh = mesh_for(scene, method, n_steps)
     step_size = scene.final_time / n_steps
     asked = (method.case, n_steps, step_size)
-    if checkpoint is not None:
-        found = (checkpoint.case, checkpoint.n_steps, checkpoint.step_size)
-        if found != asked:
-            raise ValueError(f"checkpoint: it belongs to the run {found}, not to {asked}")
+    if checkpoint is not None and checkpoint.run != asked:
+        raise ValueError(f"checkpoint: it belongs to the run {checkpoint.run}, not to {asked}")
     done = 0 if checkpoint is None else checkpoint.done
     if until is not None and not done < until <= mesh.n_steps:
         raise ValueError(f"until: {until} is not allowed; it must be {done + 1} to {mesh.n_steps}")
@@ -103,12 +101,6 @@ def integrate_part(
     return Part(
         trajectory=trajectory,
         checkpoint=Checkpoint.taken(
-            marker,
-            case=method.case,
-            n_steps=n_steps,
-            step_size=step_size,
-            place=following,
-            done=march.done,
-            reported=sink.reported,
+            marker, asked, place=following, done=march.done, reported=sink.reported
         ),
     )

@@ -174,7 +174,7 @@ class CourseKeeper:
         self._asked = asked
         self.found: Mapping[str, Array] = {}
         self.earlier_seconds = 0.0
-        found = None if keeper is None else _believed(keeper, (*self._asked, marker.states.shape))
+        found = None if keeper is None else _believed(keeper, asked, marker)
         if found is not None:
             self.found, self.earlier_seconds = found.kept, found.seconds
             vars(marker).update(vars(found.checkpoint.marker()))
@@ -183,34 +183,20 @@ class CourseKeeper:
         self._began = clock.perf_counter()
 
     def offer(self, further: Callable[[], Mapping[str, Array]], *, has_ended: bool = False) -> None:
-        """Behind a step, or behind the last one: keep a checkpoint if it is time to.
-
-        Parameters
-        ----------
-        further
-            What else the steps to come depend on.
-        has_ended
-            Whether no step is left.
-        """
+        """Behind a step, or the last one: keep a checkpoint, with further state, if it is due."""
         keeper, done = self._keeper, len(self._course.sizes)
         if keeper is None or done == self._taken_up:
             return
         seconds = self.earlier_seconds + clock.perf_counter() - self._began
         if not (keeper.is_kept_whole(seconds) if has_ended else keeper.is_due()):
             return
-        case, n_steps, step_size = self._asked
-        checkpoint = Checkpoint.taken(
-            self._marker,
-            case=case,
-            n_steps=n_steps,
-            step_size=step_size,
-            place=(0, 0),
-            done=done,
-            reported=int(self._marker.time / step_size) if n_steps else done,
-        )
+        _, n_steps, step_size = self._asked
+        reported = int(self._marker.time / step_size) if n_steps else done
         keeper.save(
             UnfinishedRun(
-                checkpoint=checkpoint,
+                checkpoint=Checkpoint.taken(
+                    self._marker, self._asked, done=done, reported=reported
+                ),
                 kept={**self._course.kept(), **further()},
                 newton=self._course.newton,
                 operations=0,
@@ -219,12 +205,14 @@ class CourseKeeper:
         )
 
 
-def _believed(keeper: RunKeeper, asked: tuple[object, ...]) -> UnfinishedRun | None:
+def _believed(
+    keeper: RunKeeper, asked: tuple[str, int, float], start: Marker
+) -> UnfinishedRun | None:
     """What was kept of the run that is asked for; None otherwise."""
     found = keeper.load()
     if found is not None:
         at = found.checkpoint
-        if (at.case, at.n_steps, at.step_size, at.states.shape) == asked:
+        if at.run == asked and at.states.shape == start.states.shape:
             return found
         keeper.reject(OF_ANOTHER_RUN)
     return None
@@ -249,12 +237,12 @@ def march_with_checkpoints(
     tuple of Marker and float
         Where the run is after its steps, and the seconds that steps took before the checkpoint.
     """
-    n_steps, method, earlier = mesh.n_reported, setup.method, 0.0
-    step_size = setup.scene.final_time / max(n_steps, 1)
+    n_steps, earlier = mesh.n_reported, 0.0
+    asked = (setup.method.case, n_steps, setup.scene.final_time / max(n_steps, 1))
     marker = first_marker(setup)
     following: tuple[int, int] | None = (0, 0)
     end = (len(mesh.stretches), 0)
-    found = _believed(checkpoints, (method.case, n_steps, step_size, marker.states.shape))
+    found = _believed(checkpoints, asked, marker)
     if found is None:
         sink.begin(0.0, marker.position.value, marker.momentum.value)
     else:
@@ -277,9 +265,7 @@ def march_with_checkpoints(
                 UnfinishedRun(
                     checkpoint=Checkpoint.taken(
                         marker,
-                        case=method.case,
-                        n_steps=n_steps,
-                        step_size=step_size,
+                        asked,
                         place=following or end,
                         done=march.done,
                         reported=sink.reported,

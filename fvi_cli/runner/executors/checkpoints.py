@@ -41,15 +41,7 @@ class CheckpointFolder:
     seconds: float
 
     def of(self, run: Run, *, is_alone: bool = True) -> CheckpointFile:
-        """The checkpoint of one run, which need not be there.
-
-        Parameters
-        ----------
-        run
-            The run, or a search for a tolerance.
-        is_alone
-            Whether the run is stored when it has ended; others are kept whole until they are.
-        """
+        """The checkpoint of a run or search; one among others is kept whole until it is stored."""
         return CheckpointFile(
             folder=self.folder,
             title=run.title,
