@@ -61,7 +61,7 @@ class CheckpointFolder:
         """In words what is kept of the runs of a search; empty: nothing."""
         owner = f"{identity(search)}."
         found = [path for path in checkpoint_paths(self.folder) if path.name.startswith(owner)]
-        return f"resume: of its runs, whole or in part, {len(found)} kept" if found else ""
+        return f"resume: {len(found)} runs of the search kept, whole or in part" if found else ""
 
     def remove(self, runs: Iterable[Run]) -> None:
         """Forget how far these runs were.
