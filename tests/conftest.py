@@ -3,6 +3,9 @@
 import gc
 import sys
 from pathlib import Path
+from typing import Any
+
+import pytest
 
 # benchmarks/ is not installed; the package itself is, and comes before
 sys.path.append(str(Path(__file__).parents[1]))
@@ -12,3 +15,11 @@ def pytest_collection_finish() -> None:
     """Leave what is imported by then out of all further looks for garbage: most of the heap."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Keep the tests of a file on one worker: what they share is made once."""
+    from xdist.scheduler import LoadFileScheduling
+
+    return LoadFileScheduling(config, log)
