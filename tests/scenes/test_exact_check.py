@@ -6,7 +6,6 @@ from command_line import fvi as command
 from scipy.special import roots_jacobi
 from spread import spread
 
-import fvi_cli as fvi
 from fvi_cli.scenes import exact_check
 from fvi_cli.scenes.exact_check import objection
 from fvi_cli.scenes.problem import Problem
@@ -96,11 +95,6 @@ def test_a_changed_problem_with_the_old_solution_is_refused_at_its_line(change, 
         assert f":18:10: problem.exact: {told}" in result.stderr
     found = ["check", "damped-oscillator", "--set", change, "--set", "problem.exact=auto"]
     command(*found, code=0)
-
-
-def test_shipped_solutions_are_right():
-    # loading checks those that are given
-    assert all(fvi.load(name).experiments for name in fvi.shipped_configurations())
 
 
 @spread(power=[-0.99, -0.5, 0.0, 0.3, 1.0], points=[1, 2, 24])
