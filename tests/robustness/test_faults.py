@@ -12,7 +12,6 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
-import h5py
 import pytest
 from command_line import fvi as here
 from commands import (
@@ -376,47 +375,6 @@ def test_a_file_system_without_locks_is_told(folder, monkeypatch, number):
     assert "file system without locks" in result.stderr
     assert "--output" in result.stderr
     assert [p.name for p in (folder / "results").iterdir()] == [".quick.h5.lock"]
-
-
-# --- files that are not what they should be -------------------------------------------------------
-
-
-def spoil(path, how):
-    if how == "cut":
-        path.write_bytes(path.read_bytes()[:-100])
-    elif how == "foreign":
-        path.unlink()
-        with h5py.File(path, "w") as file:
-            file["x"] = 1.0
-    else:
-        with h5py.File(path, "r+") as file:
-            file.attrs["format"] = 99
-
-
-@pytest.mark.parametrize(
-    ("how", "told"),
-    [
-        ("cut", "is not a result file of fvi"),
-        ("foreign", "was not written by fvi"),
-        ("newer", "has format 99"),
-    ],
-)
-def test_a_file_in_the_way_is_named_and_left_alone(folder, how, told):
-    here("run", "quick.yaml", "-q", "--set", "ladder.steps=[4, 8]")
-    path = folder / "results" / "quick.h5"
-    spoil(path, how)
-    before = path.read_bytes()
-    for command in ("run", "convergence", "plot", "show"):
-        for arguments in (("quick.yaml",), ("quick.yaml", "--fresh"), ("results/quick.h5",)):
-            if (command == "show") == (arguments == ("results/quick.h5",)) or command in (
-                "convergence",
-                "plot",
-            ):
-                result = here(command, *arguments)
-                assert result.exit_code == 2, (command, arguments, result.output)
-                assert f"results/quick.h5: {told}" in result.stderr
-    assert path.read_bytes() == before
-    assert not (folder / "results" / "tables").exists()
 
 
 # --- memory ---------------------------------------------------------------------------------------
