@@ -10,6 +10,7 @@ with the weights :math:`W_n` from an integral over a circle inside of the unit o
 shared with the engine but the tableaux and the derivatives of the scene.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,9 +62,11 @@ def known_moments(scene: Scene, method: Method, n_steps: int) -> Array:
     """Load vectors of the forcing and of what Riemann-Liouville adds to Caputo."""
     tables, h = step_tables(method), scene.final_time / n_steps
     total = np.zeros((n_steps, tables.degree + 1, scene.dimension))
-    breaks = steps_at_break_points(scene, n_steps)
-    for part in StepLoads(scene, method, tables).of_run(h, breaks, n_steps):
-        total += 0.0 if part is None else part
+    loads = StepLoads(scene, method, tables)
+    ends = [0, *steps_at_break_points(scene, n_steps), n_steps]
+    for first, end in itertools.pairwise(ends):
+        part = loads.of_steps(first * h, h, end - first, is_fresh=True)
+        total[first:end] += 0.0 if part is None else part
     return total
 
 

@@ -15,7 +15,7 @@ from fvi_cli.integrator.adjoint.gradient import gradient_of
 from fvi_cli.integrator.adjoint.quantity import Quantity
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Observations, known_names, names_of
-from fvi_cli.integrator.run.runge_kutta import AnySteps
+from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES
 from fvi_cli.runner.scenes import method_on
 from fvi_cli.scenes.problem import Problem

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.matrices import is_sparse
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.equal_steps.problem import Stepped, StepProblem
 from fvi_cli.integrator.stability.determinant import independent_systems, is_dissipative
 from fvi_cli.integrator.stability.prediction import RESOLVED, exact_growth
 
@@ -57,16 +56,6 @@ class GrowthBound:
 
 
 NO_BOUND = GrowthBound(size=math.inf, rate=0.0)
-
-
-def growth_bound(problem: StepProblem) -> GrowthBound:
-    """The bound of the run that `problem` describes, by all forces that are known beforehand."""
-    force = 0.0
-    if problem.moments is not None:
-        force += float(np.abs(problem.moments.sum(axis=1)).max()) / problem.step_size
-    if problem.memory.known_force is not None:
-        force += float(np.abs(problem.memory.known_force).max())
-    return _bound(problem.scene, problem.step_size, force)
 
 
 def farthest_position(scene: Scene, n_steps: int) -> float:
@@ -160,20 +149,3 @@ def scene_bound(scene: Scene, step_size: float) -> GrowthBound:
             values = np.abs(scene.forcing(inside))
         force = float(values[np.isfinite(values)].max(initial=0.0))
     return _bound(scene, step_size, force)
-
-
-def cut_at_bound(problem: StepProblem, stepped: Stepped, bound: GrowthBound) -> Stepped:
-    """What was finished up to the first position outside of `bound`; all of it without one."""
-    times = problem.step_size * np.arange(stepped.position.shape[0], dtype=float)
-    found = first_outside(bound, stepped.position, times, -1)
-    if found is None:
-        return stepped
-    first, failure = found
-    return replace(
-        stepped,
-        position=stepped.position[: first + 1],
-        momentum=stepped.momentum[: first + 1],
-        samples=stepped.samples[:first],
-        end_force=stepped.end_force[: first + 1],
-        failure=failure,
-    )

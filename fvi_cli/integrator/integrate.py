@@ -8,13 +8,14 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.baselines.run import integrate_baseline
 from fvi_cli.integrator.counts import check_counts
-from fvi_cli.integrator.equal_steps.run import integrate_equal_steps, unsolved
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
-from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.run.loop import no_unique_solution
 from fvi_cli.integrator.run.objections import check_laws
-from fvi_cli.integrator.run.runge_kutta import AnySteps, integrate_runge_kutta
+from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_on_mesh
 from fvi_cli.integrator.run.unfinished import RunKeeper
+from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 
 
@@ -45,7 +46,7 @@ def integrate(
     with_steps
         Keep the steps of a Runge-Kutta method as polynomials, for values at any time.
     checkpoints
-        Where a run of a Runge-Kutta method keeps a checkpoint, and goes on from one.
+        Where a run keeps a checkpoint, and goes on from one; not for baselines.
 
     Returns
     -------
@@ -62,8 +63,19 @@ def integrate(
     is_given = isinstance(n_steps, Mesh | AdaptiveSteps)
     check_counts(1 if is_given else n_steps, every)
     steps = n_steps if isinstance(n_steps, Mesh | AdaptiveSteps) else int(n_steps)
-    if not isinstance(method, Baseline) and method.is_runge_kutta:
-        return integrate_runge_kutta(
+    check_laws(scene, method)
+    if isinstance(method, Baseline) or not method.is_runge_kutta:
+        if not isinstance(steps, int):
+            raise ValueError(
+                f"mesh: {method.case} takes equal steps only; give a number, or take rk: gauss "
+                "with start: none"
+            )
+        if with_steps:
+            raise ValueError(
+                f"with_steps: {method.case} keeps no polynomials; take rk: gauss, such as gauss3"
+            )
+    if isinstance(method, Method):
+        return integrate_on_mesh(
             scene,
             method,
             steps,
@@ -72,23 +84,30 @@ def integrate(
             with_steps=with_steps,
             checkpoints=checkpoints,
         )
-    check_laws(scene, method)
+    if not diagnostics.is_empty:
+        raise ValueError(f"diagnostics: {method.case} keeps no increments of its steps")
+    if scene.lagrangian is not None:
+        raise ValueError(f"baseline: {method.name} is not made for a general Lagrangian")
     if not isinstance(steps, int):
-        raise ValueError(
-            f"mesh: {method.case} takes equal steps only; give a number, or take rk: gauss with "
-            "start: none"
-        )
-    if with_steps:
-        raise ValueError(
-            f"with_steps: {method.case} keeps no polynomials; take rk: gauss, such as gauss3"
-        )
-    if isinstance(method, Baseline):
-        if not diagnostics.is_empty:
-            raise ValueError(f"diagnostics: {method.case} keeps no increments of its steps")
-        if scene.lagrangian is not None:
-            raise ValueError(f"baseline: {method.name} is not made for a general Lagrangian")
-        try:
-            return thinned(integrate_baseline(scene, method, steps), every)
-        except np.linalg.LinAlgError:
-            return unsolved(scene, steps)
-    return thinned(integrate_equal_steps(scene, method, steps, diagnostics), every)
+        raise ValueError(f"mesh: {method.case} takes equal steps only")
+    try:
+        return thinned(integrate_baseline(scene, method, steps), every)
+    except np.linalg.LinAlgError:
+        return _unsolved(scene, steps)
+
+
+def _unsolved(scene: Scene, n_steps: int) -> Trajectory:
+    """The start of a motion whose steps have singular equations, as with negative stiffness."""
+    h = scene.final_time / n_steps
+    position, dynamics = scene.initial_position[None], dynamics_of(scene)
+    momentum = dynamics.momentum(position, scene.initial_velocity[None], np.zeros(1))
+    return Trajectory(
+        time=np.zeros(1),
+        position=position,
+        momentum=momentum,
+        energy=dynamics.energy(position, momentum, np.zeros(1)),
+        n_steps=n_steps,
+        step_size=h,
+        status="failed",
+        message=no_unique_solution(h),
+    )

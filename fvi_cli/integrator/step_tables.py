@@ -94,8 +94,10 @@ def step_tables(method: Method) -> StepTables:
     at_points = sampled = basis.values(rule.nodes)
     sample_points, sample_weights = rule.nodes, rule.weights
     if method.sampling == "nodes":
-        # the paper: one sample at the left end with weight 1
-        sample_points, sample_weights = np.array([0.0]), np.array([1.0])
+        # a kick at every node, half of it at the end of a step and half at the beginning of the
+        # next: positions are those of the paper, which takes it whole at the left end, and the
+        # momentum is that between the halves
+        sample_points, sample_weights = np.array([0.0, 1.0]), np.array([0.5, 0.5])
         sampled = basis.values(sample_points)
     ahead = basis.values(1.0 + basis.control_points[1:])
     return StepTables(

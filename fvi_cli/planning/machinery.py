@@ -8,16 +8,14 @@ from dataclasses import dataclass
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.kinds import fewest
 from fvi_cli.integrator.batches.plan import plan_side_by_side
-from fvi_cli.integrator.blocks.convolved import Convolved
-from fvi_cli.integrator.convolution.backward_differences import lag_exponentials
-from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
-from fvi_cli.integrator.equal_steps.routes import EqualPlan, plan_equal_steps, sums_directly
-from fvi_cli.integrator.equal_steps.weights import memories_of, shared_memories
+from fvi_cli.integrator.break_points import fits_break_points
+from fvi_cli.integrator.convolution.damping import directions_of
 from fvi_cli.integrator.members import goes_together
-from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh
+from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.march import MeshPlan
-from fvi_cli.integrator.run.runge_kutta import plan_runge_kutta
+from fvi_cli.integrator.run.on_mesh import plan_on_mesh
+from fvi_cli.integrator.step_tables import StepTables, step_tables
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,14 +28,15 @@ class Machinery:
         The run.
     diagnosed
         Whether diagnostics are asked for.
-    memories
-        Number M of weights of every direction of the damping.
     members
         How many scenes of this kind are integrated together.
     plan
-        What the engine will do: on the mesh of a Runge-Kutta method, or on equal steps.
+        What the engine will do.
+    n_directions, n_terms
+        Matrices along which the damping acts, and orders of all; terms of one direction share
+        their sums.
     is_side_by_side
-        Whether members on one mesh are stepped side by side.
+        Whether members are stepped side by side.
     """
 
     scene: Scene
@@ -45,20 +44,44 @@ class Machinery:
     n_steps: int
     every: int
     diagnosed: bool
-    memories: tuple[int, ...]
     members: int
-    plan: MeshPlan | EqualPlan
+    plan: MeshPlan
+    n_directions: int
+    n_terms: int
     is_side_by_side: bool = False
 
     @property
-    def samples(self) -> int:
-        """Number m of samples of a step."""
-        return 1 if self.method.sampling == "nodes" else self.method.stages
+    def tables(self) -> StepTables:
+        """Numbers of the method."""
+        return step_tables(self.method)
 
     @property
-    def memory(self) -> int:
-        """The largest number of weights; 0 without damping."""
-        return max(self.memories, default=0)
+    def samples(self) -> int:
+        """Number m of points of a step where the damping acts."""
+        return self.tables.sample_points.size
+
+    @property
+    def inputs(self) -> int:
+        """Number of what drives the damping in a step: velocities at the stages, or unknowns."""
+        return self.tables.points.size if self.method.is_runge_kutta else self.tables.degree
+
+    @property
+    def n_sums(self) -> int:
+        """Exponentials in place of the past, or of what lies behind its nearest steps."""
+        if self.method.is_runge_kutta:
+            return self.plan.n_states
+        return self.plan.n_states // self.tables.degree - self.plan.n_lags
+
+    @property
+    def block_columns(self) -> int:
+        """What a block of one system begins with: load vectors, position and momentum."""
+        return (self.plan.block * (self.method.degree + 1) + 2) * self.plan.coupled
+
+    @property
+    def block_numbers(self) -> int:
+        """Numbers in the matrices of a block, for the systems of one scene."""
+        rows = (self.inputs + self.tables.points.size + 2) * self.plan.coupled
+        return self.plan.systems * self.plan.block * rows * self.block_columns
 
     @property
     def systems(self) -> int:
@@ -75,12 +98,6 @@ class Machinery:
         """Degrees of freedom of all members."""
         return self.members * self.scene.dimension
 
-    @property
-    def keeps_force(self) -> int:
-        """1 where the damping force of every step is kept."""
-        wanted = self.diagnosed or self.method.sampling == "nodes"
-        return int(wanted and bool(self.memories))
-
 
 @functools.lru_cache(maxsize=256)
 def machinery_of(
@@ -94,64 +111,28 @@ def machinery_of(
     grading: float = 1.0,
 ) -> Machinery:
     """What :func:`fvi_cli.planning.plan.plan_run` is told of, parameters as there."""
-    together = members > 1 and goes_together(scene, method, n_steps)
-    plan: MeshPlan | EqualPlan
-    is_side_by_side = False
-    memories = memories_of(method, n_steps + 1, scene.active_damping)
-    if method.is_runge_kutta:
-        together = together and grading == 1.0 and members >= fewest(scene, n_steps)
-        is_side_by_side = together
-        if together:
-            plan = plan_side_by_side(scene, method, n_steps)
-        else:
-            mesh: int | Mesh = n_steps
-            if grading != 1.0:
-                mesh = graded_mesh(scene.final_time, n_steps, grading, scene.break_points)
-            plan = plan_runge_kutta(scene, method, mesh)
+    together = members > 1 and grading == 1.0 and goes_together(scene, method, n_steps)
+    # a run with a break point between two equal steps is refused when it begins, not here
+    fits = method.is_runge_kutta or fits_break_points(scene, n_steps)
+    together = together and fits and members >= fewest(scene, n_steps)
+    if together:
+        plan = plan_side_by_side(scene, method, n_steps)
     else:
-        plan = _equal_steps(scene, method, n_steps, memories, 1)
-        if together:
-            shared = shared_memories(method, n_steps + 1, scene.active_damping)
-            of_all = _equal_steps(scene, method, n_steps, shared, members)
-            # where the blocks of all are too large they are done one by one
-            together = of_all.batch is not None
-            if together:
-                memories, plan = shared, of_all
+        mesh: int | Mesh = n_steps
+        if not fits:
+            mesh = uniform_mesh(scene.final_time, n_steps)
+        if grading != 1.0:
+            mesh = graded_mesh(scene.final_time, n_steps, grading, scene.break_points)
+        plan = plan_on_mesh(scene, method, mesh)
     return Machinery(
         scene=scene,
         method=method,
         n_steps=n_steps,
         every=every,
         diagnosed=diagnosed,
-        memories=memories,
         members=members if together else 1,
         plan=plan,
-        is_side_by_side=is_side_by_side,
+        n_directions=len(directions_of(scene)),
+        n_terms=len({term.order for term in scene.active_damping}),
+        is_side_by_side=together,
     )
-
-
-def _equal_steps(
-    scene: Scene, method: Method, n_steps: int, memories: tuple[int, ...], members: int
-) -> EqualPlan:
-    orders = sorted({term.order for term in scene.active_damping})
-    tail = lag_exponentials(method.bdf_order, orders, n_steps + 1)
-    return plan_equal_steps(
-        scene,
-        method.history,
-        n_steps,
-        Convolved(
-            memories=memories,
-            samples=1 if method.sampling == "nodes" else method.stages,
-            coupled=scene.dimension,
-            near=tail.near,
-            n_rates=tail.rates.size,
-        ),
-        None if sums_directly(method.history, n_steps) else _decoupling(scene),
-        members=members,
-    )
-
-
-@functools.lru_cache(maxsize=8)
-def _decoupling(scene: Scene) -> Decoupling | None:
-    """Made once for all runs of a scene: modes of many components take their time."""
-    return linear_decoupling(scene)

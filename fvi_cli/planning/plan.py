@@ -47,8 +47,8 @@ class Plan:
         Largest memory of the run, without the program itself, estimated.
     seconds
         Time on this machine, roughly.
-    n_sequences
-        Number of sequences of weights; terms of one direction share one.
+    n_directions
+        Matrices along which the damping acts; terms of one share their sums.
     systems, coupled
         Number of systems that are stepped side by side, and of components of each.
     remarks
@@ -63,7 +63,7 @@ class Plan:
     history_operations: int | None
     memory_bytes: int
     seconds: float
-    n_sequences: int
+    n_directions: int
     systems: int
     coupled: int
     remarks: tuple[str, ...] = ()
@@ -131,7 +131,7 @@ def plan_run(
         history_operations=machinery.plan.operations,
         memory_bytes=peak_bytes(machinery),
         seconds=predicted_seconds(machinery),
-        n_sequences=len(machinery.memories),
+        n_directions=machinery.n_directions,
         systems=machinery.systems,
         coupled=machinery.coupled,
         remarks=interpolation_remarks(scene, n_steps, grading=grading),
@@ -172,7 +172,7 @@ def _baseline_plan(scene: Scene, method: Baseline, n_steps: int) -> Plan:
         history_operations=operations,
         memory_bytes=_baseline_bytes(scene, n_steps),
         seconds=per_operation * (operations or 0) + 60 * per_call * n_steps,
-        n_sequences=len(scene.active_damping),
+        n_directions=len(scene.active_damping),
         systems=1,
         coupled=scene.dimension,
         remarks=interpolation_remarks(scene, n_steps),

@@ -12,8 +12,6 @@ import time
 import numpy as np
 
 from fvi_cli.integrator.batches.run import MOST_TOGETHER
-from fvi_cli.integrator.blocks.sizes import LARGEST_SLICE
-from fvi_cli.integrator.equal_steps.routes import EqualPlan
 from fvi_cli.planning.machinery import Machinery
 
 CALIBRATION_LENGTH = 2**15
@@ -47,36 +45,22 @@ def machine_speed() -> tuple[float, float]:
 def predicted_seconds(run: Machinery) -> float:
     """Time of set-up and steps together; of members that are integrated together, a share of it."""
     per_operation, per_call = machine_speed()
-    n, plan, coupled = run.n_steps, run.plan, run.coupled
+    plan = run.plan
     work = 2.0 * per_operation * plan.operations
-    m, degree, d = run.samples, run.method.degree, run.scene.dimension
-    # weights and tables are shared
+    m, d = run.samples, run.scene.dimension
+    # tables are shared
     each = 1.0 / run.members
     if run.is_side_by_side:
         steps = plan.n_steps * (4 if run.scene.is_linear else 120)
         own = each * per_call * steps * -(-run.systems // MOST_TOGETHER)
         own += per_operation * 60 * plan.n_steps * (d * m) ** 2
         return 10_000 * per_call * (0.1 * each + 0.02) + 0.3 * work + own
-    if not isinstance(plan, EqualPlan):
-        steps = plan.n_steps
-        if run.scene.is_linear:
-            own = per_call * (30 * steps / max(plan.block, 1) + 60 * min(steps, 60))
-        else:
-            own = per_call * (8 * steps + 300 * min(steps, 60))
-        return 10_000 * per_call * 0.1 + 0.3 * work + own + per_operation * 40 * steps * (d * m)
-    weights = 40.0 * per_operation * n * m * m * len(run.memories) * math.log2(n + 2)
-    setup = each * weights + (0.05 + 0.95 * each) * 10_000 * per_call
-    if plan.batch is not None:
-        # products of matrices are quicker than transforms
-        inside = 0.3 * plan.block * coupled * (m + degree + 3) * n * d
-        slices = max(1, -(-run.systems // LARGEST_SLICE))
-        calls = each * 40 * per_call * slices * n / plan.block
-        return setup + work + per_operation * inside + calls
-    if plan.newton is not None:
-        return setup + work + n * (8 * per_call + per_operation * 60 * (d * m) ** 2)
-    calls_per_step = 30 if run.scene.is_linear else 150
-    if run.scene.lagrangian is not None:
-        calls_per_step = 400
-    if plan.route == "direct steps":
-        work *= 0.5
-    return setup + work + n * (calls_per_step * per_call + per_operation * 4 * (degree * d) ** 2)
+    single, is_general = plan.single, run.scene.lagrangian is not None
+    steps = plan.n_steps - single
+    blocks = steps / max(plan.block, 1)
+    if run.scene.is_linear:
+        calls = 30 * blocks + 60 * single
+    else:
+        calls = (35 if is_general else 4) * steps + (400 if is_general else 220) * single
+    own = per_call * calls + per_operation * run.block_numbers * (0.8 * blocks + 6)
+    return 3_000 * per_call + 0.3 * work + own + per_operation * 40 * plan.n_steps * (d * m)

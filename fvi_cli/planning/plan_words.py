@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.equal_steps.routes import EqualPlan
 from fvi_cli.integrator.method import Method
 from fvi_cli.planning.machinery import Machinery
 
@@ -35,21 +34,14 @@ def steps_in_words(run: Machinery) -> str:
         if not is_linear:
             together += ", Newton's iteration for all at once with a linear response of each"
         return f"{together}, {_systems(run)}"
-    if isinstance(plan, EqualPlan):
-        if plan.batch is not None:
-            many = f", {run.members} members together" * (run.members > 1)
-            return f"{blocks}, {_systems(run)}{many}"
-        if plan.newton is not None:
-            return blocks
-        if is_linear:
-            return f"{plan.n_steps} single steps with one factorisation"
-        return f"Newton's iteration with the exact Jacobian, {plan.n_steps} single steps"
     single = f"Newton's iteration with the exact Jacobian, {plan.single} single steps"
     if is_linear:
         single = f"{plan.single} single steps with one factorisation for each size"
     words = [blocks] if plan.n_steps > plan.single else []
     words += [single] if plan.single else []
-    return ", ".join([*words, _systems(run)])
+    # where every sum is written out nobody looks for systems
+    words += [] if is_linear and plan.n_lags == plan.single > 0 else [_systems(run)]
+    return ", ".join(words)
 
 
 def _systems(run: Machinery) -> str:
@@ -64,22 +56,16 @@ def _systems(run: Machinery) -> str:
 def history_in_words(run: Machinery) -> str:
     """How the memory is summed up."""
     plan = run.plan
-    if not isinstance(plan, EqualPlan) and plan.n_states:
-        return f"{plan.n_states} exponentials in place of the past"
-    if not run.memories:
+    if not run.n_directions:
         return "none: nothing is damped"
-    count = len(run.memories)
-    sequences = f"{count} combined sequences of weights" if count > 1 else "one sequence of weights"
-    if run.memory == 1:
+    if not plan.n_states:
         return "none: derivatives of order 1 need no past"
-    if not isinstance(plan, EqualPlan) or plan.route == "direct steps":
+    if not plan.n_lags:
+        return f"{plan.n_states} exponentials in place of the past"
+    if plan.n_lags == plan.n_steps:
         return "every sum written out"
-    if run.memory < 8:
-        return f"finite stencil of {run.memory} weights, {sequences}"
-    if not plan.convolved.n_rates:
-        return f"{sequences}, summed directly"
-    near = f"{sequences}, the last {plan.convolved.reach} steps summed directly"
-    return f"{near}, {plan.convolved.n_rates} exponentials in place of the others"
+    near = f"the last {plan.n_lags} steps summed directly"
+    return f"{near}, {run.n_sums} exponentials in place of the others" if run.n_sums else near
 
 
 def start_in_words(scene: Scene, method: Method, n_steps: int) -> str:

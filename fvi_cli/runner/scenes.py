@@ -19,8 +19,8 @@ from fvi_cli.integrator.observations.damper_work import work_names
 from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.run import parts
 from fvi_cli.integrator.run.checkpoint import Checkpoint
+from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.run.parts import Part
-from fvi_cli.integrator.run.runge_kutta import AnySteps
 from fvi_cli.integrator.stability import prediction as stability
 from fvi_cli.integrator.stability.prediction import StabilityPrediction
 from fvi_cli.integrator.trajectory import Trajectory
@@ -118,7 +118,7 @@ def integrate_part(
     checkpoint: Checkpoint | None = None,
     every: int = 1,
 ) -> Part:
-    """Integrate by a Runge-Kutta method from a checkpoint to the next place to stop.
+    """Integrate from a checkpoint to the next place to stop.
 
     The trajectories of successive parts, one after the other, are that of the whole run to the
     last bit.
@@ -126,8 +126,7 @@ def integrate_part(
     Parameters
     ----------
     scene, method, n_steps, every
-        As for :func:`integrate`, always those of the whole run; a Gauss, Radau or Lobatto method
-        with ``start: none`` or ``graded``.
+        As for :func:`integrate`, always those of the whole run; no baseline.
     until
         Stop when so many steps are done, or up to 4096 later; the end by default.
     checkpoint
@@ -137,13 +136,13 @@ def integrate_part(
     Raises
     ------
     ValueError
-        If the checkpoint belongs to another run, the method is none of these, or a number is
+        If the checkpoint belongs to another run, the method is a baseline, or a number is
         outside of its range.
     """
     chosen = _method(method)
-    if not isinstance(chosen, Method) or not chosen.is_runge_kutta:
+    if not isinstance(chosen, Method):
         raise ValueError(
-            f"method: {chosen.case} does not stop in the midst; take a Runge-Kutta method"
+            f"method: {chosen.case} does not stop in the midst; take a variational method"
         )
     return parts.integrate_part(
         scene, chosen, n_steps, until=until, checkpoint=checkpoint, every=every

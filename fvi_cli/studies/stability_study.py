@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.equal_steps.routes import run as run_steps
-from fvi_cli.integrator.equal_steps.run import prepare
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.run.on_mesh import path_from
 from fvi_cli.integrator.stability.limits import largest_stable_step
 from fvi_cli.integrator.stability.linearisation import linearised_at_start
 from fvi_cli.integrator.stability.patterns import has_patterns
@@ -275,9 +274,7 @@ def _sizes_from_random_data(scene: Scene, method: AnyMethod, n_steps: int) -> Ar
         if isinstance(method, Method):
             plain = replace(method, start="none", start_exponents=())
         if isinstance(plain, Method) and not plain.is_runge_kutta:
-            problem = prepare(scene, plain, n_steps).problem
-            problem = replace(problem, position=position, momentum=scene.inertia.mass @ velocity)
-            path = run_steps(problem, "auto").position
+            path = path_from(scene, plain, n_steps, position, scene.inertia.mass @ velocity)
         else:
             moved = replace(scene, initial_position=position, initial_velocity=velocity)
             trajectory = integrate(moved, plain, n_steps)

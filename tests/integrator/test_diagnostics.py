@@ -12,11 +12,10 @@ from written_out import integrate_written_out, left_operator_rk
 
 from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
-from fvi_cli.integrator.equal_steps import routes
-from fvi_cli.integrator.equal_steps import run as integrating
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.run import runge_kutta as on_mesh
+from fvi_cli.integrator.run import on_mesh
+from fvi_cli.integrator.run.loop import Stepper
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.mathematics.runge_kutta import gauss_tableau
 from fvi_cli.scenes.records.samples import samples_as_text
@@ -277,13 +276,12 @@ def test_only_what_is_asked_for_is_computed(monkeypatch):
         original = getattr(owner, name)
         monkeypatch.setattr(owner, name, lambda *a, **k: calls.append(name) or original(*a, **k))
 
-    count(integrating, "diagnose")
     count(on_mesh, "diagnose_run")
     count(RunSteps, "__init__")
     scene = kepler(0.05)
     for method, made in (
         (GAUSS2, ["__init__", "diagnose_run"]),
-        (POINTS, ["__init__", "diagnose"]),
+        (POINTS, ["__init__", "diagnose_run"]),
     ):
         calls.clear()
         assert integrate(scene, method, 64).diagnostics is None
@@ -372,7 +370,7 @@ def test_asking_for_a_balance_takes_no_single_steps(monkeypatch):
     def refuse(*arguments, **options):
         raise AssertionError("steps one after the other")
 
-    monkeypatch.setattr(routes, "run_steps", refuse)
+    monkeypatch.setattr(Stepper, "solve", refuse)
     for method in (GAUSS2, NODES, POINTS):
         for scene in (oscillator(0.5), two_masses(), pendulum(), kepler(0.0)):
             asked = integrate(scene, method, 200, diagnostics=Asked(energy_balance=True))

@@ -1,6 +1,6 @@
-"""Many scenes as one batch of backward differences give what each of them gives alone.
+"""Many scenes by backward differences give what each of them gives alone.
 
-Gauss methods have loops of their own, see :mod:`test_side_by_side`.
+Those by Runge-Kutta methods are in :mod:`test_side_by_side`.
 """
 
 import math
@@ -17,19 +17,23 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import members as members_module
+from fvi_cli.integrator.batches import run as run_module
+from fvi_cli.integrator.batches.lags import SideLags
+from fvi_cli.integrator.batches.run import integrate_side_by_side
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.members import companions, integrate_members
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
 
 TOLERANCE = 1e-12
-GAUSS2 = Method(cq="gauss", degree=2)
 BDF2 = Method(cq="bdf2", degree=1)
 METHODS = [
     BDF2,
+    Method(cq="bdf1", sampling="nodes", degree=1),
     Method(cq="bdf2", sampling="nodes", degree=1),
     Method(cq="bdf4", degree=2, forcing_quadrature="exact"),
+    Method(cq="bdf6", degree=3),
 ]
 
 
@@ -101,48 +105,108 @@ def test_each_member_is_what_it_is_alone(method, forcing):
 TERMS = [FractionalDamping(order=o, coefficient=c) for o, c in ((0.5, 0.2), (1.0, 0.4), (1.5, 0.9))]
 KINDS: dict[str, tuple[list[Scene], int]] = {
     **{
-        f"orders {orders}": (oscillators(3, orders), 200)
+        f"orders {orders}": (oscillators(4, orders), 200)
         for orders in ((), (1.0,), (1.4,), (0.3, 1.5), (0.5, 1.0, 0.5))
     },
     # the same orders, with the coefficients of one scene at those of the other
     "any sequence": (
         [
             spring(T=4.0, k=2.0, x=1.0, v=0.5, damping=[TERMS[place] for place in places])
-            for places in ((0, 1, 2), (2, 1, 0), (1, 2, 0))
+            for places in ((0, 1, 2), (2, 1, 0), (1, 2, 0), (2, 0, 1))
         ],
         100,
     ),
     "Riemann-Liouville": (
-        [replace(scene, derivative="riemann-liouville") for scene in oscillators(3)],
+        [replace(scene, derivative="riemann-liouville") for scene in oscillators(4, (0.3, 0.8))],
         100,
     ),
     "with and without modes": (
-        [coupled("modal", 1), coupled("general", 2), coupled("uncoupled", 3)],
+        [coupled(kind, seed) for seed in range(4) for kind in ("modal", "general", "uncoupled")],
         80,
     ),
-    "more than a slice holds": (oscillators(130), 64),
     "break points": (
-        [replace(scene, forcing=in_pieces("8", 2.5, "0")) for scene in oscillators(3)],
+        [replace(scene, forcing=in_pieces("8", 2.5, "0")) for scene in oscillators(4)],
         100,
     ),
 }
 
 
-@pytest.mark.parametrize("name", KINDS)
-def test_members_of_every_kind(name):
+@spread(name=KINDS, method=[BDF2, METHODS[2], METHODS[3]])
+def test_members_of_every_kind(name, method):
     scenes, n_steps = KINDS[name]
-    agree(scenes, BDF2, n_steps)
+    assert min(companions(scenes, method, n_steps)) == 4
+    agree(scenes, method, n_steps)
 
 
-@spread(kind=["modal", "general", "uncoupled"], method=METHODS)
+@spread(kind=["modal", "general", "uncoupled"], method=METHODS[:-1])
 def test_several_degrees_of_freedom(kind, method):
     agree([coupled(kind, seed) for seed in range(4)], method, 150)
 
 
+def pendulums(*orders: float) -> list[Scene]:
+    return [
+        swing(
+            T=4.0,
+            omega=0.5 + 0.1 * place,
+            x=1.0,
+            v=0.2 * place,
+            damping=[FractionalDamping(order=order, coefficient=0.3) for order in orders],
+        )
+        for place in range(16)
+    ]
+
+
+@pytest.mark.parametrize("orders", [(0.5,), (1.0, 1.5)])
+def test_nonlinear_members(orders):
+    for method in METHODS[1:4]:
+        assert companions(pendulums(*orders), method, 40) == [16] * 16
+        runs = integrate_members(pendulums(*orders), method, 40)
+        for scene, run in list(zip(pendulums(*orders), runs, strict=True))[::5]:
+            alone = integrate(scene, method, 40)
+            assert np.abs(run.position - alone.position).max() < TOLERANCE
+            assert np.abs(run.momentum - alone.momentum).max() < TOLERANCE
+
+
+def first_orders_and_jumps() -> list[Scene]:
+    return [replace(scene, derivative="riemann-liouville") for scene in oscillators(6, (0.4, 0.9))]
+
+
+COMPANY = {
+    "a column": lambda: oscillators(6, (0.5, 1.0, 1.5), "cos(t)"),
+    "jumps": first_orders_and_jumps,
+    "modes": lambda: [coupled("modal", seed) for seed in range(6)],
+    "coupled": lambda: [coupled("general", seed) for seed in range(6)],
+    "pendulums": lambda: pendulums(0.5)[:6],
+}
+
+
+@spread(name=COMPANY, method=METHODS)
+def test_who_stands_beside_changes_nothing(name, method):
+    """To the last bit, in any company; the sums of bdf6 are the longest."""
+    scenes, n_steps = COMPANY[name](), 300 if method.cq == "bdf6" else 60
+    together = integrate_side_by_side(scenes, method, n_steps)
+    for places in ([3], [5, 0, 4], [*range(6)] * 5):
+        packed = integrate_side_by_side([scenes[place] for place in places], method, n_steps)
+        for place, one in zip(places, packed, strict=True):
+            assert np.array_equal(one.position, together[place].position)
+            assert np.array_equal(one.momentum, together[place].momentum)
+
+
+def test_more_than_are_stepped_together():
+    scenes = oscillators(20)
+    runs = integrate_members(scenes, BDF2, 64)
+    with patch.object(run_module, "MOST_TOGETHER", 8):
+        parts = integrate_members(scenes, BDF2, 64)
+    assert all(
+        np.array_equal(one.position, other.position) for one, other in zip(runs, parts, strict=True)
+    )
+
+
 def counted(call: Callable[[], object]) -> tuple[int, int]:
     """How many batches were run, and how many scenes were integrated one by one."""
+    together = members_module.integrate_side_by_side
     with (
-        patch.object(members_module, "run_batch", wraps=members_module.run_batch) as batches,
+        patch.object(members_module, "integrate_side_by_side", wraps=together) as batches,
         patch.object(members_module, "integrate", wraps=members_module.integrate) as alone,
     ):
         call()
@@ -152,8 +216,11 @@ def counted(call: Callable[[], object]) -> tuple[int, int]:
 def test_those_that_fit_together_are_one_batch():
     scenes = oscillators(4)
     assert counted(lambda: integrate_members(scenes, BDF2, 64)) == (1, 0)
-    mixed = [*scenes, *oscillators(2, (0.7,)), replace(scenes[0], final_time=4.0)]
+    mixed = [*scenes, *oscillators(5, (0.7,)), replace(scenes[0], final_time=4.0)]
     assert counted(lambda: integrate_members(mixed, BDF2, 64)) == (2, 1)
+    assert counted(lambda: integrate_members(scenes[:3], BDF2, 64)) == (0, 3)
+    other = [*scenes[:3], replace(scenes[3], derivative="riemann-liouville")]
+    assert counted(lambda: integrate_members(other, BDF2, 64)) == (0, 4)
     assert counted(lambda: integrate_members(scenes, replace(BDF2, history="direct"), 64)) == (0, 4)
     assert counted(lambda: integrate_members(scenes, BDF2, 8)) == (0, 4)
     agree(mixed, BDF2, 64)
@@ -163,54 +230,62 @@ def test_those_that_fit_together_are_one_batch():
     "method",
     [
         replace(BDF2, history="direct"),
-        replace(GAUSS2, history="exponentials"),
         Method(cq="bdf2", degree=1, start="weights"),
         Baseline(name="implicit-euler"),
     ],
     ids=lambda method: method.case,
 )
 def test_methods_that_take_members_one_by_one(method):
-    batch = integrate_members(oscillators(2), method, 40)
-    for scene, one in zip(oscillators(2), batch, strict=True):
+    batch = integrate_members(oscillators(4), method, 40)
+    for scene, one in zip(oscillators(4), batch, strict=True):
         assert np.array_equal(one.position, integrate(scene, method, 40).position)
 
 
 def test_a_member_that_diverges_does_not_spoil_the_others():
     method = Method(cq="bdf2", sampling="nodes", degree=1)
-    scenes = oscillators(4, (1.5,))
+    scenes = oscillators(5, (1.5,))
     # explicit in the damping: unstable for a large coefficient
     wild = FractionalDamping(order=1.5, coefficient=400.0)
     scenes[1] = replace(scenes[1], damping=(wild,))
     batch = integrate_members(scenes, method, 3000)
-    assert [one.status for one in batch] == ["ok", "diverged", "ok", "ok"]
+    assert [one.status for one in batch] == ["ok", "diverged", "ok", "ok", "ok"]
     for scene, one in zip(scenes, batch, strict=True):
         assert difference(one, integrate(scene, method, 3000)) <= 1e-9
-    calm = [batch[0], batch[2], batch[3]]
-    undisturbed = integrate_members([scenes[0], scenes[2], scenes[3]], method, 3000)
-    for one, other in zip(calm, undisturbed, strict=True):
-        assert difference(one, other) <= TOLERANCE
+    undisturbed = integrate_members([scenes[0], *scenes[2:]], method, 3000)
+    for one, other in zip([batch[0], *batch[2:]], undisturbed, strict=True):
+        assert np.array_equal(one.position, other.position)
 
 
-def test_operations_are_those_of_the_member():
-    scenes = oscillators(3)
-    batch = integrate_members(scenes, BDF2, 600)
-    assert len({one.history_operations for one in batch}) == 1
-    total = members_module.run_batch
-    seen: list[int] = []
+@pytest.mark.parametrize("n_steps", [100, 600])
+def test_operations_are_those_of_the_member(n_steps):
+    """What the memory takes is what is counted; whole blocks have their lags in matrices."""
+    counted = [0]
 
-    def spy(problem):
-        finished = total(problem)
-        if finished is not None:
-            seen.append(int(finished.operations.sum()))
-        return finished
+    class Counted(SideLags):
+        def past(self, block, states, carried):
+            counted[0] += block.response.size * states[0].size
+            return super().past(block, states, carried)
 
-    with patch.object(members_module, "run_batch", spy):
-        again = integrate_members(scenes, BDF2, 600)
-    assert sum(one.history_operations for one in again) == seen[0] > 0
+        def of_block(self, tables, driving, done):
+            if driving.ndim == 3:
+                counted[0] += tables.lags[0].shape[0] * driving[: done * self._inputs].size
+            return super().of_block(tables, driving, done)
+
+        def pushed(self, block, states, driving):
+            if self._step is not None:
+                counted[0] += self._step.rates.size * driving.size
+            return super().pushed(block, states, driving)
+
+    scenes = oscillators(8, (0.5, 1.5))
+    for method in (BDF2, METHODS[3]):
+        counted[0] = 0
+        with patch.object(run_module, "SideLags", Counted):
+            runs = integrate_members(scenes, method, n_steps)
+        assert sum(run.history_operations for run in runs) == counted[0] > 0
 
 
 def test_thinned():
-    scenes = oscillators(2)
+    scenes = oscillators(4)
     batch = integrate_members(scenes, BDF2, 50, every=7)
     for scene, one in zip(scenes, batch, strict=True):
         alone = integrate(scene, BDF2, 50, every=7)
@@ -228,7 +303,7 @@ def test_wrong_numbers_are_refused():
 
 def test_a_wrong_member_would_be_seen():
     """The control: one weight of ten thousand in one coefficient."""
-    scenes = oscillators(3)
+    scenes = oscillators(4)
     batch = integrate_members(scenes, BDF2, 100)
     term = scenes[1].damping[0]
     moved = FractionalDamping(order=term.order, coefficient=1.0001 * term.coefficient)

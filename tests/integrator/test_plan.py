@@ -202,13 +202,13 @@ class TestWords:
         plan = plan_run(oscillators(orders=()), gauss(2, "graded"), 1000)
         assert plan.history == "none: nothing is damped"
         assert plan.forcing == "none"
-        assert plan.n_sequences == plan.history_operations == 0
+        assert plan.n_directions == plan.history_operations == 0
         assert "1000 steps in all" in plan.start
 
-    def test_terms_of_one_direction_share_their_weights(self):
+    def test_terms_of_one_direction_share_their_sums(self):
         two = plan_run(oscillators(orders=(0.5, 1.5)), gauss(), 1000)
         one = plan_run(oscillators(), gauss(), 1000)
-        assert two.n_sequences == one.n_sequences == 1
+        assert two.n_directions == one.n_directions == 1
         # one response to the states of both, of which there are a few more for two orders
         assert one.history_operations <= two.history_operations < 1.1 * one.history_operations
         bdf = [plan_run(oscillators(orders=o), points(), 1000) for o in ((0.5,), (0.5, 1.5))]
@@ -267,11 +267,10 @@ class TestMembers:
 
     @pytest.mark.parametrize("orders", [(0.5, 1.5), (1.0, 0.5)])
     def test_terms_of_one_direction(self, orders):
-        # members share weights by their order, a run alone adds up those of one direction
         scenes = [oscillators(orders=orders, forcing=f"{k} * sin(t)") for k in range(20)]
         for method in (NODES, points()):
             planned = plan_run(scenes[0], method, 300, members=20)
-            assert planned.n_sequences == 2
+            assert planned.n_directions == 1
             for found in integrate_members(scenes, method, 300):
                 assert found.history_operations == planned.history_operations
 

@@ -6,7 +6,7 @@ from letters import spring
 from scipy.special import gamma as gamma_function
 from spread import spread
 
-from fvi_cli.integrator.equal_steps.starting_weights import starting_weights
+from fvi_cli.integrator.expansions.starting_weights import starting_weights
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.bdf import convolution_weights

@@ -22,7 +22,7 @@ from fvi_cli.mathematics.lagrange import lobatto_basis
 def loads(text: str, method: Method, h: float, n_steps: int) -> np.ndarray:
     """Load vectors of a force on equal steps from 0 on."""
     scene = spring(T=h * n_steps, forcing=text)
-    found, _ = StepLoads(scene, method, step_tables(method)).of_run(h, (), n_steps)
+    found = StepLoads(scene, method, step_tables(method)).of_steps(0.0, h, n_steps, is_fresh=True)
     assert found is not None
     return found
 

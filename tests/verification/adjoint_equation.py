@@ -56,6 +56,7 @@ def integrate_advanced(
     nodes = method.sampling == "nodes"
     # the mirror image of the sampling rule: on the nodes the right end, otherwise the same points
     sample_basis = np.eye(s + 1)[:, -1:] if nodes else tables.sample_basis
+    sample_weights = np.ones(1) if nodes else tables.sample_weights
     weights = [
         (h ** (-term.order) * convolution_weights(method.bdf_order, term.order, n_steps + 1), term)
         for term in scene.active_damping
@@ -86,7 +87,7 @@ def integrate_advanced(
             rows = stiffness @ values @ mass + moments[k]
             if potential is not None:
                 rows = rows - h * tables.test_weights @ potential.gradient(points)
-            kick = tables.sample_weights * sample_basis
+            kick = sample_weights * sample_basis
             return rows - h * kick @ force, force
 
         for _ in range(50):
@@ -100,7 +101,7 @@ def integrate_advanced(
                     "ni,mi,iab->namb", tables.test_weights, tables.basis, curvature
                 ).reshape((s + 1) * d, -1)
             if not (nodes and k == n_steps - 1):
-                kick = tables.sample_weights * sample_basis
+                kick = sample_weights * sample_basis
                 jacobian = jacobian - h * np.kron(kick @ sample_basis.T, newest)
             # y_k^s is known; the unknowns are y_k^0 .. y_k^{s-1}, the equations rows 1..s
             update = np.linalg.solve(jacobian[d:, :-d], error.ravel()).reshape(s, d)

@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fvi_cli.integrator.run.on_mesh import path_from
 from letters import spring
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.equal_steps.routes import run
-from fvi_cli.integrator.equal_steps.run import prepare
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.determinant import independent_systems
@@ -65,9 +64,7 @@ def observed_growth(
             moved = replace(scene, initial_position=position, initial_velocity=momentum)
             position = np.abs(integrate(moved, method, n_steps).position)
         else:
-            problem = prepare(scene, method, n_steps).problem
-            problem = replace(problem, position=position, momentum=momentum)
-            position = np.abs(run(problem, "auto").position)
+            position = np.abs(path_from(scene, method, n_steps, position, momentum))
     if position.shape[0] <= n_steps or not np.isfinite(position).all():
         return float("inf")
     quarter = n_steps // 4

@@ -73,14 +73,19 @@ def test_derivative_of_the_action_is_the_sum_of_both_residuals(sampling):
         points, speeds = q[index] @ tables.basis, q[index] @ tables.slopes / h
         return float(h * (0.5 * speeds**2 - (1 - np.cos(points))).sum(axis=0) @ tables.weights)
 
+    # the paper samples on the nodes, each of weight 1
+    on_nodes = sampling == "nodes"
+    sample_basis = np.eye(degree + 1)[:, :1] if on_nodes else tables.sample_basis
+    sample_weights = np.ones(1) if on_nodes else tables.sample_weights
+
     def samples(q: np.ndarray) -> np.ndarray:
-        inside = q[index] @ tables.sample_basis
+        inside = q[index] @ sample_basis
         return np.vstack([inside, q[-1:][None]]) if sampling == "nodes" else inside
 
     def action(x: np.ndarray, y: np.ndarray) -> float:
         left = left_operator(2, alpha, h, samples(x))
         right = right_operator(2, alpha, h, samples(y))
-        damping = (left * right).sum(axis=0) @ tables.sample_weights
+        damping = (left * right).sum(axis=0) @ sample_weights
         return conservative(x) + conservative(y) - mu * h * float(damping)
 
     eps = 1e-5
@@ -90,7 +95,7 @@ def test_derivative_of_the_action_is_the_sum_of_both_residuals(sampling):
     forces = left_operator(2, 2 * alpha, h, samples(x)) + right_operator(
         2, 2 * alpha, h, samples(y)
     )
-    damping = mu * h * float((forces * samples(eta)).sum(axis=0) @ tables.sample_weights)
+    damping = mu * h * float((forces * samples(eta)).sum(axis=0) @ sample_weights)
 
     def slope(q: np.ndarray) -> float:
         points, speeds = q[index] @ tables.basis, q[index] @ tables.slopes / h

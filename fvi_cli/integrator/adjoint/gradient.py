@@ -21,7 +21,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Observations, names_of
-from fvi_cli.integrator.run.runge_kutta import AnySteps
+from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 
 Array = NDArray[np.float64]

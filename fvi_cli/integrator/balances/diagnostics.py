@@ -131,8 +131,6 @@ def diagnose(motion: BalanceData, asked: Asked) -> Diagnostics:
     for one in asked.symmetries:
         along = one.direction(places)
         pull = _summed(motion.damping, along) - _summed(motion.forcing, along)
-        if motion.kicks is not None:
-            pull += 0.5 * np.einsum("kd,kd->k", motion.kicks, one.direction(steps.position))
         maps.append(one.momentum(steps.position, steps.momentum))
         defects.append(maps[-1] - maps[-1][0] + pull)
     return replace(

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import times
 from fvi_cli.integrator.balances.diagnostics import Asked, BalanceData, Diagnostics, diagnose
-from fvi_cli.integrator.convolution.damping import Damping
+from fvi_cli.integrator.convolution.damping import Damping, DampingTables
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.run.steps_of_run import RunSteps
-from fvi_cli.integrator.steps.dynamics import General, Separable
+from fvi_cli.integrator.steps.step import StepSolver
 
 Array = NDArray[np.float64]
 
@@ -32,20 +32,43 @@ PIECE = 128
 """Equal steps that are worked out together."""
 
 
-def damping_along(damping: Damping, steps: RunSteps) -> tuple[Array, Array]:
-    """Damping force at the stages, ``(n, r, d)``, and stored energy on the mesh, ``(n + 1,)``."""
+def damping_along(
+    damping: Damping, velocity: Array, sizes: Array, n_points: int | None = None
+) -> tuple[Array, Array | None]:
+    """Damping force and stored energy along a run.
+
+    Parameters
+    ----------
+    damping
+        What acts.
+    velocity
+        What drove it in every step, shape ``(n, inputs, d)``: velocities at the stages.
+    sizes
+        Of the steps, shape ``(n,)``.
+    n_points
+        Points m where the force acts; None: the stages.
+
+    Returns
+    -------
+    tuple
+        Force, shape ``(n, m, d)``, and energy on the mesh, ``(n + 1,)``; None where the damping
+        has none.
+    """
     n_kept = damping.n_remembered
-    force = np.empty_like(steps.velocity)
-    stored = np.zeros(steps.n_steps + 1)
+    n, inputs, d = velocity.shape
+    force = np.empty((n, n_points or inputs, d))
+    stored = np.zeros(n + 1)
     states = damping.initial_states()
     weights = damping.energy_weights()
-    for first, last in _pieces(steps.step_size):
-        at = damping.tables(float(steps.step_size[first]))
-        driving = damping.input_of(steps.velocity[first:last])
-        own = np.zeros((last - first, driving.shape[1], n_kept))
+    for first, last in _pieces(sizes):
+        at = damping.tables(float(sizes[first]))
+        driving = damping.input_of(velocity[first:last])
+        own = np.zeros((last - first, force.shape[1], n_kept))
         for local, one in zip(at.local, damping.directions, strict=True):
             own += times(np.einsum("ij,njc->nic", local, driving[..., :n_kept]), one.inner)
-        if damping.has_memory:
+        if weights is None:
+            states = _lagging(damping, at, states, driving, own)
+        elif damping.has_memory:
             added = np.einsum("jr,nrc->njc", at.intake, driving)
             path = np.empty((last - first + 1, *states.shape))
             path[0] = states
@@ -65,7 +88,24 @@ def damping_along(damping: Damping, steps: RunSteps) -> tuple[Array, Array]:
                     "j,njc,njc->n", weight, free, times(free, one.inner)
                 )
         force[first:last] = damping.spread(own) + at.constant_force
-    return force, stored
+    return force, None if weights is None else stored
+
+
+def _lagging(
+    damping: Damping, at: DampingTables, states: Array, driving: Array, force: Array
+) -> Array:
+    """Add the force of the past in some steps where lags have matrices; the states after them."""
+    count, inputs, columns = driving.shape
+    if at.step is None:
+        return states
+    block, flat = at.step.over(count), driving.reshape(count * inputs, columns)
+    for one in damping.directions:
+        carried = damping.combined(one, block.response) @ states
+        carried = carried.reshape(count, -1, columns)
+        for lag, kernel in enumerate(damping.combined(one, block.lags), start=1):
+            carried[lag:] += kernel @ driving[: count - lag]
+        force += damping.force_of_states(one, carried)
+    return block.after(states, flat)
 
 
 def _pieces(sizes: Array) -> list[tuple[int, int]]:
@@ -82,11 +122,12 @@ def _pieces(sizes: Array) -> list[tuple[int, int]]:
 
 def diagnose_run(
     steps: RunSteps,
-    damping: Damping | None,
-    dynamics: Separable | General,
+    solver: StepSolver,
     loads: StepLoads,
     fresh: NDArray[np.bool_],
     asked: Asked,
+    *,
+    has_kicks: bool = False,
 ) -> Diagnostics:
     """The diagnostics that are asked for, on the points of the mesh.
 
@@ -94,29 +135,38 @@ def diagnose_run(
     ----------
     steps
         The run.
-    damping, dynamics, loads
+    solver, loads
         What acted.
     fresh
         Steps that begin where a force may be singular, shape ``(n,)``.
     asked
         What is wanted.
+    has_kicks
+        Whether the damping acts by kicks at the points, half of each in the steps beside it.
     """
-    forces, stored = None, None
+    forces, stored, damping, sampling = None, None, solver.damping, solver.sampling
     if damping is not None:
-        force, stored = damping_along(damping, steps)
-        forces = np.einsum("vi,nid->nvd", steps.tables.test_weights, force)
+        driving = steps.velocity
+        if not solver.velocity_drives:
+            driving = sampling.driving @ steps.unknowns
+        force, stored = damping_along(damping, driving, steps.step_size, sampling.weights.size)
+        forces = np.einsum("vi,nid->nvd", sampling.to_loads, force)
         forces *= steps.step_size[:, None, None]
     added = loads_along(loads.of_damping, steps, fresh)
     if added is not None:
         forces = -added if forces is None else forces - added
+    kicks = None
+    if has_kicks and forces is not None:
+        kicks = 2.0 * np.concatenate([forces[:, 0], forces[-1:, -1]])
     return diagnose(
         BalanceData(
             steps=steps,
-            dynamics=dynamics,
-            energy=dynamics.energy(steps.position, steps.momentum, steps.time),
+            dynamics=solver.dynamics,
+            energy=solver.dynamics.energy(steps.position, steps.momentum, steps.time),
             damping=forces,
             forcing=loads_along(loads.of_forcing, steps, fresh),
             stored=stored,
+            kicks=kicks,
         ),
         asked,
     )

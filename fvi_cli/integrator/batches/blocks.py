@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.integrator.batches.memory import SideDamping
 from fvi_cli.integrator.batches.steps import SideStep
-from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.steps.step import ForceSampling
 
 Array = NDArray[np.float64]
 
@@ -15,21 +15,23 @@ Array = NDArray[np.float64]
 class SideBlocks:
     """Blocks of B steps of one size.
 
-    All follows from the response to inputs of the first step: forces of the past at its stages,
+    All follows from the response to inputs of the first step: forces of the past where they act,
     load vectors, position and momentum at the beginning.
 
     Parameters
     ----------
-    step, damping, tables
-        Steps of that size, the damping of the systems, and numbers of the method.
+    step, damping, sampling
+        Steps of that size, the damping of the systems, and where it acts.
     """
 
-    def __init__(self, step: SideStep, damping: SideDamping, tables: StepTables) -> None:
+    def __init__(self, step: SideStep, damping: SideDamping, sampling: ForceSampling) -> None:
         self._step, self._damping = step, damping
         self._h, self._block = step.step_size, damping.block
-        self._to_velocity = np.ascontiguousarray(tables.slopes[1:].T)
-        self._r, self._e = tables.points.size, step.matrix.shape[0] // (tables.degree + 1)
-        inputs = self._r * self._e
+        self._to_driving = sampling.driving
+        rows, degree = sampling.driving.shape
+        self._m, self._driven = sampling.weights.size, rows
+        self._e = step.matrix.shape[0] // (degree + 1)
+        inputs = self._m * self._e
         moved, starts = step.matrix[:, :inputs], step.matrix[:, inputs:]
         first = np.zeros((2 * self._e, inputs, moved.shape[-1]))
         by_force = self._dense(self._impulses(moved, first), inputs)
@@ -48,7 +50,7 @@ class SideBlocks:
         Parameters
         ----------
         past
-            Force of the past at the stages of all steps, ``(B, r, e, q)``; None: there is none.
+            Force of the past in all steps, ``(B, m, e, q)``; None: there is none.
         position, momentum
             At the beginning, shape ``(e, q)``.
         loads
@@ -57,20 +59,20 @@ class SideBlocks:
         Returns
         -------
         tuple of Array
-            Velocities at the stages, ``(B r, e, q)``, and what position and momentum have changed
-            by after every step, ``(B, e, q)``.
+            What drives the damping, ``(B inputs, e, q)``, and what position and momentum have
+            changed by after every step, ``(B, e, q)``.
         """
-        block, r, e, q = self._block, self._r, self._e, position.shape[-1]
+        block, rows, e, q = self._block, self._driven, self._e, position.shape[-1]
         start = np.concatenate([momentum, position])
-        force = np.zeros((block * r * e, q)) if past is None else past.reshape(-1, q)
+        force = np.zeros((block * self._m * e, q)) if past is None else past.reshape(-1, q)
         inputs = np.concatenate([force, start]).T
         found = (self._response @ inputs[:, :, None])[..., 0]
         if loads is not None:
             known = np.ascontiguousarray(loads.reshape(-1, q).T)
             found = found + (self._loads() @ known[:, :, None])[..., 0]
-        steps = np.ascontiguousarray(found.T).reshape(block, (r + 2) * e, q)
-        velocity = np.ascontiguousarray(steps[:, : r * e]).reshape(block * r, e, q)
-        return velocity, steps[:, (r + 1) * e :], steps[:, r * e : (r + 1) * e]
+        steps = np.ascontiguousarray(found.T).reshape(block, (rows + 2) * e, q)
+        driving = np.ascontiguousarray(steps[:, : rows * e]).reshape(block * rows, e, q)
+        return driving, steps[:, (rows + 1) * e :], steps[:, rows * e : (rows + 1) * e]
 
     def _loads(self) -> Array:
         if self._by_load is None:
@@ -80,7 +82,7 @@ class SideBlocks:
         return self._by_load
 
     def _impulses(self, moved: Array, start: Array) -> Array:
-        """Velocities and changes of momentum and position, ``(B, (r + 2) e, columns, q)``.
+        """What drives, and changes of momentum and position, ``(B, (inputs + 2) e, columns, q)``.
 
         Parameters
         ----------
@@ -89,22 +91,22 @@ class SideBlocks:
         start
             Momentum and position that the input is itself, shape ``(2 e, columns, q)``.
         """
-        r, e = self._r, self._e
+        rows, e = self._driven, self._e
         columns, q = moved.shape[1:]
-        velocities = np.zeros((self._block * r, e, columns, q))
-        found = np.empty((self._block, (r + 2) * e, columns, q))
+        driving = np.zeros((self._block * rows, e, columns, q))
+        found = np.empty((self._block, (rows + 2) * e, columns, q))
         change = np.zeros_like(start)
         for index in range(self._block):
             if index:
-                force = self._damping.of_block(self._step.damping, velocities, index)
-                inputs = np.concatenate([force.reshape(r * e, columns, q), start + change])
+                force = self._damping.of_block(self._step.damping, driving, index)
+                inputs = np.concatenate([force.reshape(-1, columns, q), start + change])
                 moved = (self._step.matrix[:, :, None] * inputs).sum(axis=1)
-            unknowns = moved[:-e].reshape(self._to_velocity.shape[1], -1)
-            velocity = (self._to_velocity @ unknowns).reshape(r, e, columns, q)
-            velocities[index * r : (index + 1) * r] = velocity
+            unknowns = moved[:-e].reshape(self._to_driving.shape[1], -1)
+            own = (self._to_driving @ unknowns).reshape(rows, e, columns, q)
+            driving[index * rows : (index + 1) * rows] = own
             change = change + np.concatenate([moved[-e:], self._h * moved[-2 * e : -e]])
-            found[index, : r * e] = velocity.reshape(r * e, columns, q)
-            found[index, r * e :] = change
+            found[index, : rows * e] = own.reshape(rows * e, columns, q)
+            found[index, rows * e :] = change
         return found
 
     def _rows(self, impulses: Array) -> Array:

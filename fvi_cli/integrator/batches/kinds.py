@@ -12,7 +12,8 @@ from fvi_cli.integrator.convolution.damping import directions_of
 from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.runge_kutta import mesh_for
+from fvi_cli.integrator.run.on_mesh import mesh_for
+from fvi_cli.integrator.run.setup import writes_out
 
 LARGEST_STEP = 24
 """Unknowns of a step of a system, at most: beyond, matrix products are quicker one by one."""
@@ -27,6 +28,12 @@ def side_by_side(scene: Scene, method: Method, n_steps: int) -> Hashable | None:
     """What scenes have in common that are taken side by side; None: this one stands alone."""
     if scene.lagrangian is not None or scene.is_sparse:
         return None
+    shared: Hashable = None
+    if not method.is_runge_kutta:
+        is_corrected = method.start == "weights" and scene.active_damping
+        if scene.active_laws or is_corrected or writes_out(method, n_steps):
+            return None
+        shared = (frozenset(term.order for term in scene.active_damping), scene.derivative)
     width, formulas = 1, None
     if isinstance(scene.potential, ExpressionPotential):
         formulas = formulas_of(scene.potential)
@@ -46,7 +53,7 @@ def side_by_side(scene: Scene, method: Method, n_steps: int) -> Hashable | None:
         rates = rates_of(scene, mesh_for(scene, method, n_steps), method.stages)
     return (
         *(scene.dimension, width, scene.final_time, scene.break_points),
-        *(formulas, powers, slots, has_memory, rates),
+        *(formulas, powers, slots, has_memory, rates, shared),
     )
 
 

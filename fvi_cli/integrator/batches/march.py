@@ -14,9 +14,10 @@ from fvi_cli.integrator.batches.newton import Notes
 from fvi_cli.integrator.batches.plan import in_blocks
 from fvi_cli.integrator.batches.steps import SideStep, on_first_axis
 from fvi_cli.integrator.batches.systems import Systems
-from fvi_cli.integrator.convolution.stages import BlockKernel
+from fvi_cli.integrator.convolution.stages import BlockHistory
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.steps.step import ForceSampling
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 Array = NDArray[np.float64]
@@ -34,8 +35,8 @@ class SideMarch:
     ----------
     systems, damping
         What moves; no damping where it has none.
-    tables
-        Numbers of the method.
+    tables, sampling
+        Numbers of the method, and where the damping acts.
     mesh
         Where steps are.
     loads
@@ -49,21 +50,21 @@ class SideMarch:
         systems: Systems,
         damping: SideDamping,
         tables: StepTables,
+        sampling: ForceSampling,
         mesh: Mesh,
         loads: Loads,
         *,
         every: int,
     ) -> None:
-        self._systems, self._damping, self._tables = systems, damping, tables
+        self._systems, self._damping = systems, damping
+        self._tables, self._sampling = tables, sampling
         self._mesh, self._loads, self._every = mesh, loads, every
         self._e, self._q = systems.shape
-        self._r, self._s = tables.points.size, tables.degree
-        self._to_velocity = np.ascontiguousarray(tables.slopes[1:].T)
+        self._rows, self._s = sampling.driving.shape
         self._ahead = lobatto_basis(tables.degree)
         self.position, self.momentum = systems.position.copy(), systems.momentum.copy()
         self._lost = np.zeros((2, self._e, self._q))
-        self._states = np.zeros((damping.n_states, self._e, self._q))
-        self._carried = np.ones(damping.n_states)
+        self._states, self._carried = damping.at_start(systems)
         self._unknowns: tuple[Array, float] | None = None
         self._going_on = ((0.0, 0.0), np.zeros((0, 0)))
         self._at: SideStep | None = None
@@ -124,6 +125,7 @@ class SideMarch:
                 self._systems,
                 self._damping.tables(step_size),
                 self._tables,
+                self._sampling,
                 step_size,
                 self.position,
             )
@@ -133,12 +135,12 @@ class SideMarch:
     def _whole(self, at: SideStep, one: Stretch, count: int) -> SideBlocks | None:
         """Matrices of whole blocks; None where steps are done one after the other."""
         linear = self._systems.potential is None
-        if not linear or not in_blocks(one.n_steps, self._r * self._e):
+        if not linear or not in_blocks(one.n_steps, self._rows * self._e):
             return None
         if count < self._damping.block:
             return None
         if self._blocks is None or self._blocks[0] is not at:
-            self._blocks = (at, SideBlocks(at, self._damping, self._tables))
+            self._blocks = (at, SideBlocks(at, self._damping, self._sampling))
         return self._blocks[1]
 
     def _whole_block(
@@ -147,16 +149,16 @@ class SideMarch:
         """The same as :meth:`_block` by one matrix for every system."""
         count = self._damping.block
         block, past = self._past(at, count)
-        velocities, ways, gains = blocks.advance(past, self.position, self.momentum, loads)
+        driving, ways, gains = blocks.advance(past, self.position, self.momentum, loads)
         positions, momenta = self.position + ways, self.momentum + gains
         self.position = self._add(0, self.position, ways[-1])
         self.momentum = self._add(1, self.momentum, gains[-1])
         self.done += count
-        self._end(block, velocities, positions, momenta)
+        self._end(block, driving, positions, momenta)
         return positions, momenta
 
-    def _past(self, at: SideStep, count: int) -> tuple[BlockKernel | None, Array | None]:
-        """Tables of a block, and the force of the past at the stages of its steps."""
+    def _past(self, at: SideStep, count: int) -> tuple[BlockHistory | None, Array | None]:
+        """Tables of a block, and the force of the past in its steps."""
         damping = self._damping
         if at.damping.step is None:
             return None, None
@@ -167,12 +169,12 @@ class SideMarch:
         return block, past
 
     def _end(
-        self, block: BlockKernel | None, velocities: Array, positions: Array, momenta: Array
+        self, block: BlockHistory | None, driving: Array, positions: Array, momenta: Array
     ) -> None:
         """What is left of a block for those that follow."""
         if block is not None:
-            self._states = self._damping.pushed(block, self._states, velocities)
-            self._carried = self._carried * block.decay
+            self._states = self._damping.pushed(block, self._states, driving)
+            self._carried = self._damping.carried_after(block, self._carried)
         np.maximum(self.largest, np.abs(positions).max(axis=0), out=self.largest)
         self._give_up(~np.isfinite(positions[-1] + momenta[-1]).all(axis=0))
 
@@ -190,25 +192,26 @@ class SideMarch:
 
     def _block(self, at: SideStep, count: int, loads: Array | None) -> tuple[Array, Array]:
         """Steps of a block: positions and momenta after each of them, ``(count, e, q)``."""
-        r, e, q = self._r, self._e, self._q
+        rows, e, q = self._rows, self._e, self._q
         damping = self._damping
-        velocities = np.zeros((count * r, e, q))
+        driving = np.zeros((count * rows, e, q))
         positions, momenta = np.empty((2, count, e, q))
         block, past = self._past(at, count)
         for index in range(count):
-            force = np.zeros((r, e, q)) if past is None else past[index]
+            force = np.zeros((self._sampling.weights.size, e, q)) if past is None else past[index]
             if index and past is not None:
-                force = force + damping.of_block(at.damping, velocities, index)
+                force = force + damping.of_block(at.damping, driving, index)
             load = None if loads is None else loads[index]
             moved = self._solve(at, force, load)
             unknowns = moved[:-e].reshape(self._s, e, q)
-            velocities[index * r : (index + 1) * r] = on_first_axis(self._to_velocity, unknowns)
+            own = on_first_axis(self._sampling.driving, unknowns)
+            driving[index * rows : (index + 1) * rows] = own
             self.position = self._add(0, self.position, at.step_size * unknowns[-1])
             self.momentum = self._add(1, self.momentum, moved[-e:])
             self._unknowns = (unknowns, at.step_size)
             positions[index], momenta[index] = self.position, self.momentum
             self.done += 1
-        self._end(block, velocities, positions, momenta)
+        self._end(block, driving, positions, momenta)
         return positions, momenta
 
     def _add(self, which: int, value: Array, change: Array) -> Array:

@@ -20,7 +20,13 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.systems import Remembered, Systems, Terms, kernels_of
 from fvi_cli.integrator.convolution.kernel import Kernel, power_kernel
-from fvi_cli.integrator.convolution.stages import BlockKernel, StageOperator, StepKernel, block_of
+from fvi_cli.integrator.convolution.stages import (
+    BlockHistory,
+    BlockKernel,
+    StageOperator,
+    StepHistory,
+    StepKernel,
+)
 from fvi_cli.integrator.meshes.mesh import Mesh
 
 Array = NDArray[np.float64]
@@ -69,12 +75,12 @@ class SideTables:
     Parameters
     ----------
     local
-        For every slot the local block, shape ``(m, m, q)``.
+        For every slot the local block, shape ``(m, inputs, q)``.
     lags
-        For every slot the weights of the stages of earlier steps of a block, those of the step
-        right before last, shape ``(m, (B - 1) m, q)``; none without memory.
+        For every slot the weights of what drove the earlier steps of a block, those of the step
+        right before last, shape ``(m, (B - 1) inputs, q)``; none without memory.
     constant
-        Force that is the same on all stages of all steps but for its last digits, ``(m, e, q)``.
+        Force that is the same in all steps but for its last digits, ``(m, e, q)``.
     step
         States and responses of a step, without the weights of the states; None without memory.
     """
@@ -82,7 +88,7 @@ class SideTables:
     local: tuple[Array, ...]
     lags: tuple[Array, ...]
     constant: Array | None
-    step: StepKernel | None
+    step: StepHistory | None
 
 
 class SideDamping:
@@ -111,12 +117,12 @@ class SideDamping:
         block: int,
     ) -> None:
         self._slots, self._operator, self.block = systems.slots, operator, block
-        self._m = operator.n_stages
+        self._m = self._inputs = operator.n_stages
         self._e, self._q = systems.shape
         self._weights: tuple[Array, ...] = ()
         self._of_start: tuple[Array | None, ...] = ()
         self._kernel: Kernel | None = None
-        self._blocks: dict[tuple[float, int], BlockKernel] = {}
+        self._blocks: dict[tuple[float, int], BlockHistory] = {}
         if systems.has_memory:
             found = {
                 one: rates_and_weights(
@@ -143,6 +149,10 @@ class SideDamping:
     def n_states(self) -> int:
         """Number J of rates."""
         return 0 if self._kernel is None else self._kernel.n_states
+
+    def at_start(self, systems: Systems) -> tuple[Array, Array]:
+        """The states of all systems, and those of a start velocity of 1, at the start."""
+        return np.zeros((self.n_states, *systems.shape)), np.ones(self.n_states)
 
     def _weights_of(self, terms: Terms, weights: dict[Remembered, Array]) -> Array:
         total = np.zeros((self.n_states, self._q))
@@ -192,17 +202,17 @@ class SideDamping:
         ordered = lags[::-1].transpose(1, 0, 2, 3)
         return np.ascontiguousarray(ordered).reshape(m, before * m, -1)
 
-    def block_kernel(self, step_size: float, step: StepKernel, count: int) -> BlockKernel:
+    def block_kernel(self, step_size: float, step: StepHistory, count: int) -> BlockHistory:
         """Tables of a block of so many steps, without the weights of the states."""
         key = (step_size, count)
         if key not in self._blocks:
             if len(self._blocks) >= 2 * self.block:
                 self._blocks.clear()
-            self._blocks[key] = block_of(step, count)
+            self._blocks[key] = step.over(count)
         return self._blocks[key]
 
-    def past(self, block: BlockKernel, states: Array, carried: Array) -> Array:
-        """Force of the states at all stages of a block, shape ``(count, m, e, q)``.
+    def past(self, block: BlockHistory, states: Array, carried: Array) -> Array:
+        """Force of the states on all steps of a block, shape ``(count, m, e, q)``.
 
         Parameters
         ----------
@@ -214,49 +224,52 @@ class SideDamping:
         weighted = np.zeros_like(states)
         every = zip(self._slots, self._weights, self._of_start, strict=True)
         for slot, weights, of_start in every:
-            own = states if slot.direction is None else _along(states, slot.direction)
+            own = states if slot.direction is None else along(states, slot.direction)
             weighted += weights[:, None] * own
             if of_start is not None:
                 weighted += (carried[:, None] * of_start)[:, None] * slot.start
         force = block.response[0] @ weighted.reshape(self.n_states, -1)
-        return np.asarray(force.reshape(block.steps, self._m, self._e, self._q))
+        return np.asarray(force.reshape(-1, self._m, self._e, self._q))
 
-    def of_block(self, tables: SideTables, velocities: Array, done: int) -> Array:
+    def of_block(self, tables: SideTables, driving: Array, done: int) -> Array:
         """Force of the first `done` steps of a block on the next one, shape ``(m, e, q)``.
 
         Parameters
         ----------
         tables
             Of the step size.
-        velocities
-            At the stages of the block's steps, shape ``(B m, e, q)``, or with more axes between
-            the last two.
+        driving
+            What drove the block's steps, shape ``(B inputs, e, q)``, or with more axes between the
+            last two.
         """
-        m, total = self._m, None
-        before = velocities[: done * m]
+        m, width, total = self._m, done * self._inputs, None
+        before = driving[:width]
         between = (1,) * (before.ndim - 2)
         for slot, lags in zip(self._slots, tables.lags, strict=True):
-            recent = lags[:, lags.shape[1] - done * m :]
-            own = (recent.reshape(m, done * m, *between, -1) * before).sum(axis=1)
+            recent = lags[:, lags.shape[1] - width :]
+            own = (recent.reshape(m, width, *between, -1) * before).sum(axis=1)
             if slot.direction is not None:
-                own = _along(own, slot.direction)
+                own = along(own, slot.direction)
             total = own if total is None else total + own
         return np.zeros((m, *before.shape[1:])) if total is None else total
 
-    def pushed(self, block: BlockKernel, states: Array, velocities: Array) -> Array:
-        """The states behind a block with these velocities at its stages."""
-        rows = block.steps * self._m
-        moved = block.intake @ velocities[:rows].reshape(rows, -1)
-        return np.asarray(
-            states + (block.change[:, None, None] * states + moved.reshape(states.shape))
-        )
+    def pushed(self, block: BlockHistory, states: Array, driving: Array) -> Array:
+        """The states behind a block that was driven by this."""
+        after = block.after(states.reshape(len(states), -1), driving.reshape(len(driving), -1))
+        return after.reshape(states.shape)
+
+    def carried_after(self, block: BlockHistory, carried: Array) -> Array:
+        """The states of a start velocity behind a block."""
+        if not isinstance(block, BlockKernel):
+            raise ValueError("block: it is not one of a Runge-Kutta method")
+        return np.asarray(carried * block.decay)
 
 
-def _along(values: Array, directions: Array) -> Array:
+def along(values: Array, directions: Array) -> Array:
     """Rows of values ``(n, e, ..., q)`` times a matrix ``(e, e, q)`` for every system."""
     e, q = directions.shape[0], directions.shape[2]
     matrices = directions.reshape(e, e, *(1,) * (values.ndim - 3), q)
     return np.asarray((values[:, :, None] * matrices).sum(axis=1))
 
 
-__all__ = ["SideDamping", "SideTables", "rates_and_weights", "rates_of"]
+__all__ = ["SideDamping", "SideTables", "along", "rates_and_weights", "rates_of"]

@@ -7,10 +7,11 @@ from fvi_cli.integrator.batches.kinds import decoupling_of
 from fvi_cli.integrator.batches.memory import rates_and_weights
 from fvi_cli.integrator.batches.systems import kernels_of
 from fvi_cli.integrator.convolution.damping import directions_of
-from fvi_cli.integrator.meshes.mesh import Mesh
+from fvi_cli.integrator.convolution.lags import lag_tail
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.march import MeshPlan
-from fvi_cli.integrator.run.runge_kutta import mesh_for
+from fvi_cli.integrator.run.on_mesh import mesh_for
+from fvi_cli.integrator.step_tables import step_tables
 
 BLOCK = 16
 """Steps of a block: the fewer, the more often all states are pushed, the more, the more lags."""
@@ -26,25 +27,32 @@ def plan_side_by_side(scene: Scene, method: Method, n_steps: int) -> MeshPlan:
     mesh, decoupling = mesh_for(scene, method, n_steps), decoupling_of(scene)
     directions = directions_of(scene)
     coupled = scene.dimension // decoupling.batch
-    terms = [term for one in directions for term in one.terms]
-    n_states = 0
-    if terms:
-        rates, _ = rates_and_weights(
-            (terms[0], kernels_of(scene)),
-            shortest_step=mesh.shortest_step,
-            n_steps=mesh.equivalent_steps,
-            final_time=scene.final_time,
-            stages=method.stages,
-        )
-        n_states = rates.size
-    operations = memory_operations(
-        mesh,
-        stages=method.stages,
-        n_states=n_states,
-        coupled=coupled,
-        slots=1 if coupled == 1 else len(directions),
-        is_linear=scene.is_linear,
-    )
+    slots = 1 if coupled == 1 else len(directions)
+    if method.is_runge_kutta:
+        terms = [term for one in directions for term in one.terms]
+        n_states = n_lags = 0
+        if terms:
+            rates, _ = rates_and_weights(
+                (terms[0], kernels_of(scene)),
+                shortest_step=mesh.shortest_step,
+                n_steps=mesh.equivalent_steps,
+                final_time=scene.final_time,
+                stages=method.stages,
+            )
+            n_states = rates.size
+        per_step, inputs, pairs = 2 * method.stages * n_states, method.stages, method.stages**2
+    else:
+        orders = tuple(sorted({term.order for term in scene.active_damping}))
+        tail = lag_tail(method.bdf_order, orders, mesh.n_steps)
+        m, inputs = step_tables(method).sample_points.size, method.degree
+        n_lags = tail.near if orders else 0
+        n_states = (n_lags + tail.rates.size) * inputs
+        per_step, pairs = len(orders) * m * n_states + tail.rates.size * inputs, m * inputs
+    operations = 0
+    for one in mesh.stretches if n_states else ():
+        in_matrices = scene.is_linear and in_blocks(one.n_steps, inputs * coupled)
+        singly = one.n_steps % BLOCK if in_matrices else one.n_steps
+        operations += one.n_steps * per_step + slots * pairs * _pairs_of_steps(singly)
     return MeshPlan(
         n_steps=mesh.n_steps,
         single=0,
@@ -53,7 +61,8 @@ def plan_side_by_side(scene: Scene, method: Method, n_steps: int) -> MeshPlan:
         coupled=coupled,
         has_modes=decoupling.has_modes,
         n_states=n_states,
-        operations=decoupling.batch * operations,
+        operations=scene.dimension * operations,
+        n_lags=n_lags,
     )
 
 
@@ -63,34 +72,12 @@ def in_blocks(n_steps: int, step_numbers: int) -> bool:
     Parameters
     ----------
     n_steps, step_numbers
-        Number of steps, and stages times components of each.
+        Number of steps, and numbers that drive the damping in each.
     """
     return n_steps >= LEAST_BLOCKS * BLOCK and step_numbers * BLOCK <= LARGEST_BLOCK
 
 
-def memory_operations(
-    mesh: Mesh, *, stages: int, n_states: int, coupled: int, slots: int, is_linear: bool
-) -> int:
-    """Multiply-adds of the memory of one system on a mesh.
-
-    Parameters
-    ----------
-    mesh
-        Where the steps are.
-    stages, n_states
-        Of the method, and states of the damping.
-    coupled, slots
-        Components of the system, and directions of its damping.
-    is_linear
-        Whether it is: matrices of whole blocks hold the lags.
-    """
-    if n_states == 0:
-        return 0
-    total = 0
-    for one in mesh.stretches:
-        whole, rest = divmod(one.n_steps, BLOCK)
-        if is_linear and in_blocks(one.n_steps, stages * coupled):
-            whole = 0
-        pairs = whole * (BLOCK * (BLOCK - 1) // 2) + rest * (rest - 1) // 2
-        total += 2 * one.n_steps * stages * n_states + slots * stages**2 * pairs
-    return coupled * total
+def _pairs_of_steps(n_steps: int) -> int:
+    """How many steps of the same block lie before others, for steps that are done one by one."""
+    whole, rest = divmod(n_steps, BLOCK)
+    return whole * (BLOCK * (BLOCK - 1) // 2) + rest * (rest - 1) // 2

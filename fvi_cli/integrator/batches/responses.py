@@ -7,7 +7,8 @@ linear one with stiffness :math:`K_i`, and what else pulls at its stages,
 
 enters like a force: for a linear scene that is :math:`K q`, for others it depends on the way and is
 iterated. Inputs are f and the momentum at the beginning, outputs the step's polynomial U and the
-change of the momentum.
+change of the momentum. Where the damping does not act at the stages, its past is an input of its
+own.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.steps.algebra import kronecker
+from fvi_cli.integrator.steps.step import ForceSampling
 
 Array = NDArray[np.float64]
 
@@ -32,8 +34,8 @@ class StepResponse:
     Parameters
     ----------
     forces
-        Columns: f at the stages, ``(r, e)``, and the momentum, ``(e,)``;
-        shape ``((s + 1) e, (r + 1) e, q)``.
+        Columns: f at the stages, ``(r, e)``, the past where it acts, ``(m, e)``, unless that is at
+        the stages, and the momentum, ``(e,)``; shape ``((s + 1) e, n e, q)``.
     loads
         Columns: load vectors of known forces, ``(s + 1, e)``; shape ``((s + 1) e, (s + 1) e, q)``.
     singular
@@ -50,6 +52,7 @@ def step_response(
     curvature: Array,
     damping: tuple[tuple[Array, Array | None], ...],
     tables: StepTables,
+    sampling: ForceSampling,
     step_size: float,
 ) -> StepResponse:
     """Matrices of steps of one size.
@@ -61,13 +64,13 @@ def step_response(
     curvature
         K at the stages, shape ``(r, e, e, q)``.
     damping
-        Local block ``(m, m, q)`` and direction ``(e, e, q)`` of every slot; None: it is one.
-    tables, step_size
-        Numbers of the method, and h.
+        Local block ``(m, inputs, q)`` and direction ``(e, e, q)`` of every slot; None: it is one.
+    tables, sampling, step_size
+        Numbers of the method, where the damping acts, and h.
     """
     h, s, r = step_size, tables.degree, tables.points.size
     e, q = mass.shape[0], mass.shape[2]
-    test, ways, slopes = tables.test_weights[:-1], tables.basis[1:].T, tables.slopes[1:].T
+    test, ways = tables.test_weights[:-1], tables.basis[1:].T
     weights, unit = tables.weights, np.eye(e)
     # systems first: every product below is one of its own for each of them
     masses = np.moveaxis(mass, -1, 0)
@@ -84,18 +87,21 @@ def step_response(
         along = unit[None]
         if direction is not None:
             along = np.ascontiguousarray(np.moveaxis(direction, -1, 0).transpose(0, 2, 1))
-        tested = h * (test @ block @ slopes)
+        tested = h * (sampling.test @ block @ sampling.driving)
         matrix = matrix - tested[:, :, None, :, None] * along[:, None, :, None, :]
-        kicks = h * (weights @ block @ slopes)
+        kicks = h * (sampling.weights @ block @ sampling.driving)
         pulls -= kicks[:, None, :, None] * along[:, :, None, :]
     inverse, singular = _inverses(matrix.reshape(q, s * e, s * e))
     pull = pulls.reshape(q, e, s * e)
+    if not sampling.at_stages:
+        test = np.concatenate([test, sampling.test], axis=1)
+        weights = np.concatenate([weights, sampling.weights])
     by_force = inverse @ kronecker(h * test, unit)
     by_momentum = -inverse[:, :, :e]
     by_load = np.concatenate([-inverse, np.zeros((q, s * e, e))], axis=2)
     motion = np.concatenate([by_force, by_momentum], axis=2)
     kick = pull @ motion
-    kick[:, :, : r * e] -= kronecker(h * weights[None], unit)
+    kick[:, :, :-e] -= kronecker(h * weights[None], unit)
     push = pull @ by_load + kronecker(np.ones((1, s + 1)), unit)
     forces = np.concatenate([motion, kick], axis=1)
     loads = np.concatenate([by_load, push], axis=1)

@@ -10,17 +10,20 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.kinds import decoupling_of
+from fvi_cli.integrator.batches.lags import SideLags
 from fvi_cli.integrator.batches.march import Loads, SideMarch
 from fvi_cli.integrator.batches.memory import SideDamping
 from fvi_cli.integrator.batches.plan import BLOCK, plan_side_by_side
-from fvi_cli.integrator.batches.systems import filled, joined
+from fvi_cli.integrator.batches.systems import Systems, filled, joined
 from fvi_cli.integrator.convolution.stages import StageOperator
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.growth_bound import TOLERATED_FACTOR
 from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.runge_kutta import integrate_runge_kutta, mesh_for
+from fvi_cli.integrator.run.on_mesh import integrate_on_mesh, mesh_for
 from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.steps.step import sampling_of
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.runge_kutta import tableau
 
@@ -33,7 +36,7 @@ MOST_TOGETHER = 512
 def integrate_side_by_side(
     scenes: Sequence[Scene], method: Method, n_steps: int, *, every: int = 1
 ) -> list[Trajectory]:
-    """Integrate scenes of one kind, :func:`side_by_side`, by a Runge-Kutta method.
+    """Integrate scenes of one kind, :func:`side_by_side`.
 
     Each is what it is alone, to round-off, and the same to the last bit whatever others are beside
     it. Where the equations of a member cannot be solved here, or it leaves what can be told to be
@@ -67,17 +70,12 @@ def _together(
     places = filled(len(scenes), width)
     systems = joined([scenes[i] for i in places], [decouplings[i] for i in places])
     mesh, tables = mesh_for(scenes[0], method, n_steps), step_tables(method)
-    damping = SideDamping(
-        systems,
-        StageOperator(tableau=tableau(method.cq, method.stages)),
-        shortest_step=mesh.shortest_step,
-        n_steps=mesh.equivalent_steps,
-        final_time=scenes[0].final_time,
-        block=BLOCK,
-    )
+    damping = _damping(systems, scenes[0], method, mesh)
     loads = [None if _is_free(scene) else StepLoads(scene, method, tables) for scene in scenes]
     known = _loads_of(loads, decouplings, places)
-    march = SideMarch(systems, damping, tables, mesh, known, every=every)
+    march = SideMarch(
+        systems, damping, tables, sampling_of(method, tables), mesh, known, every=every
+    )
     ready = clock.perf_counter()
     times, positions, momenta = march.run()
     operations = plan_side_by_side(scenes[0], method, n_steps).operations
@@ -88,7 +86,7 @@ def _together(
         part = slice(index * width, (index + 1) * width)
         farthest = _farthest(own, march.largest.T[part])
         if march.failed[part].any() or not farthest <= _surely_sound(scene, loads[index]):
-            results.append(integrate_runge_kutta(scene, method, n_steps, every=every))
+            results.append(integrate_on_mesh(scene, method, n_steps, every=every))
             continue
         position = own.scene_positions(positions[part])
         momentum = own.scene_forces(momenta[part])
@@ -108,6 +106,28 @@ def _together(
             )
         )
     return results
+
+
+def _damping(systems: Systems, scene: Scene, method: Method, mesh: Mesh) -> SideDamping:
+    """The damping of scenes like this one."""
+    if not method.is_runge_kutta:
+        return SideLags(
+            systems,
+            method,
+            step_tables(method),
+            step_size=scene.final_time / mesh.n_steps,
+            n_steps=mesh.n_steps,
+            block=BLOCK,
+            jumps=method.sampling == "nodes" and scene.derivative == "riemann-liouville",
+        )
+    return SideDamping(
+        systems,
+        StageOperator(tableau=tableau(method.cq, method.stages)),
+        shortest_step=mesh.shortest_step,
+        n_steps=mesh.equivalent_steps,
+        final_time=scene.final_time,
+        block=BLOCK,
+    )
 
 
 def _is_free(scene: Scene) -> bool:

@@ -10,6 +10,7 @@ from fvi_cli.integrator.batches.newton import ITERATION_LIMIT, Iteration
 from fvi_cli.integrator.batches.responses import StepResponse, step_response
 from fvi_cli.integrator.batches.systems import Systems, filled_up
 from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.steps.step import ForceSampling
 
 Array = NDArray[np.float64]
 Places = NDArray[np.intp]
@@ -24,8 +25,8 @@ class SideStep:
         What moves.
     damping
         Its damping in steps of this size.
-    tables, step_size
-        Numbers of the method, and h.
+    tables, sampling, step_size
+        Numbers of the method, where the damping acts, and h.
     position
         Where the systems are, ``(e, q)``: nonlinear ones begin with their linear scenes there.
 
@@ -34,8 +35,8 @@ class SideStep:
     singular
         Systems whose steps have no unique solution, shape ``(q,)``.
     matrix, loads
-        Matrices of a step, those of :class:`StepResponse`; for linear systems with the position
-        at the beginning as a last column of the first.
+        Matrices of a step, those of :class:`StepResponse`; for linear systems the first begins with
+        the past, and the position at the beginning is its last column.
     """
 
     def __init__(
@@ -43,14 +44,17 @@ class SideStep:
         systems: Systems,
         damping: SideTables,
         tables: StepTables,
+        sampling: ForceSampling,
         step_size: float,
         position: Array,
     ) -> None:
-        self._systems, self._tables = systems, tables
+        self._systems, self._tables, self._sampling = systems, tables, sampling
         self.damping, self.step_size = damping, step_size
         e, q = systems.shape
         r = tables.points.size
         self._shape = (r, e, q)
+        # columns before those of the past
+        self._before = 0 if sampling.at_stages else r * e
         self._to_way = step_size * np.ascontiguousarray(tables.basis[1:].T)
         if systems.potential is None:
             self._curvature = np.broadcast_to(systems.stiffness, (r, e, e, q))
@@ -66,7 +70,7 @@ class SideStep:
             # the pull of the position is a force at every stage
             stages = self.matrix[:, : r * e].reshape(-1, r, e, q).sum(axis=1)
             pulls = (stages[:, :, None] * systems.stiffness).sum(axis=1)
-            self.matrix = np.concatenate([self.matrix, pulls], axis=1)
+            self.matrix = np.concatenate([self.matrix[:, self._before :], pulls], axis=1)
         else:
             self._by_pull = self._ways(self.matrix)
 
@@ -76,7 +80,7 @@ class SideStep:
         Parameters
         ----------
         force
-            Of the past at the stages, shape ``(r, e, q)``.
+            Of the past where it acts, shape ``(m, e, q)``.
         position, momentum
             At the beginning, shape ``(e, q)``.
         load
@@ -110,7 +114,7 @@ class SideStep:
         if potential is None:
             raise ValueError("potential: linear systems need no iteration")
         r, e, q = self._shape
-        inputs = np.concatenate([force.reshape(r * e, q), momentum])
+        inputs = np.concatenate([force.reshape(-1, q), momentum])
         known = None if load is None else load.reshape(-1, q)
         fixed = self._fixed(inputs, known)
         begun = self._way_of(fixed)
@@ -134,7 +138,7 @@ class SideStep:
 
     def _fixed(self, inputs: Array, known: Array | None, places: Places | None = None) -> Array:
         """What is moved by what is known beforehand."""
-        matrix, loads = self.matrix, self.loads
+        matrix, loads = self.matrix[:, self._before :], self.loads
         if places is not None:
             matrix, loads, inputs = matrix[..., places], loads[..., places], inputs[:, places]
         moved = _times(matrix, inputs)
@@ -164,6 +168,7 @@ class SideStep:
             self._curvature[..., places],
             damping,
             self._tables,
+            self._sampling,
             self.step_size,
         )
 

@@ -32,12 +32,13 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.convolution.directions import same_direction, scale_and_direction
 from fvi_cli.integrator.convolution.kernel import Kernel, Term, power_kernel
 from fvi_cli.integrator.convolution.reach import Reach
-from fvi_cli.integrator.convolution.stages import StageOperator, StepKernel
+from fvi_cli.integrator.convolution.stages import StageOperator, StepHistory
 
 Array = NDArray[np.float64]
 
 LARGEST_EXPONENT = math.nextafter(1.0, 0.0)
 """For orders so small that 1 minus the order is 1."""
+LONGEST_BLOCK = 128
 COLUMNS = 256
 """Components whose states are worked on together."""
 
@@ -79,11 +80,13 @@ class DampingTables:
     Parameters
     ----------
     local
-        For every direction the local block, shape ``(m, m)``.
+        For every direction the local block, shape ``(m, inputs)``; inputs are the stages of a
+        Runge-Kutta method.
     response
         For every direction the force of the states at the stages, shape ``(m, J)``.
     decay, intake
-        What a step makes of the states: ``decay * z + intake @ U``, shapes ``(J,)``, ``(J, m)``.
+        What a step of a Runge-Kutta method makes of the states: ``decay * z + intake @ U``, shapes
+        ``(J,)``, ``(J, m)``.
     constant_force
         Force that is the same on all stages of all steps but for its last digits, ``(m, d)``.
     step
@@ -95,7 +98,7 @@ class DampingTables:
     decay: Array
     intake: Array
     constant_force: Array
-    step: StepKernel | None
+    step: StepHistory | None
 
 
 def no_damping(stages: int, dimension: int) -> DampingTables:
@@ -143,6 +146,7 @@ class Damping:
         self._operator = operator
         self.start_velocity = scene.initial_velocity
         self._stages = operator.n_stages
+        self.column_driving = np.zeros(self._stages)
         groups = directions_of(scene, reach)
         is_relative = any(one.is_relative for one in groups)
         self.has_column = is_relative and any(one.terms and not one.is_relative for one in groups)
@@ -189,10 +193,24 @@ class Damping:
         """Whether any term remembers the past."""
         return self.kernel is not None
 
+    @property
+    def longest_block(self) -> int:
+        """Steps that are best taken at once, at most."""
+        return LONGEST_BLOCK
+
+    @property
+    def n_states(self) -> int:
+        """Number of states that stand for the past."""
+        return 0 if self.kernel is None else self.kernel.n_states
+
+    @property
+    def n_lags(self) -> int:
+        """Number of steps of the past that are remembered one by one, in states of their own."""
+        return 0
+
     def initial_states(self) -> Array:
         """The states at the start, shape ``(J, columns)``."""
-        rates = 0 if self.kernel is None else self.kernel.n_states
-        states = np.zeros((rates, self._columns))
+        states = np.zeros((self.n_states, self._columns))
         states[:, : self.n_remembered] = self._first_state
         if self.has_column:
             states[:, -1] = 1.0
@@ -247,8 +265,8 @@ class Damping:
             total += factor * by_term[self._index[term]]
         return total
 
-    def energy_weights(self) -> tuple[Array, ...]:
-        """For every direction the weights of the stored energy, shape ``(J,)``."""
+    def energy_weights(self) -> tuple[Array, ...] | None:
+        """For every direction the weights of the stored energy, ``(J,)``; None: none is known."""
         if self.kernel is None:
             return tuple(np.zeros(0) for _ in self.directions)
         weights = self.kernel.energy_weights
@@ -262,8 +280,8 @@ class Damping:
         """What drives the states for stage velocities ``(..., d)``, shape ``(..., columns)``."""
         remembered = self.remembered(velocity)
         if self.has_column:
-            nothing = np.zeros((*remembered.shape[:-1], 1))
-            return np.concatenate([remembered, nothing], axis=-1)
+            column = np.broadcast_to(self.column_driving[:, None], (*remembered.shape[:-1], 1))
+            return np.concatenate([remembered, column], axis=-1)
         return remembered
 
     def force_of_states(self, one: Direction, carried: Array) -> Array:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -24,6 +25,40 @@ from fvi_cli.mathematics.matrices.powers import matrix_power
 from fvi_cli.mathematics.runge_kutta import ButcherTableau, tableau
 
 Array = NDArray[np.float64]
+
+
+class StepHistory(Protocol):
+    """What a step is to states that stand for the past."""
+
+    @property
+    def response(self) -> Array:
+        """Force by unit states, shape ``(n_terms, m, n_states)``."""
+
+    def over(self, steps: int) -> BlockHistory:
+        """The same over `steps` equal steps that are taken at once."""
+
+
+class BlockHistory(Protocol):
+    """What B equal steps, taken at once, are to states that stand for the past."""
+
+    @property
+    def response(self) -> Array:
+        """Force on the block by the states at its beginning, ``(n_terms, B m, n_states)``."""
+
+    @property
+    def lags(self) -> Array:
+        """Force by what drove 1 to B - 1 steps before, ``(n_terms, B - 1, m, inputs)``."""
+
+    @property
+    def intake(self) -> Array:
+        """What drives the block, in the states at its end, ``(n_states, B inputs)``."""
+
+    def after(self, states: Array, driving: Array) -> Array:
+        """States ``(n_states, columns)`` behind the block, driven by ``(B inputs, columns)``."""
+
+    def change_of_all(self) -> Array:
+        """The matrix that turns all states into their change over the block."""
+
 
 # exp(-800) is zero in double precision, and 0 * -800 is 0 where 0 * -inf would be NaN.
 _LOG_OF_ZERO = -800.0
@@ -69,6 +104,27 @@ class StepKernel:
         n = np.asarray(exponents)[:, None]
         return np.asarray(np.where(n % 2 == 1, self.signs, 1.0) * np.exp(n * self.log_magnitudes))
 
+    def over(self, steps: int) -> BlockKernel:
+        """History over `steps` equal steps."""
+        n_terms, m, n_states = self.response.shape
+        powers = self.powers(np.arange(steps))
+        response = self.response[:, None] * powers[:, None, :]
+        intake = powers[::-1].T[:, :, None] * self.intake[:, None, :]
+        whole = StepKernel(
+            response=response.reshape(n_terms, steps * m, n_states),
+            signs=self.signs if steps % 2 else np.ones_like(self.signs),
+            log_magnitudes=steps * self.log_magnitudes,
+            intake=intake.reshape(n_states, steps * m),
+        )
+        return BlockKernel(
+            steps=steps,
+            response=whole.response,
+            decay=whole.decay,
+            change=whole.change,
+            intake=whole.intake,
+            step=self,
+        )
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlockKernel:
@@ -105,6 +161,14 @@ class BlockKernel:
         n_terms, m, _ = self.step.response.shape
         before = self.response[:, : (self.steps - 1) * m]
         return np.asarray((before @ self.step.intake).reshape(n_terms, self.steps - 1, m, m))
+
+    def after(self, states: Array, driving: Array) -> Array:
+        """The states ``(J, columns)`` behind the block, driven by ``(B m, columns)``."""
+        return np.asarray(states + (self.change[:, None] * states + self.intake @ driving))
+
+    def change_of_all(self) -> Array:
+        """The matrix that turns all states into their change over the block, ``(J, J)``."""
+        return np.diag(self.change)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -224,29 +288,6 @@ class StageOperator:
         return columns, np.where(q > 1, -1.0, 1.0), np.maximum(log_magnitudes, _LOG_OF_ZERO)
 
 
-def block_of(step: StepKernel, steps: int) -> BlockKernel:
-    """History over `steps` equal steps, from the tables of one of them."""
-    n_terms, m, n_states = step.response.shape
-    powers = step.powers(np.arange(steps))
-    response = (step.response[:, None] * powers[:, None, :]).reshape(n_terms, steps * m, n_states)
-    intake = powers[::-1].T[:, :, None] * step.intake[:, None, :]
-    signs = step.signs if steps % 2 else np.ones_like(step.signs)
-    whole = StepKernel(
-        response=response,
-        signs=signs,
-        log_magnitudes=steps * step.log_magnitudes,
-        intake=intake.reshape(n_states, steps * m),
-    )
-    return BlockKernel(
-        steps=steps,
-        response=response,
-        decay=whole.decay,
-        change=whole.change,
-        intake=whole.intake,
-        step=step,
-    )
-
-
 def _matrix_entries(method: ButcherTableau) -> tuple[Array, float]:
     """Entries xi_k below the diagonal of X, shape ``(m - 1,)``, and what the last one has more."""
     m = method.n_stages
@@ -270,4 +311,4 @@ def _power(name: str, n_stages: int, theta: float) -> Array:
     return power
 
 
-__all__ = ["BlockKernel", "StageOperator", "StepKernel", "block_of"]
+__all__ = ["BlockKernel", "StageOperator", "StepKernel"]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.convolution.damping import Damping, DampingTables
-from fvi_cli.integrator.convolution.stages import BlockKernel, block_of
+from fvi_cli.integrator.convolution.stages import BlockHistory
 
 Array = NDArray[np.float64]
 
@@ -32,8 +32,8 @@ class StepGroup:
         if tables.step is None:
             raise ValueError("damping: without memory there is no past")
         self._damping, self._step = damping, tables.step
-        self._stages = tables.intake.shape[1]
-        self._kernels: dict[int, BlockKernel] = {}
+        self._stages, self._inputs = tables.local[0].shape
+        self._kernels: dict[int, BlockHistory] = {}
         whole = self._kernel(GROUP)
         self._directions = [one for one in damping.directions if one.terms]
         self._responses = [damping.combined(one, whole.response) for one in self._directions]
@@ -47,16 +47,16 @@ class StepGroup:
         self._driving = np.zeros((0, 0))
         self.done = 0
 
-    def _kernel(self, steps: int) -> BlockKernel:
+    def _kernel(self, steps: int) -> BlockHistory:
         if steps not in self._kernels:
-            self._kernels[steps] = block_of(self._step, steps)
+            self._kernels[steps] = self._step.over(steps)
         return self._kernels[steps]
 
     def begin(self, states: Array) -> None:
         """Take the states, shape ``(J, columns)``, at the beginning of a group."""
         self._states = states
         self._known = [response @ states for response in self._responses]
-        self._driving = np.empty((GROUP * self._stages, states.shape[1]))
+        self._driving = np.empty((GROUP * self._inputs, states.shape[1]))
         self.done = 0
 
     @property
@@ -66,27 +66,24 @@ class StepGroup:
 
     def force(self) -> Array:
         """Force of the past at the stages of the next step, shape ``(m, d)``."""
-        m, first = self._stages, self.done * self._stages
+        m, first, before = self._stages, self.done * self._stages, self.done * self._inputs
         total = np.zeros((m, self._damping.n_remembered))
         for one, known, lags in zip(self._directions, self._known, self._lags, strict=True):
             carried = known[first : first + m]
-            if first:
-                carried = carried + lags[:, -first:] @ self._driving[:first]
+            if before:
+                carried = carried + lags[:, -before:] @ self._driving[:before]
             total += self._damping.force_of_states(one, carried)
         return self._damping.spread(total)
 
     def push(self, driving: Array) -> None:
-        """Note what drove the states in that step, shape ``(m, columns)``."""
-        first = self.done * self._stages
-        self._driving[first : first + self._stages] = driving
+        """Note what drove the states in that step, shape ``(inputs, columns)``."""
+        first = self.done * self._inputs
+        self._driving[first : first + self._inputs] = driving
         self.done += 1
 
     def end(self) -> Array:
         """The states after the steps that are done."""
         if self.done == 0:
             return self._states
-        kernel = self._kernel(self.done)
-        change = kernel.intake @ self._driving[: self.done * self._stages]
-        change += kernel.change[:, None] * self._states
-        change += self._states
-        return change
+        driving = self._driving[: self.done * self._inputs]
+        return self._kernel(self.done).after(self._states, driving)

@@ -2,7 +2,6 @@ r"""Load vectors :math:`g_\nu = h \int_0^1 l_\nu(\tau) f(t + \tau h) d\tau` of k
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
@@ -17,8 +16,6 @@ from fvi_cli.mathematics.lagrange import lobatto_basis
 
 Array = NDArray[np.float64]
 
-CHUNK = 4096
-"""Steps whose forces are looked at together."""
 PANEL_RATIO = 4.0
 """A step that ends later than at so many times its beginning is integrated in panels of this ratio,
 since forces may be powers of t."""
@@ -49,8 +46,12 @@ class StepLoads:
         self._rule, self._dimension = method.forcing_quadrature, scene.dimension
         self._basis = lobatto_basis(method.degree)
         self.largest_force = 0.0
+        # of backward differences: load vectors of the first steps, ``(n, s + 1, d)``
+        self._added = np.zeros((0, method.degree + 1, scene.dimension))
         self._jump: list[tuple[float, Array]] = []
-        if scene.derivative == "riemann-liouville" and np.any(scene.initial_position != 0):
+        # samples on the nodes begin with the jump from 0 to the initial position
+        jumps = scene.derivative == "riemann-liouville" and method.sampling != "nodes"
+        if jumps and np.any(scene.initial_position != 0):
             self._jump = [
                 (term.order, -times(scene.initial_position, term.form))
                 for term in scene.active_damping
@@ -66,7 +67,14 @@ class StepLoads:
     @property
     def is_empty(self) -> bool:
         """Whether nothing is known in advance."""
-        return self._forcing is None and not self._jump
+        return self._forcing is None and not self._jump and not self._added.size
+
+    def add(self, loads: Array) -> None:
+        """Take what is known of the damping force of the first steps, ``(n, s + 1, d)``."""
+        total = np.zeros((max(len(loads), len(self._added)), *loads.shape[1:]))
+        total[: len(self._added)] += self._added
+        total[: len(loads)] += loads
+        self._added = total
 
     def of_steps(
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
@@ -88,28 +96,6 @@ class StepLoads:
         self.largest_force = max(self.largest_force, float(mean))
         return forcing if damping is None else forcing + damping
 
-    def of_run(
-        self, step_size: float, breaks: tuple[int, ...], n_steps: int
-    ) -> tuple[Array | None, Array | None]:
-        """Load vectors of a whole run on equal steps: of the forcing, and of the damping.
-
-        Parameters
-        ----------
-        step_size, n_steps
-            h and N.
-        breaks
-            Steps that begin at a break point.
-        """
-        forcing, damping = [], []
-        ends = [*breaks, n_steps]
-        for first, end in itertools.pairwise([0, *ends]):
-            for begin in range(first, end, CHUNK):
-                count, fresh = min(CHUNK, end - begin), begin == first
-                at = begin * step_size
-                forcing.append(self.of_forcing(at, step_size, count, is_fresh=fresh))
-                damping.append(self.of_damping(at, step_size, count, is_fresh=fresh))
-        return _joined(forcing), _joined(damping)
-
     def of_forcing(
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
     ) -> Array | None:
@@ -129,12 +115,18 @@ class StepLoads:
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
     ) -> Array | None:
         """The part of the damping: minus what Riemann-Liouville derivatives have more."""
-        if not self._jump:
+        if not self._jump and not self._added.size:
             return None
-        start = begin + step_size * np.arange(n_steps, dtype=float)
-        total = self._exact(self._jump_force, start, step_size, is_fresh=False)
-        if begin == 0.0:
-            total[0] = self._jump_loads_at_zero(step_size)
+        total = np.zeros((n_steps, *self._added.shape[1:]))
+        if self._jump:
+            start = begin + step_size * np.arange(n_steps, dtype=float)
+            total = self._exact(self._jump_force, start, step_size, is_fresh=False)
+            if begin == 0.0:
+                total[0] = self._jump_loads_at_zero(step_size)
+        if self._added.size:
+            first = round(begin / step_size)
+            added = self._added[first : first + n_steps]
+            total[: len(added)] += added
         return total
 
     def _projected(self, exact: Array) -> Array:
@@ -191,11 +183,6 @@ class StepLoads:
             values = force(start[first:], step_size, points)
             total[first:] = step_size * np.einsum("ni,kid->knd", tested, values)
         return total
-
-
-def _joined(parts: list[Array | None]) -> Array | None:
-    found = [part for part in parts if part is not None]
-    return np.concatenate(found) if found else None
 
 
 def _panels(begin: float, step_size: float) -> Array | None:

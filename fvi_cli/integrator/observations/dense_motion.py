@@ -27,7 +27,7 @@ from fvi_cli.integrator.balances.mesh_balance import damping_along
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.damper_work import alone, running_work, work_at
 from fvi_cli.integrator.observations.impacts import replayed
-from fvi_cli.integrator.run.runge_kutta import integrate_runge_kutta
+from fvi_cli.integrator.run.on_mesh import integrate_on_mesh
 from fvi_cli.integrator.run.setup import prepare_on_mesh
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.run.unfinished import RunKeeper
@@ -276,9 +276,7 @@ def _second_run(
     shorter = replace(scene, final_time=float(steps.time[-1]))
     mesh = steps.mesh(scene.break_points)
     if steps.jump is None:
-        second = integrate_runge_kutta(
-            shorter, method, mesh, with_steps=True, checkpoints=checkpoints
-        )
+        second = integrate_on_mesh(shorter, method, mesh, with_steps=True, checkpoints=checkpoints)
         whole = second.steps if second.status == "ok" else None
         return whole, f"{second.status}: {second.message}"
     return replayed(prepare_on_mesh(shorter, method, mesh), steps, checkpoints), "failed"
@@ -292,4 +290,4 @@ def stage_forces(scene: Scene, method: Method, steps: RunSteps) -> Array | None:
     if damping is None:  # pragma: no cover - there are forces
         return None
     with np.errstate(all="ignore"):
-        return damping_along(damping, steps)[0]
+        return damping_along(damping, steps.velocity, steps.step_size)[0]

@@ -28,7 +28,7 @@ from fvi_cli.integrator.observations.asked import Impact
 from fvi_cli.integrator.observations.pieces import event_places
 from fvi_cli.integrator.observations.surface import Surface, power_behind_impact, step_ends
 from fvi_cli.integrator.run.loop import Course
-from fvi_cli.integrator.run.runge_kutta import MOST_SHORTEST, status_of
+from fvi_cli.integrator.run.on_mesh import MOST_SHORTEST, status_of
 from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_run
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper

@@ -25,7 +25,7 @@ from fvi_cli.integrator.observations.pieces import (
     square_of,
     stations,
 )
-from fvi_cli.integrator.run.runge_kutta import AnySteps
+from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory

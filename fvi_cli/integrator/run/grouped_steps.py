@@ -55,7 +55,7 @@ def grouped_steps(
             None,
             past=group.force(),
         )
-        group.push(damping.input_of(result.velocity))
+        group.push(damping.input_of(result.driving))
         marker.position.add(step_size * result.unknowns[-1])
         marker.momentum.add(result.momentum_change)
         marker.time = begin + (done + 1) * step_size

@@ -216,7 +216,7 @@ class Stepper:
         """Go to the end of a solved step."""
         damping = self.solver.damping
         if damping is not None and damping.has_memory:
-            driving = damping.input_of(result.velocity)
+            driving = damping.input_of(result.driving)
             tables = self.matrices(step_size).damping
             damping.advance(tables, marker.states, driving)
         marker.position.add(step_size * result.unknowns[-1])

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import dense
 from fvi_cli.integrator.advance import advanced
+from fvi_cli.integrator.convolution.damping import LONGEST_BLOCK
 from fvi_cli.integrator.convolution.step_group import GROUP, StepGroup
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.growth_bound import first_outside
@@ -29,6 +30,9 @@ from fvi_cli.integrator.steps.linear_blocks import (
 from fvi_cli.integrator.steps.step import StepFailedError
 
 Array = NDArray[np.float64]
+
+SINGLE_CHUNK = 256
+"""The same where no steps are done in blocks."""
 
 CHUNK = 4096
 """Steps after which a run may stop and go on: then nothing is left of how they were done."""
@@ -52,9 +56,12 @@ class MeshPlan:
     has_modes
         Whether these are modes of the scene, no components of its coordinates.
     n_states
-        Exponentials that stand for the past.
+        States that stand for the past.
     operations
         Multiply-adds of the memory.
+    n_lags
+        Steps of the past that are remembered one by one in states of their own; all others are
+        exponentials.
     """
 
     n_steps: int
@@ -65,6 +72,7 @@ class MeshPlan:
     has_modes: bool
     n_states: int
     operations: int
+    n_lags: int = 0
 
 
 def chunk_steps(dimension: int) -> int:
@@ -87,12 +95,18 @@ class March:
         self._setup, self._mesh, self._sink = setup, mesh, sink
         self._solver = setup.stepper.solver
         self._chunk_steps = chunk_steps(setup.scene.dimension)
+        if not setup.in_blocks:
+            self._chunk_steps = min(self._chunk_steps, SINGLE_CHUNK)
         self._linear: dict[tuple[float, int], LinearBlocks] = {}
         self._groups: dict[float, StepGroup] = {}
         self._newton: dict[tuple[float, int], NewtonStretch] = {}
         self._last_of_size = {one.step_size: k for k, one in enumerate(mesh.stretches)}
+        self._of_size: dict[float, int] = {}
+        for one in mesh.stretches:
+            self._of_size[one.step_size] = self._of_size.get(one.step_size, 0) + one.n_steps
         damping = setup.damping
         self._per_step = 0 if damping is None else damping.operations_per_step
+        self._most = LONGEST_BLOCK if damping is None else damping.longest_block
         self._systems: tuple[LinearSystems, Decoupling] | None = None
         self.course = Course()
         self.failure = ""
@@ -143,7 +157,7 @@ class March:
     def plan(self) -> MeshPlan:
         """How :meth:`run` will do the steps; nothing is computed."""
         dynamics = self._solver.dynamics
-        stages, d = self._solver.tables.points.size, dynamics.dimension
+        stages, d = self._solver.sampling.driving.shape[0], dynamics.dimension
         q, e, has_modes = 1, d, False
         decoupling = self._setup.decoupling
         if decoupling is not None:
@@ -151,9 +165,9 @@ class March:
             e = d // q
         single = largest = operations = 0
         for one in self._mesh.stretches:
-            inside = min(one.n_steps, self._chunk_steps)
+            inside = min(one.n_steps, self._chunk_steps) if self._setup.in_blocks else 0
             if dynamics.is_linear:
-                block = 0 if decoupling is None else block_length(stages, q, e, inside)
+                block = 0 if decoupling is None else block_length(stages, q, e, inside, self._most)
             else:
                 general = isinstance(dynamics, General)
                 block = newton_block(stages * d, inside, general=general)
@@ -167,7 +181,14 @@ class March:
                 elif dynamics.is_linear:
                     largest = max(largest, block)
                     operations += times * memory_operations(
-                        count, block, q, e, stages, self._setup.n_states, self._per_step
+                        count,
+                        block,
+                        q,
+                        e,
+                        stages,
+                        self._setup.n_states,
+                        self._per_step,
+                        self._of_size[one.step_size],
                     )
                 else:
                     largest = max(largest, block)
@@ -181,6 +202,7 @@ class March:
             has_modes=has_modes,
             n_states=self._setup.n_states,
             operations=operations,
+            n_lags=0 if self._setup.damping is None else self._setup.damping.n_lags,
         )
 
     def _chunk(self, marker: Marker, one: Stretch, first: int, count: int) -> None:
@@ -194,7 +216,9 @@ class March:
         )
         stretch_steps = min(one.n_steps, self._chunk_steps)
         try:
-            if self._solver.dynamics.is_linear:
+            if not self._setup.in_blocks:
+                found = self._single_steps(marker, h, count, loads)
+            elif self._solver.dynamics.is_linear:
                 found = self._linear_steps(marker, h, count, stretch_steps, loads)
             else:
                 found = self._nonlinear_steps(marker, one, first, count, stretch_steps, loads)
@@ -234,8 +258,8 @@ class March:
             return self._steps_of_structure(marker, h, count, loads)
         q = self._setup.decoupling.batch
         e = self._setup.scene.dimension // q
-        stages = self._solver.tables.points.size
-        block = block_length(stages, q, e, stretch_steps)
+        stages = self._solver.sampling.driving.shape[0]
+        block = block_length(stages, q, e, stretch_steps, self._most)
         if block == 0 or count < block:
             return self._single_steps(marker, h, count, loads)
         systems, decoupling = self._decoupled()
@@ -247,15 +271,17 @@ class March:
                     decoupling,
                     self._setup.damping,
                     self._setup.stepper.matrices(h).damping,
+                    self._solver.sampling,
                     self._solver.tables,
                     h,
                     block,
+                    self._of_size[h],
                 )
             except np.linalg.LinAlgError:
                 # no unique solution: a single step says so
                 return self._single_steps(marker, h, count, loads)
         self.operations += memory_operations(
-            count, block, q, e, stages, self._setup.n_states, self._per_step
+            count, block, q, e, stages, self._setup.n_states, self._per_step, self._of_size[h]
         )
         steps, marker.states = self._linear[key].advance(
             marker.position,
@@ -263,10 +289,10 @@ class March:
             marker.states,
             count,
             loads,
-            with_velocity=self._sink.with_steps,
+            with_driving=self._sink.with_steps,
         )
         marker.unknowns = None
-        return steps.position, steps.momentum, steps.velocity
+        return steps.position, steps.momentum, self._solver.velocity_of(steps.driving)
 
     def _steps_of_structure(
         self, marker: Marker, h: float, count: int, loads: Array | None
@@ -291,7 +317,7 @@ class March:
         loads: Array | None,
     ) -> tuple[Array, Array, Array]:
         dynamics, h = self._solver.dynamics, one.step_size
-        stages = self._solver.tables.points.size
+        stages = self._solver.sampling.driving.shape[0]
         general = isinstance(dynamics, General)
         block = newton_block(stages * dynamics.dimension, stretch_steps, general=general)
         if block == 0:

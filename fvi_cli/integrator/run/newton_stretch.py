@@ -9,7 +9,7 @@ from fvi_cli.effects.matrices import dense
 from fvi_cli.integrator.run.loop import Course, Marker, Stepper
 from fvi_cli.integrator.steps.block_lengths import BlockLengths
 from fvi_cli.integrator.steps.block_memory import BlockMemory
-from fvi_cli.integrator.steps.block_response import stage_damping
+from fvi_cli.integrator.steps.block_response import own_damping
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.steps.newton_blocks import FrozenBlocks, frozen_law
 from fvi_cli.integrator.steps.step import StepFailedError
@@ -108,7 +108,7 @@ class NewtonStretch:
             span = slice(done, done + trial)
             positions[span] = marker.position.value + found.way
             momenta[span] = marker.momentum.value + found.momentum_change
-            velocities[span] = found.samples
+            velocities[span] = self._solver.velocity_of(found.samples)
             marker.position.add(found.way[-1])
             marker.momentum.add(found.momentum_change[-1])
             self._push(marker, found.samples)
@@ -136,41 +136,37 @@ class NewtonStretch:
             return FrozenBlocks(
                 law,
                 self._directions,
-                stage_damping(self._at, self._solver.tables),
+                own_damping(self._solver.damping, self._at, self._solver.sampling),
                 self._solver.tables,
                 self._h,
                 self._block,
+                None if self._solver.velocity_drives else self._solver.to_velocity,
             )
         except np.linalg.LinAlgError:
             return None
 
     def _loads(self, marker: Marker, loads: Array | None, count: int) -> Array | None:
         """Load vectors of known forces and of the past on the next `count` steps."""
-        memory, tables = self._memory, self._solver.tables
+        memory, sampling = self._memory, self._solver.sampling
         if memory is None:
             return loads
-        r, d = tables.points.size, marker.position.value.size
-        total = np.zeros((count * r, d))
+        m, d = sampling.weights.size, marker.position.value.size
+        total = np.zeros((count * m, d))
         for response, direction in zip(memory.responses, self._directions, strict=True):
-            total += (response[: count * r] @ marker.states[:, :d]) @ direction
-        force = total.reshape(count, r, d) + self._at.constant_force
+            total += (response[: count * m] @ marker.states[:, :d]) @ direction
+        force = total.reshape(count, m, d) + self._at.constant_force
         if marker.states.shape[1] > d:
             force = force + memory.carried_force(marker.states[:, -1], count)
-        past: Array = np.einsum("nr,krd->knd", -self._h * tables.test_weights, force)
+        past: Array = np.einsum("nr,krd->knd", -self._h * sampling.to_loads, force)
         return past if loads is None else loads + past
 
-    def _push(self, marker: Marker, velocity: Array) -> None:
-        if self._memory is None:
+    def _push(self, marker: Marker, driving: Array) -> None:
+        damping = self._solver.damping
+        if self._memory is None or damping is None:
             return
-        count, r, d = velocity.shape
-        kernel = self._memory.kernel(count)
-        states = marker.states
-        moved = kernel.intake @ velocity.reshape(count * r, d)
-        after = states.copy()
-        after[:, :d] += kernel.change[:, None] * states[:, :d] + moved
-        if states.shape[1] > d:
-            after[:, -1] = self._memory.carried_after(states[:, -1], count)
-        marker.states = after
+        count = driving.shape[0]
+        every = damping.input_of(driving).reshape(-1, marker.states.shape[1])
+        marker.states = self._memory.kernel(count).after(marker.states, every)
 
     def _single(
         self, marker: Marker, begin: float, step: int, loads: Array | None, course: Course

@@ -11,8 +11,8 @@ from fvi_cli.integrator.growth_bound import scene_bound
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.run.march import March
-from fvi_cli.integrator.run.runge_kutta import end_of, mesh_for, trajectory_of
-from fvi_cli.integrator.run.setup import first_marker, prepare_on_mesh
+from fvi_cli.integrator.run.on_mesh import end_of, mesh_for, trajectory_of
+from fvi_cli.integrator.run.setup import first_marker, ready_on_mesh
 from fvi_cli.integrator.run.sink import Sink
 from fvi_cli.integrator.trajectory import Trajectory
 
@@ -42,7 +42,7 @@ def integrate_part(
     checkpoint: Checkpoint | None = None,
     every: int = 1,
 ) -> Part:
-    """Integrate by a Runge-Kutta method from a checkpoint to the next place to stop.
+    """Integrate from a checkpoint to the next place to stop.
 
     The trajectories of successive parts, one after the other, are that of the whole run to the
     last bit: a run stops only where nothing is left of how its steps were done.
@@ -72,7 +72,7 @@ def integrate_part(
     done = 0 if checkpoint is None else checkpoint.done
     if until is not None and not done < until <= mesh.n_steps:
         raise ValueError(f"until: {until} is not allowed; it must be {done + 1} to {mesh.n_steps}")
-    setup = prepare_on_mesh(scene, method, mesh, scene_bound(scene, step_size))
+    setup = ready_on_mesh(scene, method, mesh, scene_bound(scene, step_size))
     sink = Sink(every=every, with_steps=False)
     marker = first_marker(setup) if checkpoint is None else checkpoint.marker()
     place = (0, 0) if checkpoint is None else (checkpoint.stretch, checkpoint.step)

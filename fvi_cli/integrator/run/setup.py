@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.convolution.damping import Damping
+from fvi_cli.integrator.convolution.lags import LagDamping
 from fvi_cli.integrator.convolution.reach import Reach, find_reach
 from fvi_cli.integrator.convolution.stages import StageOperator
 from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
@@ -20,8 +23,13 @@ from fvi_cli.integrator.run.loop import Marker, Stepper
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.steps.linear_blocks import LARGEST_DENSE, LEAST_BLOCK
-from fvi_cli.integrator.steps.step import StepSolver
+from fvi_cli.integrator.steps.step import StepSolver, sampling_of
 from fvi_cli.mathematics.runge_kutta import tableau
+
+Array = NDArray[np.float64]
+
+LEAST_BLOCK_STEPS = 16
+"""On fewer equal steps every sum over the past is written out."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,6 +48,10 @@ class RunSetup:
         Coordinates in which a linear scene falls apart; None for others and for sparse ones.
     bound
         Beyond which no sound run goes.
+    in_blocks
+        Whether steps may be done in blocks, with what is alike in all of them.
+    remarks
+        What is to be told of the run.
     """
 
     scene: Scene
@@ -48,12 +60,13 @@ class RunSetup:
     damping: Damping | None
     decoupling: Decoupling | None
     bound: GrowthBound
+    in_blocks: bool = True
+    remarks: tuple[str, ...] = ()
 
     @property
     def n_states(self) -> int:
-        """Number of exponentials that stand for the past."""
-        kernel = None if self.damping is None else self.damping.kernel
-        return 0 if kernel is None else kernel.n_states
+        """Number of states that stand for the past."""
+        return 0 if self.damping is None else self.damping.n_states
 
 
 def prepare_run(
@@ -80,7 +93,7 @@ def prepare_run(
             n_steps=n_steps,
             reach=_reach(scene, method.stages, decoupling),
         )
-    solver = StepSolver(dynamics_of(scene), damping, tables)
+    solver = StepSolver(dynamics_of(scene), damping, tables, sampling_of(method, tables))
     return RunSetup(
         scene=scene,
         method=method,
@@ -94,13 +107,57 @@ def prepare_run(
 def prepare_on_mesh(
     scene: Scene, method: Method, mesh: Mesh, bound: GrowthBound = NO_BOUND
 ) -> RunSetup:
-    """The same for the steps of a mesh."""
+    """The same for the steps of a mesh; equal ones by backward differences."""
+    if not method.is_runge_kutta:
+        return prepare_equal_steps(scene, method, mesh.n_steps, bound)
     return prepare_run(
         scene,
         method,
         shortest_step=mesh.shortest_step,
         n_steps=mesh.equivalent_steps,
         bound=bound,
+    )
+
+
+def writes_out(method: Method, n_steps: int) -> bool:
+    """Whether every sum of the memory of backward differences is written out."""
+    if method.history == "auto":
+        return n_steps < LEAST_BLOCK_STEPS
+    return method.history == "direct"
+
+
+def prepare_equal_steps(
+    scene: Scene, method: Method, n_steps: int, bound: GrowthBound = NO_BOUND
+) -> RunSetup:
+    """What is ready before N equal steps by backward differences.
+
+    Raises
+    ------
+    ValueError
+        For starting weights with a general Lagrangian.
+    """
+    tables = step_tables(method)
+    direct = writes_out(method, n_steps)
+    decoupling = None if direct else linear_decoupling(scene)
+    loads = StepLoads(scene, method, tables)
+    damping = None
+    if scene.active_damping:
+        reach = None if direct else _reach(scene, tables.degree, decoupling)
+        damping = LagDamping(scene, method, tables, n_steps, writes_out=direct, reach=reach)
+        first = damping.first_force()
+        if first.any():
+            # the paper's first step is without the force of the initial position
+            h = scene.final_time / n_steps
+            loads.add(h * np.outer(tables.sample_test_weights[:, 0], first)[None])
+    solver = StepSolver(dynamics_of(scene), damping, tables, sampling_of(method, tables))
+    return RunSetup(
+        scene=scene,
+        method=method,
+        stepper=Stepper(solver, loads),
+        damping=damping,
+        decoupling=decoupling,
+        bound=bound,
+        in_blocks=not direct,
     )
 
 
@@ -126,3 +183,46 @@ def first_marker(setup: RunSetup) -> Marker:
         momentum=CompensatedSum(momentum),
         states=states,
     )
+
+
+def ready_on_mesh(scene: Scene, method: Method, mesh: Mesh, bound: GrowthBound) -> RunSetup:
+    """Everything that is ready before the steps of a mesh, corrections of the start among it.
+
+    Raises
+    ------
+    ValueError
+        For starting weights with a general Lagrangian.
+    """
+    setup = prepare_on_mesh(scene, method, mesh, bound)
+    if method.start == "weights" and scene.active_damping:
+        return _with_starting_weights(setup, mesh)
+    return setup
+
+
+def _with_starting_weights(setup: RunSetup, mesh: Mesh) -> RunSetup:
+    """The same with the force of the starting weights among the known ones."""
+    from fvi_cli.integrator.expansions.starting_weights import corrected_start
+
+    scene, method, tables = setup.scene, setup.method, setup.stepper.solver.tables
+    if scene.lagrangian is not None:
+        raise ValueError("start: weights are not made for a general Lagrangian; use none")
+    h = scene.final_time / mesh.n_steps
+
+    def first_samples(loads: Array, n_steps: int) -> Array:
+        own = prepare_on_mesh(scene, method, mesh)
+        own.stepper.loads.add(loads)
+        marker, found = first_marker(own), np.empty((n_steps, *tables.sample_basis[0].shape, d))
+        for index in range(n_steps):
+            every = own.stepper.loads.of_steps(index * h, h, 1, is_fresh=index in fresh)
+            result = own.stepper.solve(marker, h, None if every is None else every[0])
+            away = marker.position.value - scene.initial_position
+            found[index] = away + h * (tables.sample_basis[1:].T @ result.unknowns)
+            own.stepper.accept(marker, result, h, (index + 1) * h)
+        return found
+
+    d = scene.dimension
+    fresh = {0, *steps_at_break_points(scene, mesh.n_steps)}
+    loads, remarks = corrected_start(scene, method, tables, mesh.n_steps, first_samples)
+    if loads is not None:
+        setup.stepper.loads.add(loads)
+    return replace(setup, remarks=remarks)

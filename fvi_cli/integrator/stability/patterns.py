@@ -32,9 +32,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.equal_steps.weights import build_memory
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.stability.stage_basis import StageBasis, legendre_stages
 from fvi_cli.integrator.step_tables import StepTables, step_tables
@@ -214,12 +211,6 @@ class _Forms:
 
 
 def _forms(method: Method, tables: StepTables) -> _Forms:
-    rest = Scene(
-        inertia=Inertia(mass=np.eye(1)),
-        initial_position=np.zeros(1),
-        initial_velocity=np.zeros(1),
-        final_time=1.0,
-    )
     if method.is_runge_kutta:
         basis = legendre_stages(tables.sample_points)
         return _Forms(
@@ -229,11 +220,11 @@ def _forms(method: Method, tables: StepTables) -> _Forms:
             force_weights=tables.sample_test_weights @ basis.to_values,
             basis=basis,
         )
-    memory = build_memory(rest, method, tables, 1, ())
+    sample = tables.sample_basis[1:]
     return _Forms(
         method=method,
-        sample_matrix=memory.sample_matrix,
-        carry_matrix=memory.carry_matrix,
-        force_weights=memory.force_weights,
+        sample_matrix=sample,
+        carry_matrix=np.eye(tables.degree)[:, -1:] - sample,
+        force_weights=tables.sample_test_weights,
         basis=None,
     )

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.convolution.damping import Damping, DampingTables
-from fvi_cli.integrator.convolution.stages import BlockKernel, block_of
+from fvi_cli.integrator.convolution.stages import BlockHistory
 
 Array = NDArray[np.float64]
 
@@ -26,20 +26,25 @@ class BlockMemory:
         if tables.step is None:
             raise ValueError("damping: without memory there is no past")
         self._damping, self._tables = damping, tables
-        self._stages = tables.intake.shape[1]
-        self._made: dict[int, BlockKernel] = {}
+        self._stages = tables.local[0].shape[0]
+        self._made: dict[int, BlockHistory] = {}
         self.block = block
         whole = self.kernel(block)
         combined = [damping.combined(one, whole.response) for one in damping.directions]
         self.responses = tuple(combined)
+        self._driven: tuple[Array, ...] = ()
+        if damping.has_column and damping.column_driving.any():
+            # what drives the column in the steps of a block acts on those behind them
+            lags = [damping.combined(one, whole.lags) for one in damping.directions]
+            self._driven = tuple(np.cumsum(one @ damping.column_driving, axis=0) for one in lags)
 
-    def kernel(self, steps: int) -> BlockKernel:
+    def kernel(self, steps: int) -> BlockHistory:
         """Tables of blocks of so many steps."""
         if steps not in self._made:
             step = self._tables.step
             if step is None:
                 raise ValueError("damping: without memory there is no past")
-            self._made[steps] = block_of(step, steps)
+            self._made[steps] = step.over(steps)
         return self._made[steps]
 
     def carried_force(self, carried: Array, steps: int) -> Array:
@@ -59,12 +64,15 @@ class BlockMemory:
         """
         m, d = self._stages, self._damping.dimension
         total = np.zeros((steps, m, d))
-        for response, one in zip(self.responses, self._damping.directions, strict=True):
+        for index, one in enumerate(self._damping.directions):
             if one.start_force is not None:
-                own = (response[: steps * m] @ carried).reshape(steps, m)
+                own = (self.responses[index][: steps * m] @ carried).reshape(steps, m)
+                if self._driven:
+                    own[1:] += self._driven[index][: steps - 1]
                 total += own[:, :, None] * one.start_force
         return total
 
     def carried_after(self, carried: Array, steps: int) -> Array:
         """The same column so many steps later."""
-        return np.asarray(carried * self.kernel(steps).decay)
+        driving = np.tile(self._damping.column_driving, steps)
+        return self.kernel(steps).after(carried[:, None], driving[:, None])[:, 0]

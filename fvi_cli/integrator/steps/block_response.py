@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.convolution.damping import DampingTables
+from fvi_cli.integrator.convolution.damping import Damping, DampingTables
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.steps.step import ForceSampling
 
@@ -55,7 +55,7 @@ class OwnPast(Protocol):
         """For every direction its force but for the matrix, each ``(q, m, columns)``."""
 
     def push(self, samples: Array) -> None:
-        """Append what drove the force in a step, shape ``(q, m, columns)``."""
+        """Append what drove the force in a step, shape ``(q, inputs, columns)``."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,25 +67,29 @@ class OwnDamping:
     sampling
         Where the force acts, and what drives it.
     local
-        For every direction what a step's samples do in it, shape ``(m, m)``.
+        For every direction what drives it in a step does in it, shape ``(m, inputs)``.
     past
-        From B and a shape ``(q, m, columns)`` to a past without any step yet.
-    carry
-        What the unknowns of a step add to the samples of the next, shape ``(m, s)``; None: nothing.
+        From B and a shape ``(q, inputs, columns)`` to a past without any step yet.
     """
 
     sampling: ForceSampling
     local: tuple[Array, ...]
     past: Callable[[int, tuple[int, int, int]], OwnPast]
-    carry: Array | None = None
 
 
-def stage_damping(at: DampingTables, tables: StepTables) -> OwnDamping:
-    """That of a Runge-Kutta method, driven by the velocities at the stages."""
-    sampling = ForceSampling(
-        test=tables.test_weights[:-1], weights=tables.weights, driving=tables.slopes[1:].T
-    )
-    return OwnDamping(sampling=sampling, local=at.local, past=lambda _, shape: _States(at, shape))
+def own_damping(damping: Damping | None, at: DampingTables, sampling: ForceSampling) -> OwnDamping:
+    """The damping of a scene, if any, in the steps of a block."""
+    if damping is None or at.step is None or at.decay.size:
+        return OwnDamping(
+            sampling=sampling, local=at.local, past=lambda _, shape: _States(at, shape)
+        )
+    step = at.step
+
+    def past(block: int, shape: tuple[int, int, int]) -> OwnPast:
+        lags = step.over(block).lags
+        return _Lags([damping.combined(one, lags) for one in damping.directions], shape)
+
+    return OwnDamping(sampling=sampling, local=at.local, past=past)
 
 
 class _States:
@@ -100,6 +104,26 @@ class _States:
             self._states = self._at.decay[:, None] * self._states + self._at.intake @ samples
 
 
+class _Lags:
+    """Where every lag has a matrix of its own, ``(B - 1, m, inputs)`` for every direction."""
+
+    def __init__(self, lags: list[Array], shape: tuple[int, int, int]) -> None:
+        # from the largest lag to the smallest: the last columns are the nearest
+        self._lags = [np.concatenate(list(one[::-1]), axis=1) for one in lags]
+        q, inputs, columns = shape
+        self._samples = np.empty((q, (len(lags[0]) + 1) * inputs, columns))
+        self._done = 0
+
+    def force(self) -> tuple[Array, ...]:
+        done = self._done
+        before = self._samples[:, :done]
+        return tuple(lags[:, lags.shape[1] - done :] @ before for lags in self._lags)
+
+    def push(self, samples: Array) -> None:
+        first, self._done = self._done, self._done + samples.shape[1]
+        self._samples[:, first : self._done] = samples
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlockResponse:
     """Matrices of a block of B steps, for each of q systems.
@@ -110,23 +134,18 @@ class BlockResponse:
     Parameters
     ----------
     samples
-        Rows: what drives the damping force in every step, ``(B, m, e)``: velocities at the stages.
+        Rows: what drives the damping force in every step, ``(B, inputs, e)``: velocities at the
+        stages, or the unknowns.
     way
         Rows: positions at the quadrature points relative to the beginning, ``(B, r, e)``.
     ends
         Rows: changes of position and of momentum since the beginning, after every step,
         ``(B, 2, e)``.
-    carry
-        Rows: what every step adds to the samples of the next, ``(B, m, e)``; none without.
-    force
-        Rows: damping force of the block's own steps, ``(B, m, e)``, where it was wanted.
     """
 
     samples: Array
     way: Array
     ends: Array
-    carry: Array
-    force: Array
 
 
 def step_matrix(
@@ -152,8 +171,6 @@ def block_response(
     tables: StepTables,
     step_size: float,
     block: int,
-    *,
-    with_force: bool = False,
 ) -> BlockResponse:
     """Matrices of a block of `block` steps of size `step_size`.
 
@@ -162,11 +179,9 @@ def block_response(
     numpy.linalg.LinAlgError
         If the equations of a step have no unique solution.
     """
-    impulses = _impulses(systems, damping, tables, step_size, block, with_force=with_force)
+    impulses = _impulses(systems, damping, tables, step_size, block)
     dense = [_dense(one, tables, block) for one in impulses]
-    return BlockResponse(
-        samples=dense[0], way=dense[1], ends=dense[2], carry=dense[3], force=dense[4]
-    )
+    return BlockResponse(samples=dense[0], way=dense[1], ends=dense[2])
 
 
 def _impulses(
@@ -175,8 +190,6 @@ def _impulses(
     tables: StepTables,
     step_size: float,
     block: int,
-    *,
-    with_force: bool,
 ) -> tuple[Array, ...]:
     """Outputs of every step for unit inputs in the first, each ``(q, B, rows, e, columns)``."""
     h, (q, e) = step_size, systems.shape
@@ -185,8 +198,8 @@ def _impulses(
     inverse = np.linalg.inv(step_matrix(systems, damping, tables, h))
     test, weights, basis = h * tables.test_weights[:-1], h * tables.weights, h * tables.basis[1:].T
     acting, kicks = h * damping.sampling.test, h * damping.sampling.weights
-    driving, carry = damping.sampling.driving, damping.carry
-    m = driving.shape[0]
+    driving, m = damping.sampling.driving, acting.shape[1]
+    inputs = driving.shape[0]
     units = np.eye(width).reshape(s + 3, e * width)
     start_position, start_momentum = units[s + 1], units[s + 2]
     pulled = np.zeros((q, e * width))
@@ -199,20 +212,15 @@ def _impulses(
     # changes are summed up on their own: beside a start of 1 their last digits would be lost, the
     # same ones in every block of a run
     moved, gained = np.zeros((q, e * width)), np.zeros((q, e * width))
-    past = damping.past(block, (q, m, e * width))
-    samples = np.empty((q, block, m, e * width))
+    past = damping.past(block, (q, inputs, e * width))
+    samples = np.empty((q, block, inputs, e * width))
     ways = np.empty((q, block, r, e * width))
     ends = np.empty((q, block, 2, e * width))
-    carries = np.empty((q, block, 0 if carry is None else m, e * width))
-    forces = np.empty((q, block, m if with_force else 0, e * width))
     test_sum = test.sum(axis=1)[:, None]
     for index in range(block):
         force = np.zeros((q, m, e * width))
         for own, direction in zip(past.force(), systems.directions, strict=True):
             force += _along(direction, own, e)
-        if carry is not None and index:
-            for local, direction in zip(damping.local, systems.directions, strict=True):
-                force += _along(direction, local @ carries[:, index - 1], e)
         right = acting @ force
         right[:, 0] -= start_momentum + gained
         if index == 0:
@@ -229,19 +237,13 @@ def _impulses(
             change -= h * pull + _along(stiffness, (own_pull @ unknowns)[:, None], e)[:, 0]
         if index == 0:
             change += units[: s + 1].sum(axis=0)
-        if carry is not None:
-            if index:
-                sample = sample + carries[:, index - 1]
-            carries[:, index] = carry @ unknowns
         samples[:, index] = sample
-        if with_force:
-            forces[:, index] = force
         np.add(moved[:, None], basis @ unknowns, out=ways[:, index])
         moved = moved + h * unknowns[:, -1]
         gained = gained + change
         ends[:, index, 0], ends[:, index, 1] = moved, gained
         past.push(sample)
-    outputs = (samples, ways, ends, carries, forces)
+    outputs = (samples, ways, ends)
     return tuple(one.reshape(q, block, one.shape[2], e, width) for one in outputs)
 
 

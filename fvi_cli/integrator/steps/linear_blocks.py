@@ -15,26 +15,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.compensated import CompensatedSum
-from fvi_cli.integrator.convolution.damping import Damping, DampingTables
+from fvi_cli.integrator.convolution.damping import LONGEST_BLOCK, Damping, DampingTables
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.steps.block_memory import BlockMemory
 from fvi_cli.integrator.steps.block_response import (
     LinearSystems,
     block_response,
-    stage_damping,
+    own_damping,
 )
+from fvi_cli.integrator.steps.step import ForceSampling
 
 Array = NDArray[np.float64]
 
 LARGEST_RECURRENCE = 300
 """Numbers in the state of a recurrence, at most."""
+SMALL_RECURRENCE = 200
+"""Beyond, it takes more blocks to pay for the matrix."""
 LARGEST_DENSE = 1024
 """Steps of a block times stages times components, at most."""
 LARGEST_BATCH = 2**22
 """Numbers in the matrices of a batch, at most."""
 LEAST_BLOCK = 4
-LARGEST_BLOCK = 128
 LEAST_STEPS = 8
 """Steps of one system that pay for the matrices of a block."""
 LEAST_RECURRENCE = 24
@@ -49,18 +51,21 @@ class BlockSteps:
     ----------
     position, momentum
         After every step, shape ``(n, d)``.
-    velocity
-        At the stages of every step, shape ``(n, r, d)``; only where it was wanted.
+    driving
+        What drove the damping force in every step, shape ``(n, inputs, d)``; only where it was
+        wanted.
     """
 
     position: Array
     momentum: Array
-    velocity: Array
+    driving: Array
 
 
-def block_length(stages: int, batch: int, coupled: int, n_steps: int) -> int:
-    """Steps of a block for a run of `n_steps` equal steps; 0: steps are done one by one."""
-    block = LARGEST_BLOCK
+def block_length(
+    stages: int, batch: int, coupled: int, n_steps: int, most: int = LONGEST_BLOCK
+) -> int:
+    """Steps of a block, up to `most`, for `n_steps` equal steps; 0: they are done one by one."""
+    block = most
     while block >= LEAST_BLOCK and (
         block * stages * coupled > LARGEST_DENSE
         or (batch > 1 and batch * (block * stages * coupled) ** 2 > LARGEST_BATCH)
@@ -72,14 +77,30 @@ def block_length(stages: int, batch: int, coupled: int, n_steps: int) -> int:
     return block if LEAST_BLOCK <= block <= n_steps else 0
 
 
-def is_recurrence(batch: int, coupled: int, n_states: int, n_blocks: int) -> bool:
-    """Whether so many blocks of one system are taken as a recurrence of its whole state."""
-    fits = (n_states + 2) * coupled <= LARGEST_RECURRENCE
-    return batch == 1 and n_blocks >= LEAST_RECURRENCE and fits
+def is_recurrence(batch: int, coupled: int, n_states: int, n_blocks: int, of_run: int) -> bool:
+    """Whether so many blocks of one system are taken as a recurrence of its whole state.
+
+    Parameters
+    ----------
+    batch, coupled, n_states
+        Systems, components of each, and states of the damping.
+    n_blocks, of_run
+        Blocks in a row, and those of their size in the run.
+    """
+    size = (n_states + 2) * coupled
+    pays = n_blocks >= LEAST_RECURRENCE and (size <= SMALL_RECURRENCE or of_run >= size // 4)
+    return batch == 1 and pays and size <= LARGEST_RECURRENCE
 
 
 def memory_operations(
-    n_steps: int, block: int, batch: int, coupled: int, stages: int, n_states: int, per_step: int
+    n_steps: int,
+    block: int,
+    batch: int,
+    coupled: int,
+    stages: int,
+    n_states: int,
+    per_step: int,
+    of_run: int,
 ) -> int:
     """Multiply-adds of the memory in `n_steps` steps in blocks.
 
@@ -91,9 +112,11 @@ def memory_operations(
         Systems, and components of each.
     stages, n_states, per_step
         Stages of the method, states of the damping, and what a single step takes.
+    of_run
+        Steps of their size in the run.
     """
     n_blocks, rest = divmod(n_steps, block)
-    if not is_recurrence(batch, coupled, n_states, n_blocks) or per_step == 0:
+    if not is_recurrence(batch, coupled, n_states, n_blocks, of_run // block) or per_step == 0:
         return n_steps * per_step
     size = (n_states + 2) * coupled
     outputs = block * (stages + 2) * coupled
@@ -102,20 +125,12 @@ def memory_operations(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Recurrence:
-    """From the state of a block to that of the next one, and to what its steps give.
-
-    Parameters
-    ----------
-    change, driven
-        What state and load vectors add to the state.
-    outputs, velocities
-        From the state to positions and momenta after the steps, and to velocities at the stages.
-    """
+    """From the state of a block to what it adds, and to its steps: ends and what drives them."""
 
     change: Array
     driven: Array
     outputs: Array
-    velocities: Array
+    drivings: Array
 
 
 class LinearBlocks:
@@ -125,12 +140,12 @@ class LinearBlocks:
     ----------
     systems, decoupling
         Independent systems and the coordinates in which the scene falls apart into them.
-    damping, at
-        The damping, if any, and its numbers for this step size.
+    damping, at, sampling
+        The damping, if any, its numbers for this step size, and where it acts.
     tables, step_size
         Numbers of the method, and h.
-    block
-        Steps of a block.
+    block, of_run
+        Steps of a block, and of this size in the whole run.
     """
 
     def __init__(
@@ -139,19 +154,23 @@ class LinearBlocks:
         decoupling: Decoupling,
         damping: Damping | None,
         at: DampingTables,
+        sampling: ForceSampling,
         tables: StepTables,
         step_size: float,
         block: int,
+        of_run: int,
     ) -> None:
+        self._of_run = of_run
         self._decoupling, self._damping, self._tables = decoupling, damping, tables
         self._h, self.block = step_size, block
         self._q, self._e = systems.shape
-        self._r, self._rows = tables.points.size, tables.degree + 1
+        self._m, self._inputs = sampling.weights.size, sampling.driving.shape[0]
+        self._rows = tables.degree + 1
         self._directions = systems.directions
         self._response = block_response(
-            systems, stage_damping(at, tables), tables, step_size, block
+            systems, own_damping(damping, at, sampling), tables, step_size, block
         )
-        self._to_loads = -step_size * tables.test_weights
+        self._to_loads = -step_size * sampling.to_loads
         # load vectors of the constant force
         self._constant = self._to_loads @ at.constant_force
         self._memory: BlockMemory | None = None
@@ -167,7 +186,7 @@ class LinearBlocks:
         n_steps: int,
         loads: Array | None,
         *,
-        with_velocity: bool,
+        with_driving: bool,
     ) -> tuple[BlockSteps, Array]:
         """Do `n_steps` steps; position and momentum move on.
 
@@ -181,8 +200,8 @@ class LinearBlocks:
             Any number.
         loads
             Load vectors of known forces, shape ``(n_steps, s + 1, d)``.
-        with_velocity
-            Whether the velocities at the stages are wanted; otherwise there may be none.
+        with_driving
+            Whether what drove the damping force is wanted; otherwise it may be left out.
 
         Returns
         -------
@@ -202,9 +221,9 @@ class LinearBlocks:
         parts = []
         if n_blocks:
             driven = None if forces is None else forces[:, : n_blocks * block]
-            if is_recurrence(q, e, self._n_states, n_blocks):
+            if is_recurrence(q, e, self._n_states, n_blocks, self._of_run // block):
                 ends, velocity, z, start = self._recur(
-                    z, start, n_blocks, driven, with_velocity=with_velocity
+                    z, start, n_blocks, driven, with_driving=with_driving
                 )
             else:
                 ends, velocity, z, start = self._repeat(z, start, n_blocks, driven)
@@ -218,7 +237,7 @@ class LinearBlocks:
         steps = BlockSteps(
             position=self._decoupling.scene_positions(ends[..., :e]),
             momentum=self._decoupling.scene_forces(ends[..., e:]),
-            velocity=self._decoupling.scene_positions(velocity),
+            driving=self._decoupling.scene_positions(velocity),
         )
         after = states_after
         if z.size:
@@ -264,7 +283,7 @@ class LinearBlocks:
         past = np.zeros((loads, n_states * e))
         if self._memory is not None:
             for response, direction in zip(self._memory.responses, self._directions, strict=True):
-                by_stage = response.reshape(block, self._r, n_states)
+                by_stage = response.reshape(block, self._m, n_states)
                 rows = np.einsum("nr,brj->bnj", self._to_loads, by_stage)
                 past += np.einsum("bnj,ca->bnajc", rows, direction[0]).reshape(loads, n_states * e)
         outputs = np.concatenate([ends[:, :loads] @ past, ends[:, loads:]], axis=1)
@@ -275,14 +294,14 @@ class LinearBlocks:
             kernel = self._memory.kernel(block)
             intake = np.kron(kernel.intake, np.eye(e))
             change[: n_states * e] = intake @ velocities
-            change[: n_states * e, : n_states * e] += np.diag(np.repeat(kernel.change, e))
+            change[: n_states * e, : n_states * e] += np.kron(kernel.change_of_all(), np.eye(e))
             driven[: n_states * e] = intake @ velocity[:, :loads]
         change[n_states * e :] = outputs[-2 * e :]
         driven[n_states * e :] = ends[-2 * e :, :loads]
-        return _Recurrence(change=change, driven=driven, outputs=outputs, velocities=velocities)
+        return _Recurrence(change=change, driven=driven, outputs=outputs, drivings=velocities)
 
     def _recur(
-        self, z: Array, start: Array, n_blocks: int, loads: Array | None, *, with_velocity: bool
+        self, z: Array, start: Array, n_blocks: int, loads: Array | None, *, with_driving: bool
     ) -> tuple[Array, Array, Array, Array]:
         """Whole blocks of one system: ends ``(1, n, 2 e)``, velocities, states, state."""
         e, block, matrices = self._e, self.block, self._recurrence
@@ -305,15 +324,15 @@ class LinearBlocks:
         ends = path @ matrices.outputs.T
         if flat is not None:
             ends += flat @ self._response.ends[0][:, :width].T
-        velocity = np.zeros((n_blocks if with_velocity else 0, block * self._r * e))
-        if with_velocity:
-            velocity += path @ matrices.velocities.T
+        velocity = np.zeros((n_blocks if with_driving else 0, block * self._inputs * e))
+        if with_driving:
+            velocity += path @ matrices.drivings.T
             if flat is not None:
                 velocity += flat @ self._response.samples[0][:, :width].T
         ends = ends.reshape(n_blocks, block, 2 * e) + path[:, None, -2 * e :]
         return (
             ends.reshape(1, n_blocks * block, 2 * e),
-            velocity.reshape(1, -1, self._r, e),
+            velocity.reshape(1, -1, self._inputs, e),
             value[: -2 * e].reshape(z.shape),
             value[None, -2 * e :],
         )
@@ -340,33 +359,32 @@ class LinearBlocks:
         self, z: Array, start: Array, count: int, loads: Array | None
     ) -> tuple[Array, Array, Array, Array]:
         """One block of `count` steps."""
-        q, e, r = self._q, self._e, self._r
+        q, e, m, inputs = self._q, self._e, self._m, self._inputs
         width, every = count * self._rows * e, self.block * self._rows * e
-        inputs = np.zeros((q, width + 2 * e))
+        given = np.zeros((q, width + 2 * e))
         if loads is not None:
-            inputs[:, :width] = loads.reshape(q, width)
-        inputs[:, width:] = start
+            given[:, :width] = loads.reshape(q, width)
+        given[:, width:] = start
         if self._memory is not None:
-            force = np.zeros((q, count, r, e))
+            force = np.zeros((q, count, m, e))
             for response, direction in zip(self._memory.responses, self._directions, strict=True):
-                own = (response[: count * r] @ z).reshape(count, r, q, e).transpose(2, 0, 1, 3)
+                own = (response[: count * m] @ z).reshape(count, m, q, e).transpose(2, 0, 1, 3)
                 if e == 1:
                     force += own * direction[:, None]
                 else:
                     force += np.matmul(own, direction[:, None])
-            inputs[:, :width] += np.einsum("nr,qkre->qkne", self._to_loads, force).reshape(q, -1)
+            given[:, :width] += np.einsum("nr,qkre->qkne", self._to_loads, force).reshape(q, -1)
         if count == self.block:
             velocity, ends = self._response.samples, self._response.ends
         else:
             columns = np.r_[0:width, every : every + 2 * e]
-            velocity = self._response.samples[:, : count * r * e][:, :, columns]
+            velocity = self._response.samples[:, : count * inputs * e][:, :, columns]
             ends = self._response.ends[:, : count * 2 * e][:, :, columns]
-        driving = _times(velocity, inputs).reshape(q, count, r, e)
-        path = _times(ends, inputs).reshape(q, count, 2 * e) + start[:, None]
+        driving = _times(velocity, given).reshape(q, count, inputs, e)
+        path = _times(ends, given).reshape(q, count, 2 * e) + start[:, None]
         if self._memory is not None:
             kernel = self._memory.kernel(count)
-            moved = driving.transpose(1, 2, 0, 3).reshape(count * r, q * e)
-            z = z + (kernel.change[:, None] * z + kernel.intake @ moved)
+            z = kernel.after(z, driving.transpose(1, 2, 0, 3).reshape(count * inputs, q * e))
         return path, driving, z, path[:, -1]
 
 

@@ -155,9 +155,7 @@ class NewtonSteps:
     way, momentum_change
         Position and momentum after every step relative to the beginning, shape ``(n, d)``.
     samples
-        What drove the damping force, shape ``(n, m, d)``: velocities at the stages.
-    carry
-        What the last step adds to the samples of the next, shape ``(m, d)``, if anything.
+        What drove the damping force, shape ``(n, inputs, d)``.
     remainder
         What was left at the last point of all, shape ``(w,)``.
     changes
@@ -167,7 +165,6 @@ class NewtonSteps:
     way: Array
     momentum_change: Array
     samples: Array
-    carry: Array
     remainder: Array
     changes: tuple[float, ...]
 
@@ -180,7 +177,6 @@ class _Sized:
     response: Array
     samples: Array
     ends: Array
-    carry: Array
 
 
 class FrozenBlocks:
@@ -195,6 +191,8 @@ class FrozenBlocks:
         themselves.
     tables, step_size, block
         Numbers of the method, h, and the most steps of a block.
+    to_velocity
+        From what drives the damping to velocities at the quadrature points; None: it is these.
     """
 
     def __init__(
@@ -205,8 +203,9 @@ class FrozenBlocks:
         tables: StepTables,
         step_size: float,
         block: int,
+        to_velocity: Array | None = None,
     ) -> None:
-        self._law, self._tables = law, tables
+        self._law, self._tables, self._to_velocity = law, tables, to_velocity
         self._h, self._block = step_size, block
         self._d, self._r = law.mass.shape[0], tables.points.size
         self._rows = tables.degree + 1
@@ -246,11 +245,13 @@ class FrozenBlocks:
 
         way = part(self._response.way, r * d)
         samples = part(self._response.samples, self._m * d)
-        carried = self._response.carry.shape[1] // self._block
         points = way
         if self._law.has_rates:
-            # only methods whose samples are velocities at the points have such laws
-            pairs = np.stack([way, samples]).reshape(2, count * r, d, -1)
+            velocity = samples
+            if self._to_velocity is not None:
+                steps = samples.reshape(count, self._m, -1)
+                velocity = (self._to_velocity @ steps).reshape(way.shape)
+            pairs = np.stack([way, velocity]).reshape(2, count * r, d, -1)
             points = pairs.transpose(1, 0, 2, 3).reshape(2 * count * r * d, -1)
         driven = points[:, :width].reshape(points.shape[0], count, rows * d)
         self._made[count] = _Sized(
@@ -260,7 +261,6 @@ class FrozenBlocks:
             ),
             samples=samples,
             ends=part(self._response.ends, 2 * d),
-            carry=part(self._response.carry, carried)[(count - 1) * carried :],
         )
         return self._made[count]
 
@@ -306,7 +306,6 @@ class FrozenBlocks:
             way=ends[:, 0],
             momentum_change=ends[:, 1],
             samples=(sized.samples @ inputs).reshape(count, -1, d),
-            carry=(sized.carry @ inputs).reshape(-1, d),
             remainder=left[-1, -1],
             changes=tuple(changes),
         )

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.matrices import Form, Solve, dense, form, times
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.integrator.convolution.damping import Damping, DampingTables, no_damping
+from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.steps.algebra import kronecker, solver_of
 from fvi_cli.integrator.steps.dynamics import General, Separable
@@ -34,7 +35,7 @@ Array = NDArray[np.float64]
 QUADRATIC_TOLERANCE = 1e-15
 """Relative size of an update that is not worth an iteration of its own."""
 STALLED = 1e-9
-NEWTON_LIMIT = 40
+NEWTON_LIMIT = 60
 
 
 class StepFailedError(Exception):
@@ -55,6 +56,8 @@ class StepResult:
         U, shape ``(s, d)``, in the unit of a velocity.
     velocity
         At the quadrature points, shape ``(r, d)``.
+    driving
+        What drives the damping force, shape ``(inputs, d)``.
     damping_force
         F where it is sampled, shape ``(m, d)``.
     momentum_change
@@ -65,6 +68,7 @@ class StepResult:
 
     unknowns: Array
     velocity: Array
+    driving: Array
     damping_force: Array
     momentum_change: Array
     residuals: tuple[float, ...] = ()
@@ -76,17 +80,41 @@ class ForceSampling:
 
     Parameters
     ----------
-    test
-        Weights of the force in the equations, shape ``(s, m)``.
+    to_loads
+        Weights of the force in the load vectors, shape ``(s + 1, m)``.
     weights
         The same in the change of the momentum, shape ``(m,)``.
     driving
-        From U to what drives the force, shape ``(m, s)``.
+        From U to what drives the force, shape ``(inputs, s)``.
+    at_stages
+        Whether it acts at the quadrature points, driven by the velocities there.
     """
 
-    test: Array
+    to_loads: Array
     weights: Array
     driving: Array
+    at_stages: bool = False
+
+    @property
+    def test(self) -> Array:
+        """Weights of the force in the equations, shape ``(s, m)``."""
+        return self.to_loads[:-1]
+
+
+def sampling_of(method: Method, tables: StepTables) -> ForceSampling:
+    """At the quadrature points; for backward differences at their samples, driven by U."""
+    if method.is_runge_kutta:
+        return ForceSampling(
+            to_loads=tables.test_weights,
+            weights=tables.weights,
+            driving=np.ascontiguousarray(tables.slopes[1:].T),
+            at_stages=True,
+        )
+    return ForceSampling(
+        to_loads=tables.sample_test_weights,
+        weights=tables.sample_test_weights.sum(axis=0),
+        driving=np.eye(tables.degree),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,7 +152,7 @@ class StepSolver:
     tables
         Numbers of the method.
     sampling
-        Where the damping force acts; None: at the quadrature points, driven by the velocities.
+        Where the damping force acts.
     """
 
     def __init__(
@@ -132,18 +160,17 @@ class StepSolver:
         dynamics: Separable | General,
         damping: Damping | None,
         tables: StepTables,
-        sampling: ForceSampling | None = None,
+        sampling: ForceSampling,
     ) -> None:
         self.dynamics, self.damping, self.tables = dynamics, damping, tables
         self._shape = (tables.degree, dynamics.dimension)
         self._size = tables.degree * dynamics.dimension
-        self._to_velocity = np.ascontiguousarray(tables.slopes[1:].T)
+        self.to_velocity = np.ascontiguousarray(tables.slopes[1:].T)
         self._to_position = np.ascontiguousarray(tables.basis[1:].T)
         self._rate_test = tables.weights * tables.slopes[:-1]
         self._test = np.ascontiguousarray(tables.test_weights[:-1])
-        self._sampling = sampling or ForceSampling(
-            test=self._test, weights=tables.weights, driving=self._to_velocity
-        )
+        self.velocity_drives = sampling.at_stages
+        self.sampling = sampling
         self._test_sum = self._test.sum(axis=1)[:, None]
         self._separable = dynamics if isinstance(dynamics, Separable) else None
         self._mass: Form = np.zeros((0, 0))
@@ -154,11 +181,15 @@ class StepSolver:
             if isinstance(potential, QuadraticPotential):
                 self._stiffness = form(potential.form)
         rate, test = self._rate_test.T, self._test.T
-        velocity, position = self._to_velocity, self._to_position
+        velocity, position = self.to_velocity, self._to_position
         self._by_mass = np.einsum("in,im->inm", rate, velocity)
         self._by_mixed = np.einsum("in,im->inm", rate, position)
         self._by_transposed = np.einsum("in,im->inm", test, velocity)
         self._by_stiffness = np.einsum("in,im->inm", test, position)
+
+    def velocity_of(self, driving: Array) -> Array:
+        """Velocities at the quadrature points of steps from what drove their damping force."""
+        return driving if self.velocity_drives else np.asarray(self.to_velocity @ driving)
 
     def matrices(self, step_size: float) -> StepMatrices:
         """Matrices of steps of this size.
@@ -170,7 +201,7 @@ class StepSolver:
         """
         h, d = step_size, self._shape[1]
         if self.damping is None:
-            damping = no_damping(self.tables.points.size, d)
+            damping = no_damping(self.sampling.weights.size, d)
             directions: tuple[Form, ...] = ()
         else:
             damping = self.damping.tables(h)
@@ -181,7 +212,7 @@ class StepSolver:
         if self._stiffness is not None:
             parts.append((-(h**2) * (self._test @ self._to_position), self._stiffness))
         for local, direction in zip(damping.local, directions, strict=True):
-            acting = self._sampling.test @ local @ self._sampling.driving
+            acting = self.sampling.test @ local @ self.sampling.driving
             parts.append((-h * acting, direction))
         if self.dynamics.is_linear:
             return StepMatrices(step_size=h, damping=damping, constant=None, solve=solver_of(parts))
@@ -228,7 +259,7 @@ class StepSolver:
         if damping is not None:
             history = damping.history_force(at.damping, states) if past is None else past
             history = history + at.damping.constant_force
-            right += h * self._sampling.test @ history
+            right += h * self.sampling.test @ history
         right[0] -= momentum
         if loads is not None:
             right -= loads[:-1]
@@ -240,13 +271,14 @@ class StepSolver:
         else:
             with np.errstate(all="ignore"):
                 unknowns, residuals = self._newton(at, time, position, right, guess)
-        velocity = self._to_velocity @ unknowns
+        velocity = driving = self.to_velocity @ unknowns
         change = np.zeros(self._shape[1])
         force = np.zeros_like(velocity)
         if damping is not None and history is not None:
-            driving = self._sampling.driving @ unknowns
+            if not self.velocity_drives:
+                driving = self.sampling.driving @ unknowns
             force = history + damping.local_force(at.damping, driving)
-            change -= h * self._sampling.weights @ force
+            change -= h * self.sampling.weights @ force
         if self._stiffness is not None or self.dynamics.is_linear is False:
             points = position + h * (self._to_position @ unknowns)
             pulls = self._pull(points, velocity, time + h * self.tables.points)
@@ -256,6 +288,7 @@ class StepSolver:
         return StepResult(
             unknowns=unknowns,
             velocity=velocity,
+            driving=driving,
             damping_force=force,
             momentum_change=change,
             residuals=residuals,
@@ -291,7 +324,7 @@ class StepSolver:
                     "inm,iab->namb", self._by_stiffness, potential.hessian(points)
                 ).reshape(self._size, self._size)
             else:
-                velocity = self._to_velocity @ unknowns
+                velocity = self.to_velocity @ unknowns
                 found = self.dynamics.derivatives(points, velocity, times)
                 residual = (constant @ unknowns.ravel()).reshape(self._shape) - right
                 residual += self._rate_test @ found.momentum + h * self._test @ found.force

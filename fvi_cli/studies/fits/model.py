@@ -13,7 +13,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.gradient import RunFailedError, run_steps
 from fvi_cli.integrator.adjoint.variation import Variation
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
-from fvi_cli.integrator.run.runge_kutta import AnySteps
+from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.fits.predictions import METHOD, Predicted, predict_motion, predict_response
 from fvi_cli.studies.fits.settings import DataSet, FitModel, Series

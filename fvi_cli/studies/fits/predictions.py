@@ -16,7 +16,7 @@ from fvi_cli.integrator.adjoint.observation import Observation
 from fvi_cli.integrator.adjoint.variation import Variation, differences
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Observations, known_names
-from fvi_cli.integrator.run.runge_kutta import AnySteps
+from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.fits.settings import Amplitude, DataSet, Series

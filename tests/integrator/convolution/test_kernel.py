@@ -9,7 +9,7 @@ from mesh_powers import Array, gauss_operator, local_power, mesh_power, meshes
 from spread import spread
 
 from fvi_cli.integrator.convolution.kernel import Kernel, power_kernel
-from fvi_cli.integrator.convolution.stages import StageOperator, block_of
+from fvi_cli.integrator.convolution.stages import StageOperator
 from fvi_cli.mathematics.runge_kutta import tableau
 
 KINDS = ("uniform", "random", "alternating", "geometric")
@@ -146,7 +146,7 @@ def test_all_families_agree_with_dense_resolvents(name):
 def test_blocks_are_their_steps():
     operator, h, size = gauss_operator(3), 0.05, 7
     kernel = power_kernel((-0.8, 0.25), shortest_step=h, final_time=1.0, stages=3)
-    block = block_of(operator.step_tables(kernel, h), size)
+    block = operator.step_tables(kernel, h).over(size)
     values = np.random.default_rng(4).standard_normal((2 * size, 3, 2))
     expected = apply(operator, kernel, np.full(2 * size, h), values)
     states = np.zeros((kernel.n_states, 2))

@@ -1,4 +1,4 @@
-"""A run of a Runge-Kutta method, from scene and steps to the trajectory."""
+"""A run on a mesh, from scene and steps to the trajectory."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.balances.mesh_balance import diagnose_run
+from fvi_cli.integrator.break_points import steps_at_break_points
+from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.growth_bound import scene_bound
 from fvi_cli.integrator.local_error.examine import Examiner
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
@@ -19,10 +21,16 @@ from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.loop import Course, march_adaptively
+from fvi_cli.integrator.run.loop import Course, march_adaptively, no_unique_solution
 from fvi_cli.integrator.run.march import March, MeshPlan
 from fvi_cli.integrator.run.regular import regular_until
-from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_on_mesh, prepare_run
+from fvi_cli.integrator.run.setup import (
+    RunSetup,
+    first_marker,
+    prepare_on_mesh,
+    prepare_run,
+    ready_on_mesh,
+)
 from fvi_cli.integrator.run.sink import Sink
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper, march_with_checkpoints
@@ -82,17 +90,54 @@ def mesh_for(scene: Scene, method: Method, n_steps: int) -> Mesh:
                 scene, at_start=at_start, forcing_quadrature=method.forcing_quadrature
             ),
         )
+    if not method.is_runge_kutta:
+        # all steps are equal: break points between two of them are refused
+        steps_at_break_points(scene, n_steps)
     return uniform_mesh(scene.final_time, n_steps, scene.break_points)
 
 
-def plan_runge_kutta(scene: Scene, method: Method, steps: int | Mesh) -> MeshPlan:
-    """How :func:`integrate_runge_kutta` will do the steps of a run; no step is done."""
+def plan_on_mesh(scene: Scene, method: Method, steps: int | Mesh) -> MeshPlan:
+    """How :func:`integrate_on_mesh` will do the steps of a run; no step is done."""
     mesh = steps if isinstance(steps, Mesh) else mesh_for(scene, method, steps)
     setup = prepare_on_mesh(scene, method, mesh)
     return March(setup, mesh, Sink(every=1, with_steps=False)).plan()
 
 
-def integrate_runge_kutta(
+def path_from(
+    scene: Scene, method: Method, n_steps: int, position: Array, momentum: Array
+) -> Array:
+    """Positions on the grid from any state on, however far they go.
+
+    Parameters
+    ----------
+    scene, method, n_steps
+        The run; its own initial data say what derivatives subtract.
+    position, momentum
+        Where it begins, shape ``(d,)``.
+
+    Returns
+    -------
+    Array
+        Shape ``(n + 1, d)``, up to the first that is not finite.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the equations of a step have no unique solution.
+    """
+    mesh = mesh_for(scene, method, n_steps)
+    setup, sink = prepare_on_mesh(scene, method, mesh), Sink(every=1, with_steps=False)
+    marker = first_marker(setup)
+    marker.position, marker.momentum = CompensatedSum(position), CompensatedSum(momentum)
+    march = March(setup, mesh, sink)
+    sink.begin(0.0, position, momentum)
+    march.run(marker)
+    if march.failure == no_unique_solution(mesh.shortest_step):
+        raise np.linalg.LinAlgError(march.failure)
+    return sink.position
+
+
+def integrate_on_mesh(
     scene: Scene,
     method: Method,
     steps: AnySteps,
@@ -146,7 +191,7 @@ def integrate_runge_kutta(
         mesh.check_breaks(scene.break_points)
         count = mesh.n_reported
         bound = scene_bound(scene, scene.final_time / max(count, 1))
-        setup = prepare_on_mesh(scene, method, mesh, bound)
+        setup = ready_on_mesh(scene, method, mesh, bound)
         ready = clock.perf_counter()
         ended = _given(setup, mesh, sink, checkpoints)
         finished = clock.perf_counter()
@@ -308,7 +353,12 @@ def trajectory_of(
         fresh = np.isin(mesh[:-1], np.array(fresh_at))
         with np.errstate(all="ignore"):
             every_point = diagnose_run(
-                steps, setup.damping, dynamics, setup.stepper.loads, fresh, diagnostics
+                steps,
+                setup.stepper.solver,
+                setup.stepper.loads,
+                fresh,
+                diagnostics,
+                has_kicks=setup.method.sampling == "nodes",
             )
         found = every_point.at(np.searchsorted(mesh, time))
     return Trajectory(
@@ -329,6 +379,7 @@ def trajectory_of(
         steps=steps if with_steps else None,
         rejected=ended.rejected,
         doubts=ended.doubts,
+        remarks=setup.remarks,
     )
 
 

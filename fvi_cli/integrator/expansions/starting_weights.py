@@ -9,7 +9,7 @@ convolution structure, and with it semigroup and integration by parts.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,10 +18,9 @@ from scipy.special import gamma as gamma_function
 from scipy.special import rgamma
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.equal_steps.problem import StepProblem
-from fvi_cli.integrator.equal_steps.stepping import run_steps
 from fvi_cli.integrator.expansions.motion import solution_expansion
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.bdf import convolution_weights
 
 if TYPE_CHECKING:
@@ -111,65 +110,86 @@ def own_exponents(scene: Scene, method: Method) -> tuple[float, ...]:
     return tuple(e for e in found if least < e < cutoff)
 
 
-def correct_start(
-    problem: StepProblem, method: Method, scene: Scene
-) -> tuple[StepProblem, tuple[str, ...]]:
-    """Add the force of the starting weights, solving for the first samples together.
+FirstSamples = Callable[[Array, int], Array]
+"""From load vectors ``(N, s + 1, d)`` and n to samples of n steps without the start, (n, m, d)."""
+
+
+def corrected_start(
+    scene: Scene, method: Method, tables: StepTables, n_steps: int, first_samples: FirstSamples
+) -> tuple[Array | None, tuple[str, ...]]:
+    """Load vectors of the force of the starting weights, solving for the first samples together.
 
     The first n samples determine the added force, and the force determines the samples: a small
     system, affine for linear scenes, solved by Newton's iteration with a Jacobian from runs over
     the first steps alone.
+
+    Parameters
+    ----------
+    scene, method, tables, n_steps
+        The run.
+    first_samples
+        What a run with such load vectors gives.
+
+    Returns
+    -------
+    tuple
+        Load vectors, shape ``(N, s + 1, d)``, None where nothing is corrected; and remarks.
     """
     exponents = method.start_exponents or own_exponents(scene, method)
     count = len(exponents)
     if count == 0:
-        return problem, ("starting weights left out: the start has no power to correct",)
-    tables, d = problem.tables, scene.dimension
-    m = tables.sample_points.size
-    first = 1 if method.sampling == "nodes" else 0
+        return None, ("starting weights left out: the start has no power to correct",)
+    d, points = scene.dimension, tables.sample_points
+    # of samples on the nodes those at the left ends; the first of them is the start
+    on_nodes = method.sampling == "nodes"
+    own = 1 if on_nodes else points.size
+    first = 1 if on_nodes else 0
     n_first = count + first
-    if problem.n_steps < n_first:
-        return problem, (f"starting weights left out: {problem.n_steps} steps are too few",)
-    h = problem.step_size
-    times = h * (np.arange(first, n_first)[:, None] + tables.sample_points)
+    if n_steps < n_first:
+        return None, (f"starting weights left out: {n_steps} steps are too few",)
+    h = scene.final_time / n_steps
+    times = h * (np.arange(first, n_first)[:, None] + points[:own])
     maps, worst = [], 1.0
     for term in scene.active_damping:
         per_sample = []
-        for chi in tables.sample_points:
+        for chi in points[:own]:
             weights, condition = starting_weights(
-                method.bdf_order, term.order, exponents, problem.n_steps + 1, offset=float(chi)
+                method.bdf_order, term.order, exponents, n_steps + 1, offset=float(chi)
             )
             worst = max(worst, condition)
             per_sample.append(h ** (-term.order) * weights)
         # what Caputo subtracts above order 1, besides the position
-        subtracted = np.zeros((count, m, d))
+        subtracted = np.zeros((count, own, d))
         if scene.derivative == "caputo" and term.order > 1:
             subtracted = times[:, :, None] * scene.initial_velocity
         maps.append((np.stack(per_sample, axis=1), subtracted, term.coefficient))
 
-    def force_of(samples: Array) -> Array:
-        """Added force, shape ``(N + 1, m, d)``, of samples with shape ``(count, m, d)``."""
-        return sum(
-            (
-                np.einsum("kij,jid->kid", weights, samples - away) @ matrix
-                for weights, away, matrix in maps
-            ),
-            start=np.zeros((problem.n_steps + 1, m, d)),
+    def loads_of(samples: Array) -> Array:
+        """Load vectors that samples of shape ``(count, own, d)`` make."""
+        force = np.zeros((n_steps + 1, own, d))
+        for weights, away, matrix in maps:
+            force += np.einsum("kij,jid->kid", weights, samples - away) @ matrix
+        if on_nodes:
+            # at both ends of every step; the first kick is left out
+            force = np.stack([force[:-1, 0], force[1:, 0]], axis=1)
+            force[0, 0] = 0.0
+        return np.asarray(
+            np.einsum("vm,kmd->kvd", -h * tables.sample_test_weights, force[:n_steps])
         )
 
-    def samples_of(unknown: Array, steps: int) -> Array:
-        corrected = problem.with_force(force_of(unknown.reshape(count, m, d)))
-        return run_steps(replace(corrected, n_steps=steps)).samples[first:n_first].ravel()
+    def samples_of(unknown: Array) -> Array:
+        loads = loads_of(unknown.reshape(count, own, d))
+        return first_samples(loads, n_first)[first:, :own].ravel()
 
-    unknown = np.zeros(count * m * d)
+    unknown = np.zeros(count * own * d)
     for _ in range(2 if scene.is_linear else 20):
-        value = samples_of(unknown, n_first)
+        value = samples_of(unknown)
         size = max(1e-3 * h, float(np.abs(value).max()))
         jacobian = np.empty((unknown.size, unknown.size))
         for column in range(unknown.size):
             moved = unknown.copy()
             moved[column] += size
-            jacobian[:, column] = (samples_of(moved, n_first) - value) / size
+            jacobian[:, column] = (samples_of(moved) - value) / size
         update = np.linalg.solve(np.eye(unknown.size) - jacobian, value - unknown)
         unknown = unknown + update
         if float(np.abs(update).max()) <= 1e-14 * float(np.abs(unknown).max()):
@@ -179,4 +199,4 @@ def correct_start(
     )
     if worst > CONDITION_WARNING:
         remark += " (ill conditioned: expect to lose that many digits)"
-    return problem.with_force(force_of(unknown.reshape(count, m, d))), (remark,)
+    return loads_of(unknown.reshape(count, own, d)), (remark,)

@@ -1,1 +1,0 @@
-"""Blocks of equal steps of backward differences, and their past."""

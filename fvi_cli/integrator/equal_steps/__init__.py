@@ -1,1 +1,0 @@
-"""Methods that take equal steps: backward differences, one step after the other."""
