@@ -132,7 +132,11 @@ def case_of(seed: int, kind: str) -> Case:
     n_steps = int(rng.choice(choice))
     scene = scene_of(rng, kind, n_steps, int(rng.integers(0, 4)))
     family = str(rng.choice(["gauss", "gauss", "gauss", "radau-iia", "lobatto-iiic"]))
-    return Case(scene, Method(cq=family, degree=int(rng.integers(1, 5))), n_steps)
+    method = Method(cq=family, degree=int(rng.integers(1, 5)))
+    if rng.random() < 0.3:
+        order, sampling = int(rng.choice([1, 2, 3, 4, 6])), str(rng.choice(["nodes", "points"]))
+        method = Method(cq=f"bdf{order}", degree=int(rng.integers(1, 4)), sampling=sampling)
+    return Case(scene, method, n_steps)
 
 
 def sound(found: Trajectory) -> int:
@@ -163,15 +167,17 @@ def check_identical(
 
 
 def single_steps(case: Case) -> Trajectory:
-    """The same steps on a mesh through given points, done one by one."""
+    """The same steps on a mesh through given points, or with sums written out, one by one."""
     scene = case.scene
+    if not case.method.is_runge_kutta:
+        return integrate(scene, replace(case.method, history="direct"), case.n_steps)
     times = scene.final_time / case.n_steps * np.arange(case.n_steps + 1)
     times[-1] = scene.final_time
     return integrate(scene, case.method, mesh_of(times, scene.break_points))
 
 
 def check_written_out(case: Case, usual: Trajectory) -> None:
-    if usual.status != "ok":
+    if usual.status != "ok" or not case.method.is_runge_kutta:
         return
     other = integrate_written_out(case.scene, case.method, case.n_steps)
     count = sound(usual)
@@ -200,8 +206,10 @@ def check_thinned(case: Case, usual: Trajectory) -> None:
 
 
 def check_watched(case: Case, usual: Trajectory) -> None:
-    asked = Asked(energy_balance=True)
-    found = integrate(case.scene, case.method, case.n_steps, diagnostics=asked, with_steps=True)
+    asked, with_steps = Asked(energy_balance=True), case.method.is_runge_kutta
+    found = integrate(
+        case.scene, case.method, case.n_steps, diagnostics=asked, with_steps=with_steps
+    )
     check_identical(usual, found)
 
 

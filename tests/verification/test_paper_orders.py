@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from fvi_cli.integrator.run.on_mesh import path_from
 from paper_problems import (
     LADDER_OSCILLATOR,
     LADDER_UNIT,
@@ -16,6 +15,7 @@ from paper_problems import (
 
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.on_mesh import path_from
 
 PROBLEMS = {
     "damped oscillator": (damped_oscillator, LADDER_OSCILLATOR),

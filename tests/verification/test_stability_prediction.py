@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fvi_cli.integrator.run.on_mesh import path_from
 from letters import spring
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run.on_mesh import path_from
 from fvi_cli.integrator.stability.determinant import independent_systems
 from fvi_cli.integrator.stability.prediction import predict_stability
 
