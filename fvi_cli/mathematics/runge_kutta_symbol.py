@@ -1,8 +1,6 @@
-"""Stability function and convolution quadrature symbol of a Runge-Kutta method."""
+"""Convolution quadrature symbol of a Runge-Kutta method."""
 
 from __future__ import annotations
-
-from math import comb, perm
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,95 +10,8 @@ from fvi_cli.mathematics.runge_kutta import ButcherTableau
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-_STABILITY_TOLERANCE = 1e-10
 # Eigenvectors worse conditioned than this lose digits in a matrix power.
 _LARGEST_CONDITION = 1e4
-# exp(-800) is zero in double precision, and 0 * -800 is 0 where 0 * -inf would be NaN.
-_LOG_OF_ZERO = -800.0
-
-
-def log_stability(tableau: ButcherTableau, points: ArrayLike) -> tuple[Array, Array]:
-    """Return the sign and the logarithm of the magnitude of ``R(-x)`` for x >= 0.
-
-    The relative accuracy of the logarithm is full wherever ``|R|`` comes near 1, at 0 and, for
-    Gauss, at infinity, so that ``exp(n log|R|)`` is good for any n.
-
-    Parameters
-    ----------
-    tableau
-        A method whose stability function is the Padé approximant of exp with denominator of
-        degree m and numerator of degree order - m: Gauss, Radau IIA and Lobatto IIIC.
-    points
-        The points x >= 0, any shape; infinity is allowed.
-
-    Returns
-    -------
-    signs, logarithms
-        Both of the shape of `points`. A zero of R has the logarithm -800.
-
-    Raises
-    ------
-    ValueError
-        For a tableau with another stability function, and for negative points.
-
-    Notes
-    -----
-    With ``R = P/Q`` the terms of ``Q(-x)``, ``Q(-x) - P(-x)`` and ``Q(-x) + P(-x)`` are all
-    positive (Hairer and Wanner, *Solving Ordinary Differential Equations II*, section IV.3), so
-    ``1 - R`` and ``1 + R`` come without cancellation.
-    """
-    x = np.asarray(points, dtype=np.float64)
-    if not np.all(x >= 0):
-        raise ValueError(f"points: {x.min()} is not allowed; they must be at least 0")
-    m = tableau.n_stages
-    numerator_degree = tableau.order - m
-    _check_pade(tableau, numerator_degree)
-    denominator, alternating = _pade(numerator_degree, m)
-    below = np.minimum(x, 1.0)
-    # Beyond 1 both polynomials are divided by x^m.
-    above = np.divide(1.0, x, out=np.ones_like(x), where=x > 1.0)
-
-    def evaluate(coefficients: Array) -> Array:
-        small = np.polynomial.polynomial.polyval(below, coefficients)
-        large = np.polynomial.polynomial.polyval(above, coefficients[::-1])
-        return np.where(x > 1.0, large, small)
-
-    bottom = evaluate(denominator)
-    ratio = evaluate(alternating) / bottom
-    magnitude = np.where(ratio == 0, 1.0, np.abs(ratio))
-    logarithm = np.where(ratio == 0, _LOG_OF_ZERO, np.log(magnitude))
-    for sign in (1, -1):
-        near = sign * ratio > 0.5
-        defect = evaluate(denominator - sign * alternating) / bottom
-        logarithm = np.where(near, np.log1p(-np.where(near, defect, 0.0)), logarithm)
-    return np.where(ratio < 0, -1.0, 1.0), np.maximum(logarithm, _LOG_OF_ZERO)
-
-
-def _pade(numerator_degree: int, denominator_degree: int) -> tuple[Array, Array]:
-    """Coefficients of ``Q(-x)`` and ``P(-x)`` of the Padé approximant P/Q of exp, both (m+1,)."""
-    k, m = numerator_degree, denominator_degree
-    denominator = [comb(m, i) / perm(k + m, i) for i in range(m + 1)]
-    numerator = [(-1) ** i * comb(k, i) / perm(k + m, i) for i in range(m + 1)]
-    return np.array(denominator), np.array(numerator)
-
-
-def _check_pade(tableau: ButcherTableau, numerator_degree: int) -> None:
-    """Check against the tableau itself, at a few points, that R is the Padé approximant."""
-    m = tableau.n_stages
-    if numerator_degree >= 0:
-        denominator, alternating = _pade(numerator_degree, m)
-        points = np.array([0.25, 1.0, 4.0])
-        expected = np.polynomial.polynomial.polyval(
-            points, alternating
-        ) / np.polynomial.polynomial.polyval(points, denominator)
-        matrices = np.eye(m) + points[:, None, None] * tableau.A
-        columns = np.linalg.solve(matrices, np.ones((points.size, m, 1)))[..., 0]
-        if np.all(np.abs(1 - points * (columns @ tableau.b) - expected) < _STABILITY_TOLERANCE):
-            return
-    raise ValueError(
-        f"{tableau.name}: the stability function is not the Padé approximant of exp of order "
-        f"{tableau.order}; permitted are Gauss, Radau IIA and Lobatto IIIC"
-    )
 
 
 def symbol(tableau: ButcherTableau, points: ArrayLike) -> ComplexArray:
@@ -186,4 +97,4 @@ def symbol_power(tableau: ButcherTableau, exponent: float, points: ArrayLike) ->
     return result
 
 
-__all__ = ["log_stability", "symbol", "symbol_power"]
+__all__ = ["symbol", "symbol_power"]

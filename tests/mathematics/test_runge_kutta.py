@@ -18,7 +18,7 @@ from fvi_cli.mathematics.runge_kutta import (
     radau_iia_tableau,
     tableau,
 )
-from fvi_cli.mathematics.runge_kutta_symbol import log_stability, symbol, symbol_power
+from fvi_cli.mathematics.runge_kutta_symbol import symbol, symbol_power
 
 FAMILIES = ("gauss", "radau-iia", "lobatto-iiic")
 METHODS = [
@@ -165,41 +165,7 @@ def test_tableaux_are_immutable_and_names_and_stages_are_checked():
         tableau("lobatto-iiia", 2)
 
 
-# --- stability function and symbol -------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("name", "m"), [*METHODS, ("gauss", 7), ("lobatto-iiic", 7)])
-def test_log_stability_keeps_its_relative_accuracy_near_one(name, m):
-    points = np.array([1e-20, 1e-8, 1e-3, 0.7, 1.0, 3.0, 30.0, 1e4, 1e12, 1e20])
-    signs, logarithms = log_stability(tableau(name, m), points)
-    A, b, _ = reference_tableau(name, m)
-    with mp.workdps(60):
-        for x, sign, logarithm in zip(points, signs, logarithms, strict=True):
-            solution = mp.lu_solve(mp.eye(m) + mp.mpf(x) * A, mp.ones(m, 1))
-            exact = 1 - mp.mpf(x) * (b.T * solution)[0]
-            if abs(exact) > 0.5 or x > 10:
-                assert sign == mp.sign(exact)
-                error = mp.mpf(float(logarithm)) - mp.log(abs(exact))
-                assert abs(error) < 2e-15 * abs(mp.log(abs(exact)))
-            else:
-                assert abs(float(sign * np.exp(logarithm)) - exact) < 5e-16
-
-
-def test_log_stability_at_its_zero_at_infinity_and_for_strangers():
-    signs, logarithms = log_stability(gauss_tableau(1), [0.0, 2.0, np.inf])
-    assert signs.tolist() == [1.0, 1.0, -1.0]
-    assert logarithms.tolist() == [0.0, -800.0, 0.0]
-    for name in ("radau-iia", "lobatto-iiic"):
-        assert log_stability(tableau(name, 3), np.inf)[1] == -800.0
-    with pytest.raises(ValueError, match="at least 0"):
-        log_stability(gauss_tableau(1), [-1.0])
-    # a diagonally implicit method is none of the three families
-    stranger = ButcherTableau(
-        name="sdirk", A=[[0.25, 0], [0.5, 0.25]], b=[0.5, 0.5], c=[0.25, 0.75],
-        order=2, stage_order=1,
-    )  # fmt: skip
-    with pytest.raises(ValueError, match="sdirk: the stability function"):
-        log_stability(stranger, [1.0])
+# --- symbol ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("name", "m"), METHODS)
