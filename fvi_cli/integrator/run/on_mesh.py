@@ -173,6 +173,8 @@ def integrate_on_mesh(
     ValueError
         For a mesh that does not end at T or has a break point of the forcing inside of a step,
         and a method that has no variable steps.
+    MemoryError
+        If there is no room for the points that are kept.
     """
     began = clock.perf_counter()
     keeps = with_steps or not diagnostics.is_empty
@@ -190,6 +192,9 @@ def integrate_on_mesh(
             )
         mesh.check_breaks(scene.break_points)
         count = mesh.n_reported
+        # without room for its points a run says so here: libraries that are refused some later may
+        # end the process
+        np.empty((count // every + 1, 2 * scene.dimension + 2))
         bound = scene_bound(scene, scene.final_time / max(count, 1))
         setup = ready_on_mesh(scene, method, mesh, bound)
         ready = clock.perf_counter()

@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 QUADRATIC_TOLERANCE = 1e-15
 """Relative size of an update that is not worth an iteration of its own."""
 STALLED = 1e-9
-NEWTON_LIMIT = 60
+NEWTON_LIMIT = 40
 
 
 class StepFailedError(Exception):
