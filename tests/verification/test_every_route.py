@@ -133,7 +133,8 @@ def case_of(seed: int, kind: str) -> Case:
     scene = scene_of(rng, kind, n_steps, int(rng.integers(0, 4)))
     family = str(rng.choice(["gauss", "gauss", "gauss", "radau-iia", "lobatto-iiic"]))
     method = Method(cq=family, degree=int(rng.integers(1, 5)))
-    if rng.random() < 0.3:
+    # unstable runs of a double pendulum come to steps whose equations have several solutions
+    if rng.random() < 0.3 and kind != "double pendulum":
         order, sampling = int(rng.choice([1, 2, 3, 4, 6])), str(rng.choice(["nodes", "points"]))
         method = Method(cq=f"bdf{order}", degree=int(rng.integers(1, 4)), sampling=sampling)
     return Case(scene, method, n_steps)
