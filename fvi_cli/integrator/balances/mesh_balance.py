@@ -32,21 +32,17 @@ PIECE = 128
 """Equal steps that are worked out together."""
 
 
-def damping_along(
-    damping: Damping, velocity: Array, sizes: Array, n_points: int | None = None
-) -> tuple[Array, Array | None]:
+def damping_along(damping: Damping, drivings: Array, sizes: Array) -> tuple[Array, Array | None]:
     """Damping force and stored energy along a run.
 
     Parameters
     ----------
     damping
         What acts.
-    velocity
-        What drove it in every step, shape ``(n, inputs, d)``: velocities at the stages.
+    drivings
+        What drove it in every step, shape ``(n, inputs, d)``.
     sizes
         Of the steps, shape ``(n,)``.
-    n_points
-        Points m where the force acts; None: the stages.
 
     Returns
     -------
@@ -55,14 +51,14 @@ def damping_along(
         has none.
     """
     n_kept = damping.n_remembered
-    n, inputs, d = velocity.shape
-    force = np.empty((n, n_points or inputs, d))
+    n, _, d = drivings.shape
+    force = np.empty((n, damping.n_points, d))
     stored = np.zeros(n + 1)
     states = damping.initial_states()
     weights = damping.energy_weights()
     for first, last in _pieces(sizes):
         at = damping.tables(float(sizes[first]))
-        driving = damping.input_of(velocity[first:last])
+        driving = damping.input_of(drivings[first:last])
         own = np.zeros((last - first, force.shape[1], n_kept))
         for local, one in zip(at.local, damping.directions, strict=True):
             own += times(np.einsum("ij,njc->nic", local, driving[..., :n_kept]), one.inner)
@@ -98,14 +94,14 @@ def _lagging(
     count, inputs, columns = driving.shape
     if at.step is None:
         return states
-    block, flat = at.step.over(count), driving.reshape(count * inputs, columns)
+    block = at.step.over(count)
     for one in damping.directions:
         carried = damping.combined(one, block.response) @ states
         carried = carried.reshape(count, -1, columns)
         for lag, kernel in enumerate(damping.combined(one, block.lags), start=1):
             carried[lag:] += kernel @ driving[: count - lag]
         force += damping.force_of_states(one, carried)
-    return block.after(states, flat)
+    return block.after(states, driving.reshape(count * inputs, columns))
 
 
 def _pieces(sizes: Array) -> list[tuple[int, int]]:
@@ -147,9 +143,9 @@ def diagnose_run(
     forces, stored, damping, sampling = None, None, solver.damping, solver.sampling
     if damping is not None:
         driving = steps.velocity
-        if not solver.velocity_drives:
+        if not sampling.at_stages:
             driving = sampling.driving @ steps.unknowns
-        force, stored = damping_along(damping, driving, steps.step_size, sampling.weights.size)
+        force, stored = damping_along(damping, driving, steps.step_size)
         forces = np.einsum("vi,nid->nvd", sampling.to_loads, force)
         forces *= steps.step_size[:, None, None]
     added = loads_along(loads.of_damping, steps, fresh)

@@ -194,6 +194,11 @@ class Damping:
         return self.kernel is not None
 
     @property
+    def n_points(self) -> int:
+        """Number m of points of a step where the force acts."""
+        return self._stages
+
+    @property
     def longest_block(self) -> int:
         """Steps that are best taken at once, at most."""
         return LONGEST_BLOCK

@@ -140,7 +140,7 @@ class NewtonStretch:
                 self._solver.tables,
                 self._h,
                 self._block,
-                None if self._solver.velocity_drives else self._solver.to_velocity,
+                None if self._solver.sampling.at_stages else self._solver.to_velocity,
             )
         except np.linalg.LinAlgError:
             return None

@@ -129,13 +129,7 @@ def writes_out(method: Method, n_steps: int) -> bool:
 def prepare_equal_steps(
     scene: Scene, method: Method, n_steps: int, bound: GrowthBound = NO_BOUND
 ) -> RunSetup:
-    """What is ready before N equal steps by backward differences.
-
-    Raises
-    ------
-    ValueError
-        For starting weights with a general Lagrangian.
-    """
+    """What is ready before N equal steps by backward differences."""
     tables = step_tables(method)
     direct = writes_out(method, n_steps)
     decoupling = None if direct else linear_decoupling(scene)
@@ -206,23 +200,22 @@ def _with_starting_weights(setup: RunSetup, mesh: Mesh) -> RunSetup:
     scene, method, tables = setup.scene, setup.method, setup.stepper.solver.tables
     if scene.lagrangian is not None:
         raise ValueError("start: weights are not made for a general Lagrangian; use none")
-    h = scene.final_time / mesh.n_steps
+    h, stepper = scene.final_time / mesh.n_steps, setup.stepper
 
     def first_samples(loads: Array, n_steps: int) -> Array:
-        own = prepare_on_mesh(scene, method, mesh)
-        own.stepper.loads.add(loads)
-        marker, found = first_marker(own), np.empty((n_steps, *tables.sample_basis[0].shape, d))
+        marker = first_marker(setup)
+        found = np.empty((n_steps, tables.sample_points.size, scene.dimension))
         for index in range(n_steps):
-            every = own.stepper.loads.of_steps(index * h, h, 1, is_fresh=index in fresh)
-            result = own.stepper.solve(marker, h, None if every is None else every[0])
+            known = stepper.loads.of_steps(index * h, h, 1, is_fresh=index in fresh)
+            own = loads[index] if known is None else known[0] + loads[index]
+            result = stepper.solve(marker, h, own)
             away = marker.position.value - scene.initial_position
             found[index] = away + h * (tables.sample_basis[1:].T @ result.unknowns)
-            own.stepper.accept(marker, result, h, (index + 1) * h)
+            stepper.accept(marker, result, h, (index + 1) * h)
         return found
 
-    d = scene.dimension
     fresh = {0, *steps_at_break_points(scene, mesh.n_steps)}
     loads, remarks = corrected_start(scene, method, tables, mesh.n_steps, first_samples)
     if loads is not None:
-        setup.stepper.loads.add(loads)
+        stepper.loads.add(loads)
     return replace(setup, remarks=remarks)

@@ -222,22 +222,22 @@ class LinearBlocks:
         if n_blocks:
             driven = None if forces is None else forces[:, : n_blocks * block]
             if is_recurrence(q, e, self._n_states, n_blocks, self._of_run // block):
-                ends, velocity, z, start = self._recur(
+                ends, driving, z, start = self._recur(
                     z, start, n_blocks, driven, with_driving=with_driving
                 )
             else:
-                ends, velocity, z, start = self._repeat(z, start, n_blocks, driven)
-            parts.append((ends, velocity))
+                ends, driving, z, start = self._repeat(z, start, n_blocks, driven)
+            parts.append((ends, driving))
         if rest:
             driven = None if forces is None else forces[:, n_blocks * block :]
-            ends, velocity, z, start = self._one(z, start, rest, driven)
-            parts.append((ends, velocity))
+            ends, driving, z, start = self._one(z, start, rest, driven)
+            parts.append((ends, driving))
         ends = np.concatenate([part[0] for part in parts], axis=1)
-        velocity = np.concatenate([part[1] for part in parts], axis=1)
+        driving = np.concatenate([part[1] for part in parts], axis=1)
         steps = BlockSteps(
             position=self._decoupling.scene_positions(ends[..., :e]),
             momentum=self._decoupling.scene_forces(ends[..., e:]),
-            driving=self._decoupling.scene_positions(velocity),
+            driving=self._decoupling.scene_positions(driving),
         )
         after = states_after
         if z.size:
@@ -277,7 +277,7 @@ class LinearBlocks:
         """Matrices of one system: w = (states, position, momentum) from block to block."""
         e, block, n_states = self._e, self.block, self._n_states
         loads = block * self._rows * e
-        velocity, ends = self._response.samples[0], self._response.ends[0]
+        to_driving, ends = self._response.samples[0], self._response.ends[0]
         size = n_states * e + 2 * e
         # from w to the load vectors of the past
         past = np.zeros((loads, n_states * e))
@@ -287,23 +287,23 @@ class LinearBlocks:
                 rows = np.einsum("nr,brj->bnj", self._to_loads, by_stage)
                 past += np.einsum("bnj,ca->bnajc", rows, direction[0]).reshape(loads, n_states * e)
         outputs = np.concatenate([ends[:, :loads] @ past, ends[:, loads:]], axis=1)
-        velocities = np.concatenate([velocity[:, :loads] @ past, velocity[:, loads:]], axis=1)
+        drivings = np.concatenate([to_driving[:, :loads] @ past, to_driving[:, loads:]], axis=1)
         change = np.zeros((size, size))
         driven = np.zeros((size, loads))
         if self._memory is not None:
             kernel = self._memory.kernel(block)
             intake = np.kron(kernel.intake, np.eye(e))
-            change[: n_states * e] = intake @ velocities
+            change[: n_states * e] = intake @ drivings
             change[: n_states * e, : n_states * e] += np.kron(kernel.change_of_all(), np.eye(e))
-            driven[: n_states * e] = intake @ velocity[:, :loads]
+            driven[: n_states * e] = intake @ to_driving[:, :loads]
         change[n_states * e :] = outputs[-2 * e :]
         driven[n_states * e :] = ends[-2 * e :, :loads]
-        return _Recurrence(change=change, driven=driven, outputs=outputs, drivings=velocities)
+        return _Recurrence(change=change, driven=driven, outputs=outputs, drivings=drivings)
 
     def _recur(
         self, z: Array, start: Array, n_blocks: int, loads: Array | None, *, with_driving: bool
     ) -> tuple[Array, Array, Array, Array]:
-        """Whole blocks of one system: ends ``(1, n, 2 e)``, velocities, states, state."""
+        """Whole blocks of one system: ends ``(1, n, 2 e)``, drivings, states, state."""
         e, block, matrices = self._e, self.block, self._recurrence
         size = matrices.change.shape[0]
         path = np.empty((n_blocks, size))
@@ -324,15 +324,15 @@ class LinearBlocks:
         ends = path @ matrices.outputs.T
         if flat is not None:
             ends += flat @ self._response.ends[0][:, :width].T
-        velocity = np.zeros((n_blocks if with_driving else 0, block * self._inputs * e))
+        driving = np.zeros((n_blocks if with_driving else 0, block * self._inputs * e))
         if with_driving:
-            velocity += path @ matrices.drivings.T
+            driving += path @ matrices.drivings.T
             if flat is not None:
-                velocity += flat @ self._response.samples[0][:, :width].T
+                driving += flat @ self._response.samples[0][:, :width].T
         ends = ends.reshape(n_blocks, block, 2 * e) + path[:, None, -2 * e :]
         return (
             ends.reshape(1, n_blocks * block, 2 * e),
-            velocity.reshape(1, -1, self._inputs, e),
+            driving.reshape(1, -1, self._inputs, e),
             value[: -2 * e].reshape(z.shape),
             value[None, -2 * e :],
         )
@@ -346,8 +346,8 @@ class LinearBlocks:
             own = None
             if loads is not None:
                 own = loads[:, index * self.block : (index + 1) * self.block]
-            ends, velocity, z, start = self._one(z, start, self.block, own)
-            found.append((ends, velocity))
+            ends, driving, z, start = self._one(z, start, self.block, own)
+            found.append((ends, driving))
         return (
             np.concatenate([one[0] for one in found], axis=1),
             np.concatenate([one[1] for one in found], axis=1),
@@ -375,12 +375,12 @@ class LinearBlocks:
                     force += np.matmul(own, direction[:, None])
             given[:, :width] += np.einsum("nr,qkre->qkne", self._to_loads, force).reshape(q, -1)
         if count == self.block:
-            velocity, ends = self._response.samples, self._response.ends
+            to_driving, ends = self._response.samples, self._response.ends
         else:
             columns = np.r_[0:width, every : every + 2 * e]
-            velocity = self._response.samples[:, : count * inputs * e][:, :, columns]
+            to_driving = self._response.samples[:, : count * inputs * e][:, :, columns]
             ends = self._response.ends[:, : count * 2 * e][:, :, columns]
-        driving = _times(velocity, given).reshape(q, count, inputs, e)
+        driving = _times(to_driving, given).reshape(q, count, inputs, e)
         path = _times(ends, given).reshape(q, count, 2 * e) + start[:, None]
         if self._memory is not None:
             kernel = self._memory.kernel(count)

@@ -169,7 +169,6 @@ class StepSolver:
         self._to_position = np.ascontiguousarray(tables.basis[1:].T)
         self._rate_test = tables.weights * tables.slopes[:-1]
         self._test = np.ascontiguousarray(tables.test_weights[:-1])
-        self.velocity_drives = sampling.at_stages
         self.sampling = sampling
         self._test_sum = self._test.sum(axis=1)[:, None]
         self._separable = dynamics if isinstance(dynamics, Separable) else None
@@ -189,7 +188,7 @@ class StepSolver:
 
     def velocity_of(self, driving: Array) -> Array:
         """Velocities at the quadrature points of steps from what drove their damping force."""
-        return driving if self.velocity_drives else np.asarray(self.to_velocity @ driving)
+        return driving if self.sampling.at_stages else np.asarray(self.to_velocity @ driving)
 
     def matrices(self, step_size: float) -> StepMatrices:
         """Matrices of steps of this size.
@@ -275,7 +274,7 @@ class StepSolver:
         change = np.zeros(self._shape[1])
         force = np.zeros_like(velocity)
         if damping is not None and history is not None:
-            if not self.velocity_drives:
+            if not self.sampling.at_stages:
                 driving = self.sampling.driving @ unknowns
             force = history + damping.local_force(at.damping, driving)
             change -= h * self.sampling.weights @ force
