@@ -66,7 +66,9 @@ class Complaints:
     def add(self, place: SourcePosition, path: KeyPath, message: str) -> None:
         """Note what is wrong and what is allowed, at `place`, concerning the key at `path`."""
         where = show_path(path)
-        self._found[place, f"{where}: {message}" if where else message] = None
+        # what is quoted from the text may hold control codes
+        told = printable(f"{where}: {message}" if where else message)
+        self._found[place, told] = None
 
     def __len__(self) -> int:
         return len(self._found)
@@ -106,6 +108,11 @@ def excerpt(text: str, longest: int = LONGEST_EXCERPT) -> str:
     """`text` in one line of printable characters, shortened."""
     if len(text) > longest:
         text = text[: longest - 3] + "..."
+    return printable(text)
+
+
+def printable(text: str) -> str:
+    """`text` with escapes in place of what is not printable."""
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)

@@ -55,6 +55,8 @@ MISTAKES = [
     ("problem.mass=", "--set: problem.mass: nothing is written here"),
     ("problem.mass", "--set: 'problem.mass' is not allowed; it must be key.path=value"),
     ("=3", "--set: '=3' is not allowed"),
+    ("[=3", "--set: '[=3' is not allowed; it must be key.path=value"),
+    ("\x1b.a[0]=3", r"--set: '\\x1b.a[0]' is not allowed; write \x1b.a.0"),
     ("problem..mass=3", "--set: 'problem..mass=3' is not allowed"),
     ("problem.damping.1.order=1", "--set: problem.damping.1: the list there has"),
     ("problem.damping.x.order=1", "--set: problem.damping.x: the list there has"),

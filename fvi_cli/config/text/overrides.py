@@ -59,10 +59,10 @@ def _path(override: str, root: Node, complaints: Complaints) -> KeyPath:
 
     written, equals, _ = override.partition("=")
     path = tuple(part.strip() for part in written.split("."))
-    if not equals or not all(path):
+    meant = re.sub(r"\.?\[\s*(\w+)\s*\]", r".\1", written.strip())
+    if not equals or not all(path) or ("[" in written and meant == written.strip()):
         return refuse(f"{excerpt(override)!r} is not allowed; it must be key.path=value")
     if "[" in written:
-        meant = re.sub(r"\.?\[\s*(\w+)\s*\]", r".\1", written.strip())
         return refuse(f"{excerpt(written)!r} is not allowed; write {meant}")
     if len(path) > DEEPEST_NESTING:
         return refuse(f"{excerpt(written)!r} leads more than {DEEPEST_NESTING} deep")
