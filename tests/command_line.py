@@ -31,7 +31,8 @@ def configuration(
 
 def fvi(*arguments: object, code: int | None = None) -> Result:
     """What a command answers: never a traceback, and this exit code where one is given."""
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    written = [str(argument) for argument in arguments]
+    result = CliRunner().invoke(app(written), written)
     assert "Traceback" not in result.output
     assert code is None or result.exit_code == code, result.output
     return result

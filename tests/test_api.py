@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from command_line import fvi as here
 from letters import spring
-from typer.testing import CliRunner
 
 import fvi_cli as fvi
 from fvi_cli import api, reports
 from fvi_cli.cli.app import COMMANDS as COMMANDS_OF_THE_LINE
-from fvi_cli.cli.app import app
 from fvi_cli.reports.kinds.orders import order_report
 
 ROOT = Path(__file__).parents[1]
@@ -76,7 +75,7 @@ def test_a_mapping_a_file_and_a_command_give_the_same(tmp_path):
     errors = [finished.error for finished in outcome.finished]
     assert errors == [finished.error for finished in again.finished]
     assert fvi.order_tables([outcome])[0].cases[0].slope == pytest.approx(4, abs=0.2)
-    done = CliRunner().invoke(app, ["convergence", str(file), "--output", str(tmp_path)])
+    done = here("convergence", str(file), "--output", str(tmp_path))
     assert done.exit_code == 0
     made = fvi.order_tables([again])
     assert reports.compare(tmp_path / "tables", order_report("free", made)) == []
@@ -133,7 +132,7 @@ COMMANDS = {  # what each command prints under a heading, by the call that stand
 def test_calls_write_what_commands_write(command, tmp_path):
     config = tmp_path / "free.yaml"
     config.write_text(yaml.safe_dump(CONFIG), encoding="utf-8")
-    done = CliRunner().invoke(app, [command, str(config), "--output", str(tmp_path / "command")])
+    done = here(command, str(config), "--output", str(tmp_path / "command"))
     assert done.exit_code == 0, done.output
     results = COMMANDS[command]()
     assert fvi.as_text(results) in done.stdout

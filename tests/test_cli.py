@@ -502,7 +502,7 @@ def test_an_unexpected_error_shows_its_traceback_only_when_asked(folder, monkeyp
     result = fvi("check", "quick.yaml", code=1)
     assert "the moon is full" in result.stderr
     assert "-v" in result.stderr
-    verbose = CliRunner().invoke(app, ["check", "quick.yaml", "-v"])
+    verbose = CliRunner().invoke(app(["check"]), ["check", "quick.yaml", "-v"])
     assert verbose.exit_code == 1
     assert "Traceback" in verbose.stderr
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import typer
 import yaml
+from command_line import fvi as here
 from cost_tables import committed_tables
 from letters import spring
 from typer.testing import CliRunner
@@ -26,14 +27,14 @@ from fvi_cli.studies.price import ACCURACIES
 
 ROOT = Path(__file__).parents[1]
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md")}
-COMMANDS = typer.main.get_command(app).commands
+COMMANDS = typer.main.get_command(app()).commands
 FENCED = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def test_the_reference_of_keys_is_up_to_date():
     # if it is not: fvi schema --markdown > docs/configuration.md
     assert PAGES["configuration.md"] == configuration_reference()
-    printed = CliRunner().invoke(app, ["schema", "--markdown"])
+    printed = here("schema", "--markdown")
     assert printed.stdout == configuration_reference()
 
 
@@ -183,24 +184,24 @@ def test_expected_orders_are_those_of_the_program():
 
 def test_a_new_configuration_comes_with_its_schema(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    made = CliRunner().invoke(app, ["new", "first"])
+    made = here("new", "first")
     assert made.stdout.split() == ["first.yaml"]
     assert "fvi.schema.json" in made.stderr
     modeline = (tmp_path / "first.yaml").read_text(encoding="utf-8").splitlines()[0]
     assert modeline in dict(FENCED.findall(PAGES["editors.md"]))["yaml"]
     assert (tmp_path / modeline.partition("$schema=")[2]).is_file()
     schema = tmp_path / "fvi.schema.json"
-    assert schema.read_text(encoding="utf-8") == CliRunner().invoke(app, ["schema"]).stdout
+    assert schema.read_text(encoding="utf-8") == here("schema").stdout
     # it is there already; then an older one; then a file of somebody else
-    assert "schema" not in CliRunner().invoke(app, ["new", "second"]).output
+    assert "schema" not in here("new", "second").output
     schema.write_text(json.dumps({"title": json_schema()["title"]}), encoding="utf-8")
-    assert "fvi.schema.json" in CliRunner().invoke(app, ["new", "third"]).stderr
+    assert "fvi.schema.json" in here("new", "third").stderr
     assert "$defs" in json.loads(schema.read_text(encoding="utf-8"))
     schema.write_text("mine", encoding="utf-8")
-    assert "schema" not in CliRunner().invoke(app, ["new", "fourth"]).output
+    assert "schema" not in here("new", "fourth").output
     assert schema.read_text(encoding="utf-8") == "mine"
     for name in ("first", "second", "third", "fourth"):
-        assert CliRunner().invoke(app, ["check", f"{name}.yaml"]).exit_code == 0
+        assert here("check", f"{name}.yaml").exit_code == 0
 
 
 @pytest.mark.parametrize(
@@ -224,7 +225,7 @@ def test_the_shell_completes(typed, proposed):
         "COMP_WORDS": typed,
         "COMP_CWORD": str(len(words) - 1),
     }
-    done = CliRunner().invoke(app, [], prog_name="fvi", env=environment)
+    done = CliRunner().invoke(app(), [], prog_name="fvi", env=environment)
     assert set(done.stdout.split()) == proposed
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from command_line import fvi
 from letters import spring
 from shown_numbers import differences_of_texts
-from typer.testing import CliRunner
 
 from fvi_cli.cli.app import app
 from fvi_cli.integrator.integrate import integrate
@@ -59,7 +59,7 @@ def test_the_first_command_says_nothing_that_the_program_does_not_know(tmp_path)
     for use in uses:
         program, *arguments = shlex.split(use)
         assert program == ".venv/bin/fvi"
-        result = CliRunner().invoke(app, [*arguments, "--dry-run", "--output", str(tmp_path)])
+        result = fvi(*arguments, "--dry-run", "--output", str(tmp_path))
         assert result.exit_code == 0, result.output
         assert len(result.stdout.splitlines()) > 40
     assert list(tmp_path.iterdir()) == []
@@ -83,7 +83,7 @@ def test_the_example_does_what_is_said_of_it(tmp_path, monkeypatch):
     for command in commands:
         program, *arguments = shlex.split(command)
         assert program == "fvi"
-        result = CliRunner().invoke(app, arguments)
+        result = fvi(*arguments)
         assert result.exit_code == 0, result.output
     assert (tmp_path / "results" / "my-oscillator.h5").is_file()
     assert (tmp_path / "results" / "tables" / "my-oscillator.md").is_file()
@@ -114,7 +114,7 @@ def test_the_example_does_what_is_said_of_it(tmp_path, monkeypatch):
         ["figures=[trajectory, energy, error]"],
     ):
         options = [word for change in changes for word in ("--set", change)]
-        result = CliRunner().invoke(app, ["check", "other.yaml", *options])
+        result = fvi("check", "other.yaml", *options)
         assert result.exit_code == 0, result.output
 
 
@@ -159,7 +159,7 @@ def test_what_is_linked_is_there():
 
 
 def test_every_command_and_common_option_is_documented():
-    commands = typer.main.get_command(app).commands
+    commands = typer.main.get_command(app()).commands
     table = README[README.index("## Commands") : README.index("## Your own problem")]
     for name, command in commands.items():
         assert f"`fvi {name}" in table, name

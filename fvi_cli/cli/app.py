@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Annotated, NoReturn
 
 import typer
@@ -60,22 +60,31 @@ COMMANDS = (
     guide,
 )
 
-app = typer.Typer(
-    name="fvi",
-    help="Experiments with fractional variational integrators.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"max_content_width": 120},
-)
-for command in COMMANDS:
-    # given by itself it is not cut where the screen is narrow
-    app.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)
+
+def app(arguments: Sequence[str] = ()) -> typer.Typer:
+    """The command line for these arguments; where they begin with a command, of that one alone.
+
+    To work out what a command takes is most of what there is to do before it begins.
+    """
+    made = typer.Typer(
+        name="fvi",
+        help="Experiments with fractional variational integrators.",
+        no_args_is_help=True,
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        context_settings={"max_content_width": 120},
+    )
+    made.callback(invoke_without_command=True)(_root)
+    named = [one for one in COMMANDS if one.__name__.replace("_", "-") in arguments[:1]]
+    for command in named or COMMANDS:
+        # given by itself it is not cut where the screen is narrow
+        made.command(short_help=(command.__doc__ or "").partition("\n")[0])(command)
+    return made
 
 
 def command_line() -> Callable[[], object]:
     """What the command ``fvi`` does; to put it together takes a moment, in which nothing begins."""
-    command = typer.main.get_command(app)
+    command = typer.main.get_command(app(sys.argv[1:]))
 
     def carried_out() -> None:
         _open_standard_streams()
@@ -110,7 +119,6 @@ def _interrupt(signal_number: int, frame: object) -> NoReturn:
     raise KeyboardInterrupt
 
 
-@app.callback(invoke_without_command=True)
 def _root(
     version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
 ) -> None:

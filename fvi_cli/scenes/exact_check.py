@@ -134,7 +134,7 @@ def _rule(time: float, power: float, breaks: tuple[float, ...], points: int) -> 
         begin + (time - begin) / _PANELS * _GRADING for begin in (0.0, *own[: _MOST_BREAKS // 4])
     ]
     ends = np.unique(np.concatenate(edges))
-    x, w = np.polynomial.legendre.leggauss(points)
+    x, w = _jacobi(points, 0.0)
     half = np.diff(ends[:-1]) / 2
     inner = (ends[:-2] + half)[:, None] + half[:, None] * x
     inner_weights = half[:, None] * w * (time - inner) ** power

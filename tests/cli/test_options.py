@@ -18,7 +18,7 @@ QUICK = (
 def test_the_folder_is_an_option_or_a_variable(options, variable, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     environment = {"FVI_OUTPUT": variable} if variable else {}
-    done = CliRunner(env=environment).invoke(app, ["run", *QUICK, *options, "-j", "1"])
+    done = CliRunner(env=environment).invoke(app(["run"]), ["run", *QUICK, *options, "-j", "1"])
     assert done.exit_code == 0, done.output
     assert [path.name for path in tmp_path.iterdir()] == ["here"]
     assert (tmp_path / "here" / "bagley-torvik-1-2.h5").is_file()

@@ -17,7 +17,7 @@ CHECK = """
 import sys
 from fvi_cli.cli.app import app
 try:
-    app(["check", sys.argv[1]])
+    app(["check"])(["check", sys.argv[1]])
 except SystemExit as end:
     assert not end.code, end
 print(" ".join(sys.modules))

@@ -285,7 +285,7 @@ for command in (
     "plot quick.yaml --output there",
     "show there/quick.h5",
 ):
-    done = CliRunner().invoke(app, command.split())
+    done = CliRunner().invoke(app(command.split()), command.split())
     print(command.split()[0], "code", done.exit_code, done.stderr)
 """
 

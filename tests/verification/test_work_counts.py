@@ -296,7 +296,7 @@ from fvi_cli.cli.app import app
 WATCHED = ("h5py", "matplotlib", "mpmath", "sympy", "distributed")
 seen = {}
 for command in (["run", "frame", "-q"], ["show", "results/frame.h5"], ["plot", "frame", "-q"]):
-    result = CliRunner().invoke(app, command)
+    result = CliRunner().invoke(app(command), command)
     assert result.exit_code == 0, result.output
     seen[" ".join(command)] = [module for module in WATCHED if module in sys.modules]
 print(json.dumps(seen))

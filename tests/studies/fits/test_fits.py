@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from command_line import fvi as here
 from letters import spring
-from typer.testing import CliRunner
 
 import fvi_cli as fvi
-from fvi_cli.cli.app import app
 from fvi_cli.studies.fits.fitting import fit_model
 from fvi_cli.studies.fits.model import MotionModel
 from fvi_cli.studies.fits.settings import DataSet, FitModel, FitParameter, FitSettings, Series
@@ -203,7 +202,7 @@ def test_the_command_writes_what_it_says(tmp_path):
     (tmp_path / "decay.yaml").write_text(yaml.safe_dump(CONFIG, sort_keys=False))
     output = tmp_path / "out"
     arguments = ["fit", str(tmp_path / "decay.yaml"), "-o", str(output)]
-    done = CliRunner().invoke(app, [*arguments, "--json"])
+    done = here(*arguments, "--json")
     assert done.exit_code == 0, done.stderr
     document = json.loads(done.stdout)
     assert [one["model"] for one in document["fits"]] == ["springpot", "viscous"]
@@ -225,7 +224,7 @@ def test_the_command_writes_what_it_says(tmp_path):
     (outcome,) = fvi.run(fitted)
     assert outcome.finished[0].status == "ok"
     assert fitted.resolved["experiments"][0]["problem"]["stiffness"] == float(table[0]["estimate"])
-    again = CliRunner().invoke(app, [*arguments, "--check"])
+    again = here(*arguments, "--check")
     assert again.exit_code == 0, again.stdout
 
 
@@ -240,7 +239,7 @@ def test_a_fit_that_fails_says_why(tmp_path):
         "  data: {file: free.csv, columns: {x: x}}\n"
         "  parameters: {problem.stiffness: {from: 0}, problem.mass: {from: 0}}\n"
     )
-    done = CliRunner().invoke(app, ["fit", str(tmp_path / "free.yaml"), "-o", str(tmp_path / "o")])
+    done = here("fit", str(tmp_path / "free.yaml"), "-o", str(tmp_path / "o"))
     assert done.exit_code == 1
     assert "the data do not determine all parameters" in done.stderr
     assert "The best point so far" in done.stdout
