@@ -35,27 +35,6 @@ _BINOMIAL_TAIL_TERMS = 10
 _NEGLIGIBLE = 1e-40
 
 
-def generating_polynomial(bdf_order: int) -> Array:
-    """Return the coefficients of ``gamma_p(z) = sum_{k=1..p} (1-z)^k / k`` in powers of z.
-
-    Parameters
-    ----------
-    bdf_order
-        Order p of the backward difference formula, 1 to 6.
-
-    Returns
-    -------
-    Array
-        Shape ``(p + 1,)``; exact rationals, rounded once; read-only.
-
-    Raises
-    ------
-    ValueError
-        For an order outside 1 to 6.
-    """
-    return _rounded(_times_one_minus_z(_quotient(bdf_order)))
-
-
 def quotient_polynomial(bdf_order: int) -> Array:
     """Return the coefficients of ``q_p(z) = gamma_p(z) / (1-z)`` in powers of z.
 
@@ -328,13 +307,3 @@ def _tail_factor(
         factor *= -(binomial_exponent + 1 + k) / (n - (1 + binomial_exponent + k))
         factor += expansion[k]
     return factor
-
-
-__all__ = [
-    "LARGEST_BDF_ORDER",
-    "convolution_weights",
-    "difference_weights",
-    "generating_polynomial",
-    "quotient_polynomial",
-    "symbol_at",
-]

@@ -124,6 +124,3 @@ def lobatto_basis(degree: int) -> LagrangeBasis:
     if not 1 <= degree <= LARGEST_DEGREE:
         raise ValueError(f"degree: {degree} is not allowed; it must be 1 to {LARGEST_DEGREE}")
     return LagrangeBasis(control_points=lobatto_rule(degree + 1).nodes)
-
-
-__all__ = ["LARGEST_DEGREE", "LagrangeBasis", "lobatto_basis"]

@@ -75,38 +75,6 @@ def left_operator(bdf_order: int, exponent: float, step_size: float, values: Arr
     return np.asarray(step_size**-exponent * convolved.reshape(samples.shape), dtype=np.float64)
 
 
-def right_operator(bdf_order: int, exponent: float, step_size: float, values: ArrayLike) -> Array:
-    """Apply the advanced operator, which looks at the future.
-
-    ``(J_+ X)_k = h**-e sum_{n=0..N-k} w_n X_{k+n}``: for e > 0 the right Riemann-Liouville
-    derivative of order e; for e = 1 it is **minus** d/dt. It is the transpose of
-    :func:`left_operator`: ``sum_k (J_- X)_k Y_k = sum_k X_k (J_+ Y)_k`` (integration by parts).
-
-    Parameters
-    ----------
-    bdf_order
-        Order p of the backward difference formula, 1 to 6.
-    exponent
-        Order of differentiation e in (-2, 2]; negative for an integral.
-    step_size
-        Step h > 0 of the grid.
-    values
-        The sequence X_0 .. X_N, shape ``(N + 1,)`` or ``(N + 1, d)``; axis 0 is time.
-
-    Returns
-    -------
-    Array
-        Same shape; units of `values` times time to the power -e.
-
-    Raises
-    ------
-    ValueError
-        As :func:`left_operator`.
-    """
-    samples = _checked_samples(values)
-    return left_operator(bdf_order, exponent, step_size, samples[::-1])[::-1]
-
-
 def _checked_samples(values: ArrayLike) -> Array:
     samples = np.asarray(values, dtype=np.float64)
     if samples.ndim not in (1, 2) or samples.size == 0:
@@ -114,6 +82,3 @@ def _checked_samples(values: ArrayLike) -> Array:
             f"values: shape {samples.shape} is not allowed; it must be (n,) or (n, d), not empty"
         )
     return samples
-
-
-__all__ = ["left_operator", "right_operator"]

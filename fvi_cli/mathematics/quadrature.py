@@ -240,12 +240,3 @@ def _jacobi(degree: int, a: int, b: int, x: _Extended) -> tuple[_Extended, _Exte
         before, value = value, following / np.longdouble(scale)
         slope_before, slope = slope, slope_following / np.longdouble(scale)
     return value, slope
-
-
-__all__ = [
-    "LARGEST_RULE",
-    "QuadratureRule",
-    "gauss_rule",
-    "lobatto_rule",
-    "radau_right_rule",
-]

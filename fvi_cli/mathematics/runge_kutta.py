@@ -241,13 +241,3 @@ def _collocation(rule: QuadratureRule) -> Array:
         basis = np.prod((points[:, :, None] - others) / (nodes[j] - others), axis=2)
         matrix[:, j] = nodes * (basis @ fine.weights.astype(np.longdouble))
     return matrix
-
-
-__all__ = [
-    "LARGEST_STAGES",
-    "ButcherTableau",
-    "gauss_tableau",
-    "lobatto_iiic_tableau",
-    "radau_iia_tableau",
-    "tableau",
-]

@@ -95,6 +95,3 @@ def symbol_power(tableau: ButcherTableau, exponent: float, points: ArrayLike) ->
             if suspect[index]:
                 result[index] = fractional_matrix_power(matrices[index], exponent)
     return result
-
-
-__all__ = ["symbol", "symbol_power"]

@@ -21,7 +21,7 @@ from fvi_cli.integrator.stability.determinant import (
 from fvi_cli.integrator.stability.linearisation import linearised_along
 from fvi_cli.integrator.stability.prediction import predict_stability, stability_along
 from fvi_cli.integrator.stability.region import GROWTH_LEVELS, stability_map
-from fvi_cli.mathematics.transforms.disc_zeros import count_zeros
+from fvi_cli.mathematics.transforms.disc_zeros import zeros_in_disc
 from fvi_cli.mathematics.transforms.many_discs import UNDECIDED, count_zeros_of_many
 from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.stability import COLUMNS, stability_report
@@ -105,7 +105,8 @@ def test_a_map_says_what_the_determinants_say_one_by_one(method):
                 )
                 determinant = step_determinant(system, method, 1.0)
                 degree = number_of_unknowns(system, method)
-                counts = [count_zeros(determinant, math.exp(-g), degree) for g in GROWTH_LEVELS]
+                radii = [math.exp(-growth) for growth in GROWTH_LEVELS]
+                counts = [zeros_in_disc(determinant, one, degree).count for one in radii]
                 level = next((n for n, count in enumerate(counts) if not count), len(counts))
                 assert found.level[row, column] == level, (order, k, mu)
     assert found.share_stable == (1.0 if method is GAUSS else pytest.approx(0.5, abs=0.45))

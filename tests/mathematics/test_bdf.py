@@ -12,7 +12,6 @@ from spread import spread
 from fvi_cli.mathematics.bdf import (
     convolution_weights,
     difference_weights,
-    generating_polynomial,
     quotient_polynomial,
     symbol_at,
 )
@@ -72,9 +71,8 @@ def budget_used(weights: Array, exact: list[int]) -> float:
 
 
 @pytest.mark.parametrize("bdf_order", BDF_ORDERS)
-def test_generating_polynomial_is_its_definition_rounded_once(bdf_order):
+def test_quotient_polynomial_is_its_definition_rounded_once(bdf_order):
     exact = exact_polynomial(bdf_order)
-    assert generating_polynomial(bdf_order).tolist() == [float(c) for c in exact]
     quotient = [sum(exact[: m + 1], start=Fraction(0)) for m in range(bdf_order)]
     assert quotient_polynomial(bdf_order).tolist() == [float(c) for c in quotient]
 
@@ -93,7 +91,7 @@ def test_symbol_has_the_order_of_the_formula(bdf_order):
 @pytest.mark.parametrize("bdf_order", BDF_ORDERS)
 def test_symbol_is_the_polynomial(bdf_order):
     z = 0.9 * np.exp(1j * np.linspace(0, 6, 17))
-    by_powers = np.polynomial.polynomial.polyval(z, generating_polynomial(bdf_order))
+    by_powers = np.polynomial.polynomial.polyval(z, [float(c) for c in exact_polynomial(bdf_order)])
     np.testing.assert_allclose(symbol_at(bdf_order, z), by_powers, rtol=0, atol=2e-14)
     at_minus_one = [2, 4, 20 / 3, 32 / 3, 256 / 15, 416 / 15][bdf_order - 1]
     assert symbol_at(bdf_order, -1) == pytest.approx(at_minus_one, rel=1e-15)
@@ -240,8 +238,7 @@ def test_arguments_out_of_range():
                 weights(1, order, 4)
         with pytest.raises(ValueError, match="n_weights: 0 is not allowed"):
             weights(1, 0.5, 0)
-    for polynomial in (generating_polynomial, quotient_polynomial):
-        with pytest.raises(ValueError, match="bdf_order: 7"):
-            polynomial(7)
+    with pytest.raises(ValueError, match="bdf_order: 7"):
+        quotient_polynomial(7)
     with pytest.raises(ValueError, match="bdf_order: 0"):
         symbol_at(0, 1j)

@@ -12,7 +12,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import step_tables
-from fvi_cli.mathematics.operators import left_operator, right_operator
+from fvi_cli.mathematics.operators import left_operator
 from fvi_cli.scenes.named import linear_oscillator, pendulum
 
 DAMPED = [FractionalDamping(order=0.6, coefficient=0.7)]
@@ -84,7 +84,8 @@ def test_derivative_of_the_action_is_the_sum_of_both_residuals(sampling):
 
     def action(x: np.ndarray, y: np.ndarray) -> float:
         left = left_operator(2, alpha, h, samples(x))
-        right = right_operator(2, alpha, h, samples(y))
+        # the advanced operator is the retarded one with time reversed
+        right = left_operator(2, alpha, h, samples(y)[::-1])[::-1]
         damping = (left * right).sum(axis=0) @ sample_weights
         return conservative(x) + conservative(y) - mu * h * float(damping)
 
@@ -92,9 +93,8 @@ def test_derivative_of_the_action_is_the_sum_of_both_residuals(sampling):
     numeric = (action(x + eps * eta, y + eps * eta) - action(x - eps * eta, y - eps * eta)) / (
         2 * eps
     )
-    forces = left_operator(2, 2 * alpha, h, samples(x)) + right_operator(
-        2, 2 * alpha, h, samples(y)
-    )
+    forces = left_operator(2, 2 * alpha, h, samples(x))
+    forces = forces + left_operator(2, 2 * alpha, h, samples(y)[::-1])[::-1]
     damping = mu * h * float((forces * samples(eta)).sum(axis=0) @ sample_weights)
 
     def slope(q: np.ndarray) -> float:

@@ -39,38 +39,15 @@ class ZeroCountError(ValueError):
     """The zeros in a disc could not be counted: one of them lies on the circle itself."""
 
 
-def count_zeros(log_function: LogFunction, radius: float, degree: int = USUAL_DEGREE) -> int:
-    r"""Number of zeros in :math:`|z| < \rho`, each as often as its multiplicity.
-
-    Parameters
-    ----------
-    log_function
-        Any branch of log f at an array of points, minus infinity at a zero.
-    radius
-        The radius, in (0, 1).
-    degree
-        About how many zeros there are, in and around the disc.
-
-    Notes
-    -----
-    Points are put between neighbours until log f, the modulus included, changes by less than 1
-    from one to the next, and half way between them by what is left. The modulus and the points
-    half way show zeros that come in twos, whose turns of two pi would be overlooked.
-
-    Raises
-    ------
-    ZeroCountError
-        If a zero lies on the circle to round-off.
-    ValueError
-        For a radius outside (0, 1).
-    """
-    return _turns(log_function, radius, degree)[0]
-
-
 def _turns(
     log_function: LogFunction, radius: float, degree: int
 ) -> tuple[int, ComplexArray, ComplexArray]:
-    """Number of zeros, the points of the upper half circle, and log f there."""
+    """Number of zeros, the points of the upper half circle, and log f there.
+
+    Points are put between neighbours until log f, the modulus included, changes by less than 1
+    from one to the next, and half way between them by what is left. The modulus and the points
+    half way show zeros that come in twos, whose turns of two pi would be overlooked.
+    """
     if not 0 < radius < 1:
         raise ValueError(f"radius: {radius!r} is not allowed; it must lie in (0, 1)")
     angles = circle_angles(radius, degree)
@@ -137,15 +114,6 @@ def find_zeros(
 ) -> ComplexArray | None:
     r"""All zeros in :math:`|z| < \rho`, smallest modulus first; None where that fails.
 
-    Parameters
-    ----------
-    log_function
-        Any branch of log f.
-    radius
-        The radius, in (0, 1).
-    degree
-        About how many zeros there are, in and around the disc.
-
     Raises
     ------
     ZeroCountError
@@ -175,10 +143,21 @@ def zeros_in_disc(
 ) -> DiscZeros:
     """Number and places of the zeros in a disc, from one circle of values.
 
+    Parameters
+    ----------
+    log_function
+        Any branch of log f at an array of points, minus infinity at a zero.
+    radius
+        The radius, in (0, 1).
+    degree
+        About how many zeros there are, in and around the disc.
+
     Raises
     ------
     ZeroCountError
         If a zero lies on the circle to round-off.
+    ValueError
+        For a radius outside (0, 1).
     """
     count, points, values = _turns(log_function, radius, degree)
     if count == 0:
@@ -189,22 +168,6 @@ def zeros_in_disc(
     if not _are_all(log_function, z, radius):
         return DiscZeros(count=count, zeros=None)
     return DiscZeros(count=count, zeros=np.asarray(z[np.argsort(np.abs(z))]))
-
-
-def smallest_zero_modulus(
-    log_function: LogFunction, radius: float, degree: int = USUAL_DEGREE
-) -> float:
-    r"""Modulus of the zero in :math:`|z| < \rho` that is closest to 0; infinity without any.
-
-    Raises
-    ------
-    ZeroCountError
-        If a zero lies on the circle to round-off.
-    """
-    zeros = find_zeros(log_function, radius, degree)
-    if zeros is not None:
-        return float(np.abs(zeros[0])) if zeros.size else math.inf
-    return enclosed_zero_modulus(log_function, radius, degree)
 
 
 def enclosed_zero_modulus(
@@ -307,18 +270,3 @@ def _are_all(log_function: LogFunction, z: ComplexArray, radius: float) -> bool:
     gaps = np.abs(z[:, None] - z[None, :])
     np.fill_diagonal(gaps, np.inf)
     return bool(gaps.min() > 1e-7 * np.abs(1.0 - z).min()) if z.size > 1 else True
-
-
-__all__ = [
-    "ComplexArray",
-    "DiscZeros",
-    "LogFunction",
-    "ZeroCountError",
-    "circle_angles",
-    "circle_points",
-    "count_zeros",
-    "enclosed_zero_modulus",
-    "find_zeros",
-    "smallest_zero_modulus",
-    "zeros_in_disc",
-]

@@ -50,7 +50,7 @@ def count_zeros_of_many(family: Family, number: int, radius: float, degree: int)
     r"""Number of zeros of :math:`f_0, \dots, f_{n-1}` in :math:`|z| < \rho`.
 
     The rule for where points are needed is that of
-    :func:`fvi_cli.mathematics.transforms.disc_zeros.count_zeros`.
+    :func:`fvi_cli.mathematics.transforms.disc_zeros.zeros_in_disc`.
 
     Parameters
     ----------
@@ -136,6 +136,3 @@ def _turns(
 def _change(before: ComplexArray, after: ComplexArray) -> ComplexArray:
     change = after - before
     return np.asarray(change - 2j * math.pi * np.round(change.imag / (2 * math.pi)))
-
-
-__all__ = ["UNDECIDED", "Family", "count_zeros_of_many"]
