@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.entries import Entry, entries_of
@@ -16,12 +15,12 @@ from fvi_cli.integrator.adjoint.quantity import Quantity
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Observations, known_names, names_of
 from fvi_cli.integrator.run.on_mesh import AnySteps
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES
 from fvi_cli.runner.scenes import method_on
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment
 
-Array = NDArray[np.float64]
 Subject = Scene | Problem | Experiment
 
 

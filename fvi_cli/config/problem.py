@@ -9,11 +9,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.cursor import INVALID, Cursor, is_complete
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.forces import with_parameters
 from fvi_cli.scenes.kinds import KINDS
@@ -21,8 +21,6 @@ from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.scenes.records.samples import end_of_samples
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.scenes.structures.matrix_keys import rows_of
-
-Array = NDArray[np.float64]
 
 # Where an expression is tried: inside of the steps of any grid that people use. On their points,
 # where a quotient such as sin(t - 1)/(t - 1) has no value, it must not be infinite.

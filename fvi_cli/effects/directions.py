@@ -10,8 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fvi_cli.effects.matrices import Array, Factored, symmetric_matrix
+from fvi_cli.effects.matrices import Factored, symmetric_matrix
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
 _WORD: Final = re.compile(r"[A-Za-z_]\w*")

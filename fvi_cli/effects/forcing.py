@@ -12,9 +12,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fvi_cli.effects.matrices import Array
 from fvi_cli.effects.sampled import FunctionForce, Interpolation, SampledForce
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
 ForceComponent = Expression | SampledForce | FunctionForce

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.effects.matrices import (
-    Array,
     Form,
     Solve,
     SparseMatrix,
@@ -19,6 +18,7 @@ from fvi_cli.effects.matrices import (
     solver,
     symmetric_form,
 )
+from fvi_cli.mathematics.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)

@@ -8,9 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from fvi_cli.effects.matrices import Array
 from fvi_cli.mathematics.algebra.arithmetic import BESIDE_REAL, NUMPY_FUNCTIONS
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
+from fvi_cli.mathematics.arrays import Array
 
 T = TypeVar("T")
 

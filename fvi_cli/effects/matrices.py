@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Protocol, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fvi_cli.mathematics.arrays import Array
+
 if TYPE_CHECKING:
     from scipy.sparse import csc_array, csr_array
-
-Array = NDArray[np.float64]
 
 SYMMETRY_TOLERANCE = 1e-12
 """Largest difference of an entry and its mirror image, relative to the largest entry."""

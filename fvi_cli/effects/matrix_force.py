@@ -6,15 +6,8 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
-from fvi_cli.effects.matrices import (
-    Array,
-    Factored,
-    Form,
-    SparseMatrix,
-    dense,
-    is_zero,
-    symmetric_form,
-)
+from fvi_cli.effects.matrices import Factored, Form, SparseMatrix, dense, is_zero, symmetric_form
+from fvi_cli.mathematics.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)

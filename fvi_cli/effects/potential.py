@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.effects.matrices import (
-    Array,
     Form,
     SparseMatrix,
     added,
@@ -20,6 +19,7 @@ from fvi_cli.effects.matrices import (
     times,
 )
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
 T = TypeVar("T")

@@ -10,8 +10,8 @@ from typing import Final, Literal, Self, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fvi_cli.effects.matrices import Array
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.series.power_series import PowerSeries
 from fvi_cli.mathematics.series.taylor import SeriesError

@@ -13,8 +13,9 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Array, Form, is_sparse
+from fvi_cli.effects.matrices import Form, is_sparse
 from fvi_cli.effects.potential import Potential, QuadraticPotential, with_stiffness
+from fvi_cli.mathematics.arrays import Array
 
 Derivative = Literal["caputo", "riemann-liouville"]
 

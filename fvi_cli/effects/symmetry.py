@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.effects.matrices import Array
 from fvi_cli.effects.scene import Scene
+from fvi_cli.mathematics.arrays import Array
 
 TRIALS = 16
 

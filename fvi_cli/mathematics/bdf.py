@@ -14,10 +14,8 @@ from math import comb
 from typing import overload
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from fvi_cli.mathematics.arrays import Array, ComplexArray
 
 LARGEST_BDF_ORDER = 6
 """Backward difference formulas of higher order are unstable."""

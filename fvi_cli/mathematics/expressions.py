@@ -24,14 +24,13 @@ import numpy as np
 from fvi_cli.mathematics.algebra.arithmetic import (
     BESIDE_REAL,
     NUMPY_FUNCTIONS,
-    Array,
-    ComplexArray,
     ExpressionError,
     call,
     combine,
     value_of,
 )
 from fvi_cli.mathematics.algebra.syntax import syntax_tree
+from fvi_cli.mathematics.arrays import Array, ComplexArray
 
 T = TypeVar("T")
 Instruction = tuple[str, float | str]

@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.quadrature import lobatto_rule
-
-Array = NDArray[np.float64]
 
 LARGEST_DEGREE = 20
 """Largest degree that the basis is made for."""

@@ -7,13 +7,11 @@ with it is a check from outside.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.special import beta, gamma
 
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.quadrature import gauss_rule
-
-Array = NDArray[np.float64]
 
 SPLINE_DEGREE = 5
 FINE_POINTS = 24

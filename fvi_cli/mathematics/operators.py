@@ -8,11 +8,10 @@ operator of order e > 0 is often written ``J^{-e}``.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.bdf import convolution_weights
-
-Array = NDArray[np.float64]
 
 # Up to this length the plain sum is as quick as the transform and rounds less.
 _LONGEST_DIRECT_SUM = 1024

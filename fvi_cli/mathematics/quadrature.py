@@ -8,7 +8,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
+
 _Extended = NDArray[np.longdouble]
 
 LARGEST_RULE = 64

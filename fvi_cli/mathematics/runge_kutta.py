@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.quadrature import (
     QuadratureRule,
     gauss_rule,
     lobatto_rule,
     radau_right_rule,
 )
-
-Array = NDArray[np.float64]
 
 LARGEST_STAGES = 21
 """Largest number of stages that the tableaux are made for."""

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fvi_cli.mathematics.arrays import ComplexArray
 from fvi_cli.mathematics.runge_kutta import ButcherTableau
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 # Eigenvectors worse conditioned than this lose digits in a matrix power.
 _LARGEST_CONDITION = 1e4

@@ -14,9 +14,8 @@ from fvi_cli.integrator.expansions.interpolation_limit import interpolation_limi
 from fvi_cli.integrator.expansions.motion import forcing_powers, solution_expansion
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.series.power_series import SeriesError
-
-Array = NDArray[np.float64]
 
 Norm = Literal["max", "final", "l2"]
 

@@ -10,12 +10,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fvi_cli.plotting.ladders.guides import GUIDE
 from fvi_cli.studies.order import NEAR_FLOOR
 
-Array = NDArray[np.float64]
 JsonValue = None | bool | int | float | str | Sequence["JsonValue"] | Mapping[str, "JsonValue"]
 
 SIGNIFICANT_DIGITS = 3

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import RuleSpecification
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
 from fvi_cli.plotting.style import (
     COLOURS,
@@ -17,8 +17,6 @@ from fvi_cli.plotting.style import (
     journal_style,
     new_figure,
 )
-
-Array = NDArray[np.float64]
 
 _N_STEPS = 3
 _DEGREE = 2

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import NullFormatter
-from numpy.typing import NDArray
 
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.methods import SeriesStyle, series_styles
 from fvi_cli.plotting.stability_region import region_figures
 from fvi_cli.plotting.style import (
@@ -32,8 +32,6 @@ from fvi_cli.plotting.style import (
     panel_grid,
 )
 from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
-
-Array = NDArray[np.float64]
 
 STABLE_COLOUR = "#A8D3EE"
 UNSTABLE_COLOUR = "#F4C9AE"

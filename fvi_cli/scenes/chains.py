@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
-from fvi_cli.effects.matrices import Array, Form, SparseMatrix
+from fvi_cli.effects.matrices import Form, SparseMatrix
 from fvi_cli.effects.scene import Scene
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import Damper, SceneData, per_coordinate, with_dampers
 from fvi_cli.scenes.named import linear_oscillator

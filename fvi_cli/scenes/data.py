@@ -13,9 +13,10 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Array, Form, SparseMatrix, scaled
+from fvi_cli.effects.matrices import Form, SparseMatrix, scaled
 from fvi_cli.effects.potential import Potential
 from fvi_cli.effects.scene import Derivative, Scene
+from fvi_cli.mathematics.arrays import Array
 
 
 class SceneData(TypedDict, total=False):

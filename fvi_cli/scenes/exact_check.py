@@ -18,12 +18,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 TOLERANCE = 1e-6
 """Of the largest value, or of the largest term of the equation."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.lagrangian import TIME, Lagrangian, velocity_name
-from fvi_cli.effects.matrices import Array, dense
+from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import (
     ExpressionPotential,
     Potential,
@@ -23,6 +23,7 @@ from fvi_cli.effects.potential import (
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics import symbolic
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import Damper, SceneData, make_scene, per_coordinate, with_dampers
 

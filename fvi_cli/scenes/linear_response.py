@@ -17,10 +17,10 @@ import numpy as np
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.laws.law import RelaxationKernel
-from fvi_cli.effects.matrices import Array
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.series.power_series import (
     SERIES_FUNCTIONS,
     PowerSeries,

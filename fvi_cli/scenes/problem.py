@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -16,7 +16,7 @@ import numpy as np
 from fvi_cli.effects.laws.cole_cole import ColeCole
 from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.effects.laws.tempered import TemperedPower
-from fvi_cli.effects.matrices import Array
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.transforms.characteristic import (
     CharacteristicFunction,
     CharacteristicSum,

@@ -8,13 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.studies.cost import CostCase, CostRow, CostTable
 from fvi_cli.studies.order import fit_slope, pairwise_order
-
-Array = NDArray[np.float64]
 
 ACCURACIES = tuple(10.0**-k for k in range(2, 13, 2))
 """The accuracies of a summary: 1e-2, 1e-4, ... 1e-12."""

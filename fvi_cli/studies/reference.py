@@ -7,17 +7,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 from fvi_cli.studies.members import members_at_a_time
 from fvi_cli.studies.tolerance.runs import AdaptiveRuns, knots_of
 from fvi_cli.studies.tolerance.scales import likely_amplitude
-
-Array = NDArray[np.float64]
 
 REFERENCE_METHOD = Method(cq="gauss", degree=4, start="graded")
 LEAST_STEPS = 256

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
@@ -30,10 +29,9 @@ from fvi_cli.integrator.stability.prediction import (
     predict_stability,
 )
 from fvi_cli.integrator.stability.region import StabilityMap, stability_map
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, Run
-
-Array = NDArray[np.float64]
 
 FEWEST_STEPS = 2000
 MOST_STEPS = 200_000

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.expansions.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.integrate import integrate
@@ -22,6 +21,7 @@ from fvi_cli.integrator.stability.prediction import (
     stability_along,
 )
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.operators import left_operator
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.planning.round_off import relative_round_off
@@ -36,8 +36,6 @@ from fvi_cli.studies.experiment import (
 from fvi_cli.studies.members import Member
 from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.reference import Reference, find_reference, find_references, unknown_reference
-
-Array = NDArray[np.float64]
 
 DIVERGED_RATIO = 10.0
 

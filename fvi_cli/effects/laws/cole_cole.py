@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.effects.laws.law import Coefficient, Law, fraction, positive
-from fvi_cli.effects.matrices import Array
+from fvi_cli.mathematics.arrays import Array
 
 # the density is zero to every accuracy so far from its peak, and its logarithm finite
 _FAR = 600.0

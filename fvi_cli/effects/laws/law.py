@@ -17,8 +17,9 @@ from typing import Protocol
 
 from numpy.typing import ArrayLike
 
-from fvi_cli.effects.matrices import Array, Factored, Form, SparseMatrix, scaled
+from fvi_cli.effects.matrices import Factored, Form, SparseMatrix, scaled
 from fvi_cli.effects.matrix_force import MatrixForce
+from fvi_cli.mathematics.arrays import Array
 
 Coefficient = ArrayLike | SparseMatrix | Factored
 """A number or a symmetric matrix, dense, sparse or in factors."""

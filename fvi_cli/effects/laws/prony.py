@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.effects.laws.law import Coefficient, Law, positive
-from fvi_cli.effects.matrices import Array
+from fvi_cli.mathematics.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.effects.laws.law import Coefficient, Law, fraction, positive
-from fvi_cli.effects.matrices import Array
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.matrices.powers import matrix_power
 
 

@@ -18,7 +18,8 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import decouple_forms
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.stability.patterns import pattern_size, step_patterns
-from fvi_cli.mathematics.transforms.disc_zeros import ComplexArray, LogFunction
+from fvi_cli.mathematics.arrays import ComplexArray
+from fvi_cli.mathematics.transforms.disc_zeros import LogFunction
 
 Array = NDArray[np.float64]
 

@@ -38,12 +38,8 @@ from fvi_cli.integrator.stability.growing_modes import growing_modes
 from fvi_cli.integrator.stability.linearisation import linearised_along, linearised_at_start
 from fvi_cli.integrator.stability.patterns import has_patterns
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.mathematics.transforms.disc_zeros import (
-    ComplexArray,
-    ZeroCountError,
-    find_zeros,
-    zeros_in_disc,
-)
+from fvi_cli.mathematics.arrays import ComplexArray
+from fvi_cli.mathematics.transforms.disc_zeros import ZeroCountError, find_zeros, zeros_in_disc
 
 Verdict = Literal["stable", "unstable", "unknown"]
 

@@ -22,7 +22,7 @@ from fvi_cli.integrator.stability.determinant import (
     log_determinants,
 )
 from fvi_cli.integrator.stability.patterns import DAMPING, Patterns, pattern_size, step_patterns
-from fvi_cli.mathematics.transforms.disc_zeros import ComplexArray
+from fvi_cli.mathematics.arrays import ComplexArray
 from fvi_cli.mathematics.transforms.many_discs import UNDECIDED, count_zeros_of_many
 
 Array = NDArray[np.float64]

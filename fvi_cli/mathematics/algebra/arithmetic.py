@@ -8,10 +8,9 @@ from types import MappingProxyType
 from typing import Final, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from fvi_cli.mathematics.arrays import Array, ComplexArray
+
 T = TypeVar("T")
 
 

@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
-from fvi_cli.mathematics.intervals.interval import Array, Interval, everything, hull
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.intervals.interval import Interval, everything, hull
 
 _DOMAINS: Final[Mapping[str, tuple[float, float]]] = MappingProxyType(
     {

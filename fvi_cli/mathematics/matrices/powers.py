@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 # eigenvalues between 1/70 and 1, and within 75 degrees of the positive axis, leave exp(-48)
 _FIRST, _LAST, _WIDTH = -1.0, 6.0, 0.25

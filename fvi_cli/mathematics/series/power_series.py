@@ -16,8 +16,9 @@ from types import MappingProxyType
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.series import taylor
 from fvi_cli.mathematics.series.taylor import SeriesError as SeriesError
 from fvi_cli.mathematics.series.terms import (
@@ -28,7 +29,6 @@ from fvi_cli.mathematics.series.terms import (
     power_rule,
 )
 
-Array = NDArray[np.float64]
 Taylor = Callable[[float, int], list[float]]
 """So many Taylor coefficients of a function at a point."""
 

@@ -8,9 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.series.taylor import SeriesError
-
-Array = NDArray[np.float64]
 
 SAME_EXPONENT: Final = 1e-9
 MOST_TERMS: Final = 512

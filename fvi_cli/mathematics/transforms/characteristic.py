@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
 LongArray = NDArray[np.longdouble]
 LongComplexArray = NDArray[np.clongdouble]
 

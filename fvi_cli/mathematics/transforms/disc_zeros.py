@@ -14,10 +14,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from fvi_cli.mathematics.arrays import Array, ComplexArray
+
 LogFunction = Callable[[ComplexArray], ComplexArray]
 
 USUAL_DEGREE = 8

@@ -22,14 +22,13 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.mathematics.transforms.characteristic import (
     AnyCharacteristic,
     ZeroCluster,
     evaluate_powers,
 )
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 LongComplexArray = NDArray[np.clongdouble]
 
 _ANGLE = math.pi / 4

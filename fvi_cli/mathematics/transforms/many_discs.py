@@ -11,12 +11,9 @@ import math
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fvi_cli.mathematics.transforms.disc_zeros import ComplexArray, circle_angles, circle_points
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from fvi_cli.mathematics.arrays import Array, ComplexArray, Integers
+from fvi_cli.mathematics.transforms.disc_zeros import circle_angles, circle_points
 
 
 class Family(Protocol):

@@ -8,11 +8,10 @@ from itertools import chain
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.style import GUIDE_COLOUR, SMALL_TEXT, fraction
 
-Array = NDArray[np.float64]
 Box = tuple[float, float, float, float]
 
 GUIDE = "guide"

@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, NullLocator
 from matplotlib.transforms import blended_transform_factory
-from numpy.typing import NDArray
 
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.ladders.guides import Box, Curve, draw_slopes
 from fvi_cli.plotting.methods import SeriesStyle
 from fvi_cli.plotting.style import (
@@ -25,8 +25,6 @@ from fvi_cli.plotting.style import (
     logarithmic_ticks,
 )
 from fvi_cli.studies.experiment import FinishedRun
-
-Array = NDArray[np.float64]
 
 _ROW_HEIGHT = 7.0  # points of one row in the strip of runs without an error
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.balances.diagnostics import Diagnostics
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.methods import series_styles
 from fvi_cli.plotting.motions.labels import time_axis, with_unit
 from fvi_cli.plotting.motions.time_series import draw_series, select_runs
@@ -25,7 +25,6 @@ from fvi_cli.plotting.style import (
 )
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
-Array = NDArray[np.float64]
 Curve = tuple[str, Array]
 
 _EPSILON = float(np.finfo(float).eps)

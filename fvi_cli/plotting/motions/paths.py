@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.methods import SeriesStyle
 from fvi_cli.plotting.motions.balance import most_accurate
 from fvi_cli.plotting.motions.labels import (
@@ -34,8 +34,6 @@ from fvi_cli.plotting.style import (
 )
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
-
-Array = NDArray[np.float64]
 
 _MOST_COMPONENTS = 4
 _MOST_LINES = 24

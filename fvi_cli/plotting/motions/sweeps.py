@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.ladders.convergence import NORM_LABELS
 from fvi_cli.plotting.methods import series_styles
 from fvi_cli.plotting.motions.labels import (
@@ -39,8 +39,6 @@ from fvi_cli.plotting.style import (
 )
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.members import Member
-
-Array = NDArray[np.float64]
 
 _BANDS = ((0.0, 100.0, "all members", 0.15), (5.0, 95.0, "9 of 10 members", 0.3))
 

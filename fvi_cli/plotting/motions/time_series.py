@@ -11,9 +11,9 @@ from typing import Literal, TypedDict
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.observations.observe import Extent, Observed
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.methods import SeriesStyle
 from fvi_cli.plotting.motions.labels import (
     coordinates_of,
@@ -33,8 +33,6 @@ from fvi_cli.plotting.style import (
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.study import reference_of
-
-Array = NDArray[np.float64]
 
 
 class _Exact(TypedDict):

@@ -7,9 +7,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.errors import RequestError
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.vibration.modes import linear_problem
 from fvi_cli.studies.experiment import Experiment
@@ -20,8 +20,6 @@ from fvi_cli.studies.vibration.response import (
     harmonic_force,
     harmonic_response,
 )
-
-Array = NDArray[np.float64]
 
 MOST_FREQUENCIES = 100_000
 _FORM = "it must be frequency=FROM:TO:NUMBER or frequency=FROM:TO:NUMBER:log"

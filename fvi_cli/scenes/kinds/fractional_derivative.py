@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Formula, Number
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.series.power_series import SeriesError, expand
 from fvi_cli.scenes.forces import PARAMETERS, expressions, with_parameters
@@ -18,7 +18,6 @@ from fvi_cli.scenes.kinds.kind import Kind, Values
 from fvi_cli.scenes.kinds.shared_keys import FINAL_TIME
 from fvi_cli.scenes.problem import DerivativeProblem
 
-Array = NDArray[np.float64]
 SERIES_CUTOFF: Final = 48.0
 
 

@@ -15,6 +15,7 @@ from fvi_cli.effects.matrices import is_sparse
 from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.records import Key, Record
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.data import SceneData
 from fvi_cli.scenes.exact_check import objection
 from fvi_cli.scenes.forces import (
@@ -28,7 +29,7 @@ from fvi_cli.scenes.forces import (
 from fvi_cli.scenes.kinds.damping_keys import build_damping, coefficient_of
 from fvi_cli.scenes.kinds.shared_keys import SHARED_KEYS, scene_keys, vector_of
 from fvi_cli.scenes.lagrangian import check_names
-from fvi_cli.scenes.problem import AnyProblem, Array, Problem
+from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.scenes.structures.matrix_keys import file_form, rows_of
 
 Values = Mapping[str, Any]

@@ -7,12 +7,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from fvi_cli.effects.matrices import (
-    Array,
-)
 from fvi_cli.keys.containers import ByForm, ListOf, Named
 from fvi_cli.keys.records import Key, Record, Refusal
 from fvi_cli.keys.scalars import Choice, Formula, Matrix, Number
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.data import Damper, per_coordinate
 from fvi_cli.scenes.forces import PARAMETERS, by_coordinate
 from fvi_cli.scenes.kinds.damping_keys import ORDER, WRONG_NAMES, alpha, damping_key

@@ -9,11 +9,9 @@ from collections.abc import Mapping
 from typing import Any, Final, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.sampled import Interpolation, SampledForce
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 MOST_SAMPLES: Final = 100_000
 LARGEST_TEXT: Final = 500_000

@@ -12,15 +12,13 @@ from dataclasses import replace
 from typing import Unpack, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import Form, SparseMatrix
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.data import SceneData, make_scene
-
-Array = NDArray[np.float64]
 
 PER_NODE = 4
 """Degrees of freedom of a node: w, w', u_1, u_3."""

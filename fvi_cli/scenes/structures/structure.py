@@ -11,16 +11,9 @@ from numpy.typing import ArrayLike
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
-from fvi_cli.effects.matrices import (
-    Array,
-    Form,
-    added,
-    dense,
-    is_sparse,
-    scaled,
-    times,
-)
+from fvi_cli.effects.matrices import Form, added, dense, is_sparse, scaled, times
 from fvi_cli.effects.scene import Scene
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.chains import ground_force
 from fvi_cli.scenes.data import SceneData, per_coordinate
 from fvi_cli.scenes.named import linear_oscillator

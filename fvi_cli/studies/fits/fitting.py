@@ -7,17 +7,15 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.errors import RequestError
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.fits.model import Evaluation, MotionModel, rms, series_of
 from fvi_cli.studies.fits.profile import Side, profile_side, quantile
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit, SeriesFit
 from fvi_cli.studies.fits.search import HOPELESS, Found, distinct, least_squares_from, search
 from fvi_cli.studies.fits.settings import FitModel, FitSettings, Series
 from fvi_cli.studies.fits.statistics import ROUND_OFF, covariance, criterion, whiteness
-
-Array = NDArray[np.float64]
 
 FIRST_TOLERANCE, LAST_TOLERANCE = 1e-3, 1e-12
 """Of a step, relative to the size of the motion."""

@@ -7,19 +7,17 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.gradient import RunFailedError, run_steps
 from fvi_cli.integrator.adjoint.variation import Variation
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.run.on_mesh import AnySteps
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.fits.predictions import METHOD, Predicted, predict_motion, predict_response
 from fvi_cli.studies.fits.settings import DataSet, FitModel, Series
 from fvi_cli.studies.members import with_values
-
-Array = NDArray[np.float64]
 
 MOST_STEPS, MORE_STEPS = 20_000, 100
 """Of a run; and while parameters are looked for, beyond two for every measurement."""

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
@@ -17,14 +16,13 @@ from fvi_cli.integrator.adjoint.variation import Variation, differences
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Observations, known_names
 from fvi_cli.integrator.run.on_mesh import AnySteps
+from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.fits.settings import Amplitude, DataSet, Series
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.response import harmonic_force
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Predicted = list[tuple[Array, Array]]
 """For every series values, ``(n,)``, and their derivatives by p parameters, ``(n, p)``."""
 Specified = Callable[[int, float], Mapping[str, object]]

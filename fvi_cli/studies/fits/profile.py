@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.fits.model import Evaluation, MotionModel
-
-Array = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 CLOSE = 0.01

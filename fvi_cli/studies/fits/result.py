@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.fits.settings import FitModel, FitSettings, Series
-
-Array = NDArray[np.float64]
 
 ALIKE = 0.99
 """Parameters whose estimates are correlated like this are hard to tell apart."""

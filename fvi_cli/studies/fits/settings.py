@@ -8,11 +8,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
-Array = NDArray[np.float64]
 PARTS = ("magnitude", "phase", "real", "imaginary")
 """Parts of an amplitude that can be measured; phases in degrees."""
 LEAST_SHARE = 1e-12

@@ -6,11 +6,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.fits.model import Evaluation, rms
-
-Array = NDArray[np.float64]
 
 SINGULAR = 1e-9
 """Of the scaled derivatives: below it some parameters can be traded for others."""

@@ -6,13 +6,12 @@ import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.studies.hard_cases.case import Claim, Setting
 
-Array = NDArray[np.float64]
 Judge = Callable[..., float]
 
 LAPLACE = "residues and branch-cut integral of the Laplace transform"

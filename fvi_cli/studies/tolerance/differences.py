@@ -13,13 +13,11 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 MEASURED = 3.0
 """The error of a polynomial is estimated by so many times what it is found to miss."""

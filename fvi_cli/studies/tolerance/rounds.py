@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 LOOSE: Final = 100.0
 POWER: Final = 1.3

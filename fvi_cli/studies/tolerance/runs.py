@@ -6,7 +6,6 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
@@ -18,8 +17,6 @@ from fvi_cli.integrator.run.on_mesh import integrate_on_mesh, prepare_adaptive
 from fvi_cli.integrator.run.setup import RunSetup
 from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 MOST_STEPS = 200_000
 MOST_KINKED_STEPS = 20_000

@@ -15,13 +15,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.tolerance.differences import (
     EPSILON,
@@ -44,8 +42,6 @@ from fvi_cli.studies.tolerance.runs import (
     run_on,
 )
 from fvi_cli.studies.tolerance.scales import likely_amplitude
-
-Array = NDArray[np.float64]
 
 MOST_ROUNDS: Final = 10
 FEW_DIGITS: Final = 5.0

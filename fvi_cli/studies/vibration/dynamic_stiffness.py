@@ -21,12 +21,11 @@ from numpy.typing import NDArray
 from fvi_cli.effects.matrices import Form, SparseMatrix, as_csr, is_zero
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.mathematics.arrays import Array, ComplexArray
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array, csr_array
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Symbol = Callable[[complex], complex]
 
 SLOPE_STEP = 1e-5

@@ -16,15 +16,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import Form, as_csc
 from fvi_cli.effects.scene import Scene
+from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.sector import CountError, Sector, count_modes, modes_by_integrals
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 EXTRA: Final = 4
 """Modes beyond those that are wanted, to see where they end."""

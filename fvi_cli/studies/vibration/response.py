@@ -8,16 +8,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fvi_cli.effects.directions import Directions
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
+from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.scenes.data import per_coordinate
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 GROUND: Final = "ground"
 HALF_POWER: Final = math.sqrt(0.5)

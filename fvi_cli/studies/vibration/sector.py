@@ -16,11 +16,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fvi_cli.mathematics.arrays import ComplexArray
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
-
-ComplexArray = NDArray[np.complex128]
 
 LARGEST_TURN = 0.9
 """Radians by which the argument may turn in a step."""
