@@ -75,7 +75,7 @@ def kill_and_resume(folder, chance, *options):
     assert process.returncode in (0, -signal.SIGKILL)
     # a process that is just being started misses its parent before it has read a line of ours
     tracebacks = "".join(lines).split("Traceback")[1:]
-    assert all("spawn_main" in one and "EOFError" in one for one in tracebacks), tracebacks
+    assert all("forkserver" in one and "EOFError" in one for one in tracebacks), tracebacks
     assert not tracebacks or options
     found = complete_runs(stored)
     told = told_runs(lines)
@@ -169,18 +169,19 @@ def test_interrupted_before_it_has_begun_it_ends_without_a_word(folder, moment):
 
 
 @needs_proc
-def test_a_worker_killed_in_the_midst_changes_nothing(folder):
+@pytest.mark.parametrize("victim", ["worker", "server"])
+def test_a_process_killed_in_the_midst_changes_nothing(folder, victim):
     expected = here("run", "quick.yaml", "--output", "undisturbed")
     process = started(folder, "run", "quick.yaml", "-v", "--workers", "2")
     with process:
         first_finished(process)
-        victims = [
+        # one process has loaded what workers need, and forks them
+        (server,) = (
             child
             for child in children(process.pid)
-            if "spawn_main" in Path(f"/proc/{child}/cmdline").read_text()
-        ]
-        assert victims
-        os.kill(victims[0], signal.SIGKILL)
+            if "forkserver" in Path(f"/proc/{child}/cmdline").read_text()
+        )
+        os.kill(children(server)[0] if victim == "worker" else server, signal.SIGKILL)
         rest = process.stderr.read()
         table = process.stdout.read()
     assert process.returncode == 0, rest

@@ -66,7 +66,9 @@ def singles(runs):
 TWO = LocalProcesses(workers=2)
 
 
-def test_several_processes_give_the_same_numbers_to_the_last_bit():
+@pytest.mark.parametrize("forked_on", [(), ("linux",)])
+def test_several_processes_give_the_same_numbers_to_the_last_bit(monkeypatch, forked_on):
+    monkeypatch.setattr("fvi_cli.runner.executors.processes._FORKED_ON", forked_on)
     runs = experiment().runs()
     batches = batches_by_method(runs)
     here = list(InProcess().compute(batches, execute_batch))

@@ -7,12 +7,14 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 import warnings
 from collections import deque
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
+from multiprocessing.context import ForkServerContext, SpawnContext
 from multiprocessing.process import BaseProcess
 from typing import Any
 
@@ -35,6 +37,8 @@ ATTEMPTS = 2
 """How often a batch is computed before it is given up."""
 
 _SECONDS_TO_LEAVE = 5.0
+_FORKED_ON = ("linux",)
+_PRELOADED = ["fvi_cli.runner.executors.processes", "fvi_cli.runner.executors.batches"]
 
 
 @dataclass(kw_only=True, eq=False)
@@ -145,8 +149,7 @@ class _Pool:
             worker.connection.send(portable_batch(task.batch))
 
     def _started(self) -> _Worker:
-        # spawn: a fork would copy the locks of threads that a linear algebra library may hold
-        context = multiprocessing.get_context("spawn")
+        context = _context()
         ours, theirs = context.Pipe()
         process = context.Process(target=_serve, args=(theirs, self.compute, bool(self.watch)))
         process.daemon = True
@@ -203,6 +206,18 @@ class _Pool:
             if worker.process.is_alive():
                 worker.process.kill()
                 worker.process.join()
+
+
+def _context() -> SpawnContext | ForkServerContext:
+    """How processes begin: never by a fork of this one, whose threads may hold locks.
+
+    Where that is safe, one process without threads loads what all of them need, and forks them.
+    """
+    if sys.platform not in _FORKED_ON:
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(_PRELOADED)
+    return context
 
 
 def _serve(connection: Connection, compute: ComputeBatch, is_watched: object) -> None:
