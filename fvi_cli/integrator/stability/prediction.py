@@ -131,11 +131,10 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
     if scene.is_sparse or scene.active_laws:
         return _by_energy(scene, method)
     systems = independent_systems(scene)
-    h = scene.final_time / n_steps
-    reason = _too_large(systems, method)
-    if reason and all(system.is_dissipative for system in systems) and gains_no_energy(method):
+    if gains_no_energy(method) and all(system.is_dissipative for system in systems):
         return NO_GAIN
-    if reason:
+    h = scene.final_time / n_steps
+    if reason := _too_large(systems):
         return StabilityPrediction(verdict="unknown", reason=reason)
     exact = h * max(exact_growth(system, scene.final_time, h) for system in systems)
     try:
@@ -166,7 +165,7 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
     )
 
 
-def _too_large(systems: tuple[MatrixPencil, ...], method: AnyMethod) -> str:
+def _too_large(systems: tuple[MatrixPencil, ...]) -> str:
     """Why the determinants of these systems are not looked at; nothing if they are."""
     size = max(system.mass.shape[0] for system in systems)
     if size > LARGEST_DIMENSION:
