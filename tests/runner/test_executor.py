@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from multiprocessing import forkserver
 from pathlib import Path
 
 import numpy as np
@@ -160,6 +161,31 @@ def test_the_place_of_a_mistake_is_told_without_the_folder_of_the_installation(c
 def test_the_number_of_workers_is_checked(workers):
     with pytest.raises(ValueError, match=f"workers: {workers} is not allowed"):
         LocalProcesses(workers=workers)
+
+
+def held_signals():
+    return signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def fails_where_it_sees_interrupts(batch):
+    if signal.SIGINT not in held_signals():
+        raise AwkwardError("this", "that")
+    return execute_batch(batch)
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot be held here")
+@pytest.mark.parametrize("forked_on", [(), ("linux",)])
+def test_no_process_sees_an_interrupt_while_it_begins(monkeypatch, forked_on):
+    """A terminal sends it to all; a process that is loading would end with a traceback."""
+    monkeypatch.setattr("fvi_cli.runner.executors.processes._FORKED_ON", forked_on)
+    # whoever loads the others, and what it begins with, is to be new as well
+    forkserver._forkserver._stop()
+    batches = singles(experiment().runs()[:2])
+    answers = list(TWO.compute(batches, fails_where_it_sees_interrupts))
+    assert not any(batch.lost for batch in answers)
+    assert signal.SIGINT not in held_signals()
+    # control: here it is seen
+    assert all(b.lost for b in InProcess().compute(batches, fails_where_it_sees_interrupts))
 
 
 # --- processes that die ---------------------------------------------------------------------------

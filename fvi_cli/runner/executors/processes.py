@@ -11,7 +11,7 @@ import sys
 import threading
 import warnings
 from collections import deque
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerContext, SpawnContext
@@ -154,7 +154,8 @@ class _Pool:
         process = context.Process(target=_serve, args=(theirs, self.compute, bool(self.watch)))
         process.daemon = True
         try:
-            process.start()
+            with _interruptions_held():
+                process.start()
         finally:
             # the pipe must end with the process, so nobody else may hold its other end
             theirs.close()
@@ -218,6 +219,26 @@ def _context() -> SpawnContext | ForkServerContext:
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(_PRELOADED)
     return context
+
+
+@contextlib.contextmanager
+def _interruptions_held() -> Iterator[None]:
+    """Let a process that begins, and those that it forks, never see a Ctrl-C; we do afterwards.
+
+    It reaches every process of a terminal, in the midst of what they load first.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    # it begins with the first process, and holds and frees the same signal
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _serve(connection: Connection, compute: ComputeBatch, is_watched: object) -> None:
