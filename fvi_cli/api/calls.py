@@ -165,12 +165,12 @@ def forget(
     RequestError
         If nothing is said, or there is no such run.
     """
-    from fvi_cli.runner.forget import Selection, forget_runs
+    from fvi_cli.runner.forget import forget_runs
 
-    selection = Selection(
-        overrides=tuple(overrides), case=case, others=others, everything=everything
+    found = forget_runs(
+        Path(path), overrides=overrides, case=case, others=others, everything=everything
     )
-    return len(forget_runs(Path(path), selection))
+    return len(found)
 
 
 def contents(path: Path | str) -> StoredFile:

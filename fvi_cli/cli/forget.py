@@ -32,12 +32,16 @@ def forget(
 ) -> int:
     """Remove runs from a result file: those of other values (--set), of a method, or all."""
     from fvi_cli.render.runs import locations_as_text
-    from fvi_cli.runner.forget import Selection, forget_runs
+    from fvi_cli.runner.forget import forget_runs
 
-    selection = Selection(
-        overrides=tuple(overrides or ()), case=case, others=others, everything=everything
+    found = forget_runs(
+        file,
+        overrides=overrides or (),
+        case=case,
+        others=others,
+        everything=everything,
+        is_tried=dry_run,
     )
-    found = forget_runs(file, selection, is_tried=dry_run)
     print(locations_as_text(found))
     ending = "would be forgotten" if dry_run else "forgotten"
     print(f"{file}: {len(found)} run{'s' if len(found) > 1 else ''} {ending}")

@@ -13,14 +13,14 @@ from fvi_cli.integrator.baselines.peers import PEER_LIMITS, peers_objection
 from fvi_cli.integrator.baselines.run import baseline_objection
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.run.objections import law_objection
-from fvi_cli.runner.executors.executor import crash
+from fvi_cli.runner.executors.executor import crash, crash_told
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.storage import open_results
 from fvi_cli.studies.cost import CostTable, cost_table, measure_costs
-from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment, Run, lookup_case
+from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment, lookup_case
 from fvi_cli.studies.tolerance.price import TOLERANCES, measure_tolerance
 
 _logger = logging.getLogger(__name__)
@@ -110,7 +110,7 @@ def measure_request(request: Request, settings: Settings) -> list[CostTable]:
     ):
         for experiment in experiments:
             rows = []
-            measured = measure_costs(experiment, lambda one: results.add([one]), _told)
+            measured = measure_costs(experiment, lambda one: results.add([one]), crash_told)
             for run, row in zip(experiment.runs(), measured, strict=True):
                 rows.append(row)
                 advance(run.title)
@@ -125,13 +125,6 @@ def measure_request(request: Request, settings: Settings) -> list[CostTable]:
                 advance(f"{experiment.name} to {tolerance:g}")
             tables.append(cost_table(experiment, rows, asked_for))
     return tables
-
-
-def _told(run: Run, error: Exception) -> str:
-    """What is said of an exception in the midst of a run."""
-    found = crash(error)
-    _logger.debug("%s: %s", run.title, found.trace)
-    return found.message
 
 
 def unexpected(request: Request, tables: Sequence[CostTable]) -> list[str]:

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.request import STORED_SUFFIX, gather
-from fvi_cli.storage import Location, Store, key_of, open_results, read_results, variant_of
+from fvi_cli.storage import Location, key_of, open_results, read_results, variant_of
 
 
-@dataclass(frozen=True, kw_only=True)
-class Selection:
-    """Which runs of a result file are meant: those for which everything that is given holds.
+def forget_runs(
+    path: Path,
+    *,
+    overrides: Sequence[str] = (),
+    case: str | None = None,
+    others: bool = False,
+    everything: bool = False,
+    is_tried: bool = False,
+) -> list[Location]:
+    """Remove the runs from a result file for which everything holds that is given; returns them.
 
     Parameters
     ----------
+    path
+        The file. Where no run remains it is removed.
     overrides
         Changes ``key.path=value`` of the file's configuration: the runs that it asks for then.
     case
@@ -25,85 +33,46 @@ class Selection:
         The runs that the file's configuration does not ask for.
     everything
         All runs.
-
-    Raises
-    ------
-    RequestError
-        If nothing is given, or something beside everything.
-    """
-
-    overrides: tuple[str, ...] = ()
-    case: str | None = None
-    others: bool = False
-    everything: bool = False
-
-    def __post_init__(self) -> None:
-        is_some = bool(self.overrides or self.case or self.others)
-        if not is_some and not self.everything:
-            raise RequestError("say which runs: --set KEY.PATH=VALUE, --case, --others or --all")
-        if is_some and self.everything:
-            raise RequestError("--all: means every run, and goes with no other choice")
-        if self.overrides and self.others:
-            raise RequestError("--set and --others: give one of them")
-
-
-def forget_runs(path: Path, selection: Selection, *, is_tried: bool = False) -> list[Location]:
-    """Remove runs from a result file; returns what they were.
-
-    Parameters
-    ----------
-    path
-        The file. Where no run remains it is removed.
-    selection
-        Which runs.
     is_tried
         Only find them.
 
     Raises
     ------
     RequestError
-        If there is no such run; nothing is changed then.
+        If nothing is given, or something beside everything, or there is no such run; nothing is
+        changed then.
     StorageError
         If the file cannot be read or written, or another command writes it.
     """
+    is_some = bool(overrides or case or others)
+    if not is_some and not everything:
+        raise RequestError("say which runs: --set KEY.PATH=VALUE, --case, --others or --all")
+    if is_some and everything:
+        raise RequestError("--all: means every run, and goes with no other choice")
+    if overrides and others:
+        raise RequestError("--set and --others: give one of them")
     if path.suffix != STORED_SUFFIX:
         raise RequestError(f"{path}: runs are forgotten in a result file, such as {path.stem}.h5")
     # says what is wrong with the file, or with the changes, before it is held
-    (request,) = gather([str(path)], selection.overrides)
-    asked = [key_of(run) for one in request.loaded.experiments for run in one.runs()]
+    (request,) = gather([str(path)], overrides)
+    asked = {key_of(run) for one in request.loaded.experiments for run in one.runs()}
     searched = [
         (one.name, variant_of(search.specification(), one.swept))
         for one in request.loaded.experiments
         for search in one.searches()[:1]
     ]
+
+    def is_meant(one: Location) -> bool:
+        if case is not None and one.place[1] != case and not one.place[1].startswith(f"{case}-"):
+            return False
+        is_asked = one.key[:3] in asked or (one.place[0], one.key[1]) in searched
+        return is_asked != others if overrides or others else True
+
     held = read_results(path) if is_tried else open_results(path.parent, path.stem)
     with held as store:
-        found = _chosen(store, selection, asked, searched)
+        found = [one for one in store.locations() if is_meant(one)]
         if not found:
             raise RequestError(f"{path}: holds no such run; `fvi show {path}` lists what it holds")
         if not is_tried:
             store.forget(found)
     return found
-
-
-def _chosen(
-    store: Store,
-    selection: Selection,
-    asked: Sequence[tuple[object, ...]],
-    searched: Sequence[tuple[str, str]],
-) -> list[Location]:
-    wanted = set(asked)
-
-    def is_asked(one: Location) -> bool:
-        return one.key[:3] in wanted or (one.place[0], one.key[1]) in searched
-
-    def is_meant(one: Location) -> bool:
-        if selection.case is not None:
-            case = one.place[1]
-            if case != selection.case and not case.startswith(f"{selection.case}-"):
-                return False
-        if selection.others:
-            return not is_asked(one)
-        return is_asked(one) if selection.overrides else True
-
-    return [one for one in store.locations() if is_meant(one)]

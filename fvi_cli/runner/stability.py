@@ -6,10 +6,10 @@ import logging
 from collections.abc import Sequence
 
 from fvi_cli.errors import RequestError
-from fvi_cli.runner.executors.executor import crash
+from fvi_cli.runner.executors.executor import crash_told
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Request, gather
-from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment, Run
+from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment
 from fvi_cli.studies.stability_study import (
     StabilityTable,
     distinct_regions,
@@ -96,7 +96,7 @@ def _study(
     rows = []
     with progress_bar(experiment.name, total, wanted=show_progress) as advance:
         try:
-            for row in stability_rows(experiment, with_observation=wanted, failed=_told):
+            for row in stability_rows(experiment, with_observation=wanted, failed=crash_told):
                 rows.append(row)
                 advance(row.run.title)
         except ValueError as error:
@@ -109,10 +109,3 @@ def _study(
     for row in table.disagreements:
         _logger.error("%s: predicted and observed differ: %s", row.run.title, row.observation)
     return table
-
-
-def _told(run: Run, error: Exception) -> str:
-    """What is said of an exception while a run was looked at."""
-    found = crash(error)
-    _logger.debug("%s: %s", run.title, found.trace)
-    return found.message

@@ -16,7 +16,7 @@ import numpy as np
 
 import fvi_cli
 from fvi_cli.errors import ExecutorError
-from fvi_cli.integrator.advance import Watcher, watched
+from fvi_cli.integrator.advance import watched
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
@@ -109,16 +109,13 @@ class InProcess:
         """As :meth:`Executor.compute`."""
         for batch in batches:
             try:
-                with watched(_of_batch(self.watch, batch)) if self.watch else nullcontext():
+                watcher = functools.partial(self.watch, batch) if self.watch else None
+                with watched(watcher) if watcher else nullcontext():
                     results = attempt(batch, compute)
             except MemoryError as error:
                 yield lost_batch(batch, no_memory(error))
             else:
                 yield finished_batch(batch, results)
-
-
-def _of_batch(watch: Watch, batch: Batch) -> Watcher:
-    return lambda done, n_steps: watch(batch, done, n_steps)
 
 
 def attempt(batch: Batch, compute: ComputeBatch) -> list[FinishedRun | Crash]:
@@ -152,6 +149,13 @@ def crash(error: Exception) -> Crash:
         "this is a mistake of the program, please report it with the configuration",
         trace="".join(traceback.format_exception(error)),
     )
+
+
+def crash_told(run: Run, error: Exception) -> str:
+    """What is said of an exception in the midst of a run; where it was is said to those who ask."""
+    found = crash(error)
+    _logger.debug("%s: %s", run.title, found.trace)
+    return found.message
 
 
 def finished_batch(batch: Batch, results: Sequence[FinishedRun | Crash]) -> FinishedBatch:
