@@ -48,6 +48,11 @@ class Key:
         return f"{self.meaning.removesuffix('.')} ({self.unit})." if self.unit else self.meaning
 
 
+def optional(name: str, shape: Shape, meaning: str, *, unit: str = "") -> Key:
+    """A key that may be absent, and has no value then."""
+    return Key(name, shape, meaning, unit=unit, default=OPTIONAL)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Record:
     """A mapping with known keys.

@@ -12,8 +12,8 @@ from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.containers import ByForm, Checked, ListOf, Named
-from fvi_cli.keys.cursor import INVALID, OPTIONAL, Cursor
-from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.cursor import INVALID, Cursor
+from fvi_cli.keys.records import Key, Record, optional
 from fvi_cli.keys.scalars import Choice, Formula, Number, Text
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
@@ -67,11 +67,10 @@ SAMPLES: Final = Checked(
                 "CSV file with names of columns in its first line, or a record of ground motion in "
                 "AT2 (PEER), in units of g; a relative path begins at the configuration.",
             ),
-            Key(
+            optional(
                 "column",
                 Text(what="the name of a column"),
                 "Column of the values, in their unit divided by scale; AT2 has none.",
-                default=OPTIONAL,
             ),
             Key(
                 "time",
@@ -98,11 +97,10 @@ SAMPLES: Final = Checked(
                 default="refuse",
             ),
             SHA256,
-            Key(
+            optional(
                 "content",
                 Text(what="samples as fvi writes them"),
                 "Times and values in short; filled in, and used in place of the file.",
-                default=OPTIONAL,
             ),
         )
     ),
@@ -111,12 +109,11 @@ SAMPLES: Final = Checked(
 )
 """Samples from a CSV file, read together with the configuration."""
 
-PARAMETERS: Final = Key(
+PARAMETERS: Final = optional(
     "parameters",
     Named(shape=Number(), example="{amplitude: 0.3, omega: 1.2}"),
     "Values of names that the expressions of the problem may hold, and those of quantities, events "
     "and impacts; problem.parameters.<name> can be swept.",
-    default=OPTIONAL,
 )
 _EXPRESSIONS: Final = ("forcing", "ground_acceleration", "exact", "function")
 _NAME: Final = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
@@ -146,12 +143,11 @@ PIECES_EXAMPLE: Final = "{pieces: [{until: 1.0, value: 8}, {value: 0}]}"
 def _pieces(value: Key) -> Record:
     piece = Record(
         keys=(
-            Key(
+            optional(
                 "until",
                 Number(above=0.0),
                 "Last time of the piece; the last piece has none.",
                 unit="time",
-                default=OPTIONAL,
             ),
             value,
         )

@@ -7,9 +7,9 @@ from typing import Any, Final, get_args
 
 from fvi_cli.config.keys.ladder import EXAMPLE as LADDER_EXAMPLE
 from fvi_cli.config.keys.methods import ListedMethod
-from fvi_cli.keys.cursor import OPTIONAL, Cursor
+from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.nodes import MappingNode
-from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.records import Record, optional
 from fvi_cli.keys.scalars import Choice, Number
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 from fvi_cli.studies.accuracy_settings import ADAPTIVE_CANDIDATES, Accuracy, MeshChoice
@@ -31,25 +31,22 @@ USUAL_ADAPTIVE: Final[Mapping[str, list[Any]]] = {
 
 ACCURACY: Final = Record(
     keys=(
-        Key(
+        optional(
             "tolerance",
             Number(above=0.0),
             "Largest error of the position, absolute, in report.norm; this or relative.",
-            default=OPTIONAL,
         ),
-        Key(
+        optional(
             "relative",
             Number(above=0.0, below=1.0),
             "The same as a share of the largest position of the run.",
-            default=OPTIONAL,
         ),
-        Key(
+        optional(
             "mesh",
             Choice(words=get_args(MeshChoice)),
             "adaptive: steps are found on the way, with 4 to 10 stages; uniform: one of the "
             "methods and a number of equal steps are chosen. Default: adaptive where no method "
             "is given.",
-            default=OPTIONAL,
         ),
     ),
     alternatives=("tolerance", "relative"),

@@ -13,8 +13,7 @@ from fvi_cli.config.keys.stability import STABILITY
 from fvi_cli.config.keys.store import STORE
 from fvi_cli.config.keys.sweep import SweepShape
 from fvi_cli.keys.containers import ListOf, Named
-from fvi_cli.keys.cursor import OPTIONAL
-from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.records import Key, Record, optional
 from fvi_cli.keys.scalars import Choice, Flag, Number, Text
 from fvi_cli.scenes.kinds import PROBLEM
 from fvi_cli.studies.experiment import FIGURE_KINDS
@@ -42,27 +41,24 @@ _CASES: Final = "methods, such as bdf5,"
 
 _KEYS: Final = (
     Key("problem", PROBLEM, "What is solved."),
-    Key(
+    optional(
         "method",
         METHODS,
         "One method or several; every entry is a value or a list of values, and lists are "
         "combined. Default: {rk: gauss, degree: 3}; with accuracy Gauss methods.",
-        default=OPTIONAL,
     ),
-    Key("ladder", LADDER, "Numbers of steps; this or accuracy is required.", default=OPTIONAL),
-    Key(
+    optional("ladder", LADDER, "Numbers of steps; this or accuracy is required."),
+    optional(
         "accuracy",
         ACCURACY,
         "In place of ladder: method (one of those given, or of Gauss methods) and number of steps "
         "are chosen for a tolerance, which an estimate is held against.",
-        default=OPTIONAL,
     ),
-    Key(
+    optional(
         "sweep",
         SweepShape(),
         "Members: every combination of values of some keys of the problem, or a list of mappings "
         "with the values of each member. They are computed together.",
-        default=OPTIONAL,
     ),
     Key("report", _REPORT, "How errors are measured.", default={"norm": "max"}),
     Key(
@@ -99,12 +95,7 @@ _KEYS: Final = (
         "What fvi stability looks at, beside the methods and steps.",
         default={"observe": True},
     ),
-    Key(
-        "fit",
-        FIT,
-        "Which numbers of the problem fvi fit fits to which measurements.",
-        default=OPTIONAL,
-    ),
+    optional("fit", FIT, "Which numbers of the problem fvi fit fits to which measurements."),
 )
 _REFUSED: Final = {
     "methods": "not a key: write method",
@@ -125,22 +116,16 @@ EXPERIMENT: Final = _experiment(
     Key("name", NAME, "Name of the experiment; file names come from it.")
 )
 SINGLE: Final = _experiment(
-    Key(
+    optional(
         "name",
         NAME,
         "Name of the experiment; file names come from it. Default: name of this file; "
         "required in a list of experiments.",
-        default=OPTIONAL,
     )
 )
 SEVERAL: Final = Record(
     keys=(
-        Key(
-            "name",
-            NAME,
-            "File names come from it. Default: name of this file.",
-            default=OPTIONAL,
-        ),
+        optional("name", NAME, "File names come from it. Default: name of this file."),
         Key(
             "experiments",
             ListOf(shape=EXPERIMENT, most=1000),

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from fvi_cli.keys.containers import ByForm, Named, OneOrMany
-from fvi_cli.keys.cursor import OPTIONAL, Cursor
+from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.nodes import MappingNode, plain
-from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.records import Key, Record, optional
 from fvi_cli.keys.scalars import Flag, Number, Schema, Text
 from fvi_cli.studies.fits.settings import PARTS
 
@@ -67,19 +67,17 @@ _DATA: Final = Record(
             Text(what="the path of a CSV file"),
             "CSV file, from the configuration's folder.",
         ),
-        Key("time", _COLUMN, "Column of the times; default: t.", default=OPTIONAL),
-        Key(
+        optional("time", _COLUMN, "Column of the times; default: t."),
+        optional(
             "frequency",
             _COLUMN,
             "Column of frequencies, oscillations per unit of time, in place of time: the data are "
             "a steady response to harmonic forces.",
-            default=OPTIONAL,
         ),
-        Key(
+        optional(
             "force",
             OneOrMany(shape=Text(what="a coordinate, a combination of them, or ground")),
             "Where the harmonic force of a response acts, as for fvi response.",
-            default=OPTIONAL,
         ),
         Key(
             "columns",
@@ -89,8 +87,7 @@ _DATA: Final = Record(
                     mappings=(
                         Record(
                             keys=tuple(
-                                Key(part, _COLUMN, f"Column of the {part}.", default=OPTIONAL)
-                                for part in PARTS
+                                optional(part, _COLUMN, f"Column of the {part}.") for part in PARTS
                             )
                         ),
                     ),
@@ -104,12 +101,7 @@ _DATA: Final = Record(
             "name of one, with the column of the magnitude or {magnitude: ..., phase: ...} "
             "(degrees) or {real: ..., imaginary: ...}.",
         ),
-        Key(
-            "name",
-            Text(what="a name"),
-            "Of the motion; default: the name of the file.",
-            default=OPTIONAL,
-        ),
+        optional("name", Text(what="a name"), "Of the motion; default: the name of the file."),
         Key(
             "set",
             Named(shape=Number(), names="key paths", example="{problem.initial.position: 2.0}"),
@@ -120,22 +112,14 @@ _DATA: Final = Record(
 )
 _PARAMETER: Final = Record(
     keys=(
-        Key(
-            "start",
-            Number(),
-            "Where the search begins; default: the value in the problem.",
-            default=OPTIONAL,
-        ),
-        Key(
-            "from", Number(), "Lower bound; with from: 0 the logarithm is fitted.", default=OPTIONAL
-        ),
-        Key("to", Number(), "Upper bound.", default=OPTIONAL),
-        Key("fixed", Number(), "Not fitted, but held at this value.", default=OPTIONAL),
-        Key(
+        optional("start", Number(), "Where the search begins; default: the value in the problem."),
+        optional("from", Number(), "Lower bound; with from: 0 the logarithm is fitted."),
+        optional("to", Number(), "Upper bound."),
+        optional("fixed", Number(), "Not fitted, but held at this value."),
+        optional(
             "tied",
             Text(what="the key path of another parameter"),
             "Not fitted on its own: factor times this parameter.",
-            default=OPTIONAL,
         ),
         Key("factor", Number(), "Of the tie.", default=1.0),
         Key("own", Flag(), "Every motion in data has its own value.", default=False),
@@ -160,11 +144,8 @@ _MODEL: Final = Record(
             "What is different from the problem of the experiment.",
             default={},
         ),
-        Key(
-            "parameters",
-            _PARAMETERS,
-            "What is fitted; default: those of the fit that are not set.",
-            default=OPTIONAL,
+        optional(
+            "parameters", _PARAMETERS, "What is fitted; default: those of the fit that are not set."
         ),
     )
 )
@@ -179,7 +160,7 @@ FIT: Final = Record(
             "mapping from columns to numbers.",
             default="auto",
         ),
-        Key(
+        optional(
             "models",
             Named(
                 shape=_MODEL,
@@ -188,7 +169,6 @@ FIT: Final = Record(
             ),
             "Several descriptions that are fitted to the same data and compared; default: the one "
             "of the problem.",
-            default=OPTIONAL,
         ),
     )
 )

@@ -8,8 +8,8 @@ from typing import Any, Final
 from fvi_cli.config.keys.methods import ListedMethod, objection_to_grading
 from fvi_cli.integrator.meshes.mesh import check_graded
 from fvi_cli.keys.containers import Checked, OneOrMany
-from fvi_cli.keys.cursor import OPTIONAL, Cursor
-from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.cursor import Cursor
+from fvi_cli.keys.records import Record, optional
 from fvi_cli.keys.scalars import Integer, Number, Schema
 
 MOST_STEPS: Final = 2**30
@@ -18,27 +18,24 @@ _POWERS: Final = ("from", "to", "base")
 
 _KEYS: Final = Record(
     keys=(
-        Key(
+        optional(
             "steps",
             OneOrMany(shape=Integer(least=1, most=MOST_STEPS), most=100),
             "Numbers N of steps, increasing; the step size is final_time / N.",
-            default=OPTIONAL,
         ),
-        Key(
+        optional(
             "from",
             Integer(least=0, most=30),
             "In place of steps: the first exponent k of N = base**k.",
-            default=OPTIONAL,
         ),
-        Key("to", Integer(least=0, most=30), "The last exponent.", default=OPTIONAL),
-        Key(
+        optional("to", Integer(least=0, most=30), "The last exponent."),
+        optional(
             "grading",
             Number(least=1.0),
             "r of the mesh a + (b - a) (k/N)**r on every stretch [a, b] between break points, at "
             "most 20; rk: gauss with start: none only. Default: 1, equal steps.",
-            default=OPTIONAL,
         ),
-        Key("base", Integer(least=2, most=MOST_STEPS), "The base; default 2.", default=OPTIONAL),
+        optional("base", Integer(least=2, most=MOST_STEPS), "The base; default 2."),
     )
 )
 

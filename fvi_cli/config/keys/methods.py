@@ -24,9 +24,9 @@ from fvi_cli.integrator.method import (
     Start,
 )
 from fvi_cli.keys.containers import ByForm, ListOf, OneOrMany
-from fvi_cli.keys.cursor import OPTIONAL, Cursor, is_complete
+from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import MappingNode
-from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.records import Key, Record, optional
 from fvi_cli.keys.scalars import Choice, Integer, Number, Shape
 from fvi_cli.mathematics.quadrature import LARGEST_RULE
 
@@ -38,11 +38,10 @@ _KEY_OF_FIELD: Final = {"start_exponents": "start"}
 _RULE: Final = Record(
     keys=(
         Key("rule", Choice(words=("gauss", "lobatto")), "Family of the rule."),
-        Key(
+        optional(
             "points",
             Integer(least=1, most=LARGEST_RULE),
             "Number of points; default: degree for gauss, degree + 1 for lobatto.",
-            default=OPTIONAL,
         ),
     )
 )
@@ -58,7 +57,7 @@ _WEIGHTS: Final = Record(
 
 
 def _several(name: str, shape: Shape, meaning: str) -> Key:
-    return Key(name, OneOrMany(shape=shape, most=100), meaning, default=OPTIONAL)
+    return optional(name, OneOrMany(shape=shape, most=100), meaning)
 
 
 _ENTRY: Final = Record(

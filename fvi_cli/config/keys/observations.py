@@ -24,8 +24,8 @@ from fvi_cli.integrator.observations.damper_work import work_names
 from fvi_cli.keys.complaints import listed as listed_words
 from fvi_cli.keys.complaints import suggestion
 from fvi_cli.keys.containers import ListOf, Named
-from fvi_cli.keys.cursor import OPTIONAL, Cursor, is_complete
-from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.cursor import Cursor, is_complete
+from fvi_cli.keys.records import Key, Record, optional
 from fvi_cli.keys.scalars import Choice, Flag, Formula, Integer, Number, Text
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.problem import AnyProblem, Problem
@@ -39,47 +39,39 @@ _TAKEN: Final = ("t", "time", "energy", "member", "dof", "mesh")
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _TEXT: Final = Text(what="an expression in coordinates, v<name>, a<name>, d<name>, t, parameters")
 
-OUTPUT: Final = Key(
+OUTPUT: Final = optional(
     "output",
     Record(
         keys=(
-            Key(
-                "step",
-                Number(above=0.0),
-                "The times 0, step, twice step and so on.",
-                unit="time",
-                default=OPTIONAL,
+            optional(
+                "step", Number(above=0.0), "The times 0, step, twice step and so on.", unit="time"
             ),
-            Key(
+            optional(
                 "count",
                 Integer(least=2, most=MOST_TIMES),
                 "So many equally spaced times from 0 to final_time, both among them.",
-                default=OPTIONAL,
             ),
-            Key(
+            optional(
                 "times",
                 ListOf(shape=Number(least=0.0), most=MOST_TIMES, example="[0, 0.5, 2]"),
                 "The times themselves, increasing.",
                 unit="time",
-                default=OPTIONAL,
             ),
         ),
         refused=dict.fromkeys(("dt", "every", "interval"), "not a key: write step"),
     ),
     "Times at which a run is stored, whatever its steps: "
     f"{EXAMPLE}. Default: the points of the mesh. For Runge-Kutta methods.",
-    default=OPTIONAL,
 )
-QUANTITIES: Final = Key(
+QUANTITIES: Final = optional(
     "quantities",
     Named(shape=_TEXT, example="{drift: x2 - x1, force: -dx1, top: ax2}"),
     "Expressions in coordinates (x), their velocities (vx), accelerations (ax, from the equation "
     "of motion) and the damping force on them (dx, minus the sum of mu D^gamma x), t, parameters "
     "and, where the ground moves, ground_acceleration; stored beside the position, with peak and "
     "RMS. For Runge-Kutta methods.",
-    default=OPTIONAL,
 )
-EVENTS: Final = Key(
+EVENTS: Final = optional(
     "events",
     Named(
         shape=Record(
@@ -103,9 +95,8 @@ EVENTS: Final = Key(
     ),
     "Times at which expressions change their sign, found on the motion between the mesh points; "
     "stored with position and velocity. For Runge-Kutta methods.",
-    default=OPTIONAL,
 )
-IMPACTS: Final = Key(
+IMPACTS: Final = optional(
     "impacts",
     Named(
         shape=Record(
@@ -128,16 +119,14 @@ IMPACTS: Final = Key(
     ),
     "Surfaces on which the motion bounces. The damping remembers what was before; endless rebounds "
     "end the run, which says when. Stored like events. For Runge-Kutta methods and a ladder.",
-    default=OPTIONAL,
 )
 
 
-UNITS_KEY: Final = Key(
+UNITS_KEY: Final = optional(
     "units",
     Named(shape=Text(what="the name of a unit", longest=40), example="{length: mm, time: s}"),
     "Names of units that stand beside the axes of figures: of time, length, velocity, "
     "acceleration, momentum, energy, of coordinates and of quantities. Nothing is converted.",
-    default=OPTIONAL,
 )
 
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from fvi_cli.keys.containers import Checked, OneOrMany
-from fvi_cli.keys.cursor import INVALID, OPTIONAL, Cursor, is_complete
+from fvi_cli.keys.cursor import INVALID, Cursor, is_complete
 from fvi_cli.keys.nodes import MappingNode
 from fvi_cli.keys.ranges import RANGE
-from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.records import Key, Record, optional
 from fvi_cli.keys.scalars import Flag, Number, Schema, Shape
 from fvi_cli.studies.stability_settings import RegionSettings, StabilitySettings
 
@@ -80,11 +80,10 @@ STABILITY: Final = Record(
             "Run every method from random data and compare with what is predicted.",
             default=True,
         ),
-        Key(
+        optional(
             "region",
             _REGION,
             "Draw stability regions in the plane of stiffness and damping of a step.",
-            default=OPTIONAL,
         ),
     )
 )

@@ -12,8 +12,8 @@ from fvi_cli.effects.diagnostics_request import NOTHING, Asked
 from fvi_cli.effects.scene import Scene
 from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
 from fvi_cli.keys.containers import ListOf
-from fvi_cli.keys.cursor import OPTIONAL, Cursor, is_complete
-from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.cursor import Cursor, is_complete
+from fvi_cli.keys.records import Key, Record, optional
 from fvi_cli.keys.scalars import Choice, Integer, Number, Text
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.scenes.symmetries import known_symmetries
@@ -26,13 +26,12 @@ _ROW: Final = ListOf(shape=Number(), most=1000, example="[0, -1]")
 _SYMMETRY: Final = Record(
     keys=(
         Key("name", Text(what="a name"), "What the momentum is called."),
-        Key(
+        optional(
             "generator",
             ListOf(shape=_ROW, most=1000, example="[[0, -1], [1, 0]]"),
             "Matrix G of the motion dq = G q + g; default: zero.",
-            default=OPTIONAL,
         ),
-        Key("shift", _ROW, "Vector g of the motion; default: zero.", default=OPTIONAL),
+        optional("shift", _ROW, "Vector g of the motion; default: zero."),
     )
 )
 STORE: Final = Record(
@@ -43,21 +42,19 @@ STORE: Final = Record(
             "Keep every n-th grid point in files.",
             default=1,
         ),
-        Key(
+        optional(
             "diagnostics",
             ListOf(shape=Choice(words=(ENERGY, MAPS)), least=0, example=f"[{ENERGY}, {MAPS}]"),
             "What is stored beside the motion: energy-balance (dissipated work, work of the "
             "forcing, defect of the balance), momentum-maps (of the symmetries). Default: nothing.",
-            default=OPTIONAL,
         ),
-        Key(
+        optional(
             "symmetries",
             ListOf(
                 shape=_SYMMETRY, most=100, example="[{name: angular, generator: [[0, -1], [1, 0]]}]"
             ),
             "Symmetries dq = G q + g of the scene without damping and forcing; each has the "
             "momentum p (G q + g). Default: shifts, and turns of a plane, that change nothing.",
-            default=OPTIONAL,
         ),
     )
 )

@@ -15,8 +15,8 @@ from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.laws.tempered import tempered
 from fvi_cli.effects.matrices import Factored, SparseMatrix, dense
 from fvi_cli.keys.containers import ByForm, ListOf
-from fvi_cli.keys.cursor import OPTIONAL, Cursor
-from fvi_cli.keys.records import ByKind, Key, Record, Refusal
+from fvi_cli.keys.cursor import Cursor
+from fvi_cli.keys.records import ByKind, Key, Record, Refusal, optional
 from fvi_cli.keys.scalars import Matrix, Number, Shape, Text
 from fvi_cli.scenes.structures.matrix_keys import MATRIX_FILE, matrix_of
 
@@ -63,7 +63,7 @@ ORDER: Final = Key(
     Number(above=0.0, below=2.0),
     "Order gamma of the derivative in the equation of motion; of laws in (0, 1) (no unit).",
 )
-_ACTS_ON: Final = Key(
+_ACTS_ON: Final = optional(
     "acts_on",
     ListOf(
         shape=Text(what="a linear combination of coordinates, such as x2 - x1"),
@@ -71,20 +71,17 @@ _ACTS_ON: Final = Key(
     ),
     "Coordinates or linear combinations of them on which the term acts, one "
     "per row of the coefficient; without it: every coordinate.",
-    default=OPTIONAL,
 )
 _WHERE: Final = (
-    Key(
+    optional(
         "coefficient",
         NUMBER_OR_SYMMETRIC,
         "Factor of the law, a number, a symmetric matrix or {file: Kv.mtx}; without it 1.",
-        default=OPTIONAL,
     ),
-    Key(
+    optional(
         "matrix",
         ByForm(several=Matrix(), mappings=(MATRIX_FILE,), example="{file: Kv.mtx}"),
         "zener, maxwell, prony, tempered: the same under another name, for matrices.",
-        default=OPTIONAL,
     ),
     _ACTS_ON,
 )

@@ -7,15 +7,14 @@ from pathlib import Path
 from typing import Any, Final
 
 from fvi_cli.keys.complaints import excerpt
-from fvi_cli.keys.cursor import OPTIONAL, Cursor
-from fvi_cli.keys.records import Key
+from fvi_cli.keys.cursor import Cursor
+from fvi_cli.keys.records import optional
 from fvi_cli.keys.scalars import Text
 
-SHA256: Final = Key(
+SHA256: Final = optional(
     "sha256",
     Text(what="64 hexadecimal digits"),
     "Of the file; filled in, and checked where it is given.",
-    default=OPTIONAL,
 )
 
 

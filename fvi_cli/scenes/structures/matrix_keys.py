@@ -9,8 +9,8 @@ import numpy as np
 
 from fvi_cli.effects.matrices import Form, is_definite, scaled, sparse_unit
 from fvi_cli.keys.containers import Checked
-from fvi_cli.keys.cursor import INVALID, OPTIONAL, Cursor
-from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.cursor import INVALID, Cursor
+from fvi_cli.keys.records import Key, Record, optional
 from fvi_cli.keys.scalars import Text
 from fvi_cli.scenes.records.data_files import SHA256, DataFileError, file_under, with_content
 from fvi_cli.scenes.structures.matrix_files import read_matrix
@@ -56,18 +56,16 @@ _KEYS: Final = Record(
             "Matrix Market (.mtx), NumPy (.npy, .npz, also of scipy.sparse), MATLAB (.mat) or "
             "rows of numbers (.csv, .txt); a relative path begins at the configuration.",
         ),
-        Key(
+        optional(
             "variable",
             Text(what="the name of a matrix"),
             "Which matrix of a .mat or .npz file that holds several.",
-            default=OPTIONAL,
         ),
         SHA256,
-        Key(
+        optional(
             "content",
             Text(what="a matrix as fvi writes it"),
             "The matrix in short; filled in, and used in place of the file.",
-            default=OPTIONAL,
         ),
     )
 )

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from fvi_cli.keys.containers import ByForm, ListOf
-from fvi_cli.keys.cursor import OPTIONAL
-from fvi_cli.keys.records import Key, Record
+from fvi_cli.keys.records import Key, Record, optional
 from fvi_cli.keys.scalars import Number
 from fvi_cli.scenes.forces import GROUND_ACCELERATION
 from fvi_cli.scenes.kinds.damping_keys import NUMBER_OR_SYMMETRIC, ORDER
@@ -33,11 +32,8 @@ STRUCTURE: Final = SceneKind(
             "K: a matrix, {file: K.mtx} or a number.",
             unit="mass per time^2",
         ),
-        Key(
-            "proportional",
-            _PROPORTIONAL,
-            "Damping (a M + b K) D^gamma x, of Rayleigh for order 1.",
-            default=OPTIONAL,
+        optional(
+            "proportional", _PROPORTIONAL, "Damping (a M + b K) D^gamma x, of Rayleigh for order 1."
         ),
         Key(
             "modal_damping",
