@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Final
 
@@ -40,12 +39,8 @@ from fvi_cli.studies.experiment import Experiment
 _LARGEST_DENOMINATOR: Final = 2**20
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReadExperiment:
-    """An experiment, complete or not, with what was read."""
-
-    resolved: Mapping[str, Any]
-    experiment: Experiment | None
+ReadExperiment = tuple[Mapping[str, Any], Experiment | None]
+"""What was read of an experiment, with defaults, and the experiment if that is complete."""
 
 
 def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExperiment:
@@ -94,7 +89,7 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
             if members is not None and isinstance(every, int):
                 dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
                 points = [n_steps // every + 2 for n_steps in steps]
-                check_total_memory(len(members.members), dimension, points, len(methods), at)
+                check_total_memory(len(members[0]), dimension, points, len(methods), at)
     fit = None
     if problem is not None and isinstance(values.get("fit"), Mapping):
         quantities = observed.quantities or {}
@@ -104,10 +99,10 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         **{key: value for key, value in values.items() if key != "fit"},
         "name": name,
         **_methods_of(methods, values.get("accuracy"), accuracy),
-        **({} if members is None else {SWEEP: members.resolved}),
+        **({} if members is None else {SWEEP: members[1]}),
     }
     if problem is None or len(at.complaints) > before or not is_complete(resolved):
-        return ReadExperiment(resolved=resolved, experiment=None)
+        return resolved, None
     experiment = Experiment(
         name=name,
         problem=problem,
@@ -126,12 +121,12 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         diagnostics=diagnostics,
         observations=observed,
         stability=stability_settings(values["stability"]),
-        members=() if members is None else members.members,
+        members=() if members is None else members[0],
         accuracy=accuracy,
         fit=fit,
         units=values.get("units", {}),
     )
-    return ReadExperiment(resolved=resolved, experiment=experiment)
+    return resolved, experiment
 
 
 def _methods_of(

@@ -141,14 +141,14 @@ def parse_config(
     changed = nodes_with_sweeps(apply_overrides(root, overrides, complaints), complaints)
     name, read = _read(changed, Path(source_name).stem, complaints)
     complaints.raise_if_any()
-    experiments = tuple(r.experiment for r in read if r.experiment is not None)
+    experiments = tuple(experiment for _, experiment in read if experiment is not None)
     if len(experiments) != len(read) or not isinstance(name, str):
         raise ConfigError(f"{start}: cannot be used")  # pragma: no cover - said above
     return LoadedConfig(
         path=Path(source_name),
         name=name,
         text=text,
-        resolved={"name": name, "experiments": [r.resolved for r in read]},
+        resolved={"name": name, "experiments": [resolved for resolved, _ in read]},
         experiments=experiments,
         overrides=tuple(overrides),
     )

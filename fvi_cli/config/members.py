@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final
 
 from fvi_cli.config.keys.sweep import BYTES_PER_RUN, PROBLEM, SWEEP, Sweep, read_sweep, tree_of
@@ -30,12 +30,8 @@ _logger = logging.getLogger(__name__)
 CheckMember = Callable[[Mapping[str, Any], AnyProblem, Cursor], None]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ReadMembers:
-    """Members, and the sweep with every value as it was understood."""
-
-    members: tuple[Member, ...]
-    resolved: Any
+ReadMembers = tuple[tuple[Member, ...], Any]
+"""Members, and the sweep with every value as it was understood."""
 
 
 def make_members(template: Mapping[str, Any], at: Cursor, check: CheckMember) -> ReadMembers | None:
@@ -85,7 +81,7 @@ def _made(template: Mapping[str, Any], at: Cursor, check: CheckMember) -> ReadMe
     _check_members(members, template, first, sweep, at, check)
     is_listed = isinstance(at.under(SWEEP).node, ListNode)
     resolved = [dict(member.values) for member in members] if is_listed else values
-    return ReadMembers(members=members, resolved=resolved)
+    return members, resolved
 
 
 def _values(key: str, sweep: Sweep, template: Mapping[str, Any], at: Cursor) -> list[Any]:

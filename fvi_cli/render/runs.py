@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import shutil
+import statistics
 import sys
 import textwrap
 from collections import Counter
@@ -13,7 +15,8 @@ from fvi_cli.reports.writers.text import aligned as grid_as_text
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import Location, StoredFile
 from fvi_cli.storage.fields.observed import ObservedSummary, summary_of
-from fvi_cli.studies.sweep_summary import counts_in_words, sweep_lines
+from fvi_cli.studies.experiment import FinishedRun
+from fvi_cli.studies.sweep_summary import counts_in_words
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:
@@ -140,21 +143,26 @@ def observed_rows(
 
 
 def _members_as_text(outcome: Outcome) -> str:
-    """One line for each method and number of steps of a sweep."""
+    """One line for each method and number of steps of a sweep; errors of members that have one."""
+    groups: dict[tuple[str, int], list[FinishedRun]] = {}
+    for one in outcome.finished:
+        groups.setdefault((one.run.method.case, one.run.n_steps), []).append(one)
     rows = [("experiment", "case", "n_steps", "members", "median", "largest", "status", "at")]
-    rows += [
-        (
-            outcome.experiment.name,
-            line.method.case,
-            str(line.n_steps),
-            str(line.members),
-            f"{line.median_error:.3e}",
-            f"{line.largest_error:.3e}",
-            line.statuses,
-            line.worst,
+    for (case, n_steps), runs in groups.items():
+        errors = {one.run.member: one.error for one in runs if math.isfinite(one.error)}
+        worst = max(errors, key=errors.__getitem__, default=None)
+        rows.append(
+            (
+                outcome.experiment.name,
+                case,
+                str(n_steps),
+                str(len(runs)),
+                f"{statistics.median(errors.values()) if errors else math.nan:.3e}",
+                f"{errors.get(worst, math.nan):.3e}",
+                counts_in_words(one.status for one in runs),
+                "" if worst is None else worst.label,
+            )
         )
-        for line in sweep_lines(outcome.finished)
-    ]
     return aligned(rows)
 
 

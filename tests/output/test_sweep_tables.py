@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import io
 import json
+import re
 
 import numpy as np
 import pytest
@@ -11,12 +12,13 @@ from command_line import MANY
 
 from fvi_cli.config import parse_config
 from fvi_cli.plotting import drawn_data, figures_for, left_out
+from fvi_cli.render.runs import runs_as_text
 from fvi_cli.reports import compare, rendered, write
 from fvi_cli.reports.kinds.orders import COLUMNS, order_report
 from fvi_cli.reports.writers.text import to_text
 from fvi_cli.runner.executors.batches import batches_of, execute_batch
+from fvi_cli.runner.outcome import Outcome
 from fvi_cli.studies.order import order_tables
-from fvi_cli.studies.sweep_summary import sweep_lines
 
 TEXT = (
     MANY
@@ -141,25 +143,27 @@ def test_several_keys_are_summed_up(two_keys):
 
 
 def test_a_line_tells_the_median_and_the_largest_error_and_where_it_is(two_keys):
-    finished = two_keys[1]
-    lines = sweep_lines(finished)
-    assert len(lines) == 8
-    for line in lines:
+    experiment, finished = two_keys
+
+    def lines(runs):
+        text = runs_as_text([Outcome(experiment=experiment, finished=tuple(runs))])
+        return [re.split("  +", line) for line in text.splitlines()[1:]]
+
+    assert len(lines(finished)) == 8
+    for _, case, n_steps, *told in lines(finished):
         own = [
             one
             for one in finished
-            if (one.run.method, one.run.n_steps) == (line.method, line.n_steps)
+            if (one.run.method.case, str(one.run.n_steps)) == (case, n_steps)
         ]
         errors = [one.error for one in own]
-        assert (line.members, line.statuses) == (12, "ok")
-        assert line.median_error == pytest.approx(np.median(errors))
-        assert line.largest_error == max(errors)
-        assert line.worst == own[int(np.argmax(errors))].run.member.label
+        numbers = [f"{number:.3e}" for number in (np.median(errors), max(errors))]
+        assert told == ["12", *numbers, "ok", own[int(np.argmax(errors))].run.member.label]
     spoilt = [
         dataclasses.replace(one, status="diverged", error=np.nan) if k % 96 == 0 else one
         for k, one in enumerate(finished)
     ]
-    assert sweep_lines(spoilt)[0].statuses == "ok: 11; diverged: 1"
+    assert lines(spoilt)[0][6] == "ok: 11; diverged: 1"
 
 
 @pytest.mark.parametrize(("study", "labels"), [("one_key", 4), ("two_keys", 3)])
