@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -33,34 +33,38 @@ def exact_positions(setting: Setting) -> Array:
     return solution.position(step_size * np.arange(setting.n_steps + 1, dtype=float))
 
 
-def relative_error(setting: Setting) -> Judge:
-    """Largest error on the grid over the largest exact position."""
-
-    def judge(trajectory: Trajectory) -> float:
-        exact = exact_positions(setting)
-        return largest_ratio(trajectory.position - exact, exact)
-
-    return judge
-
-
 def largest_ratio(difference: Array, scale: Array) -> float:
     """The largest absolute value of one over that of the other."""
     return float(np.abs(difference).max() / np.abs(scale).max())
 
 
-def accurate(quantity: str, limit: float, setting: Setting) -> Claim:
-    """The claim that the relative error against the exact solution is at most `limit`."""
-    return Claim(quantity, limit, (setting,), relative_error(setting))
-
-
-def largest_accurate(quantity: str, limit: float, settings: Sequence[Setting]) -> Claim:
-    """The same of the largest error in several settings."""
-    judges = [relative_error(setting) for setting in settings]
+def accurate(quantity: str, limit: float, *settings: Setting) -> Claim:
+    """The claim that errors on the grid over the largest exact position are at most `limit`."""
 
     def judge(*trajectories: Trajectory) -> float:
-        return max(one(run) for one, run in zip(judges, trajectories, strict=True))
+        found = zip(map(exact_positions, settings), trajectories, strict=True)
+        return max(largest_ratio(run.position - exact, exact) for exact, run in found)
 
     return Claim(quantity, limit, settings, judge)
+
+
+def against(
+    quantity: str,
+    limit: float,
+    setting: Setting,
+    exact: Callable[[Array], Array],
+    *,
+    parts: int | None = None,
+) -> Claim:
+    """The same against a function of the time, on the grid or at the ends of so many parts of it."""
+
+    def judge(trajectory: Trajectory) -> float:
+        last = trajectory.time.size - 1
+        shown = last * np.arange((parts or last) + 1) // (parts or last)
+        known = exact(trajectory.time[shown])
+        return largest_ratio(trajectory.position[shown, 0] - known, known)
+
+    return Claim(quantity, limit, (setting,), judge)
 
 
 def largest_energy(*trajectories: Trajectory) -> float:
