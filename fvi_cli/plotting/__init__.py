@@ -3,9 +3,8 @@
 from fvi_cli.plotting.drawn import compare_drawn, drawn_data
 from fvi_cli.plotting.interpolation import interpolation_figure
 from fvi_cli.plotting.ladders.convergence import Study, convergence_figure
-from fvi_cli.plotting.ladders.cost import cost_figures
 from fvi_cli.plotting.ladders.saturation import saturation_figure
-from fvi_cli.plotting.motions.time_series import energy_figure, error_figure, trajectory_figure
+from fvi_cli.plotting.motions.time_series import error_figure, trajectory_figure
 from fvi_cli.plotting.planner import (
     figure_kinds,
     figures_for,
@@ -21,10 +20,8 @@ __all__ = [
     "Study",
     "compare_drawn",
     "convergence_figure",
-    "cost_figures",
     "drawn_data",
     "drawn_text",
-    "energy_figure",
     "error_figure",
     "figure_kinds",
     "figures_for",

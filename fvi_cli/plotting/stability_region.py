@@ -24,6 +24,7 @@ from fvi_cli.plotting.style import (
     legend_of,
     lowest,
     new_figure,
+    note,
 )
 from fvi_cli.studies.stability_study import StabilityTable
 
@@ -125,15 +126,8 @@ def _panel(axes: Axes, one: StabilityMap) -> None:
             colors=[INK],
             linewidths=0.8,
         )
-    axes.text(
-        0.05,
-        0.95,
-        f"{100 * one.share_stable:.0f} %",
-        transform=axes.transAxes,
-        va="top",
-        fontsize=SMALL_TEXT,
-        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
-    )
+    share = f"{100 * one.share_stable:.0f} %"
+    note(axes, 0.05, 0.95, share, ha="left", va="top", paper={"alpha": 0.8, "pad": 1.0})
     for axis in (axes.xaxis, axes.yaxis):
         few_decades(axis, 4)
         axis.set_minor_locator(NullLocator())

@@ -228,6 +228,23 @@ def legend_of(
     )
 
 
+def note(
+    axes: Axes,
+    x: float,
+    y: float,
+    words: str,
+    *,
+    ha: str = "center",
+    va: str = "center",
+    paper: Mapping[str, float] | None = None,
+    rotation: str = "horizontal",
+) -> None:
+    """Small words at a place in fractions of a panel; on white `paper` with its pad and alpha."""
+    box = None if paper is None else {"facecolor": "white", "edgecolor": "none", **paper}
+    text = axes.text(x, y, words, transform=axes.transAxes, fontsize=SMALL_TEXT, bbox=box)
+    text.set(ha=ha, va=va, rotation=rotation)
+
+
 def fraction(value: float) -> str:
     """``5/2`` for 2.5, and the decimal number where no small denominator does."""
     nearest = Fraction(value).limit_denominator(12)

@@ -23,6 +23,7 @@ from fvi_cli.plotting.style import (
     journal_style,
     legend_of,
     new_figure,
+    note,
 )
 from fvi_cli.reports.kinds.cost import curve_name
 from fvi_cli.reports.naming import method_names
@@ -239,16 +240,7 @@ def _draw_bands(axes: Axes, bands: Sequence[Band], styles: Mapping[str, SeriesSt
         middle, height = (left + right) / 2, bottom + _STRIP_SHARE / 2
         short = style.label
         if _LETTER * len(short) < (right - left) * points - 2:
-            axes.text(
-                middle,
-                height,
-                short,
-                transform=axes.transAxes,
-                ha="center",
-                va="center",
-                fontsize=SMALL_TEXT,
-                color=INK,
-            )
+            note(axes, middle, height, short)
         elif band.curve.key not in named:
             properties = style.line_properties()
             properties["linestyle"] = (0, (1, 1))

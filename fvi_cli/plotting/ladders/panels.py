@@ -23,6 +23,7 @@ from fvi_cli.plotting.style import (
     SMALL_TEXT,
     legend_of,
     logarithmic_ticks,
+    note,
 )
 from fvi_cli.studies.experiment import FinishedRun
 
@@ -193,15 +194,11 @@ def _draw_failures(axes: Axes, series: Sequence[Series]) -> list[Box]:
                 scaley=False,
                 zorder=4,
             )
-        axes.text(
-            at,
-            top - 2 / points - row / 2 if side == "center" else 0.5 * (top + bottom),
-            _status_word(status),
-            transform=axes.transAxes,
-            ha=side,
-            va="center_baseline" if side == "center" else "center",
-            fontsize=SMALL_TEXT,
-        )
+        if side == "center":
+            middle = top - 2 / points - row / 2
+            note(axes, at, middle, _status_word(status), va="center_baseline")
+        else:
+            note(axes, at, 0.5 * (top + bottom), _status_word(status), ha=side)
         axes.plot(
             [0.0, 1.0],
             [bottom, bottom],
@@ -258,16 +255,7 @@ def _draw_floor(axes: Axes, series: Sequence[Series]) -> list[Box]:
     axes.axhspan(
         low, level, facecolor="none", edgecolor="#b0b0b0", hatch="/////", linewidth=0, zorder=0.5
     )
-    axes.text(
-        0.97,
-        0.03,
-        "round-off",
-        transform=axes.transAxes,
-        ha="right",
-        va="bottom",
-        fontsize=SMALL_TEXT,
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
-    )
+    note(axes, 0.97, 0.03, "round-off", ha="right", va="bottom", paper={"pad": 1.0})
     top = float(np.log(level / low) / np.log(high / low))
     return [(0.0, 0.0, 1.0, top), (0.65, 0.0, 1.0, 0.12)]
 

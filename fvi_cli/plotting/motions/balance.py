@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 
 from fvi_cli.integrator.balances.diagnostics import Diagnostics
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.plotting.methods import series_styles
-from fvi_cli.plotting.motions.labels import time_axis, with_unit
+from fvi_cli.plotting.motions.labels import styled, time_axis, with_unit
 from fvi_cli.plotting.motions.time_series import draw_series, select_runs
 from fvi_cli.plotting.style import (
     COLOURS,
@@ -48,8 +47,7 @@ def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
         curves.insert(1, ("stored in the damping $E_s$", found.stored_energy))
     defect = f"defect\n$|{together.strip('$')} - E_0|$"
     defects = [np.abs(_column(_diagnostics(item).energy_defect, 0)) for item in shown]
-    scale = float(max(np.abs(values).max() for _, values in curves))
-    return _two_panels(experiment, shown, best, curves, defects, scale, ("energy and work", defect))
+    return _two_panels(experiment, shown, best, curves, defects, ("energy and work", defect))
 
 
 def momenta_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
@@ -65,14 +63,12 @@ def momenta_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
     for item in shown:
         values = _diagnostics(item).momentum_map_defect
         defects.append(np.zeros(0) if values is None else np.abs(values).max(axis=1))
-    scale = float(max(np.abs(values).max() for _, values in curves))
     return _two_panels(
         experiment,
         shown,
         best,
         curves,
         defects,
-        scale,
         ("momentum map", "defect\n$|J - J_0 - \\mathrm{impulse}|$"),
     )
 
@@ -112,11 +108,10 @@ def _two_panels(
     best: FinishedRun,
     curves: Sequence[Curve],
     defects: Sequence[Array],
-    scale: float,
     names: tuple[str, str],
 ) -> Figure:
     """Quantities of one run above, defects of all methods below on a logarithmic axis."""
-    styles = series_styles([item.run.method for item in shown])
+    scale = float(max(np.abs(values).max() for _, values in curves))
     with journal_style():
         figure = new_figure(3.7)
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
@@ -144,8 +139,8 @@ def _two_panels(
         _draw_defects(below, shown, defects, scale)
         below.set_ylabel(names[1])
         time_axis(below, experiment, [best])
-        labels = [styles[item.run.method.case].label for item in shown]
         if len(shown) > 1:
+            labels = [style.label for _, style, _ in styled(shown)]
             below.legend(ncols=legend_columns(labels, COLUMN_WIDTH - 0.8), loc="lower right")
     return figure
 
@@ -154,11 +149,10 @@ def _draw_defects(
     axes: Axes, shown: Sequence[FinishedRun], defects: Sequence[Array], scale: float
 ) -> None:
     """Absolute defects; below a unit of rounding they stand at it, for zero has no logarithm."""
-    styles = series_styles([item.run.method for item in shown])
     least = _EPSILON * max(scale, 1e-300)
     axes.set_yscale("log")
     ends = [least]
-    for position, (item, values) in enumerate(zip(shown, defects, strict=True)):
+    for (item, style, position), values in zip(styled(shown), defects, strict=True):
         values = np.maximum(values, least)
         # the start is exact: nothing to show on this axis
         values[0] = np.nan
@@ -166,7 +160,7 @@ def _draw_defects(
             axes,
             item.trajectory.time,
             values,
-            styles[item.run.method.case],
+            style,
             position,
             floor=10 * least * np.sqrt(item.run.n_steps),
         )

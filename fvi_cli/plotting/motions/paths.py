@@ -26,10 +26,10 @@ from fvi_cli.plotting.style import (
     GUIDE_COLOUR,
     INK,
     LINE_STYLES,
-    SMALL_TEXT,
     journal_style,
     legend_above,
     new_figure,
+    note,
     panel_grid,
 )
 from fvi_cli.scenes.problem import Problem
@@ -201,16 +201,7 @@ def _scale_bar(axes: Axes, lift: float, values: Array, name: str) -> None:
         clip_on=False,
         **DECORATION,
     )
-    axes.text(
-        1.06,
-        0.5,
-        f"{name} = {size:g}",
-        transform=axes.transAxes,
-        rotation="vertical",
-        va="center",
-        ha="left",
-        fontsize=SMALL_TEXT,
-    )
+    note(axes, 1.06, 0.5, f"{name} = {size:g}", ha="left", rotation="vertical")
 
 
 def _pendulum_path(experiment: Experiment, best: FinishedRun) -> Figure:

@@ -6,7 +6,6 @@ import re
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypedDict
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -34,17 +33,6 @@ from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.study import reference_of
 
-
-class _Exact(TypedDict):
-    """Properties of the line of an exact solution."""
-
-    color: str
-    linewidth: float
-    label: str
-    zorder: float
-    solid_capstyle: Literal["butt"]
-
-
 _FINE_POINTS = 2001
 _MARKS = 12  # marks on one curve
 _MOST_COMPONENTS = 4
@@ -52,8 +40,6 @@ _VISIBLE = 0.1  # of the largest position: an error that the eye sees
 MOST_PANELS = 6
 """Quantities that are drawn; the first of them."""
 LONGEST_LABEL = 17
-EXACT = _Exact(color="#bdbdbd", linewidth=4.0, label="exact", zorder=2, solid_capstyle="butt")
-"""The exact solution: a broad light line, seen even where thin ones lie upon it."""
 
 
 def trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
@@ -102,7 +88,9 @@ def _against_exact(
         column = figure.subplots(len(panels), 1, squeeze=False, sharex=True)[:, 0]
         for panel, axes in zip(panels, column, strict=True):
             if panel.exact is not None:
-                axes.plot(*panel.exact, **EXACT)
+                # a broad light line, seen even where thin ones lie upon it
+                (line,) = axes.plot(*panel.exact, color="#bdbdbd", linewidth=4.0, label="exact")
+                line.set(zorder=2, solid_capstyle="butt")
             for (item, style, position), values in zip(styled(shown), panel.curves, strict=True):
                 draw_series(axes, item.trajectory.time, values, style, position)
             _limit(axes, panel.curves if panel.exact is None else [panel.exact[1]])

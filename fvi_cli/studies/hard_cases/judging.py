@@ -56,7 +56,7 @@ def against(
     *,
     parts: int | None = None,
 ) -> Claim:
-    """The same against a function of the time, on the grid or at the ends of so many parts of it."""
+    """The same against a function of the time, on the grid or at the ends of parts of it."""
 
     def judge(trajectory: Trajectory) -> float:
         last = trajectory.time.size - 1
