@@ -36,7 +36,10 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
     @functools.wraps(command)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> None:
         verbose = bool(kwargs.get("verbose"))
-        _configure_logging(quiet=bool(kwargs.get("quiet")), verbose=verbose)
+        from fvi_cli.runner.progress import configure_logging
+
+        level = logging.DEBUG if verbose else logging.INFO
+        configure_logging(logging.ERROR if kwargs.get("quiet") else level)
         try:
             code = command(*args, **kwargs)
             sys.stdout.flush()
@@ -81,12 +84,6 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
 def _keeps_runs(options: Mapping[str, object]) -> bool:
     """Whether the command stores runs: then it can also be told to ignore those (``--fresh``)."""
     return "fresh" in options and not options.get("check") and not options.get("dry_run")
-
-
-def _configure_logging(*, quiet: bool, verbose: bool) -> None:
-    from fvi_cli.runner.progress import configure_logging
-
-    configure_logging(logging.ERROR if quiet else logging.DEBUG if verbose else logging.INFO)
 
 
 def _say(*lines: str) -> None:

@@ -117,8 +117,8 @@ def _csv(text: str, sheet: Sheet, *, is_part: bool) -> tuple[list[str], list[Row
         key = tuple(w for w, c in zip(line, columns, strict=True) if c.name in sheet.keys)
         like = fresh.get(key, {})
         stored[key] = {
-            c.name: None if w == c.missing and like.get(c.name) is None else _value(w, like, c.name)
-            for w, c in zip(line, columns, strict=True)
+            c.name: None if w == c.missing and known is None else as_value(w, known)
+            for w, c, known in zip(line, columns, (like.get(c.name) for c in columns), strict=True)
         }
     twice = len(lines) - len(stored)
     told = [f"{twice} rows stand in it twice"] if twice else []
@@ -126,10 +126,6 @@ def _csv(text: str, sheet: Sheet, *, is_part: bool) -> tuple[list[str], list[Row
         stored = {key: stored[key] for key in fresh if key in stored}
     told += _rows(stored, fresh, sheet)
     return told, [stored[key] for key in fresh] if fresh.keys() <= stored.keys() else None
-
-
-def _value(word: str, like: Row, name: str) -> Value:
-    return as_value(word, like.get(name))
 
 
 def _json(text: str, report: Report) -> list[str]:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import logging
 from pathlib import Path
 
-from fvi_cli.errors import StorageError
 from fvi_cli.reports.compare import compare
 from fvi_cli.reports.table import Report
 from fvi_cli.reports.writers import rendered
-from fvi_cli.storage.atomic import replace_file
+from fvi_cli.storage.atomic import replace_file, told
 
 _logger = logging.getLogger("fvi_cli")
 
@@ -37,12 +36,10 @@ def write(directory: Path, report: Report, *, anew: bool = False) -> list[Path]:
     is_current = not (anew or report.is_timed) and not compare(directory, report)
     if is_current:
         _logger.info("%s: agrees with what is computed, left as it is", directory / report.name)
-    place = directory
-    try:
+    with told(directory):
         directory.mkdir(parents=True, exist_ok=True)
-        for place, text in texts.items():
+    for place, text in texts.items():
+        with told(place):
             if not (is_current and place.is_file()):
                 replace_file(place, text.encode("utf-8"))
-    except OSError as error:
-        raise StorageError(f"{place}: cannot be written: {error.strerror}") from None
     return list(texts)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 from fvi_cli.runner.compute import compute_runs
 from fvi_cli.runner.outcome import Outcome
@@ -11,7 +11,6 @@ from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import recall, stored_runs
 from fvi_cli.runner.tolerance import run_tolerance_searches
-from fvi_cli.studies.experiment import Experiment
 
 
 def run_requests(
@@ -56,10 +55,10 @@ def run_request(request: Request, settings: Settings) -> list[Outcome]:
             searched = run_tolerance_searches(
                 experiments, settings, chosen=store.chosen, keep=keep, checkpoints=checkpoints
             )
-            return _all_outcomes(
-                experiments,
-                searched,
-                lambda rest: compute_runs(
+            rest = [experiment for experiment in experiments if experiment not in searched]
+            outcomes = dict(searched)
+            if rest:
+                computed = compute_runs(
                     rest,
                     settings,
                     title=request.name,
@@ -67,21 +66,11 @@ def run_request(request: Request, settings: Settings) -> list[Outcome]:
                     why=why,
                     keep=keep,
                     checkpoints=checkpoints,
-                ),
-            )
+                )
+                outcomes |= {one.experiment: one for one in computed}
+            return [outcomes[experiment] for experiment in experiments]
         finally:
             if is_kept:
                 # also on Ctrl-C: what is finished is there for the next time
                 # a part of few packs may be empty, which those who wait for its file need not know
                 store.consolidate(request.loaded, even_empty=settings.shard.count > 1)
-
-
-def _all_outcomes(
-    experiments: Sequence[Experiment],
-    searched: Mapping[Experiment, Outcome],
-    computed: Callable[[Sequence[Experiment]], list[Outcome]],
-) -> list[Outcome]:
-    """Outcomes in the order of the experiments; nothing more is begun after a failed search."""
-    rest = [experiment for experiment in experiments if experiment not in searched]
-    others = iter(computed(rest) if rest else [])
-    return [searched[e] if e in searched else next(others) for e in experiments]

@@ -142,8 +142,9 @@ def _number(match: re.Match[str]) -> str:
 
 def _grid(grid: Grid) -> str:
     widths = grid.widths()
+    folded = rf">{{\raggedright\arraybackslash}}p{{{WIDEST_TEXT * _EM:.0f}em}}"
     columns = "".join(
-        ("l" if width <= WIDEST_TEXT else _paragraph_column()) if k < grid.text_columns else "r"
+        ("l" if width <= WIDEST_TEXT else folded) if k < grid.text_columns else "r"
         for k, width in enumerate(widths)
     )
     header = [_row(grid.header, grid.text_columns), r"\midrule"]
@@ -174,10 +175,6 @@ def _grid(grid: Grid) -> str:
             r"\end{tabular}",
         ]
     return "{\\footnotesize\\setlength{\\tabcolsep}{4pt}\n" + "\n".join(lines) + "\n\\par\\medskip}"
-
-
-def _paragraph_column() -> str:
-    return rf">{{\raggedright\arraybackslash}}p{{{WIDEST_TEXT * _EM:.0f}em}}"
 
 
 def _row(cells: Sequence[str], text_columns: int) -> str:

@@ -9,8 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from fvi_cli.errors import StorageError
-from fvi_cli.storage.atomic import replacement
+from fvi_cli.storage.atomic import replacement, told
 from fvi_cli.studies.vibration.modes import ModeTable
 
 
@@ -26,7 +25,7 @@ def write_mode_shapes(path: Path, tables: Sequence[ModeTable]) -> None:
     StorageError
         If it cannot be written.
     """
-    try:
+    with told(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         with (
             replacement(path) as handle,
@@ -35,8 +34,6 @@ def write_mode_shapes(path: Path, tables: Sequence[ModeTable]) -> None:
         ):
             for table in tables:
                 _write(file.create_group(table.name), table)
-    except OSError as error:
-        raise StorageError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def _write(group: h5py.Group, table: ModeTable) -> None:
