@@ -71,7 +71,7 @@ def plot(
             except ValueError as error:
                 raise RequestError(f"--style: {error}") from None
         if not sources:
-            tell(plotting.sketches())
+            tell({"interpolation": plotting.interpolation_figure()})
         for name, outcomes in runs.succeeded():
             for line in plotting.left_out(studies(outcomes)):
                 _logger.warning("%s", line)

@@ -5,12 +5,7 @@ from fvi_cli.plotting.interpolation import interpolation_figure
 from fvi_cli.plotting.ladders.convergence import Study, convergence_figure
 from fvi_cli.plotting.ladders.saturation import saturation_figure
 from fvi_cli.plotting.motions.time_series import error_figure, trajectory_figure
-from fvi_cli.plotting.planner import (
-    figure_kinds,
-    figures_for,
-    left_out,
-    sketches,
-)
+from fvi_cli.plotting.planner import figure_kinds, figures_for, left_out
 from fvi_cli.plotting.saving import FORMATS, USUAL_FORMS, drawn_text, save_figure
 from fvi_cli.plotting.style import style_file
 
@@ -29,7 +24,6 @@ __all__ = [
     "left_out",
     "saturation_figure",
     "save_figure",
-    "sketches",
     "style_file",
     "trajectory_figure",
 ]

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvi_cli.plotting.interpolation import interpolation_figure
 from fvi_cli.plotting.ladders.convergence import Study, convergence_figure
 from fvi_cli.plotting.ladders.saturation import saturation_figure
 from fvi_cli.plotting.motions.balance import (
@@ -201,11 +200,6 @@ def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[
     if experiment.problem.exact is None and not compared:
         obstacles["error"] = f"there is no error: the reference is {finished[0].reference}"
     return obstacles
-
-
-def sketches() -> dict[str, Figure]:
-    """Figures that need no runs, by file name."""
-    return {"interpolation": interpolation_figure()}
 
 
 def _common_name(studies: Sequence[Study]) -> str:

@@ -164,9 +164,12 @@ class StoredGroup:
             name: values[: np.count_nonzero(np.isfinite(values))] if self.keys else values
             for name, values in found.items()
         }
-        if digest_of(longest) != self.attributes["shared_sha256"]:
-            raise ValueError(f"the numbers in {self.group.name} are not those that were written")
+        self._verify(longest, self.attributes["shared_sha256"])
         return found
+
+    def _verify(self, arrays: Mapping[str, NDArray[Any]], digest: str) -> None:
+        if digest_of(arrays) != digest:
+            raise ValueError(f"the numbers in {self.group.name} are not those that were written")
 
     def records(self, start: int, stop: int) -> list[Record]:
         """The runs from `start` up to `stop`, as they were written."""
@@ -193,10 +196,7 @@ class StoredGroup:
                 else data[name][row - start]
                 for name in fields
             }
-            if digest_of(own) != attributes["data_sha256"]:
-                raise ValueError(
-                    f"the numbers in {self.group.name} are not those that were written"
-                )
+            self._verify(own, attributes["data_sha256"])
             datasets = {**self.shared, "time": self.shared["time"][:points], **own}
             residuals = attributes.pop(_RESIDUALS, "")
             if len(residuals):

@@ -87,22 +87,20 @@ class Store:
         StorageError
             If what is stored is damaged.
         """
-        location = None if self.is_fresh else self._index.find(run)
-        if location is None:
-            return None
-        found = self._read(location, "record")
-        if found is None:
-            # its part went into the file since
+        # a second look, if its part went into the file since the first
+        for _ in range(0 if self.is_fresh else 2):
             location = self._index.find(run)
-            found = None if location is None else self._read(location, "record")
-        if found is None or location is None:
-            return None
-        with damage_told(location.file):
-            if found.attributes["identity"] != location.identity:
-                raise ValueError(f"{location.group} holds another run than it is said to")
-            finished = finished_of(found, run)
-        self._ask(run, location)
-        return finished
+            if location is None:
+                return None
+            found = self._read(location, "record")
+            if found is not None:
+                with damage_told(location.file):
+                    if found.attributes["identity"] != location.identity:
+                        raise ValueError(f"{location.group} holds another run than it is said to")
+                    finished = finished_of(found, run)
+                self._ask(run, location)
+                return finished
+        return None
 
     def chosen(self, search: Run) -> FinishedRun | None:
         """The run that a search for a tolerance came to earlier; None if none did.

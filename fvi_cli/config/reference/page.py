@@ -94,15 +94,7 @@ def _problems(variants: Sequence[Schema]) -> Iterator[str]:
         first = rows[0]
         has_others = sum(other[0].key == first.key for other in users) > 1
         of = f" Here for {', '.join(names)}." if has_others else ""
-        shown += [
-            Row(
-                key=first.key,
-                allowed=first.allowed,
-                default=first.default,
-                meaning=first.meaning + of,
-            ),
-            *rows[1:],
-        ]
+        shown += [replace(first, meaning=first.meaning + of), *rows[1:]]
     yield from _table(shown)
     for kind in kinds:
         yield ""
