@@ -17,6 +17,7 @@ from benchmarks.many import many_table, run_many
 from benchmarks.memory import memory_table, run_memory
 from benchmarks.parts import parts_page
 from benchmarks.robustness import robustness_table, run_robustness
+from benchmarks.startup import run_startup, startup_table
 from benchmarks.stepping import run_stepping, stepping_table
 from benchmarks.structures import run_structures, structures_table
 from benchmarks.tolerances import run_tolerances, tolerance_table
@@ -42,6 +43,10 @@ PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     "robustness": (
         "What attacks leave",
         lambda asked: robustness_table(run_robustness(asked.per_mille)),
+    ),
+    "startup": (
+        "What a command takes before it begins",
+        lambda asked: startup_table(run_startup()),
     ),
     "structures": ("What large structures take", lambda asked: structures_table(run_structures())),
     "tolerances": (

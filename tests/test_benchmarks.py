@@ -13,6 +13,7 @@ from benchmarks.adaptive import adaptive_cases, adaptive_table, measure_adaptive
 from benchmarks.many import many_cases, many_table, measure_many
 from benchmarks.measuring import in_own_process
 from benchmarks.memory import LONG_RUN, measure_memory, memory_cases, memory_table, run_memory
+from benchmarks.startup import run_startup, startup_table
 from benchmarks.stepping import measure_stepping, stepping_cases, stepping_table
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.studies.cost import CostCase, CostTable
@@ -193,6 +194,20 @@ def test_the_page_has_the_sections_that_are_asked_for(tmp_path, capsys, monkeypa
     assert text in capsys.readouterr().out
     with pytest.raises(SystemExit):
         page.main(["no-such-section", "--output", str(tmp_path)])
+
+
+@pytest.mark.processes
+def test_commands_are_measured_beside_their_imports():
+    rows = run_startup(1)
+    assert len(rows) == 4
+    assert all(row.seconds > 0 for row in rows)
+    taken = iter((0.2, 0.3, 0.25, 0.29, 0.4, 0.2, 0.35, 0.5))
+    *_, check = rows = run_startup(2, lambda arguments: next(taken))
+    assert [row.seconds for row in rows] == [0.2, 0.2, 0.25, 0.29]
+    assert check.multiple == pytest.approx(1.45)
+    assert "first: yes" in startup_table(rows)
+    slow = dataclasses.replace(check, multiple=1.6)
+    assert "first: no" in startup_table([*rows, slow])
 
 
 @pytest.mark.processes
