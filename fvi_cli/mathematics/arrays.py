@@ -8,5 +8,5 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Integers = NDArray[np.int64]
-Places = NDArray[np.intp]
-"""Indices into other arrays."""
+LongArray = NDArray[np.longdouble]
+LongComplexArray = NDArray[np.clongdouble]

@@ -6,11 +6,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fvi_cli.mathematics.arrays import Array
-
-_Extended = NDArray[np.longdouble]
+from fvi_cli.mathematics.arrays import Array, LongArray
 
 LARGEST_RULE = 64
 """Largest number of points that the rules are made for."""
@@ -181,7 +178,7 @@ def _check_number(name: str, n_points: int, *, least: int) -> None:
         raise ValueError(f"{name}: {n_points} points; permitted are {least} to {LARGEST_RULE}")
 
 
-def _symmetric_rule(name: str, roots: _Extended, weights: _Extended) -> QuadratureRule:
+def _symmetric_rule(name: str, roots: LongArray, weights: LongArray) -> QuadratureRule:
     """Map a rule from [-1, 1] so that node pairs add up to 1 exactly."""
     upper = np.maximum(np.abs(roots), np.abs(roots[::-1]))
     half_up = ((1 + upper) / 2).astype(np.float64)
@@ -194,7 +191,7 @@ def _symmetric_rule(name: str, roots: _Extended, weights: _Extended) -> Quadratu
     )
 
 
-def _jacobi_roots(degree: int, a: int, b: int) -> _Extended:
+def _jacobi_roots(degree: int, a: int, b: int) -> LongArray:
     """Roots of the Jacobi polynomial P_degree^{(a,b)}, increasing.
 
     Eigenvalues of the symmetric tridiagonal matrix (Golub and Welsch 1969), then Newton's method
@@ -219,7 +216,7 @@ def _jacobi_roots(degree: int, a: int, b: int) -> _Extended:
     return roots
 
 
-def _jacobi(degree: int, a: int, b: int, x: _Extended) -> tuple[_Extended, _Extended]:
+def _jacobi(degree: int, a: int, b: int, x: LongArray) -> tuple[LongArray, LongArray]:
     """Value and derivative of P_degree^{(a,b)} at `x` by the three-term recurrence.
 
     The recurrence is differentiated as it stands, so that the end points need no special case.

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-LongArray = NDArray[np.longdouble]
-LongComplexArray = NDArray[np.clongdouble]
+from fvi_cli.mathematics.arrays import LongArray, LongComplexArray
 
 _LARGEST_LOGARITHM = 700.0
 _STRIPS = (2.95, 2.9, 3.0, 2.85, 3.05)

@@ -20,7 +20,6 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.mathematics.transforms.characteristic import (
@@ -28,8 +27,6 @@ from fvi_cli.mathematics.transforms.characteristic import (
     ZeroCluster,
     evaluate_powers,
 )
-
-LongComplexArray = NDArray[np.clongdouble]
 
 _ANGLE = math.pi / 4
 _SPACINGS = (0.05, 0.045)
