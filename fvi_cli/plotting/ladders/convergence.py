@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fvi_cli.plotting.ladders.panels import (
-    Panel,
     Series,
     collect_series,
     draw_errors,
@@ -87,7 +86,7 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
                 axes.set_xlabel("step size $h$")
             if position % n_columns == 0 or not is_one_norm:
                 axes.set_ylabel("error " + NORM_LABELS[experiment.norm])
-            drawn.append(Panel(axes=axes, series=series, orders=reference_orders(series)))
+            drawn.append((axes, series, reference_orders(series)))
         figure_legend(figure, list(shown.values()), title=common)
         finish_panels(figure, drawn)
     return figure

@@ -123,23 +123,17 @@ def set_limits(axes: Axes, series: Sequence[Series]) -> None:
         axes.yaxis.set_minor_locator(NullLocator())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Panel:
-    """A log-log panel with what is drawn in it, and the slopes to explain it by."""
-
-    axes: Axes
-    series: Sequence[Series]
-    orders: Sequence[float]
+Panel = tuple[Axes, Sequence[Series], Sequence[float]]
+"""A log-log panel with what is drawn in it, and the slopes to explain it by."""
 
 
 def finish_panels(figure: Figure, panels: Sequence[Panel]) -> None:
     """Add to settled panels what depends on their size: failures, floor and slope triangles."""
     figure.draw_without_rendering()
-    for panel in panels:
-        axes, series = panel.axes, panel.series
+    for axes, series, orders in panels:
         blocked = [*_draw_failures(axes, series), *_draw_floor(axes, series)]
         curves = [curve for one in series if (curve := one.curve()).log_step.size > 0]
-        draw_slopes(axes, curves, panel.orders, blocked=blocked)
+        draw_slopes(axes, curves, orders, blocked=blocked)
 
 
 def _draw_failures(axes: Axes, series: Sequence[Series]) -> list[Box]:

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from fvi_cli.plotting.ladders.convergence import Study
 from fvi_cli.plotting.ladders.panels import (
-    Panel,
     Series,
     draw_errors,
     figure_legend,
@@ -67,7 +66,7 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
                 title = rf"$b = {exponent:g}$: order $\min(p, {fraction(limit)})$"
                 axes.set_title(f"{_NORM_TITLES[norm]}\n{title}" if row == 0 else title)
                 best = max(_largest_order(one) for one in rows[exponent])
-                drawn.append(Panel(axes=axes, series=series, orders=[min(limit, best)]))
+                drawn.append((axes, series, [min(limit, best)]))
             grid[row, 0].set_ylabel("error")
         for axes in grid[-1]:
             axes.set_xlabel("step size $h$")

@@ -64,8 +64,7 @@ PEAK_COLUMNS = (
 
 def mode_report(name: str, tables: Sequence[ModeTable]) -> Report:
     """Frequencies, damping ratios and loss factors of modes."""
-    several = len(tables) > 1
-    columns = (EXPERIMENT, *MODE_COLUMNS) if several else MODE_COLUMNS
+    owner = (EXPERIMENT,) if len(tables) > 1 else ()
     rows: list[Row] = [
         row_of(
             (EXPERIMENT, *MODE_COLUMNS),
@@ -81,9 +80,9 @@ def mode_report(name: str, tables: Sequence[ModeTable]) -> Report:
     ]
     sheet = Sheet(
         name="modes",
-        columns=columns,
+        columns=(*owner, *MODE_COLUMNS),
         rows=tuple(rows),
-        keys=("experiment", "mode") if several else ("mode",),
+        keys=(*(one.name for one in owner), "mode"),
     )
     words = tuple(_mode_words(name, tables, sheet))
     return Report(name=f"{name}-modes", sheets=(sheet,), summary=words, blocks=words)
@@ -118,8 +117,7 @@ def completeness(table: ModeTable) -> str:
 
 def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
     """Amplitudes over frequencies, and peaks with their half-power widths."""
-    several = len(tables) > 1
-    extra = (EXPERIMENT,) if several else ()
+    owner = (EXPERIMENT,) if len(tables) > 1 else ()
     rows: list[Row] = [
         {
             "experiment": table.name,
@@ -146,14 +144,14 @@ def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
         for table in tables
         for peak in table.peaks
     ]
-    keys = ("experiment", "at", "frequency_hz") if several else ("at", "frequency_hz")
-    peak_sheet = Sheet(name="peaks", columns=(*extra, *PEAK_COLUMNS), rows=tuple(peaks), keys=keys)
+    keys = (*(one.name for one in owner), "at", "frequency_hz")
+    peak_sheet = Sheet(name="peaks", columns=(*owner, *PEAK_COLUMNS), rows=tuple(peaks), keys=keys)
     words = tuple(_response_words(name, tables, peak_sheet))
     return Report(
         name=f"{name}-response",
         sheets=(
             Sheet(
-                name="response", columns=(*extra, *RESPONSE_COLUMNS), rows=tuple(rows), keys=keys
+                name="response", columns=(*owner, *RESPONSE_COLUMNS), rows=tuple(rows), keys=keys
             ),
             peak_sheet,
         ),
