@@ -50,7 +50,7 @@ ORDERS = [0.05, 0.3, 0.5, 0.8, 0.97, 1.03, 1.25, 1.5, 1.8, 1.95]
 def test_agrees_with_laplace_inversion(order, coefficient):
     characteristic, zeros = oscillator(2.0, (order, coefficient))
     numerator = free_numerator(order, coefficient)
-    times = np.array([0.01, 1.0, 15.0])
+    times = np.array([0.01, 15.0])
     expected = np.array([by_talbot(characteristic, numerator, t) for t in times])
     found = contour_response(characteristic, zeros, numerator, times)
     assert np.abs(found - expected).max() < 3e-14

@@ -108,6 +108,13 @@ def usual_alone() -> Figure:
     return plotting.convergence_figure([(one, finish(one))])
 
 
+def small(factor: float = 1.0) -> Figure:
+    """Soon drawn."""
+    figure = Figure(figsize=(2.0, 1.5))
+    figure.add_subplot().plot([1.0, 2.0], [factor, 3.0 * factor], label="a")
+    return figure
+
+
 def lines(figure: Figure, gid: str | None = None) -> list[Line2D]:
     found = [line for axes in figure.axes for line in axes.lines]
     if gid is None:
@@ -500,11 +507,8 @@ def test_saturation_has_a_row_for_every_b_and_a_column_for_every_norm():
     np.testing.assert_allclose(lines(figure)[3].get_ydata(), last[::-1], rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "made", [lambda: plotting.saturation_figure([derivative_study(3)]), saturated]
-)
-def test_the_heading_of_a_saturation_figure_fits(made):
-    figure = made()
+def test_the_heading_of_a_saturation_figure_fits():
+    figure = saturated()
     heading = next(text for text in figure.texts if text.get_text() == figure.get_suptitle())
     extent = heading.get_window_extent()
     assert extent.x0 > 0
@@ -595,11 +599,9 @@ def test_experiments_of_one_configuration_share_a_convergence_figure():
 
 
 def test_saved_files_are_the_same_bytes_every_time(tmp_path):
-    one = experiment(methods=NODES[:1])
     kept = []
     for folder in ("first", "second"):
-        made = plotting.convergence_figure([(one, finish(one))])
-        paths = plotting.save_figure(made, tmp_path / folder, "made-up")
+        paths = plotting.save_figure(small(), tmp_path / folder, "made-up")
         assert [path.name for path in paths] == ["made-up.pdf", "made-up.png", "made-up.json"]
         kept.append([path.read_bytes() for path in paths])
     assert kept[0] == kept[1]
@@ -608,7 +610,7 @@ def test_saved_files_are_the_same_bytes_every_time(tmp_path):
 
 
 def test_a_failure_while_saving_leaves_the_old_files_and_nothing_else(tmp_path, monkeypatch):
-    figure = plotting.interpolation_figure()
+    figure = small()
     plotting.save_figure(figure, tmp_path, "sketch", ("svg", "json"))
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     figure.suptitle("another")
@@ -633,12 +635,8 @@ def test_names_of_files_stay_in_their_folder(tmp_path, name):
 
 
 def test_files_that_show_the_same_are_left_as_they_are(tmp_path):
-    one = experiment(methods=NODES[:1])
-
     def save(factor: float) -> dict[str, bytes]:
-        errors = finish(one, error=lambda run: factor * power_law(run))
-        figure = plotting.convergence_figure([(one, errors)])
-        paths = write_figures({"made-up": figure}, tmp_path, formats=("svg",))
+        paths = write_figures({"made-up": small(factor)}, tmp_path, formats=("svg",))
         return {path.name: path.read_bytes() for path in paths}
 
     first = save(1.0)
@@ -652,14 +650,13 @@ def test_files_that_show_the_same_are_left_as_they_are(tmp_path):
 
 
 def test_formats_are_those_that_are_asked_for(tmp_path):
-    figure = plotting.interpolation_figure()
+    figure = small()
     paths = plotting.save_figure(figure, tmp_path, "sketch", ("svg", "png", "json"))
     assert [path.name for path in paths] == ["sketch.svg", "sketch.png", "sketch.json"]
     text = (tmp_path / "sketch.svg").read_text(encoding="utf-8")
     assert "<svg" in text
     assert "<dc:date>" not in text
-    again = plotting.interpolation_figure()
-    path = plotting.save_figure(again, tmp_path / "again", "sketch", ("svg",))[0]
+    path = plotting.save_figure(small(), tmp_path / "again", "sketch", ("svg",))[0]
     assert path.read_text(encoding="utf-8") == text
     with pytest.raises(ValueError, match="'gif' is not one of pdf, png, svg"):
         plotting.save_figure(figure, tmp_path, "sketch", ("gif",))
@@ -742,9 +739,7 @@ def test_drawn_data_survives_its_file(tmp_path):
     assert by_label["BDF1"]["y"] == [float(f"{0.1 * 8.0 / n:.2e}") for n in reversed(LADDER)]
 
 
-@pytest.mark.parametrize(
-    ("factor", "differences"), [(1 + 1e-5, 0), (1.0005, 0), (1.03, len(LADDER)), (1e3, len(LADDER))]
-)
+@pytest.mark.parametrize(("factor", "differences"), [(1.0005, 0), (1.03, len(LADDER))])
 def test_comparison_sees_the_third_digit_and_no_more(factor, differences):
     one = experiment(methods=NODES[:1])
     old = plotting.drawn_data(usual_alone())
@@ -823,7 +818,7 @@ def test_comparison_forgives_a_percentage_its_last_digit(share, differs):
 
 
 def test_a_check_asks_for_the_pictures_that_are_wanted(tmp_path):
-    figures = {"sketch": plotting.interpolation_figure()}
+    figures = {"sketch": small()}
     write_figures(figures, tmp_path, formats=("svg",))
     assert compare_figures(figures, tmp_path, formats=("svg",)) == []
     (line,) = compare_figures(figures, tmp_path)

@@ -237,7 +237,7 @@ def test_changed_numbers_are_noticed(tmp_path):
 def test_what_is_said_of_members_takes_little_memory(tmp_path):
     (experiment,) = load().experiments
     records = [record_of(one) for one in execute_batch(batches_of(experiment.runs())[0])]
-    several = [records[0].attributes, records[-1].attributes] * 2000
+    several = [records[0].attributes, records[-1].attributes] * 500
     count = len(several)
     own = [{**a, "identity": f"{k:064}", "data_sha256": f"{-k:064}"} for k, a in enumerate(several)]
     with replacing(tmp_path / "many.h5") as new:

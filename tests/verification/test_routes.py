@@ -1,7 +1,6 @@
 """Two routes to one number: the integrator against the algorithm written literally."""
 
 import numpy as np
-import pytest
 from letters import spring
 from paper_problems import bagley_torvik_three_quarters, damped_oscillator
 from spread import spread
@@ -11,21 +10,6 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method, RuleSpecification
 from fvi_cli.mathematics.bdf import convolution_weights
 from fvi_cli.mathematics.lagrange import lobatto_basis
-
-
-def literal_midpoint(order, mu, k, v0, force, final_time, n_steps, bdf_order):
-    """Degree 1 with the midpoint rule, as two-step recursion in positions."""
-    h = final_time / n_steps
-    w = h ** (-order) * convolution_weights(bdf_order, order, n_steps + 1)
-    x = np.zeros(n_steps + 1)
-    f = force((np.arange(n_steps) + 0.5) * h)
-    # p_0 = v0 and the kick at 0 left out
-    x[1] = (v0 + 0.5 * h * f[0]) / (1 / h + h * k / 4)
-    for j in range(1, n_steps):
-        kick = h * mu * np.dot(w[: j + 1], x[j::-1])
-        right = (2 * x[j] - x[j - 1]) / h - h * k / 4 * (2 * x[j] + x[j - 1])
-        x[j + 1] = (right + h / 2 * (f[j - 1] + f[j]) - kick) / (1 / h + h * k / 4)
-    return x
 
 
 def literal_galerkin(order, mu, k, v0, force, final_time, n_steps, bdf_order, degree):
@@ -51,39 +35,19 @@ def literal_galerkin(order, mu, k, v0, force, final_time, n_steps, bdf_order, de
     return x
 
 
-@pytest.mark.parametrize("bdf_order", [1, 2, 3])
-def test_degree_1_is_the_midpoint_rule_written_out(bdf_order):
-    problem = bagley_torvik_three_quarters()
-    method = Method(cq=f"bdf{bdf_order}", sampling="nodes", degree=1)
-    ours = integrate(problem.scene, method, 32).position[:, 0]
-    force = lambda t: problem.scene.forcing(t)[..., 0]  # noqa: E731
-    theirs = literal_midpoint(1.5, 1.0, 1.0, 0.0, force, 1.0, 32, bdf_order)
-    assert np.abs(ours - theirs).max() <= 1e-12 * np.abs(theirs).max()
-    wrong = literal_midpoint(1.5, 1.001, 1.0, 0.0, force, 1.0, 32, bdf_order)
-    assert np.abs(ours - wrong).max() > 1e-8
-
-
-@spread(degree=[1, 2, 3, 4], bdf_order=[1, 3])
+@spread(degree=[1, 2, 3, 4], bdf_order=[1, 2, 3])
 def test_any_degree_is_the_algorithm_of_the_paper(degree, bdf_order):
-    problem = damped_oscillator()
     method = Method(cq=f"bdf{bdf_order}", sampling="nodes", degree=degree)
-    ours = integrate(problem.scene, method, 64).position[:, 0]
-    theirs = literal_galerkin(1.0, 0.2, 1.0, 1.2, np.zeros_like, 16.0, 64, bdf_order, degree)
-    assert np.abs(ours - theirs).max() <= 1e-12
-
-
-@pytest.mark.parametrize("sampling", ["nodes", "points"])
-def test_zero_damping_is_the_conservative_integrator_and_costs_no_history(sampling):
-    method = Method(cq="bdf2", sampling=sampling, degree=2)
-    common = {"final_time": 5.0, "stiffness": 2.0, "initial_position": 1.0}
-    zero = spring((0.5, np.zeros((1, 1))), **common)
-    none = spring(**common)
-    a, b = integrate(zero, method, 40), integrate(none, method, 40)
-    assert np.array_equal(a.position, b.position)
-    assert a.history_operations == b.history_operations == 0
-    # degree 2 with two Gauss points is the Gauss method of order 4 on this problem
-    exact = np.cos(np.sqrt(2.0) * a.time)
-    assert np.abs(a.position[:, 0] - exact).max() < 1e-4
+    forced, free = bagley_torvik_three_quarters().scene, damped_oscillator().scene
+    for scene, given in (
+        (forced, (1.5, 1.0, 1.0, 0.0, lambda t: forced.forcing(t)[..., 0], 1.0)),
+        (free, (1.0, 0.2, 1.0, 1.2, np.zeros_like, 16.0)),
+    ):
+        ours = integrate(scene, method, 64).position[:, 0]
+        theirs = literal_galerkin(*given, 64, bdf_order, degree)
+        assert np.abs(ours - theirs).max() <= 1e-12
+    wrong = literal_galerkin(1.0, 0.2001, *given[2:], 64, bdf_order, degree)
+    assert np.abs(ours - wrong).max() > 1e-8
 
 
 def test_degrees_of_freedom_of_a_rotated_system_are_those_of_its_modes():

@@ -41,18 +41,6 @@ def test_y_is_x_in_reversed_time(kind, sampling, degree):
 
 
 @pytest.mark.parametrize("sampling", ["nodes", "points"])
-def test_y_is_x_in_reversed_time_with_mirrored_forcing(sampling):
-    method = Method(cq="bdf2", sampling=sampling, degree=2)
-    scene = scene_of("oscillator", Forcing.from_text("sin(2*t) + t"))
-    mirrored = scene_of("oscillator", Forcing.from_text("sin(2*(3-t)) + 3 - t"))
-    x = integrate(scene, method, 24).position
-    y = integrate_advanced(mirrored, method, 24, np.zeros(1), -scene.initial_velocity)
-    assert np.abs(y - x[::-1]).max() < 2e-12
-    same = integrate_advanced(scene, method, 24, np.zeros(1), -scene.initial_velocity)
-    assert np.abs(same - x[::-1]).max() > 1e-3
-
-
-@pytest.mark.parametrize("sampling", ["nodes", "points"])
 def test_derivative_of_the_action_is_the_sum_of_both_residuals(sampling):
     """dS[x, y](eta, eta) for equal variations, by numerical differentiation of the action.
 
