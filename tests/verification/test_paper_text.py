@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 from paper_problems import damped_oscillator
-from test_routes import literal_midpoint
+from test_routes import literal_galerkin
 
 import fvi_cli as fvi
 from fvi_cli.studies.experiment import Experiment
@@ -107,7 +107,8 @@ def test_bdf1_at_the_step_size_of_the_figures():
     run = next(run for run in experiment.runs() if run.method.case.startswith("bdf1"))
     assert run.step_size == 0.125
     ours = execute(run)
-    theirs = literal_midpoint(1.0, 0.2, 1.0, 1.2, np.zeros_like, 16.0, 128, 1)
+    method = fvi.Method(cq="bdf1", sampling="nodes", degree=1)
+    theirs = literal_galerkin(1.0, 0.2, 1.0, 1.2, np.zeros_like, 16.0, 128, method)
     error = np.abs(theirs - solution(1 / 2, np.linspace(0, 16, 129))).max()
     assert error == pytest.approx(2.190e-2, rel=3e-4)
     assert ours.error == pytest.approx(error, rel=1e-10)
