@@ -11,14 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.convolution.directions import terms_by_direction
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 DIAGONAL_TOLERANCE = 1e-13
 

@@ -6,15 +6,13 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.matrices import is_sparse
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.stability.determinant import independent_systems, is_dissipative
 from fvi_cli.integrator.stability.prediction import RESOLVED, exact_growth
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 TOLERATED_FACTOR = 1e8
 """How far a position may go beyond what start values and forces move in the time of the run."""

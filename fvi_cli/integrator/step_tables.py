@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import Method
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

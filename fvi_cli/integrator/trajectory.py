@@ -7,16 +7,16 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fvi_cli.integrator.run.showing import dataframe_of, dataset_of, html_of, line_of
+from fvi_cli.mathematics.arrays import Array
 
 if TYPE_CHECKING:
     from fvi_cli.integrator.balances.diagnostics import Diagnostics
     from fvi_cli.integrator.observations.observe import Observed
     from fvi_cli.integrator.run.steps_of_run import RunSteps
 
-Array = NDArray[np.float64]
 Status = Literal["ok", "diverged", "failed", "refused"]
 Outcome = Literal["met", "unreliable", "refused"]
 

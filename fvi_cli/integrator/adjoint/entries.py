@@ -8,15 +8,14 @@ from functools import partial
 from typing import Any, TypeVar, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.prony import Exponentials
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.variation import Variation
+from fvi_cli.mathematics.arrays import Array
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 

@@ -25,9 +25,9 @@ from fvi_cli.integrator.observations.asked import Observations
 from fvi_cli.integrator.observations.dense_motion import DenseMotion
 from fvi_cli.integrator.observations.observe import along_motion, variables_at
 from fvi_cli.integrator.steps.dynamics import General, dynamics_of
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import COMPLEX_STEP, Expression, slopes_of
 
-Array = NDArray[np.float64]
 Asked = Callable[[int, float], Observations]
 """Names in an expression for a value of one of the parameters; of index -1: as they are."""
 

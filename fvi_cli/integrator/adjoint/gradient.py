@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.formula import Asked, Formula
@@ -23,8 +22,7 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Observations, names_of
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.run.steps_of_run import RunSteps
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 class RunFailedError(ValueError):

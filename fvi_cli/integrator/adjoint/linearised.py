@@ -28,9 +28,8 @@ from fvi_cli.integrator.convolution.stages import StageOperator
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.steps.dynamics import dynamics_of
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.runge_kutta import tableau
-
-Array = NDArray[np.float64]
 
 LARGEST_STEP = 1500
 """Stages times components up to which steps are linearised: matrices of that size are inverted."""

@@ -16,15 +16,13 @@ from functools import cache
 from typing import TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.convolution.damping import LARGEST_EXPONENT
 from fvi_cli.integrator.convolution.kernel import power_kernel, power_kernel_slopes
 from fvi_cli.integrator.convolution.stages import StageOperator
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.runge_kutta import tableau
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

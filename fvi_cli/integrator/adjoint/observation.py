@@ -5,13 +5,11 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.adjoint.linearised import Tangent
-from fvi_cli.integrator.run.steps_of_run import Places, RunSteps
+from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
-
-Array = NDArray[np.float64]
 
 
 class Observation:

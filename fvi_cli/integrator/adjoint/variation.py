@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import entries
 from fvi_cli.effects.potential import QuadraticPotential
@@ -22,8 +21,7 @@ from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.steps.dynamics import dynamics_of
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 DIFFERENCE = 1e-3
 """Difference of a parameter, relative to its size."""

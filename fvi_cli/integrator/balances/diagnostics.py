@@ -35,9 +35,8 @@ from fvi_cli.effects.diagnostics_request import NOTHING as NOTHING
 from fvi_cli.effects.diagnostics_request import Asked as Asked
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.steps.dynamics import General, Separable
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -25,8 +25,7 @@ from fvi_cli.integrator.convolution.damping import Damping, DampingTables
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.steps.step import StepSolver
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 PIECE = 128
 """Equal steps that are worked out together."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from fvi_cli.effects.forcing import ForcingPiece
@@ -13,8 +12,7 @@ from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines.results import baseline_trajectory
 from fvi_cli.integrator.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 def integrate_dop853(scene: Scene, tolerance: float, n_steps: int) -> Trajectory:

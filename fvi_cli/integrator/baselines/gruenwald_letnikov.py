@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
@@ -17,9 +16,8 @@ from fvi_cli.integrator.baselines.results import (
 )
 from fvi_cli.integrator.growth_bound import beyond, farthest_position
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.bdf import convolution_weights
-
-Array = NDArray[np.float64]
 
 
 def integrate_gruenwald_letnikov(scene: Scene, n_steps: int) -> Trajectory:

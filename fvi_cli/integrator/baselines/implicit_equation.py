@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.potential import Potential, QuadraticPotential
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 MOST_ITERATIONS = 50
 

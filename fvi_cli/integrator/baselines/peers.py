@@ -9,15 +9,14 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines.results import baseline_trajectory
 from fvi_cli.integrator.method import Baseline
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.arrays import Array
 
-Array = NDArray[np.float64]
 Rate = Callable[[float, Array], Array]
 
 PEER_LIMITS = (

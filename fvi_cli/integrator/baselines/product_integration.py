@@ -6,7 +6,6 @@ import math
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import STRIDE, advanced
@@ -15,8 +14,7 @@ from fvi_cli.integrator.baselines.implicit_equation import solve_implicit
 from fvi_cli.integrator.baselines.results import baseline_operations, baseline_trajectory
 from fvi_cli.integrator.growth_bound import beyond, farthest_position
 from fvi_cli.integrator.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 def integrate_product_trapezoidal(scene: Scene, n_steps: int) -> Trajectory:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 def forces_on_grid(scene: Scene, n_steps: int) -> Array:

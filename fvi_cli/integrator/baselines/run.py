@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.advance import STRIDE, advanced
@@ -18,9 +17,8 @@ from fvi_cli.integrator.baselines.results import (
 from fvi_cli.integrator.growth_bound import beyond, farthest_position
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.bdf import convolution_weights
-
-Array = NDArray[np.float64]
 
 
 def baseline_objection(scene: Scene, method: Baseline) -> str:

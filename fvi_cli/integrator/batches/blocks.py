@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.batches.memory import SideDamping
 from fvi_cli.integrator.batches.steps import SideStep
 from fvi_cli.integrator.steps.step import ForceSampling
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 class SideBlocks:

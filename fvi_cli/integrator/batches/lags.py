@@ -9,7 +9,6 @@ that have any.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.batches.memory import SideDamping, SideTables, along
 from fvi_cli.integrator.batches.systems import Systems, Terms
@@ -17,8 +16,8 @@ from fvi_cli.integrator.convolution.lags import LagStep, lag_step, lag_tail
 from fvi_cli.integrator.convolution.stages import BlockHistory
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.mathematics.arrays import Array
 
-Array = NDArray[np.float64]
 Factors = dict[int, Array]
 """By the number of an order the coefficients of all systems, ``(q,)``."""
 

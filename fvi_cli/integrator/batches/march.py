@@ -18,9 +18,9 @@ from fvi_cli.integrator.convolution.stages import BlockHistory
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.steps.step import ForceSampling
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
-Array = NDArray[np.float64]
 Loads = Callable[[float, float, int, bool], Array | None]
 """Load vectors ``(n, s + 1, e, q)`` from begin, step size, n and whether the steps begin afresh."""
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.batches.systems import Remembered, Systems, Terms, kernels_of
@@ -28,8 +27,7 @@ from fvi_cli.integrator.convolution.stages import (
     StepKernel,
 )
 from fvi_cli.integrator.meshes.mesh import Mesh
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 _SOME_EXPONENT = 0.5
 _EXTREME = 1.0 - 2.0**-40

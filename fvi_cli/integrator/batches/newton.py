@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.trajectory import NewtonRecord
+from fvi_cli.mathematics.arrays import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 ITERATION_LIMIT = 60

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression, Instruction
-
-Array = NDArray[np.float64]
 
 
 def formulas_of(potential: ExpressionPotential) -> tuple[object, ...]:

@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.steps.algebra import kronecker
 from fvi_cli.integrator.steps.step import ForceSampling
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -25,9 +25,8 @@ from fvi_cli.integrator.run.on_mesh import integrate_on_mesh, mesh_for
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.steps.step import sampling_of
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.runge_kutta import tableau
-
-Array = NDArray[np.float64]
 
 MOST_TOGETHER = 512
 """Systems that are stepped together: more would not stay in the cache."""

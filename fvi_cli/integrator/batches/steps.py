@@ -11,9 +11,7 @@ from fvi_cli.integrator.batches.responses import StepResponse, step_response
 from fvi_cli.integrator.batches.systems import Systems, filled_up
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.steps.step import ForceSampling
-
-Array = NDArray[np.float64]
-Places = NDArray[np.intp]
+from fvi_cli.mathematics.arrays import Array, Places
 
 
 class SideStep:

@@ -16,8 +16,7 @@ from fvi_cli.integrator.batches.potentials import SidePotentials
 from fvi_cli.integrator.convolution.damping import Direction, directions_of
 from fvi_cli.integrator.convolution.kernel import Term
 from fvi_cli.integrator.decoupling import Decoupling
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 Remembered = tuple[Term, tuple[RelaxationKernel, ...]]
 """An exponent, or the kernel of a law, and all kernels of its scene, which shape the rates."""

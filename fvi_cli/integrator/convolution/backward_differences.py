@@ -19,11 +19,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.convolution.kernel import power_kernel
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 NEAR_LAGS = {1: 64, 2: 64, 3: 64, 4: 64, 5: 128, 6: 256}
 """From this lag on the weights are exponentials, by the order p: the zeros of the symbol beside

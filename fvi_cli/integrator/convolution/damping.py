@@ -23,7 +23,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.laws.law import Law
@@ -33,8 +32,7 @@ from fvi_cli.integrator.convolution.directions import same_direction, scale_and_
 from fvi_cli.integrator.convolution.kernel import Kernel, Term, power_kernel
 from fvi_cli.integrator.convolution.reach import Reach
 from fvi_cli.integrator.convolution.stages import StageOperator, StepHistory
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 LARGEST_EXPONENT = math.nextafter(1.0, 0.0)
 """For orders so small that 1 minus the order is 1."""

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.matrices import Form, as_csr, entries, is_sparse, scaled
 from fvi_cli.effects.matrix_force import MatrixForce
-
-Array = NDArray[np.float64]
 
 
 def terms_by_direction(

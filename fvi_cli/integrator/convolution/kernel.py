@@ -20,12 +20,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.integrator.convolution.rates import RateRule, rate_rule
+from fvi_cli.mathematics.arrays import Array
 
-Array = NDArray[np.float64]
 Term = float | RelaxationKernel
 """An exponent, or the kernel of a relaxation law."""
 

@@ -38,9 +38,8 @@ from fvi_cli.integrator.convolution.damping import (
 from fvi_cli.integrator.convolution.reach import Reach
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.bdf import difference_weights
-
-Array = NDArray[np.float64]
 
 MANY_STATES = 300
 

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 # With log x = u - exp(first - u) + exp(u - last) the ends begin where x T respectively its
 # counterpart K N / (h x) is 1; the integrand grows by exp(1) beside the real axis.

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import Factored, Form, as_csr, form, touched
 from fvi_cli.effects.matrix_force import MatrixForce
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

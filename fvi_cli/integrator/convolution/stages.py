@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.integrator.convolution.kernel import Kernel
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.matrices.powers import matrix_power
 from fvi_cli.mathematics.runge_kutta import ButcherTableau, tableau
-
-Array = NDArray[np.float64]
 
 
 class StepHistory(Protocol):

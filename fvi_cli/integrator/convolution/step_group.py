@@ -8,12 +8,10 @@ lags, as in a block.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.convolution.damping import Damping, DampingTables
 from fvi_cli.integrator.convolution.stages import BlockHistory
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 GROUP = 16
 """Steps of a group: then the sums inside of it take as long as the states at its ends."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import TOLERANCE
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 def interpolation_limit(scene: Scene, n_steps: int, *, grading: float = 1.0) -> float:

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.series.power_series import (
     SERIES_FUNCTIONS,
     PowerSeries,
@@ -31,7 +31,6 @@ from fvi_cli.mathematics.series.terms import (
     power_rule,
 )
 
-Array = NDArray[np.float64]
 Components = Sequence[PowerSeries | float]
 
 MOST_EXPONENTS: Final = 128

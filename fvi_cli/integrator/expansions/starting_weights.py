@@ -21,12 +21,11 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.expansions.motion import solution_expansion
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.bdf import convolution_weights
 
 if TYPE_CHECKING:
     from mpmath import mpf
-
-Array = NDArray[np.float64]
 
 CONDITION_WARNING = 1e8
 

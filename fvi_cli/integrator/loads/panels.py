@@ -5,12 +5,10 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
 from fvi_cli.mathematics.quadrature import gauss_rule
-
-Array = NDArray[np.float64]
 
 GRADING_RATIO = 0.15
 GRADING_LEVELS = 200

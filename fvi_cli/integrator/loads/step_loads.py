@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.loads.panels import graded_rule, tested_rule
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
-
-Array = NDArray[np.float64]
 
 PANEL_RATIO = 4.0
 """A step that ends later than at so many times its beginning is integrated in panels of this ratio,

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from fvi_cli.integrator.local_error.forces import PointForces, SceneForces
 from fvi_cli.integrator.local_error.stiff_modes import StiffModes
 from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
-
-Array = NDArray[np.float64]
 
 BETWEEN_SHARE = 0.1
 """What a difference of accelerations between the stages counts, times h^2."""

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.defect import Between, StepPath
@@ -20,8 +19,7 @@ from fvi_cli.integrator.local_error.kinks import (
 )
 from fvi_cli.integrator.local_error.stiff_modes import stiff_modes
 from fvi_cli.integrator.step_tables import StepTables
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 MOST_CUTS = 12
 """Times that a step is cut to end at a kink."""

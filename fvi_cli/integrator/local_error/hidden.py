@@ -11,13 +11,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.local_error.defect import BETWEEN_SHARE, Between, StepPath
 from fvi_cli.integrator.local_error.forces import PointForces
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.intervals.interval import Interval
-
-Array = NDArray[np.float64]
 
 FIRST_PARTS = 8
 MOST_PARTS = 256

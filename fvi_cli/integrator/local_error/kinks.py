@@ -11,11 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.local_error.defect import ON_KINK
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 AT_END = 1e-13
 """Kinks as close to the end of a step as this, in steps, lie at its end."""

@@ -13,13 +13,11 @@ from __future__ import annotations
 from collections import OrderedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import Form, Solve, added, scaled, solver, times
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 KEPT = 128
 """Step sizes whose factors are kept."""

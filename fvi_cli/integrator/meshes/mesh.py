@@ -9,9 +9,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 LARGEST_GRADING = 20.0
 ON_GRID = 1e-9

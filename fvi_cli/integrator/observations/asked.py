@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
 
-Array = NDArray[np.float64]
 Direction = Literal["any", "rising", "falling"]
 
 DIRECTIONS: tuple[str, ...] = get_args(Direction)

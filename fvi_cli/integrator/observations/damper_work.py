@@ -10,13 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.run.steps_of_run import RunSteps
-
-Array = NDArray[np.float64]
-Places = NDArray[np.intp]
+from fvi_cli.mathematics.arrays import Array, Places
 
 PREFIX = "work_"
 

@@ -17,7 +17,6 @@ import time as clock
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.growth_bound import NO_BOUND
@@ -35,10 +34,8 @@ from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.steps.step import StepFailedError, StepResult
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
-
-Array = NDArray[np.float64]
-Places = NDArray[np.intp]
 
 SHORTEST_FLIGHT = 1e-9
 """Flights between rebounds shorter than this, relative to T, are the beginning of endless ones."""

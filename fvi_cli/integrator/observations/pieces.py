@@ -16,8 +16,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Places = NDArray[np.intp]
+from fvi_cli.mathematics.arrays import Array, Places
+
 Along = Callable[[Places, Array], Array]
 """Values at places of steps, shapes ``(n,)`` and ``(n,)`` to ``(n,)``."""
 

@@ -8,12 +8,10 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.run.loop import Marker
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.convolution.damping import Damping
 from fvi_cli.integrator.convolution.step_group import StepGroup
 from fvi_cli.integrator.run.loop import Marker, Stepper
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 def grouped_steps(

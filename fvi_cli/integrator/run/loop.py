@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.growth_bound import GrowthBound, first_outside
@@ -18,9 +17,8 @@ from fvi_cli.integrator.local_error.examine import Examiner, Finding
 from fvi_cli.integrator.meshes.adaptive import StepController
 from fvi_cli.integrator.steps.step import StepFailedError, StepMatrices, StepResult, StepSolver
 from fvi_cli.integrator.trajectory import NewtonRecord
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
-
-Array = NDArray[np.float64]
 
 MATRICES_KEPT = 128
 """Step sizes whose matrices are kept; adaptive runs take a few dozen."""

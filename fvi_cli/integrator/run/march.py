@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import dense
 from fvi_cli.integrator.advance import advanced
@@ -28,8 +27,7 @@ from fvi_cli.integrator.steps.linear_blocks import (
     memory_operations,
 )
 from fvi_cli.integrator.steps.step import StepFailedError
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 SINGLE_CHUNK = 256
 """The same where no steps are done in blocks."""

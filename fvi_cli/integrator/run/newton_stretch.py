@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import dense
 from fvi_cli.integrator.run.loop import Course, Marker, Stepper
@@ -13,8 +12,7 @@ from fvi_cli.integrator.steps.block_response import own_damping
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.steps.newton_blocks import FrozenBlocks, frozen_law
 from fvi_cli.integrator.steps.step import StepFailedError
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 class NewtonStretch:

@@ -7,7 +7,6 @@ import time as clock
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
@@ -36,8 +35,8 @@ from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper, march_with_checkpoints
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.trajectory import NewtonRecord, Status, Trajectory
+from fvi_cli.mathematics.arrays import Array
 
-Array = NDArray[np.float64]
 AnySteps = int | Mesh | AdaptiveSteps
 
 MOST_SHORTEST = 256.0

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.lagrangian import Lagrangian
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 def regular_until(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import steps_at_break_points
@@ -24,9 +23,8 @@ from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.steps.linear_blocks import LARGEST_DENSE, LEAST_BLOCK
 from fvi_cli.integrator.steps.step import StepSolver, sampling_of
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.runge_kutta import tableau
-
-Array = NDArray[np.float64]
 
 LEAST_BLOCK_STEPS = 16
 """On fewer equal steps every sum over the past is written out."""

@@ -6,12 +6,11 @@ import html
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from fvi_cli.mathematics.arrays import Array
 
 if TYPE_CHECKING:
     from fvi_cli.integrator.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 DIGITS = 15
 """Significant digits of times: what is beyond is round-off of k h."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 _LAST = ("last_time", "last_position", "last_momentum")
 """Names of the last reported point, which is kept at the end of a run."""

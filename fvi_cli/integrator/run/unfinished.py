@@ -18,8 +18,7 @@ from fvi_cli.integrator.run.march import March
 from fvi_cli.integrator.run.setup import RunSetup, first_marker
 from fvi_cli.integrator.run.sink import Sink
 from fvi_cli.integrator.trajectory import NewtonRecord
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 OF_ANOTHER_RUN = "it belongs to another run, or to another version of the solver"
 

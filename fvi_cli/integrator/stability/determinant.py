@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import is_semidefinite
 from fvi_cli.effects.potential import QuadraticPotential
@@ -18,10 +17,8 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import decouple_forms
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.stability.patterns import pattern_size, step_patterns
-from fvi_cli.mathematics.arrays import ComplexArray
+from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.mathematics.transforms.disc_zeros import LogFunction
-
-Array = NDArray[np.float64]
 
 LARGEST_FREQUENCY = 1e3
 """Times the step size: faster growth of the exact scene is beyond every method and number."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 MOST_POINTS = 64
 """Points of a path whose stiffness is looked at."""

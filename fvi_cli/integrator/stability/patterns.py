@@ -30,16 +30,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.stability.stage_basis import StageBasis, legendre_stages
 from fvi_cli.integrator.step_tables import StepTables, step_tables
-from fvi_cli.mathematics.arrays import ComplexArray
+from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.mathematics.bdf import symbol_at
 from fvi_cli.mathematics.runge_kutta_symbol import symbol_power
 
-Array = NDArray[np.float64]
 Patterns = Callable[[ComplexArray], ComplexArray]
 
 IDENTITY, MASS, STIFFNESS, DAMPING = 0, 1, 2, 3

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.stability.determinant import (
@@ -22,11 +21,8 @@ from fvi_cli.integrator.stability.determinant import (
     log_determinants,
 )
 from fvi_cli.integrator.stability.patterns import DAMPING, Patterns, pattern_size, step_patterns
-from fvi_cli.mathematics.arrays import ComplexArray
+from fvi_cli.mathematics.arrays import Array, ComplexArray, Integers
 from fvi_cli.mathematics.transforms.many_discs import UNDECIDED, count_zeros_of_many
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 GROWTH_LEVELS = (1e-3, 1e-2, 1e-1, 1.0)
 """Growth per step, as logarithms, between which a map tells the points of the plane apart."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import Form, Solve, as_csr, times, touched
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 LARGEST_INVERSE = 200
 """Unknowns up to which a system is inverted: a product is quicker than two triangular solves."""

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.convolution.damping import Damping, DampingTables
 from fvi_cli.integrator.convolution.stages import BlockHistory
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 class BlockMemory:

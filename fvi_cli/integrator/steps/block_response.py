@@ -17,13 +17,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.convolution.damping import Damping, DampingTables
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.steps.step import ForceSampling
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,15 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Derivatives, Lagrangian
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.potential import Potential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

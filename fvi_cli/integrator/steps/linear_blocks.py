@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.convolution.damping import LONGEST_BLOCK, Damping, DampingTables
@@ -25,8 +24,7 @@ from fvi_cli.integrator.steps.block_response import (
     own_damping,
 )
 from fvi_cli.integrator.steps.step import ForceSampling
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 LARGEST_RECURRENCE = 300
 """Numbers in the state of a recurrence, at most."""

@@ -18,15 +18,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.potential import Potential
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.steps.block_response import LinearSystems, OwnDamping, block_response
 from fvi_cli.integrator.steps.dynamics import General, Separable
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 ITERATION_LIMIT = 40
 TOLERANCE = 1e-16

@@ -20,7 +20,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import Form, Solve, dense, form, times
 from fvi_cli.effects.potential import QuadraticPotential
@@ -29,8 +28,7 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.steps.algebra import kronecker, solver_of
 from fvi_cli.integrator.steps.dynamics import General, Separable
-
-Array = NDArray[np.float64]
+from fvi_cli.mathematics.arrays import Array
 
 QUADRATIC_TOLERANCE = 1e-15
 """Relative size of an update that is not worth an iteration of its own."""
