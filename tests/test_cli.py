@@ -227,6 +227,20 @@ def test_fail_fast_stops_at_the_first_failure(folder):
     assert not (folder / "results" / "tables").exists()
 
 
+def test_fail_fast_stops_at_a_search_that_fails(folder):
+    scene = "problem: {kind: pendulum, final_time: 1.0, initial: {position: 1.0}}"
+    (folder / "both.yaml").write_text(
+        f"name: both\nexperiments:\n"
+        f"  - {{name: searched, {scene}, accuracy: {{tolerance: 1e-20}}}}\n"
+        f"  - {{name: ladder, {scene}, method: {{rk: gauss}}, ladder: {{steps: [8]}}}}\n"
+    )
+    whole = fvi("run", "both.yaml", code=1)
+    assert "ladder" in whole.stdout
+    stopped = fvi("run", "both.yaml", "--fail-fast", "--output", "stopped", code=1)
+    assert "ladder" not in stopped.stdout
+    assert "stopped at the first unexpected failure (--fail-fast)" in stopped.stderr
+
+
 # the direct sum over the history: the longest run takes minutes, in little memory
 SLOW = QUICK.replace("[4, 8, 16, 32]", "[8, 16, 400000]").replace("[1, 2]", "1")
 SLOW = SLOW.replace("degree: 1", "degree: 1, history: direct")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
 
 from fvi_cli.runner.compute import compute_runs
@@ -11,6 +12,8 @@ from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import recall, stored_runs
 from fvi_cli.runner.tolerance import run_tolerance_searches
+
+_logger = logging.getLogger(__name__)
 
 
 def run_requests(
@@ -57,7 +60,10 @@ def run_request(request: Request, settings: Settings) -> list[Outcome]:
             )
             rest = [experiment for experiment in experiments if experiment not in searched]
             outcomes = dict(searched)
-            if rest:
+            if rest and settings.ends_with([*searched.values()]):
+                _logger.error("stopped at the first unexpected failure (--fail-fast)")
+                outcomes |= {one: Outcome(experiment=one, finished=()) for one in rest}
+            elif rest:
                 computed = compute_runs(
                     rest,
                     settings,
