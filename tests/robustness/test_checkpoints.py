@@ -252,16 +252,6 @@ def test_every_kind_of_run_goes_on(monkeypatch, folder, kind):
     assert not PARTS.exists()
 
 
-def test_what_was_kept_of_a_search_is_forgotten_by_fresh(monkeypatch, folder):
-    (folder / "long.yaml").write_text(SEARCH)
-    with monkeypatch.context() as patch:
-        interrupt_after(patch, 20)
-        run(code=130)
-    assert "resume" not in fvi("run", "long.yaml", "--dry-run", "--fresh").stdout
-    assert "resume" not in run("--fresh").stderr
-    assert not PARTS.exists()
-
-
 def test_runs_among_others_are_kept_whole_where_they_took_their_time(folder):
     (*_, last) = load_config(Path("long.yaml")).experiments[0].runs()
     checkpoints = CheckpointFolder(folder=folder, seconds=60.0)

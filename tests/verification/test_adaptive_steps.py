@@ -87,16 +87,6 @@ def test_a_force_that_jumps_unannounced():
     assert error(found, exact(STEP_FORCED)) < 1e-9
 
 
-@pytest.mark.parametrize(
-    ("mu", "order", "stiffness"), [(50.0, 0.5, 100.0), (20.0, 1.5, 30.0), (50.0, 1.9, 1.0)]
-)
-def test_strong_damping(mu, order, stiffness):
-    scene = spring(T=5.0, k=stiffness, x=1.0, v=0.5, damping=damping(order, mu))
-    found = run(scene, 1e-6)
-    assert found.n_steps <= 35
-    assert error(found, exact(scene)) < 1e-9
-
-
 def test_a_short_pulse():
     found = run(PULSE, 1e-6)
     assert found.n_steps <= 130

@@ -262,33 +262,6 @@ SCENES = {
 }
 
 
-def energy_like(position: Any, velocity: Any) -> Any:
-    """Something nonlinear of several times, analytic."""
-    return (position**2).sum() + (velocity * position).sum() ** 3 + np.cos(velocity[0]).sum()
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_against_central_differences(name):
-    family, values = SCENES[name]
-    quantity = Quantity(times=np.array([0.0, 0.9, 2.0]), value=energy_like)
-    steps = graded_mesh(family(values).final_time, 12, 2.0)
-    method = Method(cq="gauss", degree=3, start="none")
-
-    def value(changed: dict[str, float]) -> float:
-        done = run_steps(family(changed), method, steps)
-        return float(energy_like(*Observation(done, done.located(quantity.times)).motion()))
-
-    found = gradient_of(family(values), method, steps, quantity, variations(family, values))
-    assert found.value == pytest.approx(value(values), rel=1e-13)
-    for one, (what, at) in zip(found.derivatives, values.items(), strict=True):
-        h = 4e-4 * at
-        coarse, fine = (
-            (value({**values, what: at + e}) - value({**values, what: at - e})) / (2 * e)
-            for e in (h, h / 2)
-        )
-        assert one == pytest.approx((4 * fine - coarse) / 3, rel=2e-8, abs=1e-9), what
-
-
 def of_everything(names: Sequence[str]) -> str:
     """An expression of accelerations, damping forces, velocities and positions."""
     first, last = names[0], names[-1]
