@@ -7,6 +7,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from letters import in_pieces, spring, swing
 from spread import spread
 
 from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
@@ -34,14 +35,7 @@ def scene_of(**specification):
 
 
 def oscillator(order, forcing="cos(t)"):
-    return scene_of(
-        kind="damped-oscillator",
-        stiffness=2.0,
-        damping=[{"order": order, "coefficient": 0.7}],
-        forcing=forcing,
-        initial={"position": 1.0, "velocity": 0.5},
-        final_time=8.0,
-    )
+    return spring((order, 0.7), T=8.0, k=2.0, x=1.0, v=0.5, forcing=forcing)
 
 
 def two_masses(derivative="caputo"):
@@ -61,13 +55,7 @@ def two_masses(derivative="caputo"):
 
 
 def struck_plate():
-    return scene_of(
-        kind="bagley-torvik",
-        damping=[{"order": 1.5, "coefficient": 0.7}],
-        forcing={"pieces": [{"until": 1.0, "value": "8"}, {"value": "0"}]},
-        initial={"position": 1.0, "velocity": 0.5},
-        final_time=4.0,
-    )
+    return spring((1.5, 0.7), T=4.0, x=1.0, v=0.5, forcing=in_pieces("8", 1.0, "0"))
 
 
 def kepler(mu):
@@ -101,12 +89,7 @@ def changing_lagrangian():
 
 
 def pendulum():
-    return scene_of(
-        kind="pendulum",
-        damping=[{"order": 0.5, "coefficient": 0.3}],
-        initial={"position": 1.0, "velocity": 0.0},
-        final_time=10.0,
-    )
+    return swing((0.5, 0.3), T=10.0, x=1.0)
 
 
 def diagnosed(scene, method, n_steps, *symmetries):
@@ -356,13 +339,7 @@ def test_asking_for_a_balance_takes_no_single_steps(monkeypatch):
 )
 def test_the_work_of_an_unbounded_force_without_a_series(method, derivative, slope):
     """A force t^-0.6 from an initial position: the defect falls like h^(2 - 1.2)."""
-    scene = scene_of(
-        kind="bagley-torvik",
-        damping=[{"order": 0.6, "coefficient": 0.7}],
-        derivative=derivative,
-        initial={"position": 1.0, "velocity": 0.5},
-        final_time=2.0,
-    )
+    scene = spring((0.6, 0.7), T=2.0, x=1.0, v=0.5, derivative=derivative)
     defects = []
     for n_steps in (64, 128):
         found = integrate(scene, method, n_steps, diagnostics=Asked(energy_balance=True))

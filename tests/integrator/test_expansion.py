@@ -4,10 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from letters import spring
 
-from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.expansions.motion import solution_expansion
 from fvi_cli.mathematics.series.power_series import SeriesError
@@ -17,14 +15,7 @@ STIFFNESS, DAMPING = 2.0, 0.7
 
 
 def oscillator(order: float, coefficient: float = DAMPING) -> Scene:
-    return Scene(
-        inertia=Inertia(mass=np.eye(1)),
-        initial_position=np.ones(1),
-        initial_velocity=np.zeros(1),
-        final_time=8.0,
-        potential=QuadraticPotential(stiffness=STIFFNESS * np.eye(1)),
-        damping=(FractionalDamping(order=order, coefficient=coefficient * np.eye(1)),),
-    )
+    return spring((order, coefficient), T=8.0, k=STIFFNESS, x=1.0)
 
 
 def transformed_back(order: float, cutoff: float) -> dict[float, float]:

@@ -5,12 +5,12 @@ A few examples each time, many with ``-m slow``.
 
 import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
+from letters import spring
 from written_out import left_operator_rk
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -40,14 +40,6 @@ METHODS = (
 )
 
 
-@dataclass(frozen=True)
-class Property:
-    """A law: what is drawn, and the check of one example."""
-
-    drawn: dict[str, st.SearchStrategy[object]]
-    check: Callable[..., None]
-
-
 def positive(rng: np.random.Generator, d: int, least: float, most: float) -> Array:
     """A random symmetric matrix with eigenvalues between `least` and `most`."""
     rotation = np.linalg.qr(rng.normal(size=(d, d)))[0]
@@ -58,17 +50,10 @@ def positive(rng: np.random.Generator, d: int, least: float, most: float) -> Arr
 def random_scene(seed: int, d: int, orders: tuple[float, ...], *, velocity: bool = True) -> Scene:
     """Matrices that do not commute, and start values of order 1."""
     rng = np.random.default_rng(seed)
-    return Scene(
-        inertia=Inertia(mass=positive(rng, d, 0.5, 2.0)),
-        potential=QuadraticPotential(stiffness=positive(rng, d, 0.2, 5.0)),
-        damping=tuple(
-            FractionalDamping(order=order, coefficient=positive(rng, d, 0.1, 0.8))
-            for order in orders
-        ),
-        initial_position=rng.normal(size=d),
-        initial_velocity=rng.normal(size=d) if velocity else np.zeros(d),
-        final_time=float(rng.uniform(2.0, 6.0)),
-    )
+    mass, stiffness = positive(rng, d, 0.5, 2.0), positive(rng, d, 0.2, 5.0)
+    damping = [(order, positive(rng, d, 0.1, 0.8)) for order in orders]
+    start = {"x": rng.normal(size=d), "v": rng.normal(size=d) if velocity else np.zeros(d)}
+    return spring(*damping, T=float(rng.uniform(2.0, 6.0)), m=mass, k=stiffness, **start)
 
 
 # 1. the energy that is lost is the work of the damping
@@ -169,40 +154,28 @@ def check_units(
     assert np.abs(found.position / 1e-9 - plain.position).max() > 1e-7 * size
 
 
-N_STEPS = st.integers(12, 48)
-DIMENSIONS = st.integers(1, 3)
-STAGES = st.integers(1, 4)
-SEVERAL = st.lists(ORDERS, min_size=1, max_size=2, unique=True)
-INDICES = st.integers(0, len(METHODS) - 1)
-
+SHARED = {
+    "seed": SEEDS,
+    "d": st.integers(1, 3),
+    "orders": st.lists(ORDERS, min_size=1, max_size=2, unique=True),
+    "n_steps": st.integers(12, 48),
+}
+OF_UNITS = {
+    "index": st.integers(0, len(METHODS) - 1),
+    "power": st.integers(-60, 60),
+    "other": st.integers(-20, 20),
+}
 PROPERTIES = {
-    "dissipation": Property(
-        {
-            "seed": SEEDS,
-            "d": DIMENSIONS,
-            "orders": SEVERAL,
-            "stages": STAGES,
-            "n_steps": N_STEPS,
-            "velocity": st.booleans(),
-        },
+    "dissipation": (
+        {**SHARED, "stages": st.integers(1, 4), "velocity": st.booleans()},
         check_dissipation,
     ),
-    "units": Property(
-        {
-            "seed": SEEDS,
-            "d": DIMENSIONS,
-            "orders": SEVERAL,
-            "index": INDICES,
-            "n_steps": N_STEPS,
-            "power": st.integers(-60, 60),
-            "other": st.integers(-20, 20),
-        },
-        check_units,
-    ),
+    "units": ({**SHARED, **OF_UNITS}, check_units),
 }
+"""What is drawn for every law, and the check of one example."""
 
 
-def run(law: Property, examples: int) -> None:
+def run(name: str, examples: int) -> None:
     limited = settings(
         max_examples=examples,
         derandomize=True,
@@ -212,15 +185,16 @@ def run(law: Property, examples: int) -> None:
         report_multiple_bugs=False,
         suppress_health_check=list(HealthCheck),
     )
-    limited(given(**law.drawn)(law.check))()
+    drawn, check = PROPERTIES[name]
+    limited(given(**drawn)(check))()
 
 
 @pytest.mark.parametrize("name", PROPERTIES)
 def test_law(name):
-    run(PROPERTIES[name], 6)
+    run(name, 6)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PROPERTIES)
 def test_law_on_many_scenes(name):
-    run(PROPERTIES[name], 150)
+    run(name, 150)

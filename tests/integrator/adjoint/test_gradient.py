@@ -8,6 +8,7 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
+from letters import spring, swing
 
 import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
@@ -51,17 +52,9 @@ DAMPINGS = {
 
 def oscillator(values: dict[str, float], n_terms: int) -> Scene:
     """M x'' + sum mu D^gamma x + K x = 0."""
-    return fvi.linear_oscillator(
-        mass=values["mass"],
-        stiffness=values["stiffness"],
-        damping=[
-            FractionalDamping(order=values[f"order {i}"], coefficient=values[f"coefficient {i}"])
-            for i in range(n_terms)
-        ],
-        initial_position=values["position"],
-        initial_velocity=values["velocity"],
-        final_time=4.0,
-    )
+    terms = [(values[f"order {i}"], values[f"coefficient {i}"]) for i in range(n_terms)]
+    start = {"x": values["position"], "v": values["velocity"]}
+    return spring(*terms, T=4.0, m=values["mass"], k=values["stiffness"], **start)
 
 
 def variations(family: Callable[[dict[str, float]], Scene], values: dict[str, float]) -> list[Any]:
@@ -150,13 +143,13 @@ PENDULUM = {"omega": 1.2, "order": 0.6, "coefficient": 0.3, "angle": 2.0, "rate"
 
 
 def pendulum(values: dict[str, float]) -> Scene:
-    return fvi.pendulum(
+    return swing(
+        (values["order"], values["coefficient"]),
+        T=6.0,
         omega=values["omega"],
-        damping=[FractionalDamping(order=values["order"], coefficient=values["coefficient"])],
-        initial_position=values["angle"],
-        initial_velocity=values["rate"],
-        final_time=6.0,
-        forcing=fvi.Forcing.from_text("0.3*sin(2*t)"),
+        x=values["angle"],
+        v=values["rate"],
+        forcing="0.3*sin(2*t)",
     )
 
 
@@ -200,14 +193,9 @@ LATE = {"order": 0.4, "coefficient": 0.5, "position": 0.7, "stiffness": 3.0}
 
 
 def riemann_liouville(values: dict[str, float]) -> Scene:
-    return fvi.linear_oscillator(
-        stiffness=values["stiffness"],
-        damping=[FractionalDamping(order=values["order"], coefficient=values["coefficient"])],
-        initial_position=values["position"],
-        initial_velocity=0.2,
-        final_time=3.0,
-        derivative="riemann-liouville",
-    )
+    term = values["order"], values["coefficient"]
+    start = {"x": values["position"], "v": 0.2}
+    return spring(term, T=3.0, k=values["stiffness"], derivative="riemann-liouville", **start)
 
 
 ZENER = {"order": 0.6, "time": 0.4, "unrelaxed": 5.0, "relaxed": 2.0, "springpot": 0.3}
@@ -369,13 +357,9 @@ def test_fifty_parameters_take_two_runs():
 
     def chain(values: dict[str, float]) -> Scene:
         given = list(values.values())
-        return fvi.linear_oscillator(
-            mass=np.eye(25),
-            stiffness=np.diag(given[:25]) + 0.2 * np.eye(25),
-            damping=[FractionalDamping(order=0.5, coefficient=np.diag(given[25:]))],
-            initial_position=np.ones(25),
-            final_time=2.0,
-        )
+        stiffness = np.diag(given[:25]) + 0.2 * np.eye(25)
+        term = 0.5, np.diag(given[25:])
+        return spring(term, T=2.0, m=np.eye(25), k=stiffness, x=np.ones(25))
 
     values = springs | dampers
     method = Method(cq="gauss", degree=2, start="none")
@@ -386,12 +370,12 @@ def test_fifty_parameters_take_two_runs():
 
 
 def test_numbers_of_a_scene_by_name():
-    scene = fvi.linear_oscillator(
-        mass=[[2.0, 0.3], [0.3, 1.0]],
-        stiffness=[[3.0, -1.0], [-1.0, 2.0]],
-        damping=[FractionalDamping(order=0.6, coefficient=[[0.4, -0.1], [-0.1, 0.2]])],
-        initial_position=[1.0, 0.0],
-        final_time=3.0,
+    scene = spring(
+        (0.6, [[0.4, -0.1], [-0.1, 0.2]]),
+        T=3.0,
+        m=[[2.0, 0.3], [0.3, 1.0]],
+        k=[[3.0, -1.0], [-1.0, 2.0]],
+        x=[1.0, 0.0],
     )
     found = fvi.gradient(scene, "gauss4-none", 12, fvi.position_at(2.5, 1))
     assert set(found.derivatives) == {
@@ -407,14 +391,12 @@ def test_numbers_of_a_scene_by_name():
         np.testing.assert_allclose(found[whole], found[whole].T)
     # a common factor of all forces changes nothing, and the motion is linear in the initial data
     entries = fvi.gradient(
-        lambda factor: fvi.linear_oscillator(
-            mass=factor * scene.inertia.mass,
-            stiffness=factor * scene.potential.stiffness,
-            damping=[
-                FractionalDamping(order=0.6, coefficient=factor * scene.damping[0].coefficient)
-            ],
-            initial_position=[1.0, 0.0],
-            final_time=3.0,
+        lambda factor: spring(
+            (0.6, factor * scene.damping[0].coefficient),
+            T=3.0,
+            m=factor * scene.inertia.mass,
+            k=factor * scene.potential.stiffness,
+            x=[1.0, 0.0],
         ),
         "gauss4-none",
         12,

@@ -11,8 +11,6 @@ from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
-from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import mesh_of
@@ -55,16 +53,14 @@ def coupled(*, diagonal: bool) -> Scene:
     rng = np.random.default_rng(5)
     random = rng.normal(size=(3, 3))
     general = random @ random.T + np.eye(3)
-    return Scene(
-        inertia=Inertia(mass=np.diag([1.0, 2.0, 3.0])),
-        potential=QuadraticPotential(stiffness=np.diag([1.0, 4.0, 2.0]) if diagonal else general),
-        damping=(
-            FractionalDamping(order=0.5, coefficient=np.eye(3)),
-            FractionalDamping(order=1.5, coefficient=0.3 * np.diag([1.0, 2.0, 0.5])),
-        ),
-        initial_position=np.array([1.0, -0.5, 0.2]),
-        initial_velocity=np.array([0.0, 0.4, 1.0]),
-        final_time=5.0,
+    return spring(
+        (0.5, np.eye(3)),
+        (1.5, 0.3 * np.diag([1.0, 2.0, 0.5])),
+        T=5.0,
+        m=np.diag([1.0, 2.0, 3.0]),
+        k=np.diag([1.0, 4.0, 2.0]) if diagonal else general,
+        x=[1.0, -0.5, 0.2],
+        v=[0.0, 0.4, 1.0],
     )
 
 
