@@ -148,6 +148,31 @@ def test_the_default_order_of_damping_follows_from_the_kind(kind, order):
     assert (term.order, term.coefficient.tolist()) == (order, [[2.0]])
 
 
+def test_a_ladder_by_exponents():
+    text = FRAME.replace("{{steps: [4, 8]}}", "{{from: 0, to: 3, base: 3}}").format("{bdf: 1}")
+    (experiment,) = parse_config(text, "f.yaml").experiments
+    assert experiment.steps == (1, 3, 9, 27)
+
+
+def test_several_degrees_of_freedom():
+    text = """\
+problem:
+  kind: damped-oscillator
+  mass: [[2, 0], [0, 1]]
+  stiffness: [[2, -1], [-1, 2]]
+  damping: [{order: 0.5, coefficient: [[1, 0], [0, 0]]}]
+  forcing: [sin(t), 0]
+  initial: {position: [1, 0]}
+  final_time: 2
+ladder: {steps: 8}
+"""
+    (experiment,) = parse_config(text, "two-masses.yaml").experiments
+    scene = experiment.problem.scene
+    assert scene.dimension == 2
+    assert scene.initial_position.tolist() == [1.0, 0.0]
+    assert experiment.steps == (8,)
+
+
 MESHES = "name: m\nproblem: {kind: duffing, exact: none, final_time: 1}\n"
 
 

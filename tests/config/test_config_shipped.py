@@ -15,7 +15,22 @@ from fvi_cli.planning.plan import planned_bytes
 from fvi_cli.scenes.kinds import PROBLEM
 from fvi_cli.scenes.problem import Problem
 
+PROJECT = Path(__file__).parents[2]
 NAMES = shipped_configs()
+
+
+def test_every_experiment_of_the_paper_has_its_configuration():
+    assert {
+        "table-1",
+        "table-2",
+        "damped-oscillator",
+        "damped-oscillator-comparison",
+        "bagley-torvik-1-2",
+        "bagley-torvik-3-2",
+        "bagley-torvik-3-2-long",
+        "corrected-bdf3",
+        "saturation",
+    } <= set(NAMES)
 
 
 @functools.cache
@@ -53,6 +68,11 @@ def test_every_shipped_configuration_is_valid_and_what_is_resolved_is_the_same(n
 def test_names_of_experiments_are_unique_over_all_files():
     names = [e.name for n in NAMES for e in shipped(n).experiments]
     assert len(set(names)) == len(names)
+
+
+def test_the_comparison_is_at_the_step_size_of_the_paper():
+    (experiment,) = load_config(find_config("damped-oscillator-comparison")).experiments
+    assert [run.step_size for run in experiment.runs()] == [0.125] * 3
 
 
 class TestFinding:

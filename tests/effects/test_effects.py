@@ -8,7 +8,7 @@ import pytest
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.expressions import Expression
 
@@ -66,6 +66,41 @@ def test_values_cannot_be_changed_afterwards():
 def test_scenes_refuse_what_does_not_fit(keywords, message):
     with pytest.raises(ValueError, match=message):
         scene(**keywords)
+
+
+def test_expression_potentials_agree_with_their_own_derivatives():
+    names = ("x", "y", "k")
+    texts = {
+        "energy": "k*x**2*y + cos(y)",
+        "gradient": ("2*k*x*y", "k*x**2 - sin(y)"),
+        "hessian": (("2*k*y", "2*k*x"), ("2*k*x", "-cos(y)")),
+    }
+
+    def parse(text: str) -> Expression:
+        return Expression.parse(text, variables=names)
+
+    potential = ExpressionPotential(
+        coordinates=("x", "y"),
+        parameters={"k": 1.7},
+        energy_expression=parse(texts["energy"]),
+        gradient_expressions=tuple(map(parse, texts["gradient"])),
+        hessian_expressions=tuple(tuple(map(parse, row)) for row in texts["hessian"]),
+    )
+    points = np.random.default_rng(1).normal(size=(5, 2))
+    eps = 1e-6
+    for axis in range(2):
+        move = eps * np.eye(2)[axis]
+        slope = (potential.energy(points + move) - potential.energy(points - move)) / (2 * eps)
+        assert slope == pytest.approx(potential.gradient(points)[:, axis], abs=1e-8)
+        change = (potential.gradient(points + move) - potential.gradient(points - move)) / (2 * eps)
+        assert change == pytest.approx(potential.hessian(points)[:, :, axis], abs=1e-8)
+    with pytest.raises(ValueError, match="gradient: 1 entries, expected 2"):
+        ExpressionPotential(
+            coordinates=("x", "y"),
+            energy_expression=parse("x"),
+            gradient_expressions=(parse("1"),),
+            hessian_expressions=((parse("0"),),),
+        )
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import RequestError
-from fvi_cli.integrator.baselines import peers
+from fvi_cli.integrator.baselines import peers, product_integration
 from fvi_cli.integrator.baselines.product_integration import trapezoidal_weights
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import PEER_NAMES, Baseline, Method
@@ -73,6 +73,17 @@ def test_orders_are_as_stated(name, method):
     expected = expected_order(scene, method, "max", 800)
     assert expected == (2.0 if method is PRODUCT or name == "no damping" else 1.0)
     assert slope(scene, method) == pytest.approx(expected, abs=0.1)
+
+
+def test_one_wrong_weight_costs_the_order(monkeypatch):
+    def wrong(order, step_size, n_weights):
+        weights = trapezoidal_weights(order, step_size, n_weights)
+        weights[1] *= 1.01
+        return weights
+
+    monkeypatch.setattr(product_integration, "trapezoidal_weights", wrong)
+    with pytest.raises(AssertionError):
+        assert slope(SCENES["gamma = 1.5"], PRODUCT) == pytest.approx(2.0, abs=0.1)
 
 
 @pytest.mark.parametrize(("method", "order"), [(GRUENWALD, 1.0), (PRODUCT, 1.5)])
@@ -164,6 +175,10 @@ class TestDop853:
         # also beside the grid: the jump at t = 1 lies between two of 30 steps of 4 / 30
         beside = integrate(scene, Baseline(name="dop853", tolerance=1e-11), 30)
         assert beside.position[15] == pytest.approx(fine[50], abs=1e-9)
+
+    def test_momentum_and_energy(self):
+        found = integrate(SCENES["no damping"], Baseline(name="dop853", tolerance=1e-12), 50)
+        assert np.ptp(found.energy) < 1e-10
 
     @pytest.mark.parametrize("tolerance", [0.0, 1e-14, 0.5, math.nan])
     def test_tolerances_have_a_range(self, tolerance):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from letters import in_pieces, spring, swing
 from spread import spread
+from written_out import integrate_written_out, left_operator_rk
 
 from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
@@ -17,6 +18,7 @@ from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.run import on_mesh
 from fvi_cli.integrator.run.loop import Stepper
 from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.mathematics.runge_kutta import gauss_tableau
 from fvi_cli.scenes.records.samples import samples_as_text
 from fvi_cli.scenes.registry import build_problem
 
@@ -113,6 +115,11 @@ def test_energy_balance_of_kicks_is_exact_beyond_one_mass_one_term_and_jumps(der
     for method in (MIDPOINT_NODES, dataclasses.replace(NODES, start="weights")):
         found = diagnosed(scene, method, 64)
         assert np.abs(found.energy_defect).max() < 5e-14 * np.abs(found.forcing_work).max()
+
+
+def test_energy_balance_is_exact_with_several_matrices_and_jumps():
+    found = diagnosed(two_masses(), GAUSS2, 64)
+    assert np.abs(found.energy_defect).max() < 1e-14 * np.abs(found.forcing_work).max()
 
 
 @spread(
@@ -269,10 +276,33 @@ def test_only_what_is_asked_for_is_computed(monkeypatch):
         assert found.map_names == ("angular",)
 
 
+def test_asking_changes_the_motion_by_round_off_only_and_is_thinned_with_it():
+    scene, asked = oscillator(0.5), Asked(energy_balance=True)
+    plain = integrate(scene, GAUSS3_GRADED, 256)
+    with_more = integrate(scene, GAUSS3_GRADED, 256, diagnostics=asked)
+    assert np.abs(plain.position - with_more.position).max() < 1e-13
+    thin = integrate(scene, GAUSS3_GRADED, 256, every=100, diagnostics=asked)
+    assert thin.time.size == thin.diagnostics.energy_defect.size == 4
+    assert thin.diagnostics.dissipated_work[-1] == with_more.diagnostics.dissipated_work[-1]
+
+
 def test_methods_without_increments_are_refused():
     asked = Asked(energy_balance=True)
     with pytest.raises(ValueError, match="keeps no increments"):
         integrate(oscillator(0.5), Baseline(name="implicit-euler"), 16, diagnostics=asked)
+
+
+def test_states_for_the_past_have_the_works_of_sums_over_it():
+    asked = Asked(energy_balance=True)
+    scene, method, n_steps = oscillator(0.5), Method(cq="gauss", degree=2), 64
+    free = integrate(scene, method, n_steps, diagnostics=asked).diagnostics
+    velocity = integrate_written_out(scene, method, n_steps).velocity
+    h, rule = scene.final_time / n_steps, gauss_tableau(2)
+    force = left_operator_rk(rule, -0.5, h, velocity) @ scene.damping[0].coefficient
+    work = np.cumsum(h * np.einsum("i,kid,kid->k", rule.b, velocity, force))
+    assert np.abs(free.dissipated_work[1:] - work).max() < 1e-13
+    assert work[-1] > 1e-2
+    assert np.abs(free.energy_defect).max() < 1e-13
 
 
 @pytest.mark.parametrize(

@@ -138,6 +138,11 @@ def test_members_of_every_kind(name, method):
     agree(scenes, method, n_steps)
 
 
+@spread(kind=["modal", "general", "uncoupled"], method=METHODS[:-1])
+def test_several_degrees_of_freedom(kind, method):
+    agree([coupled(kind, seed) for seed in range(4)], method, 150)
+
+
 def pendulums(*orders: float) -> list[Scene]:
     return [
         swing(
@@ -294,6 +299,16 @@ def test_wrong_numbers_are_refused():
     with pytest.raises(ValueError, match="every: 0 is not allowed"):
         integrate_members(oscillators(2), BDF2, 8, every=0)
     assert integrate_members([], BDF2, 8) == []
+
+
+def test_a_wrong_member_would_be_seen():
+    """The control: one weight of ten thousand in one coefficient."""
+    scenes = oscillators(4)
+    batch = integrate_members(scenes, BDF2, 100)
+    term = scenes[1].damping[0]
+    moved = FractionalDamping(order=term.order, coefficient=1.0001 * term.coefficient)
+    alone = integrate(replace(scenes[1], damping=(moved,)), BDF2, 100)
+    assert difference(batch[1], alone) > 1e3 * TOLERANCE
 
 
 @pytest.mark.parametrize("n_steps", [3, 32, 33])

@@ -205,6 +205,16 @@ class TestWords:
         assert plan.n_directions == plan.history_operations == 0
         assert "1000 steps in all" in plan.start
 
+    def test_terms_of_one_direction_share_their_sums(self):
+        two = plan_run(oscillators(orders=(0.5, 1.5)), gauss(), 1000)
+        one = plan_run(oscillators(), gauss(), 1000)
+        assert two.n_directions == one.n_directions == 1
+        # one response to the states of both, of which there are a few more for two orders
+        assert one.history_operations <= two.history_operations < 1.1 * one.history_operations
+        bdf = [plan_run(oscillators(orders=o), points(), 1000) for o in ((0.5,), (0.5, 1.5))]
+        alone, both = (plan.history_operations for plan in bdf)
+        assert 0 < alone <= both < 1.1 * alone
+
     def test_modes_and_components(self):
         assert "6 uncoupled modes" in plan_run(oscillators(6, coupled="m"), gauss(), 99).steps
         assert "5 uncoupled components" in plan_run(oscillators(5), gauss(), 99).steps

@@ -15,7 +15,10 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.observations.asked import observations
 from fvi_cli.integrator.observations.observe import integrate_observed
 from fvi_cli.integrator.run import march
+from fvi_cli.integrator.run.loop import Stepper
 from fvi_cli.integrator.run.unfinished import OF_ANOTHER_RUN, UnfinishedRun
+from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
+from fvi_cli.studies.tolerance.search import solve
 
 N = 400
 LINEAR = spring((0.5, 0.7), T=8.0, k=2.0, x=1.0, v=0.5)
@@ -209,6 +212,56 @@ def test_the_run_between_the_points_goes_on_too():
     resumed = integrate_observed(PENDULUM, NONE, N, asked, checkpoints=kept)
     assert kept.taken_up == [384, 256]
     assert np.array_equal(*(one[1].observed.quantities["force"] for one in (resumed, straight)))
+
+
+def computed_steps(monkeypatch):
+    """Steps that are solved one by one, by any run."""
+    real, solved = Stepper.solve, []
+
+    def solve(self, *arguments):
+        solved.append(1)
+        return real(self, *arguments)
+
+    monkeypatch.setattr(Stepper, "solve", solve)
+    return solved
+
+
+@pytest.mark.parametrize("stop", [5, 13, 20])
+def test_a_search_for_a_tolerance_computes_no_run_again(monkeypatch, stop):
+    solved = computed_steps(monkeypatch)
+    straight = solve(PENDULUM, tolerance=1e-8)
+    total = len(solved)
+    kept = Kept(stops=(stop,))
+    solved.clear()
+    with pytest.raises(InterruptedRunError):
+        solve(PENDULUM, tolerance=1e-8, checkpoints=kept)
+    resumed = solve(PENDULUM, tolerance=1e-8, checkpoints=kept)
+    assert_same(resumed, straight)
+    assert asdict(resumed.assessment) == asdict(straight.assessment)
+    assert len(solved) == total
+
+
+def test_a_search_on_equal_steps_computes_no_run_again():
+    methods = (GRADED, fvi.Method(cq="gauss", degree=3, start="graded"))
+    lines, again = [], []
+    chosen, straight = solve_on_equal_steps(PENDULUM, methods, tolerance=1e-8, tell=lines.append)
+    kept = Kept(stops=(10**6,))
+    solve_on_equal_steps(PENDULUM, methods, tolerance=1e-8, checkpoints=kept)
+    kept.stops = [len(kept.saves) - 5]
+    kept.contents.clear()
+    kept.saves.clear()
+    kept.taken_up.clear()
+    with pytest.raises(InterruptedRunError):
+        solve_on_equal_steps(PENDULUM, methods, tolerance=1e-8, checkpoints=kept)
+    found = solve_on_equal_steps(
+        PENDULUM, methods, tolerance=1e-8, checkpoints=kept, tell=again.append
+    )
+    assert found[0] == chosen
+    assert_same(found[1], straight)
+    assert asdict(found[1].assessment) == asdict(straight.assessment)
+    assert again == lines
+    # of every run before the stop nothing is done again
+    assert len(kept.taken_up) > 4
 
 
 def test_a_run_that_diverges_behind_a_checkpoint_says_the_same():

@@ -138,6 +138,13 @@ def test_degree_one_at_the_points_is_stable_for_a_stable_formula(p, order):
     assert predict_stability(scene, points(6), 500).verdict == "unstable"
 
 
+def test_the_scene_of_the_paper_that_blows_up():
+    scene = oscillator(1.0)
+    verdicts = [predict_stability(scene, nodes(p), 256).verdict for p in range(1, 7)]
+    assert verdicts[:3] == ["stable"] * 3
+    assert verdicts[5] == "unstable"
+
+
 @spread(
     **{
         "stiffness, damping": [
@@ -257,6 +264,19 @@ def test_a_mass_that_is_none_is_not_linearised():
     prediction = predict_stability(turned, Method(cq="gauss", degree=1), 10)
     assert prediction.verdict == "unknown"
     assert "cannot be linearised" in prediction.reason
+
+
+@spread(order=[0.001, 0.05, 1 - 1e-9, 1 + 1e-9, 1.95, 1.999], n_steps=[1, 30, 10**6])
+def test_extreme_orders_and_numbers_of_steps(order, n_steps):
+    for degree in (1, 2, 3, 4):
+        for mu in (1e-3, 1.0, 1e3):
+            scene = oscillator(float(n_steps), stiffness=1e4, damping=((order, mu),))
+            prediction = predict_stability(scene, Method(cq="gauss", degree=degree), n_steps)
+            assert (prediction.verdict, prediction.growing_modes) == ("stable", 0)
+        # resolved growth, as fast as it may be
+        scene = oscillator(1e-9 * n_steps, stiffness=0.0, damping=((order, -2.0),))
+        prediction = predict_stability(scene, Method(cq="gauss", degree=degree), n_steps)
+        assert prediction.verdict == "stable"
 
 
 def test_symbols_near_one_are_exact():

@@ -281,6 +281,18 @@ def test_what_is_predicted_over_a_ladder_is_observed():
     assert next(stability_rows(experiment, with_observation=False)).observation is None
 
 
+def test_a_wrong_prediction_would_be_seen():
+    # the control: what BDF6 does is not what is predicted of BDF5
+    scene = oscillator(1.0, stiffness=0.1, damping=((1.5, 0.5),))
+    n_steps = 140
+    other = Method(cq="bdf5", degree=1, sampling="nodes")
+    six, five = observe(scene, NODES, n_steps), observe(scene, other, n_steps)
+    assert (six.verdict, six.agrees) == ("unstable", True)
+    assert dataclasses.replace(six, predicted="stable").agrees is False
+    assert five.agrees is True
+    assert dataclasses.replace(six, predicted="unknown").agrees is None
+
+
 def test_true_growth_is_observed_as_stable():
     scene = oscillator(20.0, damping=((1.0, -0.5),))
     seen = observe(scene, GAUSS, 200)

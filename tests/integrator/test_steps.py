@@ -124,6 +124,16 @@ def test_implicit_euler_on_the_pendulum():
     assert trajectory.newton.iterations > 400
 
 
+def test_newton_converges_quadratically_and_keeps_its_history():
+    scene = swing(T=4.0, x=2.5, v=0.5)
+    method = Method(cq="bdf1", degree=2, sampling="nodes", history="direct")
+    record = integrate(scene, method, 8).newton
+    assert record.iterations >= 16
+    assert record.largest == len(record.worst_residuals)
+    residuals = [r for r in record.worst_residuals if r > 1e-15]
+    assert residuals[1] < residuals[0] ** 1.5
+
+
 def test_a_step_without_solution_fails_with_evidence():
     """V = -exp(x) pulls so hard that no long step exists."""
     names = ("x",)
@@ -155,3 +165,10 @@ def test_step_counts_must_be_positive_integers(n_steps):
     for method in (Method(cq="bdf1", degree=1), Method(cq="gauss", degree=2)):
         with pytest.raises(ValueError, match=r"n_steps: .* an integer >= 1, a Mesh or Adaptive"):
             integrate(scene, method, n_steps)
+
+
+def test_final_time_is_reached_exactly():
+    scene = spring(T=0.3, x=1.0)
+    trajectory = integrate(scene, Method(cq="gauss", degree=2), 3)
+    assert trajectory.time[-1] == pytest.approx(0.3, abs=1e-16)
+    assert trajectory.time.size == 4

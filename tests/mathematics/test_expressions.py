@@ -226,3 +226,25 @@ def test_any_text_is_understood_or_refused(text):
         value = expression.evaluate({"t": TIMES}, NUMPY_FUNCTIONS)
         assert np.broadcast_to(np.asarray(value), TIMES.shape).dtype == float
     assert 1 <= column <= len(text) + 1
+
+
+@st.composite
+def formulas(draw: st.DrawFn, depth: int = 3) -> str:
+    if depth == 0 or draw(st.booleans()):
+        return draw(st.sampled_from(["t", "2", "0.5", "pi", "7"]))
+    left, right = draw(formulas(depth - 1)), draw(formulas(depth - 1))
+    shape = draw(st.sampled_from(["({}+{})", "({}-{})", "({}*{})", "(sin({})/(2+cos({})))"]))
+    return shape.format(left, right)
+
+
+@settings(max_examples=100, deadline=None)
+@given(formulas())
+def test_agrees_with_pythons_own_arithmetic(text):
+    names = {"t": TIMES, "pi": np.pi, "sin": np.sin, "cos": np.cos}
+    expected = eval(text, {"__builtins__": {}}, names)
+    np.testing.assert_allclose(
+        np.broadcast_to(at_times(text), TIMES.shape),
+        np.broadcast_to(expected, TIMES.shape),
+        rtol=1e-13,
+        atol=1e-13,
+    )

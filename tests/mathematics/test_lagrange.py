@@ -18,6 +18,22 @@ def test_exact_at_control_points(degree):
     assert np.array_equal(basis.values(basis.control_points), np.eye(degree + 1))
 
 
+@pytest.mark.parametrize("degree", DEGREES)
+def test_polynomials_are_reproduced_up_to_the_degree_and_no_further(degree):
+    basis = lobatto_basis(degree)
+    points = gauss_rule(7).nodes
+    for power in range(degree + 1):
+        nodal = basis.control_points**power
+        np.testing.assert_allclose(nodal @ basis.values(points), points**power, atol=2e-15)
+        slope = power * points ** max(power - 1, 0)
+        np.testing.assert_allclose(
+            nodal @ basis.derivatives(points), slope, atol=2e-15 * degree**2 + 1e-15
+        )
+    if degree <= 8:
+        beyond = basis.control_points ** (degree + 1) @ basis.values(points)
+        assert np.abs(beyond - points ** (degree + 1)).max() > 1e-8
+
+
 @pytest.mark.parametrize("degree", [1, 2, 3, 7, 13, 20])
 def test_values_and_derivatives_against_products_in_fifty_digits(degree):
     basis = lobatto_basis(degree)

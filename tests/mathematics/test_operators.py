@@ -56,6 +56,58 @@ def right_operator(bdf_order: int, exponent: float, step_size: float, values: Ar
     return left_operator(bdf_order, exponent, step_size, values[::-1])[::-1]
 
 
+def semigroup_defect(bdf_order: int, a: float, b: float, total: float, n: int) -> float:
+    """Largest difference of J^a J^b and J^total, relative to what the weights can amplify."""
+    defect = 0.0
+    for operator in (left_operator, right_operator):
+        values = random_sequence(n)
+        twice = operator(bdf_order, a, STEP, operator(bdf_order, b, STEP, values))
+        once = operator(bdf_order, total, STEP, values)
+        bound = (
+            STEP**-total
+            * np.abs(convolution_weights(bdf_order, a, n)).sum()
+            * np.abs(convolution_weights(bdf_order, b, n)).sum()
+        )
+        defect = max(defect, float(np.abs(twice - once).max() / bound))
+    return defect
+
+
+SEMIGROUP_PAIRS = [(0.25, 0.25), (0.75, 0.75), (0.3, 1.2), (1.5, -1.5), (-0.4, -0.6), (1.9, -0.9)]
+
+
+@spread(**{"a, b": SEMIGROUP_PAIRS}, n=[200, 2000], bdf_order=BDF_ORDERS)
+def test_semigroup_to_round_off(bdf_order, n, a, b):
+    assert semigroup_defect(bdf_order, a, b, a + b, n) < 1e-14
+
+
+@pytest.mark.parametrize("bdf_order", BDF_ORDERS)
+def test_semigroup_needs_the_sum_of_the_exponents(bdf_order):
+    """Control: a total order that is wrong by 1e-9 is seen."""
+    assert semigroup_defect(bdf_order, 0.25, 0.25, 0.5 + 1e-9, 200) > 1e-12
+
+
+@spread(exponent=[-0.5, 0.25, 0.75, 1.0, 1.5], n=[200, 2000], bdf_order=BDF_ORDERS)
+def test_asymmetric_integration_by_parts(bdf_order, n, exponent):
+    x, y = random_sequence(n), random_sequence(n + 1)[:n]
+    left = left_operator(bdf_order, exponent, STEP, x)
+    right = right_operator(bdf_order, exponent, STEP, y)
+    scale = np.abs(left) @ np.abs(y) + np.abs(x) @ np.abs(right)
+    assert abs(left @ y - x @ right) < 1e-14 * scale
+    # Control: with the retarded operator on both sides it does not hold.
+    wrong = left_operator(bdf_order, exponent, STEP, y)
+    assert abs(left @ y - x @ wrong) > 1e-5 * scale
+
+
+def test_signs():
+    t = STEP * np.arange(50)
+    left = left_operator(2, 1.0, STEP, t**2)
+    np.testing.assert_allclose(left[2:], 2 * t[2:], atol=1e-12)
+    right = right_operator(2, 1.0, STEP, t**2)
+    np.testing.assert_allclose(right[:-2], -2 * t[:-2], atol=1e-12)
+    integral = left_operator(1, -1.0, STEP, np.ones(50))
+    np.testing.assert_allclose(integral, t + STEP, atol=1e-14)
+
+
 LADDER = 2 ** np.arange(5, 12)
 
 

@@ -6,6 +6,8 @@ from dataclasses import replace
 import mpmath
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
@@ -214,3 +216,38 @@ def test_merging_keeps_further_axes():
     )
     np.testing.assert_array_equal(exponents, [0, 1])
     np.testing.assert_array_equal(coefficients, [[3, 4], [0, 7]])
+
+
+lattices = st.dictionaries(
+    st.sampled_from([0.0, 0.3, 0.5, 1.0, 1.3, 2.0, 2.5]),
+    st.floats(-3, 3, allow_nan=False).filter(lambda c: abs(c) > 1e-3),
+    max_size=4,
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(lattices, lattices, lattices)
+def test_ring_laws(a, b, c):
+    x, y, z = (series(terms, 3.0) for terms in (a, b, c))
+    for left, right in [
+        ((x + y) + z, x + (y + z)),
+        (x * y, y * x),
+        (x * (y + z), x * y + x * z),
+        ((x * y) * z, x * (y * z)),
+    ]:
+        common = min(left.cutoff, right.cutoff)
+        difference = truncated(left - right, common)
+        assert np.all(np.abs(difference.coefficients) < 1e-12)
+
+
+@settings(max_examples=100, deadline=None)
+@given(lattices.filter(bool), st.sampled_from([-2, -1, 2, 3, 0.5, -0.7, 1.5]))
+def test_powers_invert_each_other(terms, exponent):
+    terms = {k: abs(v) for k, v in terms.items()}
+    lead = min(terms)
+    terms = {k: v if k == lead else v * terms[lead] / 9 for k, v in terms.items()}
+    x = series(terms, 4.0)
+    back = (x**exponent) ** (1 / exponent)
+    assume(back.cutoff > lead)
+    difference = truncated(back - x, min(back.cutoff, 4.0))
+    assert np.all(np.abs(difference.coefficients) < 1e-9 * terms[lead])

@@ -87,6 +87,22 @@ def test_tableaux_agree_with_fifty_digits(name, m):
     assert np.abs(made.c - to_array(c)[:, 0]).max() < 1e-15
 
 
+def test_tableaux_printed_in_hairer_and_wanner():
+    """Tables 5.2, 5.5, 5.13 of Solving Ordinary Differential Equations II, section IV.5."""
+    r = np.sqrt(3) / 6
+    gauss = gauss_tableau(2)
+    np.testing.assert_allclose(gauss.A, [[1 / 4, 1 / 4 - r], [1 / 4 + r, 1 / 4]], atol=2e-16)
+    radau = radau_iia_tableau(2)
+    np.testing.assert_allclose(radau.A, [[5 / 12, -1 / 12], [3 / 4, 1 / 4]], atol=2e-16)
+    lobatto = lobatto_iiic_tableau(3)
+    np.testing.assert_allclose(
+        lobatto.A,
+        [[1 / 6, -1 / 3, 1 / 6], [1 / 6, 5 / 12, -1 / 12], [1 / 6, 2 / 3, 1 / 6]],
+        atol=2e-16,
+    )
+    np.testing.assert_allclose(lobatto_iiic_tableau(2).A, [[0.5, -0.5], [0.5, 0.5]], atol=1e-16)
+
+
 @pytest.mark.parametrize("m", [2, 3, 4, 7])
 def test_orders_stage_orders_and_values_at_infinity(m):
     gauss, radau, lobatto = gauss_tableau(m), radau_iia_tableau(m), lobatto_iiic_tableau(m)

@@ -108,6 +108,8 @@ def test_fresh_begins_at_the_start(monkeypatch):
     ("spoil", "reason"),
     [
         (lambda content: content[: len(content) // 2], "it is damaged"),
+        (lambda content: b"", "it is damaged"),
+        (lambda content: content.replace(b"kept_positions", b"kept_positionz"), "it is damaged"),
         (None, "it belongs to another run, or to another version of the solver"),
     ],
 )
@@ -252,6 +254,16 @@ def test_every_kind_of_run_goes_on(monkeypatch, folder, kind):
     assert not PARTS.exists()
 
 
+def test_what_was_kept_of_a_search_is_forgotten_by_fresh(monkeypatch, folder):
+    (folder / "long.yaml").write_text(SEARCH)
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, 20)
+        run(code=130)
+    assert "resume" not in fvi("run", "long.yaml", "--dry-run", "--fresh").stdout
+    assert "resume" not in run("--fresh").stderr
+    assert not PARTS.exists()
+
+
 def test_runs_among_others_are_kept_whole_where_they_took_their_time(folder):
     (*_, last) = load_config(Path("long.yaml")).experiments[0].runs()
     checkpoints = CheckpointFolder(folder=folder, seconds=60.0)
@@ -285,7 +297,7 @@ def stop_at_a_checkpoint(folder, command, number):
 
 
 @pytest.mark.processes
-@spread(number=[signal.SIGTERM, signal.SIGKILL], options=[("--workers", "2"), ()])
+@spread(number=[signal.SIGINT, signal.SIGTERM, signal.SIGKILL], options=[("--workers", "2"), ()])
 def test_the_same_command_goes_on_after_a_signal(folder, monkeypatch, undisturbed, number, options):
     monkeypatch.undo()
     monkeypatch.chdir(folder)
@@ -296,4 +308,17 @@ def test_the_same_command_goes_on_after_a_signal(folder, monkeypatch, undisturbe
     rest = fvi("run", "long.yaml")
     assert "N=100000: resume at step " in rest.stderr
     assert digests() == undisturbed
+    assert not PARTS.exists()
+
+
+@pytest.mark.processes
+@spread(kind=["members", "impacts", "search"], options=[(), ("--workers", "2")])
+def test_every_kind_of_run_goes_on_after_a_kill(folder, kind, options):
+    (folder / "long.yaml").write_text(KINDS[kind])
+    command = ("run", "long.yaml", "--checkpoint-every", "0", *options)
+    stop_at_a_checkpoint(folder, command, signal.SIGKILL)
+    logging.getLogger("fvi_cli").handlers.clear()
+    assert "resume" in fvi("run", "long.yaml").stderr
+    fvi("run", "long.yaml", "-o", "straight")
+    assert stored() == stored(Path("straight/long.h5"))
     assert not PARTS.exists()

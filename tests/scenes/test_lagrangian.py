@@ -73,6 +73,14 @@ def test_forces_in_the_lagrangian_are_forces():
     assert np.abs(a.position - b.position).max() < 1e-14
 
 
+def test_a_spring_whose_end_is_shaken():
+    made = single("vx**2/2 - (x - sin(3*t))**2")
+    plain = spring(T=4.0, k=2.0, x=1.0, forcing="2*sin(3*t)")
+    assert isinstance(made.potential, QuadraticPotential)
+    a, b = integrate(made, GAUSS3, 32), integrate(plain, GAUSS3, 32)
+    assert np.abs(a.position - b.position).max() < 1e-14
+
+
 def test_a_mass_that_is_constant_after_all():
     made = single("((l*cos(x)*vx)**2 + (l*sin(x)*vx)**2)/2 + cos(x)", parameters={"l": 2.0})
     assert made.inertia.mass == pytest.approx(np.array([[4.0]]), abs=1e-14)

@@ -143,6 +143,56 @@ def test_jump_as_the_order_passes_one():
     assert at_two(1.0 + 1e-9) == pytest.approx(float(step(np.array([2.0]))[0]), abs=1e-8)
 
 
+def test_caputo_and_riemann_liouville():
+    values = [
+        float(
+            linear_response(
+                mass=1.0, stiffness=1.0, damping=((0.5, 1.0),), position=1.0, derivative=derivative
+            )(np.ones(1))[0]
+        )
+        for derivative in ("caputo", "riemann-liouville")
+    ]
+    assert values == pytest.approx([0.612261785758467, 0.0768387490366691], abs=2e-15)
+    # The difference is the known force -mu x0 t^(-1/2) / Gamma(1/2).
+    forced = linear_response(
+        mass=1.0,
+        stiffness=1.0,
+        damping=((0.5, 1.0),),
+        position=1.0,
+        forcing=((0.0, T**-0.5 * (-1 / math.sqrt(math.pi))),),
+    )
+    assert forced(np.ones(1))[0] == pytest.approx(values[1], abs=2e-15)
+
+
+def test_classical_damping_of_the_follow_up():
+    # Hariz Belgacem, Jimenez, Ober-Bloebaum, arXiv 2510.11082: two uncoupled components.
+    exact = match_scene(
+        scene(
+            mass=np.eye(2),
+            stiffness=0.5 * np.eye(2),
+            damping=((1.0, 0.25 * np.eye(2)),),
+            x0=[0.8, -0.5],
+            v0=[0.4, 0.0],
+        )
+    )
+    t = np.linspace(0.0, 30.0, 97)
+    w = math.sqrt(31) / 8
+    root = math.sqrt(31)
+    q1 = 4 / 155 * np.exp(-t / 8) * (31 * np.cos(w * t) + 5 * root * np.sin(w * t))
+    q2 = -1 / 62 * np.exp(-t / 8) * (31 * np.cos(w * t) + root * np.sin(w * t))
+    assert exact.position(t) == pytest.approx(np.stack([q1, q2], axis=-1), abs=2e-15)
+
+
+@pytest.mark.parametrize(("order", "gamma_factor"), [(1.5, 15 / 8), (0.5, 15 / 16)])
+def test_bagley_torvik_with_fractional_powers_in_the_force(order, gamma_factor):
+    # x = t^(5/2): D^(3/2) x = 15/8 sqrt(pi) t, D^(1/2) x = 15/16 sqrt(pi) t^2.
+    power = "t" if order == 1.5 else "t**2"
+    text = f"15/4*sqrt(t) + {gamma_factor}*sqrt(pi)*{power} + t**2.5"
+    exact = match_scene(scene(damping=((order, 1.0),), forcing=Forcing.from_text(text)))
+    t = np.linspace(0.0, 1.0, 65)
+    assert exact.position(t)[:, 0] == pytest.approx(t**2.5, abs=1e-14)
+
+
 def test_general_order_with_a_manufactured_solution():
     # x = t^(2.3) + t^4, order 0.7, mu = 0.4, k = 3.
     g = math.gamma

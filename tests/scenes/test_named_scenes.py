@@ -42,6 +42,43 @@ def test_dampers_stand_where_the_springs_stand():
     assert across.coefficient == pytest.approx(0.3 * np.array([[1, 0, -1], [0, 0, 0], [-1, 0, 1]]))
 
 
+def test_a_chain_by_dampers_is_a_chain_by_directions():
+    start = {"position": [1.0, 0.0, 0.5], "velocity": 0.0}
+    by_key = scene_of(
+        "chain", masses=3, dampers=[{"order": 0.5, "coefficient": 0.2}], initial=start
+    )
+    forms = ["x1", "x2 - x1", "x3 - x2", "x3"]
+    by_direction = scene_of(
+        "damped-oscillator",
+        stiffness=[[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 2.0]],
+        damping=[{"order": 0.5, "coefficient": 0.2, "acts_on": forms}],
+        initial=start,
+    )
+    a = integrate(by_key, GAUSS3, 32).position
+    b = integrate(by_direction, GAUSS3, 32).position
+    assert np.abs(a - b).max() < 1e-14
+    # control: without one of the dampers the motion is another
+    fewer = scene_of(
+        "damped-oscillator",
+        stiffness=[[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 2.0]],
+        damping=[{"order": 0.5, "coefficient": 0.2, "acts_on": forms[:3]}],
+        initial=start,
+    )
+    assert np.abs(integrate(fewer, GAUSS3, 32).position - a).max() > 1e-3
+
+
+def test_a_free_chain_keeps_its_momentum_with_dampers_inside():
+    scene = scene_of(
+        "chain",
+        masses=5,
+        ends="none",
+        dampers=[{"order": 0.5, "coefficient": 0.4}],
+        initial={"position": 0.0, "velocity": [1.0, 0.0, 0.0, 0.0, -0.3]},
+    )
+    momentum = integrate(scene, GAUSS3, 32).momentum
+    assert momentum.sum(axis=1) == pytest.approx(np.full(33, 0.7), abs=1e-13)
+
+
 def test_a_frame_is_its_equation_written_out():
     scene = scene_of(
         "frame",

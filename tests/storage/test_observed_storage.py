@@ -129,3 +129,11 @@ def test_members_of_a_sweep_keep_their_quantities(tmp_path):
     assert sorted(rows[0]) == sorted(["member", "occurrence", swept, "time", "x", "vx"])
     times = np.concatenate([one.trajectory.observed.events["low"].time for one in again.finished])
     assert [float(row["time"]) for row in rows] == times.tolist()
+
+
+@pytest.mark.parametrize("name", ["frame-forces", "ball-on-a-table"])
+def test_what_is_shipped_runs(name):
+    for outcome in fvi.run(fvi.load(name, overrides=["ladder.steps=[60]"])):
+        for one in outcome.finished:
+            assert one.status == "ok"
+            assert one.trajectory.observed.extents

@@ -191,6 +191,19 @@ def test_runs_that_came_to_nothing_come_back_as_they_are(tmp_path, position):
         assert_same(results.finished(run), finished)
 
 
+def test_a_thinned_grid_keeps_first_and_last_point(tmp_path):
+    own = experiment(store_every=3)
+    finished = made_up(own.runs()[1])
+    path = store(tmp_path, [finished])
+    with read_results(path) as results:
+        found = results.finished(finished.run)
+    kept = [0, 3, 6, 8]
+    assert found.trajectory.time.tolist() == finished.trajectory.time[kept].tolist()
+    assert found.trajectory.position.tolist() == finished.trajectory.position[kept].tolist()
+    assert found.error == finished.error
+    assert found.trajectory.n_steps == 8
+
+
 # --- identity -------------------------------------------------------------------------------------
 
 
@@ -641,6 +654,37 @@ def test_a_damaged_part_is_named(tmp_path, runs):
 def recall(path: Path, runs: list[FinishedRun]) -> int:
     with read_results(path) as results:
         return sum(results.finished(finished.run) is not None for finished in runs)
+
+
+def test_cut_anywhere_a_file_is_told_to_be_damaged(path, runs):
+    content = path.read_bytes()
+    assert recall(path, runs) == len(runs)
+    random = np.random.default_rng(1)
+    for length in [*random.integers(0, len(content), 100), len(content) - 1]:
+        path.write_bytes(content[:length])
+        with pytest.raises(StorageError, match=r"sample\.h5: "):
+            recall(path, runs)
+
+
+def seal_of(content: bytes) -> bytes:
+    return bytes(content[content.rindex(stream_module.MARK) :])
+
+
+def test_numbers_that_have_changed_since_are_noticed(path, runs):
+    with h5py.File(path) as file:
+        dataset = file[f"sample/{BDF.case}/n000008/position"]
+        place = dataset.id.get_offset() + 24
+    content = bytearray(path.read_bytes())
+    content[place] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(StorageError, match="its bytes are not those that were written"):
+        recall(path, runs)
+    # without the seal, as a program leaves it that changes a file, each run is looked at
+    path.write_bytes(content[: -len(seal_of(content))])
+    with read_results(path) as results:
+        assert_same(results.finished(runs[0].run), runs[0])
+        with pytest.raises(StorageError, match="not those that were written"):
+            results.finished(runs[1].run)
 
 
 def test_a_file_that_the_library_would_search_for_ever_is_told_to_be_damaged(path, runs):

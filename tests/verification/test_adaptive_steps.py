@@ -12,7 +12,8 @@ import pytest
 from letters import in_pieces, spring, swing
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
@@ -85,6 +86,27 @@ def test_a_force_that_jumps_unannounced():
     found = run(hidden, 1e-6)
     assert np.abs(found.time - 1.0).min() < 1e-12
     assert error(found, exact(STEP_FORCED)) < 1e-9
+
+
+def test_a_jump_that_no_formula_tells_of():
+    """The control: the same jump through a table of samples costs accuracy and steps."""
+    knots = np.array([0.0, 1.0, 1.0 + 1e-9, 50.0])
+    sampled = SampledForce.through(knots, [1.0, 1.0, 0.0, 0.0], "linear")
+    hidden = replace(STEP_FORCED, forcing=Forcing(pieces=(ForcingPiece(components=(sampled,)),)))
+    found, told = run(hidden, 1e-6), run(STEP_FORCED, 1e-6)
+    assert np.abs(found.time - 1.0).min() > 1e-12
+    assert found.rejected > told.rejected
+    assert error(found, exact(STEP_FORCED)) > 1e-7
+
+
+@pytest.mark.parametrize(
+    ("mu", "order", "stiffness"), [(50.0, 0.5, 100.0), (20.0, 1.5, 30.0), (50.0, 1.9, 1.0)]
+)
+def test_strong_damping(mu, order, stiffness):
+    scene = spring(T=5.0, k=stiffness, x=1.0, v=0.5, damping=damping(order, mu))
+    found = run(scene, 1e-6)
+    assert found.n_steps <= 35
+    assert error(found, exact(scene)) < 1e-9
 
 
 def test_a_short_pulse():

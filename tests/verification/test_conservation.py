@@ -30,9 +30,7 @@ METHODS = [
     Method(cq="gauss", degree=3, start="none"),
     Method(cq="bdf2", degree=1, sampling="nodes"),
     Method(cq="bdf4", degree=2, sampling="points"),
-    Method(cq="lobatto-iiic", degree=2),
 ]
-RADAU = Method(cq="radau-iia", degree=2)
 
 
 def scene_of(**specification: Any) -> Scene:
@@ -142,9 +140,6 @@ def test_backwards_in_time_leads_to_the_start(name, method):
     end = flow(scene, method, n_steps, start)
     assert np.abs(turn * flow(scene, method, n_steps, turn * end) - start).max() < 1e-12
     assert np.abs(end - start).max() > 0.1
-    # a control: its points are not symmetric
-    end = flow(scene, RADAU, n_steps, start)
-    assert np.abs(turn * flow(scene, RADAU, n_steps, turn * end) - start).max() > 1e-9
 
 
 def test_implicit_euler_does_not_lead_back():
@@ -167,7 +162,7 @@ def energy_slope(method: AnyMethod, n_steps: int) -> tuple[float, float]:
     return float(slope), float(np.abs(error).max())
 
 
-@pytest.mark.parametrize("n_steps", [30_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_steps", [100_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 def test_energy_of_the_pendulum_does_not_drift(n_steps):
     slope, largest = energy_slope(METHODS[1], n_steps)
     assert abs(slope) < 1e-13

@@ -4,10 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse
 from letters import spring, swing
 from spread import spread
 
+from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.convolution import lags
 from fvi_cli.integrator.integrate import integrate
@@ -151,6 +155,12 @@ def test_newton_on_whole_blocks(method, orders):
     assert finished.worst_residuals[-1] < 1e-9 * finished.worst_residuals[0]
 
 
+def test_newton_sees_one_wrong_weight(monkeypatch):
+    scene = swing((0.5, 0.5), T=5.0, x=1.0)
+    with_a_wrong_weight(monkeypatch, 50)
+    assert difference(scene, Method(cq="bdf2", degree=2), 300) > 100 * TOLERANCE
+
+
 def test_steps_too_long_for_any_block_fall_back_to_single_steps():
     """A stiff pendulum over a few turns per step: the frozen response does not contract."""
     scene = swing((0.5, 0.3), T=20.0, omega=6.0, x=2.0)
@@ -181,3 +191,30 @@ def test_growth_beyond_the_range_of_numbers_stops_with_what_is_finished():
     common = min(lengths) - 9
     ratio = paths[1][1:common] / paths[0][1:common]
     assert np.abs(ratio - 1).max() < 1e-6
+
+
+@pytest.mark.parametrize("method", [Method(cq="bdf2", degree=1), Method(cq="bdf4", degree=2)])
+def test_sparse_matrices_give_what_dense_ones_give(method):
+    d = 40
+    chain = scipy.sparse.diags_array(
+        [-np.ones(d - 1), 2 * np.ones(d), -np.ones(d - 1)], offsets=[-1, 0, 1]
+    )
+    mixed = chain + scipy.sparse.diags_array(np.linspace(0, 1, d))
+
+    def scene(form) -> Scene:
+        return Scene(
+            inertia=Inertia(mass=form(scipy.sparse.eye_array(d))),
+            potential=QuadraticPotential(stiffness=form(100 * chain)),
+            damping=(
+                FractionalDamping(order=0.5, coefficient=form(0.3 * mixed)),
+                FractionalDamping(order=1.5, coefficient=form(0.02 * chain)),
+            ),
+            initial_position=np.sin(np.arange(d)),
+            initial_velocity=np.cos(np.arange(d)),
+            final_time=2.0,
+        )
+
+    sparse = integrate(scene(scipy.sparse.csr_array), method, 100)
+    dense = integrate(scene(lambda one: one.toarray()), method, 100)
+    assert np.abs(sparse.position - dense.position).max() <= TOLERANCE
+    assert np.ptp(dense.position) > 1.0

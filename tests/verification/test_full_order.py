@@ -112,6 +112,13 @@ def test_gauss_with_a_graded_start_keeps_2m_on_singular_starts(gamma, stages):
         assert -np.polyfit(np.log(ladder), np.log(none), 1)[0] < 2 * stages - 0.3
 
 
+@pytest.mark.parametrize("gamma", [0.3, 0.5, 1.25, 1.5, 1.9])
+def test_gauss4_with_a_graded_start_is_at_5e_12_with_64_steps(gamma):
+    problem = free_oscillator(gamma)
+    assert errors(problem, Method(cq="gauss", degree=4, start="graded"), (64,))[0] < 5e-12
+    assert errors(problem, Method(cq="gauss", degree=4), (64,))[0] > 5e-11
+
+
 @spread(gamma=[0.3, 0.5, 1.5], bdf_order=[1, 2, 3, 4])
 def test_points_have_the_order_of_the_first_power_at_most(gamma, bdf_order):
     """On a free motion from a position and a velocity."""
@@ -142,6 +149,27 @@ def test_without_a_graded_start_gauss_has_the_order_of_the_first_fractional_powe
     ]
     assert expected_order(problem.scene, method, "final", 64) == pytest.approx(min(6, 2 * sigma))
     assert np.log2(final[0] / final[1]) > min(6, 2 * sigma) - 0.8
+
+
+def fractional_pendulum() -> Scene:
+    return swing((0.5, 0.3), T=20.0, x=1.0)
+
+
+def test_pendulum():
+    """x'' + 0.3 D^{1/2} x + sin x = 0, x0 = 1, T = 20; maximum over the grid."""
+    scene = fractional_pendulum()
+
+    def position(degree: int, n_steps: int, start: str = "graded") -> np.ndarray:
+        method = Method(cq="gauss", degree=degree, start=start)
+        return integrate(scene, method, n_steps).position
+
+    reference = position(4, 640)
+    gauss3 = {n: np.abs(position(3, n) - reference[:: 640 // n]).max() for n in (80, 160, 320)}
+    assert gauss3[160] < 2e-10
+    assert np.log2(gauss3[160] / gauss3[320]) == pytest.approx(6, abs=0.1)
+    assert np.abs(position(4, 80) - reference[::8]).max() < 3e-12
+    without = np.abs(position(3, 160, "none") - reference[::4]).max()
+    assert without > 20 * gauss3[160]
 
 
 def step_forced() -> Scene:
@@ -195,6 +223,11 @@ def test_a_jump_of_the_force_on_a_pendulum(gamma, degree):
         assert errors_of["none"][-1] > 10 * errors_of["graded"][-1]
 
 
+def test_a_break_point_between_equal_steps_is_refused_with_what_fits():
+    with pytest.raises(ValueError, match=r"break point t = 1 .* 50 and 100"):
+        integrate(step_forced(), Method(cq="bdf3", degree=2), 60)
+
+
 @pytest.mark.parametrize("together", [False, True])
 def test_a_break_point_is_a_mesh_point_of_its_own(*, together):
     """Order 4 - gamma behind the jump at t = 1 on meshes whose equal steps would miss it."""
@@ -213,6 +246,35 @@ def test_a_break_point_is_a_mesh_point_of_its_own(*, together):
     assert np.log2(errors[0] / errors[1]) / 2 == pytest.approx(2.5, abs=0.25)
     with pytest.raises(ValueError, match="2 parts between break points need at least one step"):
         integrate(scene, method, 1)
+
+
+def test_a_graded_start_puts_a_break_point_between_steps_too():
+    scene = step_forced()
+    exact = match_scene(scene)
+    errors = {}
+    for start in ("graded", "none"):
+        run = integrate(scene, Method(cq="gauss", degree=3, start=start), 1040)
+        errors[start] = np.abs(run.position - exact.position(run.time)).max()
+    assert errors["graded"] < 1e-9
+    assert errors["none"] > 300 * errors["graded"]
+
+
+@spread(mass=[1.0, 3.0], unit=[1e-6, 1e6])
+def test_a_graded_start_does_not_depend_on_the_unit_of_time(mass, unit):
+    gamma = 1.5
+    base = spring((gamma, 0.7), T=8.0, m=mass, k=2.0, x=1.0, v=0.5)
+    other = spring(
+        (gamma, 0.7 * unit ** (gamma - 2)),
+        T=8.0 * unit,
+        m=mass,
+        k=2.0 / unit**2,
+        x=1.0,
+        v=0.5 / unit,
+    )
+    method = Method(cq="gauss", degree=3, start="graded")
+    a, b = integrate(base, method, 64), integrate(other, method, 64)
+    assert a.remarks == b.remarks
+    assert np.abs(a.position - b.position).max() < 1e-12
 
 
 @pytest.mark.slow

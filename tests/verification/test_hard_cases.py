@@ -16,9 +16,11 @@ from command_line import fvi
 from stored_results import stored_hard_cases
 
 from benchmarks.talbot import talbot_inverse
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.reports import compare, write
 from fvi_cli.reports.kinds.hard_cases import hard_case_report
+from fvi_cli.scenes.linear_response import linear_response
 from fvi_cli.studies.hard_cases.case import (
     Bench,
     Claim,
@@ -29,8 +31,9 @@ from fvi_cli.studies.hard_cases.case import (
     examine_claim,
 )
 from fvi_cli.studies.hard_cases.chaos import chaotic_double_pendulum, energy_defect
+from fvi_cli.studies.hard_cases.judging import exact_positions
 from fvi_cli.studies.hard_cases.linear_cases import oscillator
-from fvi_cli.studies.hard_cases.long_cases import harmonic_response
+from fvi_cli.studies.hard_cases.long_cases import TAIL_AT_1000, harmonic_response
 from fvi_cli.studies.hard_cases.suite import FLAGSHIP, examined_methods, hard_cases
 
 ROOT = Path(__file__).parents[2]
@@ -150,6 +153,22 @@ def test_a_run_that_ends_early_holds_nothing():
 # the truth
 
 
+def by_talbot(scene: Scene, time: float, *, stiffness: float, fastest: float) -> float:
+    """Caputo's transform of a free oscillator, by a contour in more than 60 digits."""
+    (term,) = scene.damping
+    k, mu = mpmath.mpf(stiffness), mpmath.mpf(float(term.coefficient[0, 0]))
+    x0, v0 = float(scene.initial_position[0]), float(scene.initial_velocity[0])
+    g = mpmath.mpf(term.order)
+
+    def transform(s: mpmath.mpc) -> mpmath.mpc:
+        start = s * x0 + v0 + mu * s ** (g - 1) * x0
+        if g > 1:
+            start += mu * s ** (g - 2) * v0
+        return start / (s**2 + mu * s**g + k)
+
+    return float(talbot_inverse(transform, (time,), largest_frequency=fastest)[0])
+
+
 def test_resonance_agrees_with_talbot():
     order, mu, frequency, time = 0.5, 0.05, 1.0177, 25.0
 
@@ -161,6 +180,39 @@ def test_resonance_agrees_with_talbot():
     assert found == pytest.approx(exact, rel=1e-12)
     moved = talbot_inverse(lambda s: transform(s, 1 + 1e-9), (time,), largest_frequency=1.02)
     assert found != pytest.approx(moved, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["extreme-orders", "huge-damping", "negative-damping"])
+def test_exact_positions_agree_with_talbot(name):
+    checked = 0
+    for setting in dict.fromkeys(s for claim in CASES[name].claims for s in claim.settings):
+        scene = setting.scene
+        (term,) = scene.damping
+        k, mu = float(scene.potential.stiffness[0, 0]), float(term.coefficient[0, 0])
+        time = scene.final_time / 2
+        fastest = k**0.5
+        if term.order < 1 or mu < 0:
+            # above 1 the balance of inertia and damping is not on the principal sheet
+            fastest += abs(mu) ** (1 / (2 - term.order))
+        if fastest * time > 100:
+            continue  # too many digits
+        checked += 1
+        exact = exact_positions(setting)
+        found = by_talbot(scene, time, stiffness=k, fastest=fastest)
+        scale = np.abs(exact).max()
+        assert abs(found - exact[setting.n_steps // 2, 0]) < 2e-13 * scale
+        moved = by_talbot(scene, time, stiffness=k * (1 + 1e-6), fastest=fastest)
+        assert abs(moved - found) > 1e-11 * scale
+    assert checked >= 2
+
+
+def test_the_tail_agrees_with_the_oracle():
+    """Numbers of the oracle and of the Laplace inversion, and the sign of the leading term."""
+    for order, value in TAIL_AT_1000.items():
+        response = linear_response(mass=1.0, stiffness=1.0, damping=((order, 1.0),), position=1.0)
+        assert response(np.array([1000.0]))[0] == pytest.approx(value, rel=3e-9)
+        leading = 1e4**-order / math.gamma(1 - order)
+        assert response(np.array([1e4]))[0] == pytest.approx(leading, rel=1e-3)
 
 
 def test_the_energy_balance_of_the_double_pendulum_sees_a_wrong_coefficient():

@@ -140,6 +140,18 @@ def test_very_many_powers_at_the_start():
     assert np.isnan(expected_order(unknown, Method(cq="gauss", degree=3), "max", 128))
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_orders_on_both_sides_of_1_together(method):
+    """The velocity is subtracted for the order above 1 only; against a fine run of Gauss4."""
+    scene = spring((0.5, 0.4), (1.5, 0.3), T=3.0, k=2.0, x=1.0, v=0.7)
+    fine = integrate(scene, Method(cq="gauss", degree=4, start="graded"), 256).position[-1, 0]
+    assert integrate(scene, method, 128).position[-1, 0] == pytest.approx(fine, abs=2e-4)
+    from fvi_cli.scenes.linear_response import match_scene
+
+    exact = match_scene(scene)
+    assert fine == pytest.approx(exact.position(np.array([3.0]))[0, 0], abs=1e-12)
+
+
 def test_public_data_of_the_follow_up():
     """Lobatto IIIC, classical damping (arXiv 2510.11082; data: repository khaledharizb/RKCQ)."""
     table = {

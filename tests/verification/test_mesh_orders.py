@@ -9,11 +9,13 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 
+import mpmath
 import numpy as np
 import pytest
 from letters import spring, swing
 from spread import spread
 
+from benchmarks.talbot import talbot_inverse
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
@@ -39,6 +41,19 @@ def singular(order: float, final_time: float, mu: float) -> tuple[Scene, Exact]:
     scene = spring(T=final_time, k=2.0, x=1.0, v=0.5, damping=damping(order, mu))
     found = match_scene(scene)
     return scene, found.position
+
+
+@functools.cache
+def smooth(order: float) -> tuple[Scene, Array, Array]:
+    """A motion from rest under t^9 exp(-t), with its values at T / 4 and 9 T / 16."""
+    scene = spring(T=30.0, k=2.0, damping=damping(order, 0.7), forcing="t**9*exp(-t)/1e5")
+    times = 30.0 * np.array([1 / 4, 9 / 16])
+
+    def transform(s: mpmath.mpc) -> mpmath.mpc:
+        force = mpmath.factorial(9) / mpmath.mpf(10) ** 5 / (s + 1) ** 10
+        return force / (s**2 + mpmath.mpf("0.7") * s ** mpmath.mpf(order) + 2)
+
+    return scene, times, talbot_inverse(transform, times.tolist(), largest_frequency=2.0)
 
 
 @functools.cache
@@ -81,6 +96,19 @@ def test_singular_motions_on_graded_meshes(order, m):
     method, r = Method(cq="gauss", degree=m), grading(order, m)
     errors = [error(scene, exact, method, graded_mesh(8.0, n, r)) for n in NUMBERS]
     assert slope(NUMBERS, errors) == pytest.approx(2 * m, abs=0.1)
+
+
+@spread(order=ORDERS, m=STAGES)
+def test_smooth_motions_on_graded_meshes(order, m):
+    scene, times, values = smooth(order)
+    numbers = (240, 300, 360, 480) if m == 1 else (96, 128, 160, 192)
+    errors = []
+    for n in numbers:
+        found = integrate(scene, Method(cq="gauss", degree=m), graded_mesh(30.0, n, 2.0))
+        places = [n // 2, 3 * n // 4]
+        assert np.allclose(found.time[places], times, rtol=1e-14)
+        errors.append(float(np.abs(found.position[places, 0] - values).max()))
+    assert slope(numbers, errors) == pytest.approx(2 * m, abs=0.15)
 
 
 @spread(order=ORDERS, m=[3, 4])

@@ -38,6 +38,26 @@ def shaken(interpolation: Interpolation, intervals: int, order: float | None) ->
     )
 
 
+def motion_between_corners(scene: Scene, n_steps: int) -> np.ndarray:
+    """Exact motion of x'' + x = f from rest, f straight between the knots, on a grid.
+
+    On every interval x = a + b s + (x0 - a) cos s + (v0 - b) sin s.
+    """
+    (force,) = scene.forcing.samples
+    grid = 3.0 / n_steps * np.arange(n_steps + 1)
+    result = np.zeros(n_steps + 1)
+    x, v = 0.0, 0.0
+    for index, (left, right) in enumerate(zip(force.knots[:-1], force.knots[1:], strict=True)):
+        slope, value = force.coefficients[:, index]
+        inside = (grid > left) & (grid <= right + 1e-12)
+        s = np.append(grid[inside] - left, right - left)
+        path = value + slope * s + (x - value) * np.cos(s) + (v - slope) * np.sin(s)
+        result[inside] = path[:-1]
+        width = right - left
+        x, v = path[-1], slope - (x - value) * np.sin(width) + (v - slope) * np.cos(width)
+    return result
+
+
 def slope_and_errors(scene: Scene, method: Method, reference) -> tuple[float, list[float]]:
     errors = []
     for n_steps in STEPS:
@@ -87,6 +107,15 @@ def test_knots_on_the_grid_are_seen_by_the_memory_only(interpolation, degree, or
     measured, errors = slope_and_errors(scene, method, refined(scene))
     assert expected_order(scene, method, "max", STEPS[-1]) == limit
     assert measured == pytest.approx(limit, abs=0.1), errors
+
+
+def test_the_reference_is_the_motion_between_corners():
+    scene = shaken("linear", BETWEEN, None)
+    reference = refined(scene)
+    np.testing.assert_allclose(reference(96), motion_between_corners(scene, 96), atol=2e-13)
+    # the control: the spline through the same samples is another motion
+    other = shaken("cubic", BETWEEN, None)
+    assert np.abs(refined(other)(96) - motion_between_corners(scene, 96)).max() > 1e-2
 
 
 def test_without_samples_nothing_is_limited():

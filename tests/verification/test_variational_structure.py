@@ -2,12 +2,54 @@
 
 import numpy as np
 import pytest
+from adjoint_equation import integrate_advanced
 from letters import spring
+from spread import spread
 
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.operators import left_operator
+from fvi_cli.scenes.named import linear_oscillator, pendulum
+
+DAMPED = [FractionalDamping(order=0.6, coefficient=0.7)]
+
+
+def scene_of(kind: str, forcing: Forcing | None = None) -> Scene:
+    make = pendulum if kind == "pendulum" else linear_oscillator
+    return make(
+        final_time=3.0,
+        damping=DAMPED,
+        initial_velocity=1.0,
+        derivative="riemann-liouville",
+        forcing=forcing,
+    )
+
+
+@spread(kind=["oscillator", "pendulum"], sampling=["nodes", "points"], degree=[1, 2, 3])
+def test_y_is_x_in_reversed_time(kind, sampling, degree):
+    scene = scene_of(kind)
+    method = Method(cq="bdf3", sampling=sampling, degree=degree)
+    x = integrate(scene, method, 24).position
+    y = integrate_advanced(scene, method, 24, np.zeros(1), -scene.initial_velocity)
+    assert np.abs(y - x[::-1]).max() < 2e-12
+    wrong = integrate_advanced(scene, method, 24, np.zeros(1), scene.initial_velocity)
+    assert np.abs(wrong - x[::-1]).max() > 0.1
+
+
+@pytest.mark.parametrize("sampling", ["nodes", "points"])
+def test_y_is_x_in_reversed_time_with_mirrored_forcing(sampling):
+    method = Method(cq="bdf2", sampling=sampling, degree=2)
+    scene = scene_of("oscillator", Forcing.from_text("sin(2*t) + t"))
+    mirrored = scene_of("oscillator", Forcing.from_text("sin(2*(3-t)) + 3 - t"))
+    x = integrate(scene, method, 24).position
+    y = integrate_advanced(mirrored, method, 24, np.zeros(1), -scene.initial_velocity)
+    assert np.abs(y - x[::-1]).max() < 2e-12
+    same = integrate_advanced(scene, method, 24, np.zeros(1), -scene.initial_velocity)
+    assert np.abs(same - x[::-1]).max() > 1e-3
 
 
 @pytest.mark.parametrize("sampling", ["nodes", "points"])

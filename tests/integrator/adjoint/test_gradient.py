@@ -20,8 +20,10 @@ from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun
 from fvi_cli.integrator.adjoint.observation import Observation
 from fvi_cli.integrator.adjoint.quantity import (
     Quantity,
+    acceleration_at,
     misfit,
     position_at,
+    quantity_at,
     smoothed_peak,
     velocity_at,
 )
@@ -72,8 +74,11 @@ def values_of(terms: list[tuple[float, float]]) -> dict[str, float]:
 
 
 @cache
-def in_extended_precision(name: str) -> dict[str, float]:
-    """Derivatives of x(TIME), by inverting the transform of the derivative, 40 digits."""
+def in_extended_precision(name: str, order: int = 0) -> dict[str, float]:
+    """Derivatives of x(TIME) or x''(TIME), by inverting the transform of the derivative, 40 digits.
+
+    Under ``value`` the number itself.
+    """
     terms = DAMPINGS[name]
     values = values_of(terms)
     with mpmath.workdps(40):
@@ -95,8 +100,15 @@ def in_extended_precision(name: str) -> dict[str, float]:
             return s ** (order - 1) * x0 + (s ** (order - 2) * v0 if g > 1 else 0)
 
         def rate(what: str, s: Any) -> Any:
+            # what the initial data add to the transform of x'' does not depend on other numbers
+            start = {"position": s, "velocity": 1, "value": s * x0 + v0}.get(what, 0)
+            return s**2 * rate_of_x(what, s) - start if order else rate_of_x(what, s)
+
+        def rate_of_x(what: str, s: Any) -> Any:
             above, below = parts(s)
             x = above / below
+            if what == "value":
+                return x
             if what == "mass":
                 return (s * x0 + v0 - s**2 * x) / below
             if what == "stiffness":
@@ -119,7 +131,7 @@ def in_extended_precision(name: str) -> dict[str, float]:
                     lambda s, what=what: rate(what, s), TIME, method="talbot", degree=60
                 )
             )
-            for what in values
+            for what in (*values, "value")
         }
 
 
@@ -137,6 +149,36 @@ def test_against_forty_digits(name):
         assert one == pytest.approx(expected[what], rel=1e-9), what
     # the run itself aside, one system for every step
     assert found.step_solves == found.n_steps
+
+
+@pytest.mark.parametrize("name", ["small", "near 2", "viscous", "on both sides of 1"])
+def test_accelerations_and_forces_against_forty_digits(name):
+    terms = DAMPINGS[name]
+    values = values_of(terms)
+
+    def family(given: dict[str, float]) -> Scene:
+        return oscillator(given, len(terms))
+
+    # what an order changes is singular at the start even where the motion is smooth
+    steps, changes = graded_mesh(4.0, 60, 6.0), variations(family, values)
+    position, acceleration = in_extended_precision(name), in_extended_precision(name, 2)
+    force = {
+        what: values["mass"] * acceleration[what]
+        + values["stiffness"] * position[what]
+        + {"mass": acceleration["value"], "stiffness": position["value"]}.get(what, 0.0)
+        for what in values
+    }
+    for quantity, expected in (
+        (acceleration_at(TIME), acceleration),
+        (quantity_at("dx", TIME), force),
+    ):
+        found = gradient_of(family(values), GAUSS8, steps, quantity, changes)
+        for one, what in zip(found.derivatives, values, strict=True):
+            assert one == pytest.approx(expected[what], rel=1e-9), what
+        assert found.step_solves == found.n_steps
+        # the acceleration of another damping would be seen
+        wrong = in_extended_precision("below 1", 2)
+        assert found.derivatives[0] != pytest.approx(wrong["mass"], rel=1e-3)
 
 
 PENDULUM = {"omega": 1.2, "order": 0.6, "coefficient": 0.3, "angle": 2.0, "rate": 0.4}
@@ -248,6 +290,33 @@ SCENES = {
     "kepler": (orbit, TWO),
     "zener": (standard_solid, ZENER),
 }
+
+
+def energy_like(position: Any, velocity: Any) -> Any:
+    """Something nonlinear of several times, analytic."""
+    return (position**2).sum() + (velocity * position).sum() ** 3 + np.cos(velocity[0]).sum()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_against_central_differences(name):
+    family, values = SCENES[name]
+    quantity = Quantity(times=np.array([0.0, 0.9, 2.0]), value=energy_like)
+    steps = graded_mesh(family(values).final_time, 12, 2.0)
+    method = Method(cq="gauss", degree=3, start="none")
+
+    def value(changed: dict[str, float]) -> float:
+        done = run_steps(family(changed), method, steps)
+        return float(energy_like(*Observation(done, done.located(quantity.times)).motion()))
+
+    found = gradient_of(family(values), method, steps, quantity, variations(family, values))
+    assert found.value == pytest.approx(value(values), rel=1e-13)
+    for one, (what, at) in zip(found.derivatives, values.items(), strict=True):
+        h = 4e-4 * at
+        coarse, fine = (
+            (value({**values, what: at + e}) - value({**values, what: at - e})) / (2 * e)
+            for e in (h, h / 2)
+        )
+        assert one == pytest.approx((4 * fine - coarse) / 3, rel=2e-8, abs=1e-9), what
 
 
 def of_everything(names: Sequence[str]) -> str:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from letters import spring
+from letters import spring, swing
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -110,6 +110,14 @@ def test_negative_damping_raises_it():
     assert min(rises) > 1e-9
 
 
+def test_the_mechanical_energy_alone_rises():
+    """What is stored comes back: without it the law would not hold."""
+    scene = spring((0.3, 2.0), T=20.0, k=2.0, x=1.0)
+    found = integrate(scene, Method(cq="gauss", degree=3), 200, diagnostics=ASKED)
+    assert rise(found.energy) > 1e-4
+    assert rise(extended(found)) < 1e-14
+
+
 @spread(
     orders=[(0.5,), (1.5,), (0.2, 0.9, 1.4), (1.0, 0.6)], kind=["uniform", "random", "alternating"]
 )
@@ -152,3 +160,18 @@ def test_the_balance_of_works_is_exact_for_quadratic_potentials(order, forced):
     # a control: without as many Gauss points as the degree it is an approximation
     other = integrate(scene, Method(cq="lobatto-iiic", degree=4), 100, diagnostics=ASKED)
     assert 1e-13 < np.abs(other.diagnostics.energy_defect).max() < 1e-2
+
+
+def test_the_balance_of_a_pendulum_falls_with_the_order():
+    scene = swing((0.5, 0.4), T=10.0, x=1.5)
+    numbers, defects = (40, 56, 80, 112), []
+    for n in numbers:
+        method = Method(cq="gauss", degree=2, start="graded")
+        found = integrate(scene, method, n, diagnostics=ASKED)
+        defects.append(np.abs(found.diagnostics.energy_defect).max())
+    assert -np.polyfit(np.log(numbers), np.log(defects), 1)[0] == pytest.approx(4, abs=0.4)
+    adaptive = integrate(
+        scene, Method(cq="gauss", degree=8), AdaptiveSteps(tolerance=1e-8), diagnostics=ASKED
+    )
+    assert np.abs(adaptive.diagnostics.energy_defect).max() < 1e-11
+    assert rise(extended(adaptive)) < 1e-11

@@ -1,5 +1,6 @@
 """Powers of integration on any mesh against powers of the mesh's matrix."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -98,6 +99,32 @@ def test_rates_that_end_too_early_are_seen():
     assert block_error(dense(gauss_operator(2), short, steps)[0], exact, 2) > 1e-9
 
 
+@spread(kind=KINDS, m=[1, 3, 8, 10])
+def test_powers_add_up(kind, m):
+    steps = meshes(24)[kind]
+    values = np.random.default_rng(1).standard_normal((24, m, 2))
+    operator = gauss_operator(m)
+    kernel = kernel_for((0.3, 0.45, 0.75), steps, m)
+    first = apply(operator, kernel, steps, values)
+    twice = apply(operator, kernel, steps, first[0])[1]
+    scale = np.abs(first[2]).max(axis=(1, 2), keepdims=True)
+    assert np.abs((twice - first[2]) / scale).max() < 1e-12
+
+
+@spread(kind=KINDS, m=[1, 2, 5, 8])
+def test_the_adjoint_is_the_power_on_the_reversed_mesh(kind, m):
+    steps, operator = meshes(24)[kind], gauss_operator(m)
+    random = np.random.default_rng(2)
+    u, v = random.standard_normal((2, 24, m, 1))
+    weights = steps[:, None, None] * operator.tableau.b[:, None]
+    kernel = kernel_for((-0.6, 0.4), steps, m)
+    forward = apply(operator, kernel, steps, v)
+    backward = apply(operator, kernel, steps[::-1], u[::-1, ::-1])[:, ::-1, ::-1]
+    for left, right in zip(forward, backward, strict=True):
+        terms = weights * u * left
+        assert abs((terms - weights * right * v).sum()) < 1e-12 * np.abs(terms).sum()
+
+
 @pytest.mark.parametrize("name", ["gauss", "radau-iia", "lobatto-iiic"])
 def test_all_families_agree_with_dense_resolvents(name):
     operator = StageOperator(tableau=tableau(name, 5))
@@ -114,6 +141,56 @@ def test_all_families_agree_with_dense_resolvents(name):
         assert np.allclose(step.intake[j], z * method.b @ resolvent, rtol=1e-9, atol=1e-12)
         assert step.decay[j] == pytest.approx(1 - z * method.b @ resolvent.sum(axis=1), abs=1e-11)
         assert step.change[j] == pytest.approx(-z * method.b @ resolvent.sum(axis=1), rel=1e-10)
+
+
+def test_blocks_are_their_steps():
+    operator, h, size = gauss_operator(3), 0.05, 7
+    kernel = power_kernel((-0.8, 0.25), shortest_step=h, final_time=1.0, stages=3)
+    block = operator.step_tables(kernel, h).over(size)
+    values = np.random.default_rng(4).standard_normal((2 * size, 3, 2))
+    expected = apply(operator, kernel, np.full(2 * size, h), values)
+    states = np.zeros((kernel.n_states, 2))
+    for first in (0, size):
+        own = values[first : first + size]
+        force = (block.response @ states).reshape(2, size, 3, 2)
+        for k, theta in enumerate(kernel.terms):
+            lags = np.concatenate([h**theta * operator.local_block(theta)[None], block.lags[k]])
+            for n, past in itertools.product(range(size), repeat=2):
+                if past <= n:
+                    force[k, n] += lags[n - past] @ own[past]
+        assert np.allclose(force, expected[:, first : first + size], rtol=0, atol=1e-12)
+        states = states + block.change[:, None] * states + block.intake @ own.reshape(-1, 2)
+
+
+@spread(theta=[-0.9, -0.5, 0.5, 0.9], kind=KINDS)
+def test_the_work_of_damping_is_stored_or_dissipated(kind, theta):
+    steps, m = meshes(20)[kind], 4
+    operator = gauss_operator(m)
+    kernel = kernel_for((theta,), steps, m)
+    values = np.random.default_rng(5).standard_normal((20, m, 1))
+    force = apply(operator, kernel, steps, values)[0]
+    energy_weights, size = kernel.energy_weights[0], np.abs(kernel.weights[0])
+    states = np.zeros((kernel.n_states, 1))
+    for n, h in enumerate(steps):
+        tables = operator.step_tables(kernel, float(h))
+        z = h * kernel.rates
+        resolvents = np.linalg.inv(np.eye(m) + z[:, None, None] * operator.tableau.A)
+        moving = np.einsum("jik,jk->ji", resolvents, (values[n] - states.T).T)
+        resting = np.einsum(
+            "jik,jk->ji",
+            resolvents,
+            states + h * kernel.rates[:, None] * (operator.tableau.A @ values[n])[:, 0],
+        )
+        following = tables.decay[:, None] * states + tables.intake @ values[n]
+        lost = resting if theta > 0 else moving
+        dissipated = h * size @ (lost**2 @ operator.tableau.b)
+        stored = 0.5 * energy_weights @ (following**2 - states**2)[:, 0]
+        work = h * operator.tableau.b @ (values[n] * force[n])[:, 0]
+        assert dissipated >= 0
+        assert work == pytest.approx(
+            stored + dissipated, rel=0, abs=1e-11 * (dissipated + abs(work))
+        )
+        states = following
 
 
 @pytest.mark.parametrize(

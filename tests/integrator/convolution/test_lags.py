@@ -1,10 +1,13 @@
 """The past of backward differences as states, against the sum written out."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from letters import spring
 from spread import spread
 
-from fvi_cli.integrator.convolution.lags import LagDamping
+from fvi_cli.integrator.convolution.lags import LagDamping, LagStep
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.bdf import difference_weights
@@ -95,6 +98,44 @@ def test_steps_one_at_a_time(kind, case, writes_out):
     assert worst <= 2e-13 * np.abs(expected).max()
     if writes_out and kind != "finite":
         assert damping.n_states == n * method.degree
+
+
+@pytest.mark.parametrize("lag", [1, 40, 200])
+def test_one_wrong_weight_is_seen(lag):
+    """The control: a weight that is a tenth of a percent off, or all that come from one rate."""
+    method = METHODS["bdf2"]
+    damping = damping_of("one", method, 300, 1)
+    unknowns = RNG.normal(size=(300, 1, 1))
+    expected = literal_force(damping, method, unknowns)
+    at = damping.tables(0.01)
+    wrong: LagStep = at.step
+    if lag <= wrong.n_lags:
+        near, kernels = wrong.near.copy(), wrong.kernels.copy()
+        near[:, lag] += 1e-3 * kernels[:, lag]
+        kernels[:, lag] *= 1.001
+        wrong = replace(wrong, near=near, kernels=kernels)
+    else:
+        far = wrong.far.copy()
+        far[:, np.searchsorted(wrong.rates, 1 / lag)] *= 1.001
+        wrong = replace(wrong, far=far)
+    damping._at = replace(at, step=wrong)
+    found = by_blocks(damping, unknowns, 16)
+    assert np.abs(found - expected).max() > 1e-9 * np.abs(expected).max()
+
+
+@spread(kind=ORDERS, case=METHODS, steps=[1, 5, 64, 300])
+def test_a_block_is_so_many_steps(kind, case, steps):
+    method = METHODS[case]
+    damping = damping_of(kind, method, 1000, 1)
+    at, table = damping.tables(0.01), damping.tables(0.01).step.over(steps)
+    driving = RNG.normal(size=(steps, method.degree, 1))
+    states = RNG.normal(size=(damping.n_states, 1))
+    whole = table.after(states, driving.reshape(-1, 1))
+    by_matrices = states + table.change_of_all() @ states + table.intake @ driving.reshape(-1, 1)
+    for one in driving:
+        damping.advance(at, states, one)
+    assert np.abs(whole - states).max() <= 1e-13 * np.abs(states).max()
+    assert np.abs(by_matrices - states).max() <= 1e-13 * np.abs(states).max()
 
 
 def test_the_states_do_not_grow_with_the_run():

@@ -114,6 +114,18 @@ def oracle() -> Array:
     return talbot_inverse(transform, list(PLACES), largest_frequency=3.0)
 
 
+def largest_error(n_steps: int, degree: int) -> float:
+    run = integrate(SCENE, Method(cq="gauss", degree=degree, start="graded"), n_steps)
+    at = [int(np.abs(run.time - time).argmin()) for time in PLACES]
+    return float(np.abs(run.position[at, 0] - oracle()).max())
+
+
+@pytest.mark.parametrize(("degree", "n_steps"), [(2, 24), (3, 24), (4, 24)])
+def test_a_fractional_zener_oscillator_has_full_order(degree, n_steps):
+    errors = [largest_error(n_steps * factor, degree) for factor in (1, 2)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2 * degree, abs=0.1)
+
+
 LAWS = (
     fractional_zener(order=0.6, time=0.4, relaxed=1.0, unrelaxed=4.0, coefficient=1.0),
     prony(moduli=[1.0, 0.5], times=[0.5, 1.0], coefficient=1.0, relaxed=0.5),

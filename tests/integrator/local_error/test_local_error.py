@@ -53,6 +53,23 @@ def test_the_mesh_has_no_points_at_kinks_of_a_smooth_formula():
     assert np.abs(found.time - math.sqrt(2.0)).min() > 1e-9
 
 
+@pytest.mark.parametrize("width", [0.03, 0.003])
+def test_a_narrow_wall_is_met(width):
+    wall = f"0.5*vx**2 - 5*exp(-((x - 2)/{width})**2)"
+    found = run(one_coordinate(wall, 0.0, 1.0, 4.0), 1e-6)
+    # from the exact turning point a time of flight back: the ball stands where V = 1/2
+    turn = width * math.sqrt(math.log(10.0))
+    nodes, weights = np.polynomial.legendre.leggauss(400)
+    u = 0.5 * (nodes + 1.0)
+    # x = x0 - (distance) u^2 takes the root out of the integrand
+    top, bottom = 2.0 - turn, 0.0
+    x = top - (top - bottom) * u**2
+    energy = 0.5 - 5.0 * np.exp(-(((x - 2.0) / width) ** 2))
+    speed = np.sqrt(2.0 * np.maximum(energy, 1e-300))
+    one_way = float((0.5 * weights * 2.0 * (top - bottom) * u / speed).sum())
+    assert found.position[-1, 0] == pytest.approx(2.0 * one_way - 4.0, abs=3e-6)
+
+
 def test_a_narrow_pulse_is_met():
     def forced(text: str) -> Scene:
         return spring(T=20.0, forcing=text)

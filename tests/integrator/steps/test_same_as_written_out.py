@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from letters import in_pieces, spring
+from letters import in_pieces, spring, swing
+from spread import spread
 from written_out import integrate_written_out
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -38,6 +39,25 @@ def largest_difference(scene: Scene, method: Method, n_steps: int) -> float:
     )
 
 
+@spread(
+    orders=[(0.5,), (1.5,), (1.0,), (0.5, 1.5, 1.0), ()],
+    degree=[1, 2, 3],
+    cq=["gauss", "radau-iia", "lobatto-iiic"],
+)
+def test_all_families_and_orders(cq, degree, orders):
+    # less than a block, and a few blocks
+    for n_steps in (5, 64, 300):
+        method = Method(cq=cq, degree=degree)
+        assert largest_difference(oscillator(*orders), method, n_steps) < 1e-12
+
+
+def test_a_wrong_order_is_seen():
+    """The control."""
+    one = integrate(oscillator(0.5), GAUSS2, 400)
+    other = integrate_written_out(oscillator(0.5 + 1e-9), GAUSS2, 400)
+    assert np.abs(one.position - other.position).max() > 1e-10
+
+
 @pytest.mark.parametrize("quadrature", ["exact", "projected"])
 def test_load_vectors(quadrature):
     """Forces with breaks, and none at all."""
@@ -46,6 +66,16 @@ def test_load_vectors(quadrature):
     for forcing in (pieces, Forcing.from_text("sqrt(t)"), None):
         scene = replace(oscillator(1.5), forcing=forcing)
         assert largest_difference(scene, method, 256) < 1e-12
+
+
+def test_riemann_liouville_with_a_jump():
+    scene = replace(oscillator(0.5), derivative="riemann-liouville")
+    assert largest_difference(scene, GAUSS2, 420) < 1e-12
+
+
+def test_nonlinear_scenes():
+    scene = swing(T=20.0, x=1.0, v=0.3, damping=damping(0.5, 1.5))
+    assert largest_difference(scene, GAUSS2, 400) < 1e-12
 
 
 def test_a_singular_mass_matrix_stops_the_run_where_it_is():

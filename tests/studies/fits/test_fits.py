@@ -116,6 +116,68 @@ def test_the_ends_of_an_interval_are_where_the_misfit_says(noisy):
     assert np.sqrt((2 * held.cost - best.cost) / variance) == pytest.approx(2.002, rel=0.02)
 
 
+def test_derivatives_of_the_residuals():
+    described = MotionModel(
+        model(
+            *PARAMETERS[:2],
+            FitParameter(
+                key="problem.damping.0.coefficient",
+                start=0.0,
+                tied_to="problem.stiffness",
+                factor=0.2,
+            ),
+        ),
+        [measured(motion(TIMES))],
+        [[0.1]],
+    )
+    described.remesh(described.start, 1e-8)
+    at = described.evaluate(described.start)
+    for index in range(2):
+        step = np.zeros(2)
+        step[index] = 1e-4
+        sides = [
+            described.evaluate(described.start + sign * step, with_jacobian=False).residuals
+            for sign in (1, -1)
+        ]
+        difference = (sides[0] - sides[1]) / 2e-4
+        np.testing.assert_allclose(at.jacobian[:, index], difference, atol=1e-5)
+
+
+def test_motions_share_parameters_and_have_their_own():
+    data = (
+        measured(motion(TIMES, 1.0) + noise(5, 0.01), "low"),
+        measured(motion(TIMES, 2.5) + noise(6, 0.01), "high", velocity=0.0),
+    )
+    found = fit_model(
+        settings(*data, x=0.01),
+        model(
+            PARAMETERS[0],
+            PARAMETERS[2],
+            FitParameter(key="problem.damping.0.order", start=0.6, low=0.3, high=0.95),
+            FitParameter(key="problem.initial.position", start=1.5, is_own=True),
+        ),
+    )
+    assert [one.name for one in found.estimates][-2:] == [
+        "problem.initial.position@low",
+        "problem.initial.position@high",
+    ]
+    values = [one.value for one in found.estimates]
+    np.testing.assert_allclose(values, [3.0, 0.5, 0.6, 1.0, 2.5], rtol=0.03)
+    assert found.assignments[1]["problem.initial.position"] == values[-1]
+    # the noise is known: the misfit is a sum of squares of normal numbers
+    assert 70 < found.misfit < 170
+
+
+def test_what_fits_alike_is_said():
+    # mass, stiffness and coefficient have a common factor
+    found = fit_model(
+        settings(measured(motion(TIMES) + noise(7, 0.01))),
+        model(*PARAMETERS, FitParameter(key="problem.mass", start=1.2, low=0.0)),
+    )
+    assert not found.is_converged
+    assert "the data do not determine all parameters" in found.message
+
+
 CONFIG = {
     "name": "decay",
     "problem": SPECIFICATION,
