@@ -115,6 +115,31 @@ def _weights(name: str, n: int, roots: list[mp.mpf]) -> list[mp.mpf]:
     return [(1 + x) / (2 * n * n * _value(before, x) ** 2) for x in roots]
 
 
+def test_rules_of_the_textbooks():
+    """Hairer, Wanner, Solving Ordinary Differential Equations II, section IV.5."""
+    root = np.sqrt
+    expected = {
+        ("gauss", 1): ([0.5], [1.0]),
+        ("gauss", 2): ([0.5 - root(3) / 6, 0.5 + root(3) / 6], [0.5, 0.5]),
+        ("gauss", 3): ([0.5 - root(15) / 10, 0.5, 0.5 + root(15) / 10], [5 / 18, 8 / 18, 5 / 18]),
+        ("lobatto", 2): ([0, 1], [0.5, 0.5]),
+        ("lobatto", 3): ([0, 0.5, 1], [1 / 6, 4 / 6, 1 / 6]),
+        ("lobatto", 4): (
+            [0, (1 - root(0.2)) / 2, (1 + root(0.2)) / 2, 1],
+            [1 / 12, 5 / 12, 5 / 12, 1 / 12],
+        ),
+        ("radau-right", 1): ([1], [1]),
+        ("radau-right", 2): ([1 / 3, 1], [3 / 4, 1 / 4]),
+        ("radau-right", 3): (
+            [(4 - root(6)) / 10, (4 + root(6)) / 10, 1],
+            [(16 - root(6)) / 36, (16 + root(6)) / 36, 1 / 9],
+        ),
+    }
+    for (name, n), (nodes, weights) in expected.items():
+        np.testing.assert_allclose(RULES[name](n).nodes, nodes, rtol=0, atol=2e-16)
+        np.testing.assert_allclose(RULES[name](n).weights, weights, rtol=0, atol=2e-16)
+
+
 def test_rules_are_made_once_and_cannot_be_changed():
     rule = gauss_rule(3)
     assert gauss_rule(3) is rule
