@@ -138,6 +138,12 @@ KINDS = {
 }
 
 
+@pytest.mark.parametrize("degree", [1, 2, 3, 5])
+def test_dampers_without_memory_take_blocks_too(degree):
+    for scenes in (springs(5, 1.0), [*springs(3), *springs(3, 1.0)]):
+        assert_alike(scenes, Method(cq="gauss", degree=degree), 200)
+
+
 @spread(kind=KINDS, method=METHODS[:2])
 def test_each_is_what_it_is_alone(kind, method):
     scenes = KINDS[kind]()

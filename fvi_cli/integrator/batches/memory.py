@@ -240,16 +240,20 @@ class SideDamping:
             What drove the block's steps, shape ``(B inputs, e, q)``, or with more axes between the
             last two.
         """
-        m, width, total = self._m, done * self._inputs, None
+        m, width = self._m, done * self._inputs
         before = driving[:width]
+        total = np.zeros((m, *before.shape[1:]))
+        if not tables.lags:
+            # dampers of order 1 have no memory
+            return total
         between = (1,) * (before.ndim - 2)
         for slot, lags in zip(self._slots, tables.lags, strict=True):
             recent = lags[:, lags.shape[1] - width :]
             own = (recent.reshape(m, width, *between, -1) * before).sum(axis=1)
             if slot.direction is not None:
                 own = along(own, slot.direction)
-            total = own if total is None else total + own
-        return np.zeros((m, *before.shape[1:])) if total is None else total
+            total += own
+        return total
 
     def pushed(self, block: BlockHistory, states: Array, driving: Array) -> Array:
         """The states behind a block that was driven by this."""
