@@ -80,7 +80,7 @@ def startup_table(rows: Sequence[StartupRow]) -> str:
     remark = (
         f"Least of {REPEATS} processes in turn. The last is to take at most "
         f"{LARGEST_MULTIPLE} times the first: {yes_or_no(rows[-1].multiple <= LARGEST_MULTIPLE)}. "
-        "The second says what of that is left to the program: Typer 0.29 loads pydantic for it."
+        "What the second takes is the least that a command can: Typer 0.29 loads pydantic for it."
     )
     return table(
         remark,

@@ -52,7 +52,7 @@ class Scene:
     ------
     ValueError
         For sizes that do not match, values that are not finite, and Riemann-Liouville damping of
-        order >= 1 with q0 != 0, whose force t**(-order) is not integrable at 0; for laws with
+        order > 1 with q0 != 0, whose force t**(-order) is not integrable at 0; for laws with
         Riemann-Liouville derivatives and q0 != 0, and laws with a relaxed modulus beside a
         Lagrangian.
     """

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from multiprocessing import forkserver
 from pathlib import Path
 
 import numpy as np
@@ -128,12 +127,14 @@ def awkward_at_sixteen(batch):
 
 
 @pytest.mark.parametrize("executor", [InProcess(), TWO])
-def test_an_exception_is_the_result_of_the_run_that_raises_it(executor):
+def test_an_exception_is_the_result_of_the_run_that_raises_it(executor, caplog):
     """Be it alone or together with others; what does not travel is told in words."""
     runs = experiment().runs()
     batches = [tuple(runs[:3]), *singles(runs[3:])]
     assert 16 in {run.n_steps for run in batches[0]}
     answers = list(executor.compute(batches, awkward_at_sixteen))
+    # processes do not write into the log of this one
+    assert ("3 runs are computed one by one" in caplog.text) == isinstance(executor, InProcess)
     finished = [f for batch in answers for f in batch.finished]
     assert len(finished) == len(runs)
     assert {f.run.n_steps for f in finished if f.status == "failed"} == {16}
@@ -178,6 +179,8 @@ def fails_where_it_sees_interrupts(batch):
 def test_no_process_sees_an_interrupt_while_it_begins(monkeypatch, forked_on):
     """A terminal sends it to all; a process that is loading would end with a traceback."""
     monkeypatch.setattr("fvi_cli.runner.executors.processes._FORKED_ON", forked_on)
+    from multiprocessing import forkserver
+
     # whoever loads the others, and what it begins with, is to be new as well
     forkserver._forkserver._stop()
     batches = singles(experiment().runs()[:2])

@@ -34,7 +34,10 @@ def no_folders(path, *arguments, **keywords):
         raise PermissionError(13, "Permission denied")
     return real(path, *arguments, **keywords)
 os.open = no_folders
+import multiprocessing.context
+del multiprocessing.context.ForkServerContext
 import fvi_cli
+import fvi_cli.runner.executors.processes
 loaded = fvi_cli.load("portable.yaml")
 for _ in range(2):
     (outcome,) = fvi_cli.run(loaded, output="results")

@@ -33,6 +33,21 @@ def test_polynomial_solution(method):
     assert np.abs(integrate(wrong, method, 64).position - trajectory.position).max() > 1e-6
 
 
+@pytest.mark.xfail(
+    strict=True,
+    reason="order 1 begins with a step from 0 as well, whose push never vanishes where p > 1",
+)
+@pytest.mark.parametrize("bdf", [2, 3])
+def test_order_1_of_riemann_liouville_is_the_rate_at_nodes_too(bdf):
+    caputo = spring((1.0, 0.4), T=4.0, x=1.0, v=0.3)
+    method = Method(cq=f"bdf{bdf}", degree=1, sampling="nodes")
+    one, other = (
+        integrate(replace(caputo, derivative=kind), method, 320).position
+        for kind in ("caputo", "riemann-liouville")
+    )
+    assert np.abs(one - other).max() < 1e-2
+
+
 @pytest.mark.parametrize(
     ("derivative", "value"),
     [("caputo", 0.612261785758467), ("riemann-liouville", 0.0768387490366691)],

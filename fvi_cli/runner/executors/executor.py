@@ -133,6 +133,8 @@ def attempt(batch: Batch, compute: ComputeBatch) -> list[FinishedRun | Crash]:
     except Exception as error:
         if len(batch) == 1:
             return [crash(error)]
+        _logger.debug("%d runs together: %s", len(batch), crash(error).trace)
+        _logger.warning("%d runs are computed one by one: %s", len(batch), crash(error).message)
         return [one for run in batch for one in attempt((run,), compute)]
 
 

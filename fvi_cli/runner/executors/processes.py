@@ -14,9 +14,8 @@ from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import ForkServerContext, SpawnContext
 from multiprocessing.process import BaseProcess
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fvi_cli.integrator.advance import watched
 from fvi_cli.runner.executors.executor import (
@@ -32,6 +31,10 @@ from fvi_cli.runner.executors.executor import (
     portable_batch,
     returned_batch,
 )
+
+if TYPE_CHECKING:
+    # Windows has only one of them
+    from multiprocessing.context import ForkServerContext, SpawnContext
 
 ATTEMPTS = 2
 """How often a batch is computed before it is given up."""
