@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -27,6 +28,12 @@ class Element:
     def acceleration(self, places: Array) -> Array:
         """Acceleration at places in [0, 1], shape ``(n, d)``."""
         return legendre.legvander(2 * places - 1, len(self.coefficients) - 1) @ self.coefficients
+
+    def end(self) -> tuple[Array, Array]:
+        """Position and velocity at the end, each of shape ``(d,)``."""
+        h, c = self.length, self.coefficients
+        once, twice = (_up_to_end(len(c), k)[0] @ c for k in (1, 2))
+        return self.position + h * (self.velocity + h * twice), self.velocity + h * once
 
     def motion(self, places: Array) -> tuple[Array, Array]:
         """Position and velocity at places in [0, 1], each of shape ``(n, d)``."""
@@ -68,8 +75,6 @@ class History:
     def __init__(self, series: Series) -> None:
         self.series = series
         self.elements: list[Element] = []
-        points, weights = legendre.leggauss(QUADRATURE_NODES)
-        self.places, self.weights = (points + 1) / 2, weights / 2
         self.times = np.empty(0)
         self.values: Array | None = None
         self.ends = np.empty(0)
@@ -78,8 +83,9 @@ class History:
     def append(self, element: Element) -> None:
         """Add the element that follows."""
         self.elements.append(element)
-        self.times = np.append(self.times, element.start + element.length * self.places)
-        found = (element.length * self.weights)[:, None] * element.acceleration(self.places)
+        places, weights, basis = _rule(len(element.coefficients))
+        self.times = np.append(self.times, element.start + element.length * places)
+        found = (element.length * weights)[:, None] * (basis @ element.coefficients)
         self.values = found if self.values is None else np.concatenate([self.values, found])
         self.ends = np.append(self.ends, element.start + element.length)
         self.lengths = np.append(self.lengths, element.length)
@@ -100,17 +106,33 @@ class History:
     def _near(self, exponent: float, element: Element, times: Array) -> Array:
         """One element in pieces, each at most as long as its distance from the times."""
         end = element.start + element.length
+        places, weights, _ = _rule(len(element.coefficients))
         pieces = max(1, math.ceil(math.log2(element.length / (times.min() - end)))) + 1
         edges = np.append(0.5 ** np.arange(pieces), 0.0)
         left, size = edges[:-1, None], -np.diff(edges)[:, None]
-        back = (left - size * self.places).ravel()
-        values = (element.length * size * self.weights).ravel()[:, None] * element.acceleration(
-            1 - back
-        )
+        back = (left - size * places).ravel()
+        values = (element.length * size * weights).ravel()[:, None] * element.acceleration(1 - back)
         return ((times - end)[:, None] + element.length * back) ** (exponent - 1) @ values
 
 
 def integrate_legendre(places: Array, n: int, times: int) -> Array:
     """Integrals from 0, once or twice, of n shifted Legendre polynomials at places in [0, 1]."""
+    return np.asarray(legendre.legvander(2 * places - 1, n - 1 + times) @ _integral(n, times))
+
+
+@cache
+def _integral(n: int, times: int) -> Array:
     coefficients = legendre.legint(np.eye(n), m=times, lbnd=-1, scl=1) / 2.0**times
-    return legendre.legvander(2 * places - 1, n - 1 + times) @ coefficients
+    return np.asarray(coefficients)
+
+
+@cache
+def _up_to_end(n: int, times: int) -> Array:
+    return integrate_legendre(np.ones(1), n, times)
+
+
+@cache
+def _rule(n: int) -> tuple[Array, Array, Array]:
+    """Places and weights on [0, 1], and n shifted Legendre polynomials at the places."""
+    points, weights = legendre.leggauss(QUADRATURE_NODES)
+    return (points + 1) / 2, weights / 2, np.asarray(legendre.legvander(points, n - 1))

@@ -27,8 +27,9 @@ from .elements import Array, Element, History, Series, integrate_legendre
 Field = Callable[[Array], Array]
 """Values, shape ``(n, ...)``, at n positions, shape ``(n, d)``, or at n times, shape ``(n,)``."""
 
-FIRST_ELEMENT = 1e-10
-"""Length of the first element, as a part of the time until the next break point."""
+FIRST_ELEMENT = 1e-13
+NEXT_ELEMENT = 1e-10
+"""Length of the first element at 0 and behind breaks, as a part of the time until the next."""
 SERIES = 1.6
 """Powers of the series on the first element are kept up to this far above its first one."""
 
@@ -95,6 +96,7 @@ def solve_volterra(
     *,
     derivative: str = "caputo",
     breaks: Sequence[float] = (),
+    powers: Sequence[tuple[float, ArrayLike]] = (),
     tolerance: float = 1e-13,
     longest_step: float = math.inf,
     n_nodes: int = 10,
@@ -114,6 +116,8 @@ def solve_volterra(
     derivative
         ``caputo`` (D acts on x - x0, and on x - x0 - v0 t for orders above 1) or
         ``riemann-liouville`` (on x; orders of 1 and more need x0 = 0).
+    powers
+        Pairs of an exponent p > -1 and a vector c: forces c t**p beside f.
     tolerance
         Of the last Legendre coefficients, in the scale of the velocity of each component.
     longest_step
@@ -136,6 +140,7 @@ def solve_volterra(
         position=x,
         velocity=v,
         ends=(*sorted(t for t in breaks if 0 < t < final_time), final_time),
+        powers=tuple((p, np.broadcast_to(np.asarray(c, dtype=float), (d,))) for p, c in powers),
         is_caputo={"caputo": True, "riemann-liouville": False}[derivative],
         longest_step=longest_step,
     )
@@ -160,12 +165,13 @@ class _Problem:
     position: Array
     velocity: Array
     ends: tuple[float, ...]
+    powers: tuple[tuple[float, Array], ...]
     is_caputo: bool
     longest_step: float
 
     def known_powers(self) -> list[tuple[float, Array]]:
-        """Powers t**p with vectors c of D x that do not depend on the acceleration."""
-        found = []
+        """Powers t**p with vectors c on the left side that do not depend on the acceleration."""
+        found = [(power, -vector) for power, vector in self.powers]
         for order, matrix in self.terms:
             if not self.is_caputo:
                 found.append((-order, rgamma(1 - order) * (matrix @ self.position)))
@@ -216,7 +222,7 @@ def _solve(problem: _Problem, n_nodes: int, tolerance: float) -> VolterraSolutio
     for end in problem.ends:
         smallest = 0.05 * time
         if singular > 0:
-            step = smallest = FIRST_ELEMENT * (end - singular)
+            step = smallest = NEXT_ELEMENT * (end - singular)
         while time < end:
             step = min(step, problem.longest_step)
             if singular < time:
@@ -238,7 +244,7 @@ def _solve(problem: _Problem, n_nodes: int, tolerance: float) -> VolterraSolutio
             elements.append(element)
             history.append(element)
             time = stop
-            position, velocity = (value[0] for value in element.motion(np.ones(1)))
+            position, velocity = element.end()
             largest = np.maximum(largest, np.abs(velocity))
             step *= min(2.0, 0.8 * max(ratio, 1e-12) ** (-1 / (n_nodes - 1)))
         singular = time
