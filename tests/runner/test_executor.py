@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 import fvi_cli
 from fvi_cli.config import parse_config
 from fvi_cli.errors import ExecutorError
