@@ -99,6 +99,6 @@ def _unusable(experiment: Experiment, results: Store) -> str:
     found = sorted({reasons.of(run) for run in runs})
     return (
         f"{results.path}: none of the {len(runs)} runs of {experiment.name} can be used "
-        f"({'; '.join(found)}); compute them again: fvi show {results.path} --config > "
-        f"{experiment.name}.yaml, then fvi run {experiment.name}.yaml"
+        f"({'; '.join(found)}); compute them with fvi run and their configuration, which "
+        f"fvi show {results.path} --config prints"
     )
