@@ -320,6 +320,8 @@ def test_a_dry_run_tells_half_runs_older_solvers_and_refusals(folder, monkeypatc
     [
         ({"numpy": "9.9"}, "numpy 9.9 in place of "),
         ({"scipy": "9.9"}, "scipy 9.9 in place of "),
+        ({"sympy": "9.9"}, "sympy 9.9 in place of "),
+        ({"mpmath": "9.9"}, "mpmath 9.9 in place of "),
         ({"sources": "0" * 64}, "other source files of fvi "),
     ],
 )
@@ -334,6 +336,38 @@ def test_what_other_code_has_computed_is_computed_again(folder, monkeypatch, cha
     assert found
     fvi(*few, "-q")
     assert {action for action, _ in reasons(fvi(*few, "--dry-run"))} == {"reuse"}
+
+
+@pytest.mark.parametrize("command", ["convergence", "plot"])
+@pytest.mark.parametrize("change", ["numpy", "sources", "solver"])
+def test_a_file_of_other_code_is_refused_and_never_empties_a_table(
+    folder, monkeypatch, command, change
+):
+    fvi("run", "quick.yaml", "-q")
+    fvi(command, "results/quick.h5", code=0)
+    before = {
+        path: path.read_bytes()
+        for path in Path("results").rglob("*")
+        if path.is_file() and path.suffix != ".h5"
+    }
+    assert before
+    if change == "solver":
+        for module in ("provenance", "records", "comparison.reasons"):
+            monkeypatch.setattr(f"fvi_cli.storage.{module}.SOLVER_VERSION", SOLVER_VERSION + 1)
+    else:
+        other = dataclasses.replace(own_code(), **{change: "9.9"})
+        for module in ("provenance", "records", "comparison.reasons"):
+            monkeypatch.setattr(f"fvi_cli.storage.{module}.own_code", lambda: other)
+    refused = fvi(command, "results/quick.h5", code=2)
+    assert "none of the 8 runs of quick can be used" in refused.stderr
+    assert "fvi show results/quick.h5 --config" in refused.stderr
+    assert {path: path.read_bytes() for path in before} == before
+
+
+def test_files_without_the_versions_of_all_libraries_say_so(folder, monkeypatch):
+    """Files of earlier versions do not name all libraries."""
+    older = dataclasses.replace(own_code(), sympy="", mpmath="")
+    assert own_code().differences(older) == ""
 
 
 def test_allowing_what_is_stable_anyway_computes_nothing_again(folder):

@@ -1,5 +1,6 @@
 """The plan on the command line: dry runs, stored files, and runs for which there is no memory."""
 
+import json
 import re
 from pathlib import Path
 
@@ -87,3 +88,16 @@ def test_a_dry_run_of_a_sweep_tells_what_members_take_together(folder):
     with h5py.File(part) as file:
         (case,) = file["planned"].values()
         assert case["n001030"]["history_operations"][:].tolist() == [told] * 16
+
+
+@pytest.mark.parametrize("members", [1, 40])
+def test_a_dry_run_says_the_same_as_json_and_as_text(folder, members):
+    sweep = f"sweep: {{problem.stiffness: {{from: 1, to: 5, number: {members}}}}}\n"
+    (folder / "planned.yaml").write_text(SCENE + (sweep if members > 1 else ""))
+    header, *rows = fvi("run", "planned.yaml", "--dry-run").stdout.splitlines()
+    runs = json.loads(fvi("run", "planned.yaml", "--dry-run", "--json").stdout)["runs"]
+    assert len(runs) == members * len(rows)
+    for row, run in zip(rows, runs[::members], strict=True):
+        words = row[header.index("operations") :].split()
+        assert int(words[0]) == run["history_operations"]
+        assert float(words[1]) == pytest.approx(run["memory_bytes"] / 1e6, rel=5e-3)

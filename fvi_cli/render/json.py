@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from fvi_cli.render.plans import effects_of, planned
+from fvi_cli.render.plans import effects_of, members_with, planned
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.plan import PlannedRun
 from fvi_cli.runner.request import Request
@@ -30,7 +30,8 @@ def outcomes_as_json(outcomes: Sequence[Outcome], files: Sequence[Path] = ()) ->
 
 def plans_as_json(plans: Sequence[PlannedRun]) -> str:
     """What would be done with every run, why, and what it would take."""
-    return _document(runs=[_plan(one) for one in plans])
+    together = members_with([plan.run for plan in plans])
+    return _document(runs=[_plan(one, together.get(one.run, 1)) for one in plans])
 
 
 def contents_as_json(stored: StoredFile) -> str:
@@ -166,8 +167,8 @@ def _observed(summary: ObservedSummary) -> dict[str, object]:
     }
 
 
-def _plan(plan: PlannedRun) -> dict[str, object]:
-    engine = None if plan.finds_steps else planned(plan.run)
+def _plan(plan: PlannedRun, members: int) -> dict[str, object]:
+    engine = None if plan.finds_steps else planned(plan.run, members)
     unknown = {"case": None, "n_steps": None, "step_size": None} if plan.finds_steps else {}
     return {
         **_run(plan.run),

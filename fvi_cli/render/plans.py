@@ -37,7 +37,7 @@ def plans_as_text(plans: Sequence[PlannedRun], *, in_full: bool = False) -> str:
         run = plan.run
         own = None
         if not plan.finds_steps:
-            own = planned(run, _members_with([one.run for one in alike[:MOST_ALIKE]]).get(run, 1))
+            own = planned(run, members_with([one.run for one in alike[:MOST_ALIKE]]).get(run, 1))
         rows.append(
             (
                 run.experiment.name,
@@ -81,7 +81,7 @@ def _alike(plans: Sequence[PlannedRun]) -> list[list[PlannedRun]]:
 def machinery_as_text(runs: Sequence[Run]) -> str:
     """How every run is done, in a paragraph each; runs that are done alike share one."""
     paragraphs: dict[str, list[str]] = {}
-    together = _members_with(runs)
+    together = members_with(runs)
     for run in runs:
         own = planned(run, together.get(run, 1))
         if own is not None:
@@ -110,7 +110,7 @@ def planned(run: Run, members: int = 1) -> EnginePlan | None:
     )
 
 
-def _members_with(runs: Sequence[Run]) -> dict[Run, int]:
+def members_with(runs: Sequence[Run]) -> dict[Run, int]:
     """With how many members, itself among them, every run of a sweep is integrated."""
     from fvi_cli.integrator.members import companions
     from fvi_cli.runner.executors.batches import batches_of

@@ -6,10 +6,11 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 
-from fvi_cli.reports.document import Block, blank_rough, without_numbers
+from fvi_cli.reports.document import Block, blank_rough
 from fvi_cli.reports.table import Report, Row, Sheet, Value, Within
 from fvi_cli.reports.writers import csv_name
 from fvi_cli.reports.writers.data import FORMAT, as_value, as_word, csv_columns, read_csv
@@ -26,6 +27,9 @@ _MARK = "\u00fe\u00fe\u00fe"
 """Stands for a number that is not compared, and needs no escape in any form."""
 
 _NUMBER = r"(?:\d+(?:\.\d+)?(?:e[+-]?\d+)?)"
+
+_SHOWN = re.compile(rf"(?<![\w.])[+-]?{_NUMBER}")
+"""A number with its sign; digits inside of names are none."""
 
 Key = tuple[str, ...]
 
@@ -215,7 +219,9 @@ def _words(
         return
     if expected is None:
         pairs = zip_longest(_squeezed(found), _squeezed(text), fillvalue="")
-        differs: Callable[[str, str], bool] = str.__ne__
+        differs: Callable[[str, str], bool] = partial(
+            _numbers_differ, compared=list(_compared(report))
+        )
     else:
         pairs = zip_longest(
             found.split("\n"), write(blank_rough(blocks, _MARK)).split("\n"), fillvalue=""
@@ -236,5 +242,55 @@ def _is_other(found: str, pattern: str) -> bool:
 
 
 def _squeezed(text: str) -> list[str]:
-    """Lines without their numbers, and without the blanks that depend on how long these are."""
-    return [re.sub(r"[ -]+", " ", without_numbers(line)) for line in text.split("\n")]
+    """Lines without the blanks and rules that depend on how long their entries are."""
+    return [re.sub(r"-{2,}", "--", re.sub(r" +", " ", line)) for line in text.split("\n")]
+
+
+def _compared(report: Report) -> Iterator[tuple[float, Within | None]]:
+    """Every finite number of the rows, and how far a stored one may be from it."""
+    for sheet in report.sheets:
+        for row in sheet.rows:
+            for column in sheet.columns:
+                value = row[column.name]
+                if isinstance(value, int | float) and math.isfinite(value):
+                    yield float(value), column.compared
+
+
+def _numbers_differ(
+    found: str, fresh: str, compared: Sequence[tuple[float, Within | None]]
+) -> bool:
+    """Whether two lines differ in words, or in a number by more than its column permits.
+
+    A number that is in no column may differ by one and a half units of its last digit, a whole
+    one not at all.
+    """
+    if found == fresh:
+        return False
+    if _SHOWN.sub(_MARK, found) != _SHOWN.sub(_MARK, fresh):
+        return True
+    pairs = zip(_SHOWN.findall(found), _SHOWN.findall(fresh), strict=True)
+    return any(one != other and _is_another(one, other, compared) for one, other in pairs)
+
+
+def _is_another(one: str, other: str, compared: Sequence[tuple[float, Within | None]]) -> bool:
+    stored, now = float(one), float(other)
+    unit = max(_last_unit(one), _last_unit(other))
+    # of 0 no digit says which column it is from
+    rules = [
+        rule
+        for value, rule in compared
+        if value == now or (now and abs(value - now) <= 0.51 * unit < abs(now))
+    ]
+    if None in rules:
+        return False
+    known = [rule for rule in rules if rule is not None]
+    if any(rule.holds(stored, now) for rule in known):
+        return False
+    is_whole = one.lstrip("+-").isdigit() and other.lstrip("+-").isdigit()
+    return is_whole or abs(stored - now) > 1.5 * unit
+
+
+def _last_unit(word: str) -> float:
+    """What one unit of the last digit is worth."""
+    digits, _, exponent = word.partition("e")
+    return 10.0 ** (int(exponent or 0) - len(digits.partition(".")[2]))

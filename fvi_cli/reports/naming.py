@@ -49,7 +49,8 @@ def method_names(methods: Sequence[AnyMethod]) -> dict[str, MethodName]:
     names = {}
     for case, method in distinct.items():
         family = method.label
-        if is_mixed and _is_bdf(method):
+        # samples at nodes are the paper's, and need no word where there are no others
+        if _is_bdf(method) and (is_mixed or method.sampling == "points"):
             family = f"{family} {method.sampling}"
         variant = ", ".join(filter(None, (feature(method) for feature in told)))
         names[case] = MethodName(family=family, variant=variant)

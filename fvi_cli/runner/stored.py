@@ -6,6 +6,7 @@ import contextlib
 import logging
 from collections.abc import Callable, Iterator, Sequence
 
+from fvi_cli.errors import StorageError
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.request import Request
 from fvi_cli.runner.settings import Settings
@@ -62,7 +63,13 @@ def stored_runs(
 
 
 def recall(experiments: Sequence[Experiment], results: Store) -> list[Outcome]:
-    """Read the runs of a result file, and compute nothing."""
+    """Read the runs of a result file, and compute nothing.
+
+    Raises
+    ------
+    StorageError
+        If none of the runs of an experiment can be used, such as those of an older version.
+    """
     outcomes = []
     for experiment in experiments:
         found = [results.finished(run) for run in experiment.runs()]
@@ -73,6 +80,8 @@ def recall(experiments: Sequence[Experiment], results: Store) -> list[Outcome]:
         own = finished[0].run.experiment if is_single and finished else experiment
         outcomes.append(Outcome(experiment=own, finished=finished))
     for outcome in outcomes:
+        if outcome.missing and not outcome.finished:
+            raise StorageError(_unusable(outcome.experiment, results))
         if outcome.missing:
             _logger.warning(
                 "%s: %d runs of %s are missing; run its configuration to compute them",
@@ -81,3 +90,15 @@ def recall(experiments: Sequence[Experiment], results: Store) -> list[Outcome]:
                 outcome.experiment.name,
             )
     return outcomes
+
+
+def _unusable(experiment: Experiment, results: Store) -> str:
+    """Why no run of an experiment can be used, and what to do."""
+    runs = list(experiment.runs() if not experiment.needs_search else experiment.searches())
+    reasons = Reasons(stored=results, asked={place_of(run) for run in runs})
+    found = sorted({reasons.of(run) for run in runs})
+    return (
+        f"{results.path}: none of the {len(runs)} runs of {experiment.name} can be used "
+        f"({'; '.join(found)}); compute them with fvi run and their configuration, which "
+        f"fvi show {results.path} --config prints"
+    )

@@ -9,20 +9,24 @@ from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 
-import numpy as np
-
 import fvi_cli
 
-ROOMS = (
+HASHED_PACKAGES = (
     "effects",
     "integrator",
     "mathematics",
     "planning",
     "runner/executors",
     "scenes",
+    "storage/fields",
+    "storage/records.py",
     "studies",
 )
-"""Where numbers come from; configurations, files, tables and commands change none."""
+"""Where numbers come from, and what is stored of a run; configurations, tables and commands change
+neither."""
+
+LIBRARIES = ("numpy", "scipy", "sympy", "mpmath")
+"""Those that calculate."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,15 +38,17 @@ class Code:
     fvi
         Version of the program.
     sources
-        SHA-256 of the Python files that numbers depend on, :data:`ROOMS`, names and contents.
-    numpy, scipy
-        Versions of the libraries that calculate.
+        SHA-256 of the Python files of :data:`HASHED_PACKAGES`, names and contents.
+    numpy, scipy, sympy, mpmath
+        Versions of the libraries that calculate; empty where an older version did not store it.
     """
 
     fvi: str
     sources: str
     numpy: str
     scipy: str
+    sympy: str = ""
+    mpmath: str = ""
 
     @property
     def text(self) -> str:
@@ -53,8 +59,8 @@ class Code:
         """In words what `other` has in place of what is here; empty where nothing differs."""
         found = [
             f"{name} {getattr(other, name)} in place of {getattr(self, name)}"
-            for name in ("fvi", "numpy", "scipy")
-            if getattr(self, name) != getattr(other, name)
+            for name in ("fvi", *LIBRARIES)
+            if "" != getattr(self, name) != getattr(other, name) != ""
         ]
         if not found and self.sources != other.sources:
             found.append(f"other source files of fvi {self.fvi}")
@@ -66,12 +72,13 @@ def own_code() -> Code:
     """The code of this process."""
     package = Path(fvi_cli.__file__).resolve().parent
     digest = hashlib.sha256()
-    for path in sorted(one for room in ROOMS for one in (package / room).rglob("*.py")):
+    roots = [package / name for name in HASHED_PACKAGES]
+    files = {file for root in roots for file in ([root] if root.is_file() else root.rglob("*.py"))}
+    for path in sorted(files):
         digest.update(path.relative_to(package).as_posix().encode())
         digest.update(b"\0" + path.read_bytes() + b"\0")
     return Code(
         fvi=fvi_cli.__version__,
         sources=digest.hexdigest(),
-        numpy=np.__version__,
-        scipy=metadata.version("scipy"),
+        **{name: metadata.version(name) for name in LIBRARIES},
     )

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import fvi_cli
-from fvi_cli.storage.code import own_code
+from fvi_cli.storage.code import LIBRARIES, own_code
 from fvi_cli.studies.experiment import Run
 
 FORMAT = 2
@@ -32,7 +32,7 @@ CHECKSUM = "checksum"
 
 UNKNOWN = "unknown"
 
-_PACKAGES = ("numpy", "scipy", "h5py", "mpmath", "PyYAML", "matplotlib")
+_PACKAGES = (*LIBRARIES, "h5py", "PyYAML", "matplotlib")
 _AT_A_TIME = 4096
 _GIT_SECONDS = 10.0
 _GENERATED = ":(top,exclude)results"
@@ -90,12 +90,12 @@ def sha256(text: str) -> str:
 def identity(run: Run) -> str:
     """SHA-256 of what determines the numbers of a run: its values, and by which code they are made.
 
-    That is the format, the version of the solver, its sources, NumPy and SciPy. Whether it may be
-    unstable is no part of that.
+    That is the format, the version of the solver, its sources and the libraries that calculate.
+    Whether it may be unstable is no part of that.
     """
     specification = {k: v for k, v in run.specification().items() if k != "allow_unstable"}
     code = own_code()
-    solver = [SOLVER_VERSION, code.sources, code.numpy, code.scipy]
+    solver = [SOLVER_VERSION, code.sources, *(getattr(code, name) for name in LIBRARIES)]
     described = {"format": FORMAT, "solver": solver, "run": specification}
     return sha256(canonical_json(described))
 

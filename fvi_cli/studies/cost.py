@@ -8,6 +8,7 @@ a first run; only the import of modules is not in it, since every method runs on
 from __future__ import annotations
 
 import contextlib
+import copy
 import functools
 import gc
 import math
@@ -16,8 +17,9 @@ import sys
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.trajectory import Outcome, Trajectory
@@ -148,6 +150,8 @@ class CostTable:
         One per method, in the order of the configuration.
     by_tolerance
         Accuracies that were asked for by tolerance, beside the ladders.
+    has_laws
+        Whether laws take part in the damping.
     """
 
     experiment: str
@@ -158,12 +162,13 @@ class CostTable:
     final_time: float
     cases: tuple[CostCase, ...]
     by_tolerance: tuple[ToleranceRow, ...] = ()
+    has_laws: bool = False
 
     @property
     def has_memory(self) -> bool:
         """Whether the damping has a memory, and a method summed over it."""
         orders = [] if self.gamma == "-" else [float(order) for order in self.gamma.split(";")]
-        return any(order != 1 for order in orders) and any(
+        return (self.has_laws or any(order != 1 for order in orders)) and any(
             row.history_operations for case in self.cases for row in case.rows
         )
 
@@ -275,6 +280,7 @@ def cost_table(
             for k, method in enumerate(experiment.methods)
         ),
         by_tolerance=tuple(by_tolerance),
+        has_laws=isinstance(problem, Problem) and bool(problem.scene.active_laws),
     )
 
 
@@ -298,7 +304,8 @@ def _timed(run: Run) -> tuple[list[float], list[float]]:
     walls: list[float] = []
     steppings: list[float] = []
     while len(walls) < MOST_REPEATS:
-        wall, stepping = timed_run(lambda: _integrate(run))
+        scene = _without_factors(run)
+        wall, stepping = timed_run(functools.partial(integrate, scene, run.method, run.steps))
         walls.append(wall)
         steppings.append(stepping)
         if walls[0] > LONG_SECONDS:
@@ -309,10 +316,19 @@ def _timed(run: Run) -> tuple[list[float], list[float]]:
 
 
 def _integrate(run: Run) -> Trajectory:
-    problem = run.problem
-    if not isinstance(problem, Problem):  # pragma: no cover - refused before
+    return integrate(_scene_of(run), run.method, run.steps)
+
+
+def _scene_of(run: Run) -> Scene:
+    if not isinstance(run.problem, Problem):  # pragma: no cover - refused before
         raise ValueError("cost: nothing is integrated")
-    return integrate(problem.scene, run.method, run.steps)
+    return run.problem.scene
+
+
+def _without_factors(run: Run) -> Scene:
+    """The scene without the factors of its mass, which an earlier run has left in it."""
+    scene = _scene_of(run)
+    return replace(scene, inertia=copy.copy(scene.inertia))
 
 
 def _seconds(action: Callable[[], object]) -> float:

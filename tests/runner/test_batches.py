@@ -1,5 +1,6 @@
 """Members of a sweep, computed together: the same numbers as alone, whatever becomes of others."""
 
+import itertools
 import pickle
 
 import numpy as np
@@ -9,7 +10,7 @@ from command_line import MANY, configuration
 from fvi_cli.config import parse_config
 from fvi_cli.runner import compute
 from fvi_cli.runner.executors.batches import batches_of, execute_batch
-from fvi_cli.runner.executors.executor import InProcess, longest_first
+from fvi_cli.runner.executors.executor import InProcess, packs_longest_first
 from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.studies import members as members_module
 from fvi_cli.studies.reference import find_reference, find_references
@@ -92,7 +93,8 @@ def test_two_workers_share_a_thousand_equal_members():
     override = "sweep.problem.omega={from: 1, to: 2, number: 1000}"
     one = ("sweep.problem.initial.position=[1.0]", "ladder.steps=[16]", override)
     loads = [0, 0]
-    for batch in longest_first(batches_of(experiment(PENDULUMS, *one).runs())):
+    packs = packs_longest_first(batches_of(experiment(PENDULUMS, *one).runs()))
+    for batch in itertools.chain.from_iterable(packs.values()):
         loads[loads.index(min(loads))] += len(batch)
     assert sum(loads) == 1000
     assert 1000 / max(loads) > 1.95

@@ -7,6 +7,7 @@ import re
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -20,10 +21,11 @@ from distributed import LocalCluster
 
 import fvi_cli
 from fvi_cli.errors import ExecutorError
+from fvi_cli.runner.executors import cluster as cluster_module
 from fvi_cli.runner.executors import executor as executor_module
 from fvi_cli.runner.executors.batches import execute_batch
 from fvi_cli.runner.executors.cluster import DaskCluster
-from fvi_cli.runner.executors.executor import InProcess
+from fvi_cli.runner.executors.executor import Crash, InProcess
 from fvi_cli.storage.code import own_code
 
 # the workers have the package, but not the tests
@@ -207,3 +209,55 @@ def test_a_missing_package_is_told(monkeypatch):
     batches = local.singles(local.experiment().runs())
     with pytest.raises(ExecutorError, match=r"--dask needs the package distributed: install fvi"):
         list(DaskCluster(address="tcp://x:1").compute(batches, execute_batch))
+
+
+class SlowClient:
+    """A scheduler with one worker that needs many looks for every batch."""
+
+    status = "running"
+
+    def __init__(self, results):
+        self.results, self.sent, self.most = results, [], 0
+
+    def nthreads(self):
+        return {"worker": 1}
+
+    def submit(self, *arguments, **options):
+        future = SlowFuture(self)
+        self.sent.append(future)
+        self.most = max(self.most, sum(not one.is_done for one in self.sent))
+        return future
+
+    def cancel(self, *arguments, **options):
+        raise AssertionError("every batch is finished")
+
+
+class SlowFuture:
+    """Finished after some looks."""
+
+    def __init__(self, client):
+        self.client, self.is_done = client, False
+
+    def add_done_callback(self, callback):
+        timer = threading.Timer(0.02 * len(self.client.sent), self._finish, (callback,))
+        timer.daemon = True
+        timer.start()
+
+    def _finish(self, callback):
+        self.is_done = True
+        callback(self)
+
+    def result(self):
+        return self.client.results.pop(0)
+
+
+def test_time_outs_send_no_batch_beyond_the_limit(monkeypatch):
+    monkeypatch.setattr(cluster_module, "_SECONDS_BETWEEN_LOOKS", 0.002)
+    steps = tuple(range(2, 42))
+    runs = dataclasses.replace(local.experiment(), steps=steps).runs()
+    batches = local.singles(runs)
+    crashes = [[Crash(message="never computed", trace="")] for _ in batches]
+    client = SlowClient(crashes)
+    jobs = cluster_module._Jobs(client=client, address="tcp://made-up", compute=execute_batch)
+    assert len(list(jobs.finished(iter(batches)))) == len(batches) >= 40
+    assert client.most <= 8

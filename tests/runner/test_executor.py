@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 
 import fvi_cli
+from fvi_cli.config import parse_config
 from fvi_cli.errors import ExecutorError
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.runner.executors import executor as executor_module
-from fvi_cli.runner.executors.batches import execute_batch
+from fvi_cli.runner.executors.batches import batches_of, execute_batch, pack_of
 from fvi_cli.runner.executors.executor import InProcess
 from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.scenes.registry import build_problem
@@ -84,6 +85,33 @@ def test_several_processes_give_the_same_numbers_to_the_last_bit(monkeypatch, fo
     # control: another problem gives other numbers
     other = singles(experiment(stiffness=2.0, exact="auto").runs())
     assert numbers(InProcess().compute(other, execute_batch)) != numbers(here)
+
+
+def computed_by(folder, batch):
+    """Computes a batch and notes in which process."""
+    first = batch[0]
+    number = pack_of(first)[-1]
+    (folder / f"{number}-{first.n_steps}").write_text(str(os.getpid()))
+    return execute_batch(batch)
+
+
+@pytest.mark.parametrize("members", [40, 90])
+def test_batches_that_share_references_are_computed_by_one_process(tmp_path, members):
+    text = (
+        "name: many\nproblem: {kind: damped-oscillator, initial: {position: 1.0}, final_time: 4.0, "
+        "damping: [{order: 0.5, coefficient: 0.3}]}\n"
+        "method: {rk: gauss, degree: 1}\nladder: {steps: [4, 8, 16, 32]}\n"
+        f"sweep: {{problem.stiffness: {{from: 1, to: 2, number: {members}}}}}\n"
+    )
+    batches = batches_of(parse_config(text, "many.yaml").experiments[0].runs())
+    packs = len(batches) // 4
+    assert packs >= 5
+    list(TWO.compute(batches, functools.partial(computed_by, tmp_path)))
+    pairs = {(path.name.partition("-")[0], path.read_text()) for path in tmp_path.iterdir()}
+    assert len(list(tmp_path.iterdir())) == len(batches)
+    assert len({process for _, process in pairs}) == 2
+    # at the end the one that is free may help with the last pack of the other
+    assert packs <= len(pairs) <= packs + 1
 
 
 def test_one_process_computes_when_asked_and_in_order():

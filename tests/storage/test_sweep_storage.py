@@ -253,3 +253,16 @@ def test_what_is_said_of_members_takes_little_memory(tmp_path):
     assert [columns["identity"][k] for k in (0, count - 1)] == [f"{k:064}" for k in (0, count - 1)]
     # two checksums are 226 bytes as texts; some forty lists would take 8 bytes each beside them
     assert held < 450 * count
+
+
+@pytest.mark.parametrize("name", ["accuracy", "steps", "member", "time"])
+def test_a_parameter_may_have_any_name_and_members_stay_in_one_group(tmp_path, name):
+    text = (
+        f"name: many\nproblem: {{kind: lagrangian, coordinates: [x], parameters: {{{name}: 1.0}}, "
+        f"lagrangian: vx**2/2 - {name}*x**2/2, initial: {{position: 1.0}}, final_time: 1.0}}\n"
+        "method: {rk: gauss, degree: 2}\nladder: {steps: [4]}\n"
+        f"sweep: {{problem.parameters.{name}: [1, 2, 3]}}\n"
+    )
+    keep(tmp_path, load(text))
+    (line,) = list_runs(tmp_path / "many.h5").runs
+    assert line.members == 3

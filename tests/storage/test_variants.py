@@ -75,8 +75,9 @@ def test_a_file_stands_for_its_own_configuration_unless_other_values_are_set():
     assert stiff != errors("quick.yaml")
     told()
     assert errors(FILE, *STIFF) == stiff
-    missing = fvi("convergence", FILE, "--set", "problem.stiffness=3", "--output", "made")
-    assert "4 runs of quick are missing" in missing.stderr
+    missing = fvi("convergence", FILE, "--set", "problem.stiffness=3", "--output", "made", code=2)
+    assert "none of the 4 runs of quick can be used" in missing.stderr
+    assert "changed: problem.stiffness" in missing.stderr
     wrong = fvi("convergence", FILE, "--set", "problem.stifness=3", code=2)
     assert "stiffness" in wrong.stderr
 

@@ -8,6 +8,7 @@ import pytest
 
 from benchmarks.robustness import LADDER
 from fvi_cli.config import parse_config
+from fvi_cli.effects import inertia
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
@@ -164,3 +165,36 @@ def test_ladders_alone_have_no_file_of_tolerances():
     one = experiment()
     names = rendered(cost_report("small", [cost_table(one, list(measure_costs(one)))]))
     assert not [name for name in names if "tolerance" in name]
+
+
+LAWS = {
+    "zener": "{law: zener, order: 0.6, time: 0.5, relaxed: 1.0, unrelaxed: 3.0}",
+    "springpot": "{order: 0.6, coefficient: 0.5}",
+    "dashpot": "{order: 1.0, coefficient: 0.5}",
+}
+
+
+@pytest.mark.parametrize("damping", LAWS)
+def test_a_law_has_a_memory_and_a_dashpot_has_none(damping):
+    text = (
+        "name: small\nproblem: {kind: structure, mass: [[2.0]], stiffness: [[1.0]], "
+        f"damping: [{LAWS[damping]}], initial: {{position: [1.0]}}, final_time: 2.0}}\n"
+        "method: {rk: gauss, degree: 2}\nladder: {steps: [16]}\n"
+    )
+    one = experiment(text)
+    assert cost_table(one, list(measure_costs(one))).has_memory == (damping != "dashpot")
+
+
+def test_every_timed_run_factorises_its_matrices(monkeypatch):
+    text = (
+        "name: small\nproblem: {kind: structure, mass: [[2.0, 0.5], [0.5, 1.0]], "
+        "stiffness: [[2.0, -1.0], [-1.0, 2.0]], initial: {velocity: [1.0, 0.0]}, "
+        "damping: [{order: 0.5, coefficient: 0.1}], final_time: 2.0}\n"
+        "method: {rk: gauss, degree: 2}\nladder: {steps: [16]}\n"
+    )
+    (run,) = experiment(text).runs()
+    factorised = []
+    solver = inertia.solver
+    monkeypatch.setattr(inertia, "solver", lambda form: factorised.append(form) or solver(form))
+    row = measure_cost(run)
+    assert len(factorised) >= row.repeats >= 5

@@ -11,7 +11,7 @@ from fvi_cli.studies.fits.result import FitResult, ModelFit
 
 ESTIMATED = Within(relative=1e-5, absolute=1e-9)
 """How close a fit comes to another one of the same data."""
-ROUGH = Within(relative=1e-2, absolute=1e-3)
+ROUGH = Within(relative=1e-2)
 
 PARAMETER_COLUMNS = (
     Column("parameter", "key path; with @ and the motion where each has its own"),
@@ -41,7 +41,7 @@ MODEL_COLUMNS = (
         "probability (Ljung and Box) of what is left, if it is noise",
         "noise?",
         ".2g",
-        compared=ROUGH,
+        compared=Within(relative=5e-2),
     ),
     Column("steps", "steps of the runs", compared=None),
     Column("discretisation", "error of the runs over what is left of the data", compared=None),

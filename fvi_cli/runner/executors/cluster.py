@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import itertools
 import logging
 import queue
 import threading
@@ -20,9 +21,9 @@ from fvi_cli.runner.executors.executor import (
     PortableBatch,
     PortableResults,
     compute_portable,
-    longest_first,
     lost_batch,
     no_memory,
+    packs_longest_first,
     portable_batch,
     returned_batch,
 )
@@ -78,7 +79,8 @@ class DaskCluster:
             return
         with _connected(self.address) as client:
             jobs = _Jobs(client=client, address=self.address, compute=compute)
-            waiting = iter(longest_first(batches))
+            packs = packs_longest_first(batches)
+            waiting = itertools.chain.from_iterable(packs.values())
             try:
                 yield from jobs.finished(waiting)
             finally:
@@ -102,10 +104,8 @@ class _Jobs:
         """Every batch of `waiting` as soon as it is finished."""
         ahead = self._ahead()
         while True:
-            for batch in waiting:
+            for batch in itertools.islice(waiting, max(0, ahead - len(self.under_way))):
                 self._send(batch)
-                if len(self.under_way) >= ahead:
-                    break
             if not self.under_way:
                 if not self.suspects:
                     return

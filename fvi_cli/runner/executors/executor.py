@@ -6,6 +6,7 @@ import functools
 import logging
 import pickle
 import traceback
+from collections import deque
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, fields
@@ -18,6 +19,7 @@ import fvi_cli
 from fvi_cli.errors import ExecutorError
 from fvi_cli.integrator.advance import watched
 from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.runner.executors.batches import Pack, pack_of
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage.code import Code, own_code
@@ -199,9 +201,21 @@ PortableResults = list[dict[str, Any] | Crash]
 """The fields of finished runs, without the runs."""
 
 
-def longest_first(batches: Sequence[Batch]) -> list[Batch]:
-    """The batches with the longest in front, so that no single one is left for the end."""
-    return sorted(batches, key=lambda batch: -sum(run.n_steps for run in batch))
+def packs_longest_first(batches: Sequence[Batch]) -> dict[Pack, deque[Batch]]:
+    """The batches by their packs, those with the most steps in front.
+
+    The batches of a pack share what errors are measured against: who computes one of them should
+    compute all.
+    """
+    packs: dict[Pack, list[Batch]] = {}
+    for batch in batches:
+        packs.setdefault(pack_of(batch[0]), []).append(batch)
+    ordered = sorted(packs.items(), key=lambda item: -sum(map(_steps, item[1])))
+    return {pack: deque(sorted(own, key=_steps, reverse=True)) for pack, own in ordered}
+
+
+def _steps(batch: Batch) -> int:
+    return sum(run.n_steps for run in batch)
 
 
 def portable_batch(batch: Batch) -> PortableBatch:

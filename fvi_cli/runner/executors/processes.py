@@ -11,13 +11,14 @@ import sys
 import threading
 import warnings
 from collections import deque
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, Any
 
 from fvi_cli.integrator.advance import watched
+from fvi_cli.runner.executors.batches import Pack
 from fvi_cli.runner.executors.executor import (
     Batch,
     ComputeBatch,
@@ -25,9 +26,9 @@ from fvi_cli.runner.executors.executor import (
     PortableResults,
     Watch,
     compute_portable,
-    longest_first,
     lost_batch,
     no_memory,
+    packs_longest_first,
     portable_batch,
     returned_batch,
 )
@@ -54,11 +55,12 @@ class _Task:
 
 @dataclass(kw_only=True, eq=False)
 class _Worker:
-    """A process, our end of the pipe to it, and what it computes."""
+    """A process, our end of the pipe to it, what it computes, and the pack of that."""
 
     process: BaseProcess
     connection: Connection
     task: _Task | None = None
+    pack: Pack | None = None
 
     def exit_reason(self) -> str:
         """How the process ended."""
@@ -101,14 +103,17 @@ class LocalProcesses:
     def compute(
         self, batches: Sequence[Batch], compute: ComputeBatch
     ) -> Generator[FinishedBatch, None, None]:
-        """As :meth:`Executor.compute`; the longest batches first."""
-        waiting = deque(_Task(batch=batch) for batch in longest_first(batches))
-        size = min(self.workers, len(waiting))
+        """As :meth:`Executor.compute`; the longest packs first, each by one process if it can."""
+        waiting = {
+            pack: deque(_Task(batch=batch) for batch in own)
+            for pack, own in packs_longest_first(batches).items()
+        }
+        size = min(self.workers, len(batches))
         pool = _Pool(compute=compute, size=size, watch=self.watch)
         try:
             while waiting or pool.busy:
                 while waiting and pool.has_room:
-                    pool.give(waiting.popleft())
+                    pool.give(waiting)
                 for worker in pool.ready():
                     received = pool.receive(worker)
                     if received is None:
@@ -119,7 +124,8 @@ class LocalProcesses:
                     elif answer is not None:
                         yield returned_batch(task.batch, answer)
                     elif task.deaths < ATTEMPTS:
-                        waiting.append(task)
+                        # behind all others
+                        waiting[(task,)] = deque([task])
                     else:
                         message = f"{worker.exit_reason()}, {task.deaths} times"
                         yield lost_batch(task.batch, message)
@@ -142,14 +148,25 @@ class _Pool:
     def has_room(self) -> bool:
         return len(self.busy) < self.size
 
-    def give(self, task: _Task) -> None:
+    def give(self, waiting: dict[Pack, deque[_Task]]) -> None:
         """Hand a task to a process that is idle, or to a new one."""
         worker = self.idle.pop() if self.idle else self._started()
-        worker.task = task
+        worker.pack = self._pack_for(worker, waiting)
+        worker.task = waiting[worker.pack].popleft()
+        if not waiting[worker.pack]:
+            del waiting[worker.pack]
         self.busy[worker.connection] = worker
         # a process that has just died is noticed when its answer is read
         with contextlib.suppress(OSError):
-            worker.connection.send(portable_batch(task.batch))
+            worker.connection.send(portable_batch(worker.task.batch))
+
+    def _pack_for(self, worker: _Worker, waiting: Collection[Pack]) -> Pack:
+        """The pack of its last task, else the first that no other process has begun, else any."""
+        if worker.pack is not None and worker.pack in waiting:
+            return worker.pack
+        begun = {other.pack for other in (*self.busy.values(), *self.idle)}
+        free = (pack for pack in waiting if pack not in begun)
+        return next(free, None) or next(iter(waiting))
 
     def _started(self) -> _Worker:
         context = _context()
