@@ -11,11 +11,11 @@ import numpy as np
 from fvi_cli.mathematics.algebra.arithmetic import BESIDE_REAL, NUMPY_FUNCTIONS
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.convergence import find_roots
 
 T = TypeVar("T")
 
 TIME = "t"
-VELOCITY_SWEEPS = 30
 
 
 def velocity_name(coordinate: str) -> str:
@@ -163,30 +163,21 @@ class Lagrangian:
     def velocity(self, position: Array, momentum: Array, time: Array | float) -> Array:
         """The velocity that belongs to a momentum, by Newton's iteration; shape ``(..., d)``.
 
-        One step suffices where L is quadratic in v. At points where none exists the result is not
-        finite or does not belong to the momentum.
+        One step suffices where L is quadratic in v. Every point is iterated for itself; it is nan
+        where no velocity was found.
         """
-        velocity = np.zeros_like(momentum)
-        settled = np.zeros(momentum.shape[:-1], dtype=bool)
-        previous = np.full(momentum.shape[:-1], np.inf)
-        unit = np.eye(self.dimension)
-        for _ in range(VELOCITY_SWEEPS):
-            at = self.derivatives(position, velocity, time)
-            finite = np.isfinite(at.mass).all(axis=(-2, -1)) & np.isfinite(at.momentum).all(-1)
-            wrong = np.logical_not(np.asarray(finite))
-            mass = np.where(wrong[..., None, None], unit, at.mass)
-            wrong |= np.linalg.slogdet(mass)[0] == 0
-            mass = np.where(wrong[..., None, None], unit, mass)
-            update = np.linalg.solve(mass, (momentum - at.momentum)[..., None])[..., 0]
-            update[wrong] = np.nan
-            # every point on its own, so that the result does not depend on its neighbours
-            velocity = np.where(settled[..., None], velocity, velocity + update)
-            size, scale = np.abs(update).max(axis=-1), np.abs(velocity).max(axis=-1)
-            settled |= wrong | (size <= 1e-15 * scale) | (size >= 0.5 * previous)
-            if settled.all():
-                break
-            previous = size
-        return velocity
+        shape, d = momentum.shape, self.dimension
+        sought = momentum.reshape(-1, d)
+        places = np.broadcast_to(position, shape).reshape(-1, d)
+        times = np.broadcast_to(time, shape[:-1]).ravel()
+
+        def mismatch(velocity: Array) -> tuple[Array, Array, Array]:
+            at = self.derivatives(places, velocity, times)
+            moved = np.einsum("nab,nb->na", np.abs(at.mass), np.abs(velocity))
+            return at.momentum - sought, at.mass, moved + np.abs(sought) + np.abs(at.momentum)
+
+        velocity, found, _ = find_roots(mismatch, np.zeros_like(sought))
+        return np.where(found[:, None], velocity, np.nan).reshape(shape)
 
     def energy(self, position: Array, velocity: Array, time: Array | float) -> Array:
         r""":math:`v \cdot \partial L/\partial v - L`, shape ``(...)``."""

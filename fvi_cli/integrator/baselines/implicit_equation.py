@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from fvi_cli.effects.potential import Potential, QuadraticPotential
+from fvi_cli.integrator.failure import StepFailedError
 from fvi_cli.mathematics.arrays import Array
-
-MOST_ITERATIONS = 50
+from fvi_cli.mathematics.convergence import find_roots
 
 
 def solve_implicit(
@@ -39,25 +37,32 @@ def solve_implicit(
     -------
     Array, int
         u, and the number of iterations: one where the equation is linear.
+
+    Raises
+    ------
+    StepFailedError
+        If no solution was found.
     """
-    unknown = guess.copy()
-    previous = math.inf
-    is_linear = potential is None or isinstance(potential, QuadraticPotential)
-    iteration = 0
-    while iteration < MOST_ITERATIONS:
-        iteration += 1
-        residual = linear @ unknown - constant
-        jacobian = linear
+    if potential is None or isinstance(potential, QuadraticPotential):
+        residual, jacobian = linear @ guess - constant, linear
         if potential is not None:
-            at = base + factor * unknown
-            residual = residual + weight * potential.gradient(at)
-            jacobian = jacobian + weight * factor * potential.hessian(at)
-        update = np.linalg.solve(jacobian, residual)
-        unknown = unknown - update
-        size = float(np.abs(update).max())
-        scale = float(np.abs(unknown).max())
-        # beyond the accuracy that can be reached updates cease to shrink
-        if is_linear or size <= 1e-13 * scale or size >= 0.5 * previous or size == 0:
-            break
-        previous = size
-    return unknown, iteration
+            residual = residual + weight * potential.gradient(base + factor * guess)
+            jacobian = jacobian + weight * factor * potential.stiffness
+        return guess - np.linalg.solve(jacobian, residual), 1
+
+    def equation(unknown: Array) -> tuple[Array, Array, Array]:
+        at = base + factor * unknown
+        own, force = unknown @ linear.T, weight * potential.gradient(at)
+        curvature = weight * potential.hessian(at)
+        # rounded positions, through the second derivatives
+        terms = np.abs(unknown) @ np.abs(linear.T) + np.abs(force) + np.abs(constant)
+        shifted = np.abs(base) + np.abs(factor * unknown)
+        terms = terms + np.einsum("nab,nb->na", np.abs(curvature), shifted)
+        return own + force - constant, linear + factor * curvature, terms
+
+    roots, found, iterations = find_roots(equation, guess[None])
+    if not found.all():
+        raise StepFailedError(
+            f"Newton's iteration did not converge in {iterations} iterations; take a smaller step"
+        )
+    return np.asarray(roots[0]), iterations

@@ -12,6 +12,7 @@ from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.baselines.gruenwald_letnikov import taken_off
 from fvi_cli.integrator.baselines.implicit_equation import solve_implicit
 from fvi_cli.integrator.baselines.results import baseline_operations, baseline_trajectory
+from fvi_cli.integrator.failure import StepFailedError
 from fvi_cli.integrator.growth_bound import beyond, farthest_position
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
@@ -76,15 +77,19 @@ def integrate_product_trapezoidal(scene: Scene, n_steps: int) -> Trajectory:
                     # left[0] is 0
                     end = backwards.size - 1
                     constant = constant - backwards[end - k : end] @ left[1 : k + 1] @ matrix
-            solved, used = solve_implicit(
-                linear,
-                constant,
-                scene.potential,
-                position[k],
-                base=np.zeros(d),
-                factor=1.0,
-                weight=h * h / 6,
-            )
+            try:
+                solved, used = solve_implicit(
+                    linear,
+                    constant,
+                    scene.potential,
+                    position[k],
+                    base=np.zeros(d),
+                    factor=1.0,
+                    weight=h * h / 6,
+                )
+            except StepFailedError as error:
+                failure = f"step {k}, t = {k * h:.6g}: {error}"
+                break
             iterations += 0 if scene.is_linear else used
             position[k + 1] = solved
             newest = _pull(scene, solved)

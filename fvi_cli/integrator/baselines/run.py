@@ -14,6 +14,7 @@ from fvi_cli.integrator.baselines.results import (
     baseline_trajectory,
     forces_on_grid,
 )
+from fvi_cli.integrator.failure import StepFailedError
 from fvi_cli.integrator.growth_bound import beyond, farthest_position
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.trajectory import Trajectory
@@ -124,15 +125,19 @@ def _integrate_euler(scene: Scene, method: Baseline, n_steps: int) -> Trajectory
                 for _, newest, matrix, shift in terms:
                     linear = linear + newest * matrix
                     constant = constant + newest * shift @ matrix
-                velocity[k + 1], used = solve_implicit(
-                    linear,
-                    constant,
-                    scene.potential,
-                    velocity[k],
-                    base=position[k],
-                    factor=h,
-                    weight=1.0,
-                )
+                try:
+                    velocity[k + 1], used = solve_implicit(
+                        linear,
+                        constant,
+                        scene.potential,
+                        velocity[k],
+                        base=position[k],
+                        factor=h,
+                        weight=1.0,
+                    )
+                except StepFailedError as error:
+                    failure = f"step {k}, t = {k * h:.6g}: {error}"
+                    break
                 iterations += used
                 position[k + 1] = position[k] + h * velocity[k + 1]
             done = k + 1

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.trajectory import NewtonRecord
 from fvi_cli.mathematics.arrays import Array
-
-Mask = NDArray[np.bool_]
+from fvi_cli.mathematics.convergence import Mask, judge
 
 ITERATION_LIMIT = 60
-TOLERANCE = 1e-16
-"""Change of a position, relative to position and way, that ends the iteration."""
-ROUND_OFF = 1e-14
-"""Changes that round-off alone may make, on the same scale."""
-SLOW = 0.25
-"""From this ratio of successive changes on the linear scene is made anew."""
 
 
 class Iteration:
@@ -30,17 +25,26 @@ class Iteration:
         First guess of the ways to the stages, shape ``(r, e, q)``.
     live
         Systems to be solved, shape ``(q,)``.
+    floor
+        Bound of what round-off does to the ways of some systems, ``(e, n)``, from their forces.
     """
 
-    def __init__(self, origin: Array, way: Array, live: Mask) -> None:
+    def __init__(
+        self,
+        origin: Array,
+        way: Array,
+        live: Mask,
+        floor: Callable[[NDArray[np.intp], Array, Array], Array],
+    ) -> None:
         self.way, self.live = way, live.copy()
         self.pull = np.zeros_like(way)
         self.failed = np.zeros_like(live)
         self.changes: list[Array] = []
         self.counts = np.zeros(live.size, dtype=np.intp)
-        self._origin = np.abs(origin).max(axis=0)
+        self._floor = floor
+        self._origin = np.abs(origin)
         self._scale = self._origin
-        self._previous = np.full(live.size, np.inf)
+        self._previous = np.full(origin.shape, np.nan)
 
     def take(self, pull: Array, way: Array) -> Mask:
         """Note an iteration: the forces it took, and the ways they make.
@@ -50,32 +54,33 @@ class Iteration:
         Array
             Systems that go on but are slow, shape ``(q,)``.
         """
-        change = np.abs(way - self.way).max(axis=(0, 1))
-        if not self.changes:
-            self._scale = self._origin + np.abs(way).max(axis=(0, 1))
+        change = np.abs(way - self.way).max(axis=0)
+        self._scale = np.maximum(self._scale, self._origin + np.abs(way).max(axis=0))
         if self.live.all():
             self.pull, self.way = pull, way
         else:
             self.pull = np.where(self.live, pull, self.pull)
             self.way = np.where(self.live, way, self.way)
         self.counts += self.live
-        self.changes.append(change)
-        # a first change says nothing about the rate
-        is_first = np.isinf(self._previous)
-        rate = np.where(is_first, 1.0, change / self._previous)
-        smallest = TOLERANCE * self._scale
-        solved = (change <= smallest) | (change * rate <= 0.1 * smallest)
-        slow = ~(rate < SLOW) & ~is_first
-        solved |= slow & (change <= ROUND_OFF * self._scale)
-        lost = self.live & ~np.isfinite(change)
+        self.changes.append(change.max(axis=0))
+
+        def floor(slow: Mask) -> Array:
+            found: Array = np.zeros_like(change)
+            places = np.flatnonzero(slow.any(axis=0) & self.live)
+            if places.size:
+                found[:, places] = self._floor(places, self.pull, self.way)
+            return found
+
+        done, is_slow = judge(change, self._previous, self._scale, floor)
+        lost = self.live & ~np.isfinite(change).all(axis=0)
         self.failed |= lost
-        self.live &= ~(solved | lost)
+        self.live &= ~(done.all(axis=0) | lost)
         self._previous = change
-        return np.asarray(self.live & slow)
+        return np.asarray(self.live & is_slow.any(axis=0))
 
     def renewed(self, systems: NDArray[np.intp]) -> None:
         """These have another linear scene: what their changes were says nothing any more."""
-        self._previous[systems] = np.inf
+        self._previous[:, systems] = np.nan
 
     def give_up(self) -> None:
         """What is not solved has failed."""

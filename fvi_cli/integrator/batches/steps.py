@@ -12,6 +12,7 @@ from fvi_cli.integrator.batches.systems import Systems, filled_up
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.steps.step import ForceSampling
 from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.convergence import UNIT
 
 
 class SideStep:
@@ -116,7 +117,11 @@ class SideStep:
         known = None if load is None else load.reshape(-1, q)
         fixed = self._fixed(inputs, known)
         begun = self._way_of(fixed)
-        iteration = Iteration(position, guess, live)
+
+        def floor(places: Places, pull: Array, way: Array) -> Array:
+            return self._rounding(places, position, inputs, known, pull, way)
+
+        iteration = Iteration(position, guess, live, floor)
         for _ in range(ITERATION_LIMIT):
             way = iteration.way
             pull = potential.gradient(position + way) - self._bent(way)
@@ -143,6 +148,30 @@ class SideStep:
         if known is not None:
             moved += _times(loads, known if places is None else known[:, places])
         return moved
+
+    def _rounding(
+        self,
+        places: Places,
+        position: Array,
+        inputs: Array,
+        known: Array | None,
+        pull: Array,
+        way: Array,
+    ) -> Array:
+        """What rounded terms do to the ways of some systems, through the matrices, ``(e, n)``."""
+        own = filled_up(places)
+        size = np.abs(position[:, own]) + np.abs(way[..., own])
+        curvature = np.abs(self._curvature[..., own])
+        terms = np.abs(pull[..., own]) + (curvature * size[:, None]).sum(axis=2)
+        matrix = np.abs(self.matrix[:, self._before :, own])
+        moved = _times(matrix, np.abs(inputs[:, own]))
+        if known is not None:
+            moved += _times(np.abs(self.loads[..., own]), np.abs(known[:, own]))
+        r, e, _ = self._shape
+        noise = on_first_axis(np.abs(self._to_way), moved[:-e].reshape(-1, e, own.size))
+        by_pull = np.abs(self._by_pull[..., own])
+        noise += _times(by_pull, terms.reshape(r * e, -1)).reshape(r, e, -1)
+        return np.asarray(UNIT * (noise + size).max(axis=0)[:, : places.size])
 
     def _renew(self, places: Places, position: Array, way: Array) -> None:
         """Take the linear scenes of some systems at the ways where they are."""

@@ -19,6 +19,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.failure import StepFailedError
 from fvi_cli.integrator.growth_bound import NO_BOUND
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.meshes.singular_start import start_power
@@ -32,7 +33,7 @@ from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_run
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper
 from fvi_cli.integrator.steps.dynamics import General
-from fvi_cli.integrator.steps.step import StepFailedError, StepResult
+from fvi_cli.integrator.steps.step import StepResult
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis

@@ -10,12 +10,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fvi_cli.integrator.compensated import CompensatedSum
+from fvi_cli.integrator.failure import StepFailedError
 from fvi_cli.integrator.growth_bound import GrowthBound, first_outside
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.local_error.defect import StepPath
 from fvi_cli.integrator.local_error.examine import Examiner, Finding
 from fvi_cli.integrator.meshes.adaptive import StepController
-from fvi_cli.integrator.steps.step import StepFailedError, StepMatrices, StepResult, StepSolver
+from fvi_cli.integrator.steps.step import StepMatrices, StepResult, StepSolver
 from fvi_cli.integrator.trajectory import NewtonRecord
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis

@@ -11,6 +11,7 @@ from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.convolution.damping import LONGEST_BLOCK
 from fvi_cli.integrator.convolution.step_group import GROUP, StepGroup
 from fvi_cli.integrator.decoupling import Decoupling
+from fvi_cli.integrator.failure import StepFailedError
 from fvi_cli.integrator.growth_bound import first_outside
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.run.grouped_steps import grouped_steps
@@ -26,7 +27,6 @@ from fvi_cli.integrator.steps.linear_blocks import (
     block_length,
     memory_operations,
 )
-from fvi_cli.integrator.steps.step import StepFailedError
 from fvi_cli.mathematics.arrays import Array
 
 SINGLE_CHUNK = 256

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from fvi_cli.effects.matrices import dense
+from fvi_cli.integrator.failure import StepFailedError
 from fvi_cli.integrator.run.loop import Course, Marker, Stepper
 from fvi_cli.integrator.steps.block_lengths import BlockLengths
 from fvi_cli.integrator.steps.block_memory import BlockMemory
 from fvi_cli.integrator.steps.block_response import own_damping
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.steps.newton_blocks import FrozenBlocks, frozen_law
-from fvi_cli.integrator.steps.step import StepFailedError
 from fvi_cli.mathematics.arrays import Array
 
 

@@ -14,6 +14,7 @@ with their own Jacobians.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -25,12 +26,11 @@ from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.steps.block_response import LinearSystems, OwnDamping, block_response
 from fvi_cli.integrator.steps.dynamics import General, Separable
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.convergence import SMALLEST, UNIT, Mask, judge
 
 ITERATION_LIMIT = 40
-TOLERANCE = 1e-16
-"""Change of a position, relative to the way of the block, that ends the iteration."""
-ROUND_OFF = 1e-14
-"""Changes that round-off alone may make, relative to the way."""
+SLOW = 0.5
+"""From this ratio of successive changes on they are compared with round-off."""
 
 
 class FrozenLaw(Protocol):
@@ -56,6 +56,9 @@ class FrozenLaw(Protocol):
         The linear scene pulls with K times the way alone: nothing large cancels.
         """
 
+    def terms(self, origin: Array, way: Array, velocity: Array) -> Array:
+        """Sizes of the terms that the linear scene takes off, shape ``(n, r, w)``."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PotentialLaw:
@@ -71,6 +74,10 @@ class PotentialLaw:
     ) -> Array:
         """See :class:`FrozenLaw`."""
         return np.asarray(way @ self.stiffness - self.potential.gradient(origin + way))
+
+    def terms(self, origin: Array, way: Array, velocity: Array) -> Array:
+        """See :class:`FrozenLaw`."""
+        return np.asarray((np.abs(origin) + np.abs(way)) @ np.abs(self.stiffness))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,6 +110,11 @@ class LagrangianLaw:
         return np.concatenate(
             [momentum - (velocity + change) @ self.mass, force + way @ self.stiffness], axis=-1
         )
+
+    def terms(self, origin: Array, way: Array, velocity: Array) -> Array:
+        """See :class:`FrozenLaw`."""
+        forces = (np.abs(origin) + np.abs(way)) @ np.abs(self.stiffness)
+        return np.concatenate([np.abs(velocity) @ np.abs(self.mass), forces], axis=-1)
 
 
 def frozen_law(
@@ -291,7 +303,15 @@ class FrozenBlocks:
         fixed = (sized.points @ inputs).reshape(count, r, -1)
         times = time + self._h * (np.arange(count)[:, None] + self._tables.points)
         guess = np.broadcast_to(remainder, fixed.shape)
-        found = fixed_point(self._law, sized.response, fixed, position, times, guess)
+        found = fixed_point(
+            self._law,
+            sized.response,
+            fixed,
+            position,
+            times,
+            guess,
+            lambda: (np.abs(sized.points) @ np.abs(inputs)).reshape(fixed.shape),
+        )
         if found is None:
             return None
         left, changes = found
@@ -310,7 +330,13 @@ class FrozenBlocks:
 
 
 def fixed_point(
-    law: FrozenLaw, matrix: Array, fixed: Array, origin: Array, times: Array, remainder: Array
+    law: FrozenLaw,
+    matrix: Array,
+    fixed: Array,
+    origin: Array,
+    times: Array,
+    remainder: Array,
+    terms_of_fixed: Callable[[], Array],
 ) -> tuple[Array, list[float]] | None:
     """What is left of the forces of a block, and how its points changed in each iteration.
 
@@ -328,37 +354,47 @@ def fixed_point(
         Of the points, shape ``(n, r)``.
     remainder
         Guess of what is left, as `fixed`.
+    terms_of_fixed
+        Sums of the absolute values of the terms of `fixed`.
 
     Returns
     -------
     tuple, or None
         None where the iteration does not contract.
     """
-    d = origin.size
+    d, w = origin.size, fixed.shape[-1]
+    size = np.abs(origin)
+    if law.has_rates:
+        # over the whole block a velocity counts as the way that it makes
+        size = np.concatenate([size, size / float(times[-1, -1] - times[0, 0])])
     points = fixed + (matrix @ remainder.ravel()).reshape(fixed.shape)
-    size = float(np.abs(points[..., :d]).max()) + float(np.abs(origin).max())
-    smallest, largest = TOLERANCE * size, ROUND_OFF * size
-    span = float(times[-1, -1] - times[0, 0])
+    scale = weight = size
+    previous, before = np.full(w, np.nan), math.inf
+
+    def floor(_: Mask) -> Array:
+        """Rounded terms, through the matrices: what is not coupled does not meet."""
+        way, velocity = points[..., :d], points[..., d:]
+        terms = np.abs(remainder) + law.terms(origin, way, velocity)
+        noise = (np.abs(matrix) @ terms.ravel()).reshape(fixed.shape) + terms_of_fixed()
+        return np.asarray(UNIT * ((noise + np.abs(points)).reshape(-1, w).max(axis=0) + size))
+
     changes: list[float] = []
     for _ in range(ITERATION_LIMIT):
         remainder = law.remainder(origin, points[..., :d], points[..., d:], times, remainder)
         moved = fixed + (matrix @ remainder.ravel()).reshape(fixed.shape)
-        moves = np.abs(moved - points)
-        change = float(moves[..., :d].max())
-        if law.has_rates:
-            # over the whole block a velocity counts as the way that it makes
-            change = max(change, span * float(moves[..., d:].max()))
+        change = np.abs(moved - points).reshape(-1, w).max(axis=0)
+        if not changes:
+            scale = size + np.abs(moved).reshape(-1, w).max(axis=0)
+            weight = 1.0 / np.maximum(scale, SMALLEST)
         points = moved
-        changes.append(change)
-        if change <= smallest:
-            return remainder, changes
-        if not math.isfinite(change):
+        changes.append(float(change[:d].max()))
+        worst = float(change @ weight)
+        if not math.isfinite(worst):
             return None
-        if len(changes) > 1:
-            # a Volterra equation contracts the better the longer it is iterated
-            rate = change / changes[-2]
-            if not rate <= 1.0:
-                return (remainder, changes) if change <= largest else None
-            if change * rate <= 0.1 * smallest:
-                return remainder, changes
+        if judge(change, previous, scale, floor, slow=SLOW)[0].all():
+            return remainder, changes
+        # a Volterra equation contracts the better the longer it is iterated
+        if worst > before:
+            return None
+        previous, before = change, worst
     return None

@@ -24,24 +24,19 @@ import numpy as np
 from fvi_cli.effects.matrices import Form, Solve, dense, form, times
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.integrator.convolution.damping import Damping, DampingTables, no_damping
+from fvi_cli.integrator.failure import StepFailedError
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.integrator.steps.algebra import kronecker, solver_of
 from fvi_cli.integrator.steps.dynamics import General, Separable
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.convergence import NOISE, UNIT, Mask, judge
 
 QUADRATIC_TOLERANCE = 1e-15
-"""Relative size of an update that is not worth an iteration of its own."""
-STALLED = 1e-9
+"""Part of the unknowns that Newton's next update may have: then the residual decides."""
 NEWTON_LIMIT = 40
-
-
-class StepFailedError(Exception):
-    """A step whose equations could not be solved, with the record of the attempt."""
-
-    def __init__(self, message: str, residuals: tuple[float, ...]) -> None:
-        self.residuals = residuals
-        super().__init__(message)
+NEWTON_HALVINGS = 20
+"""Updates into places without forces are halved at most so often."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -261,13 +256,14 @@ class StepSolver:
         if loads is not None:
             right -= loads[:-1]
         residuals: tuple[float, ...] = ()
+        pulls: Array | None = None
         if at.solve is not None:
             if self._stiffness is not None:
                 right += h * self._test_sum * times(position, self._stiffness)
             unknowns = at.solve(right.ravel()).reshape(self._shape)
         else:
             with np.errstate(all="ignore"):
-                unknowns, residuals = self._newton(at, time, position, right, guess)
+                unknowns, pulls, residuals = self._newton(at, time, position, right, guess)
         velocity = driving = self.to_velocity @ unknowns
         change = np.zeros(self._shape[1])
         force = np.zeros_like(velocity)
@@ -276,9 +272,9 @@ class StepSolver:
                 driving = self.sampling.driving @ unknowns
             force = history + damping.local_force(at.damping, driving)
             change -= h * self.sampling.weights @ force
-        if self._stiffness is not None or self.dynamics.is_linear is False:
-            points = position + h * (self._to_position @ unknowns)
-            pulls = self._pull(points, velocity, time + h * self.tables.points)
+        if self._stiffness is not None:
+            pulls = -times(position + h * (self._to_position @ unknowns), self._stiffness)
+        if pulls is not None:
             change += h * self.tables.weights @ pulls
         if loads is not None:
             change += loads.sum(axis=0)
@@ -291,67 +287,106 @@ class StepSolver:
             residuals=residuals,
         )
 
-    def _pull(self, position: Array, velocity: Array, time: Array) -> Array:
-        if self._stiffness is not None:
-            return -times(position, self._stiffness)
-        if self._separable is not None:
-            potential = self._separable.potential
-            return np.zeros_like(position) if potential is None else -potential.gradient(position)
-        with np.errstate(all="ignore"):
-            return self.dynamics.forces(position, velocity, time)[1]
+    def _equations(
+        self, constant: Array, unknowns: Array, points: Array, times: Array, h: float, right: Array
+    ) -> tuple[Array, Array]:
+        """Residual of the equations and forces at the points, with first derivatives only."""
+        residual = (constant @ unknowns.ravel()).reshape(self._shape) - right
+        if self._separable is not None and self._separable.potential is not None:
+            force = -self._separable.potential.gradient(points)
+        else:
+            momentum, force = self.dynamics.forces(points, self.to_velocity @ unknowns, times)
+            residual += self._rate_test @ momentum
+        return residual + h * self._test @ force, force
+
+    def _jacobian(
+        self, constant: Array, unknowns: Array, points: Array, times: Array, h: float
+    ) -> Array:
+        """Derivative of the equations by the unknowns, shape ``(s d, s d)``."""
+        if self._separable is not None and self._separable.potential is not None:
+            full = np.einsum(
+                "inm,iab->namb", self._by_stiffness, self._separable.potential.hessian(points)
+            )
+            full *= -(h**2)
+        else:
+            found = self.dynamics.derivatives(points, self.to_velocity @ unknowns, times)
+            full = np.einsum("inm,iab->namb", self._by_mass, found.mass)
+            full += h * np.einsum("inm,iab->namb", self._by_mixed, found.mixed)
+            full += h * np.einsum("inm,iba->namb", self._by_transposed, found.mixed)
+            full += h**2 * np.einsum("inm,iab->namb", self._by_stiffness, found.stiffness)
+        return np.asarray(constant + full.reshape(self._size, self._size))
 
     def _newton(
         self, at: StepMatrices, time: float, position: Array, right: Array, guess: Array | None
-    ) -> tuple[Array, tuple[float, ...]]:
-        """Solve the equations with their exact Jacobian."""
-        h, tables, constant = at.step_size, self.tables, at.constant
+    ) -> tuple[Array, Array, tuple[float, ...]]:
+        """Solve the equations with their exact Jacobian: unknowns, forces and residuals.
+
+        An update after which the next one is expected to be round-off ends the iteration if the
+        residual behind it calls for no more than that.
+        """
+        h, constant = at.step_size, at.constant
         if constant is None:
             raise ValueError("matrices: those of a linear scene")
         unknowns = np.zeros(self._shape) if guess is None else guess.copy()
-        times = time + h * tables.points
+        times = time + h * self.tables.points
+        origin = np.abs(position) / h
         residuals: list[float] = []
-        previous = math.inf
-        for _ in range(NEWTON_LIMIT):
-            points = position + h * (self._to_position @ unknowns)
-            if self._separable is not None and self._separable.potential is not None:
-                potential = self._separable.potential
-                residual = (constant @ unknowns.ravel()).reshape(self._shape) - right
-                residual -= h * self._test @ potential.gradient(points)
-                jacobian = constant - h**2 * np.einsum(
-                    "inm,iab->namb", self._by_stiffness, potential.hessian(points)
-                ).reshape(self._size, self._size)
-            else:
-                velocity = self.to_velocity @ unknowns
-                found = self.dynamics.derivatives(points, velocity, times)
-                residual = (constant @ unknowns.ravel()).reshape(self._shape) - right
-                residual += self._rate_test @ found.momentum + h * self._test @ found.force
-                full = np.einsum("inm,iab->namb", self._by_mass, found.mass)
-                full += h * np.einsum("inm,iab->namb", self._by_mixed, found.mixed)
-                full += h * np.einsum("inm,iba->namb", self._by_transposed, found.mixed)
-                full += h**2 * np.einsum("inm,iab->namb", self._by_stiffness, found.stiffness)
-                jacobian = constant + full.reshape(self._size, self._size)
-            residuals.append(float(np.abs(residual).max()))
-            if not (math.isfinite(residuals[-1]) and np.isfinite(jacobian).all()):
-                raise StepFailedError(
-                    "the force is not finite (no real number, or a division by zero) near "
-                    f"q = {_shown(points[-1])}; take a smaller step if the motion itself stays "
-                    "away from there",
-                    tuple(residuals),
-                )
+        jacobian: Array = constant
+        update: Array = np.zeros(self._shape)
+        previous = np.full(self._shape[1], np.nan)
+        expects_end, halvings = False, 0
+
+        def floor(_: Mask) -> Array:
             try:
-                update = np.linalg.solve(jacobian, residual.ravel()).reshape(self._shape)
+                inverse = np.abs(np.linalg.inv(jacobian))
+            except np.linalg.LinAlgError:
+                return np.zeros(self._shape[1])
+            # rounded positions and velocities, through the second derivatives
+            rough = np.abs(jacobian - constant) @ (np.abs(unknowns) + origin).ravel()
+            rough += np.abs(constant) @ np.abs(unknowns).ravel() + np.abs(right).ravel()
+            rough += (h * np.abs(self._test) @ np.abs(force)).ravel()
+            noise = (inverse @ rough).reshape(self._shape) + np.abs(unknowns)
+            return np.asarray(UNIT * (noise.max(axis=0) + origin))
+
+        while len(residuals) < NEWTON_LIMIT:
+            points = position + h * (self._to_position @ unknowns)
+            residual, force = self._equations(constant, unknowns, points, times, h, right)
+            size = float(np.abs(residual).max())
+            scale = np.abs(unknowns).max(axis=0) + origin
+            if expects_end and math.isfinite(size):
+                left = np.linalg.solve(jacobian, residual.ravel()).reshape(self._shape)
+                change = np.abs(left).max(axis=0)
+                if judge(change, change, scale, floor, power=0, tolerance=NOISE * UNIT)[0].all():
+                    return unknowns, force, tuple(residuals)
+            fresh = self._jacobian(constant, unknowns, points, times, h)
+            if not (math.isfinite(size) and np.isfinite(fresh).all()):
+                halvings += 1
+                if not update.any() or halvings > NEWTON_HALVINGS:
+                    raise StepFailedError(
+                        "the force is not finite (no real number, or a division by zero) near "
+                        f"q = {_shown(points[-1])}; take a smaller step if the motion itself "
+                        "stays away from there",
+                        (*residuals, size),
+                    )
+                update = 0.5 * update
+                unknowns += update
+                previous, expects_end = np.full(self._shape[1], np.nan), False
+                continue
+            jacobian = fresh
+            residuals.append(size)
+            try:
+                update = np.asarray(np.linalg.solve(jacobian, residual.ravel())).reshape(
+                    self._shape
+                )
             except np.linalg.LinAlgError:
                 break
             unknowns -= update
-            size, scale = float(np.abs(update).max()), float(np.abs(unknowns).max())
-            # where positions are large against the way of a step, their rounding is what is left
-            floor = 1e-15 * float(np.abs(position).max()) / h
-            stalled = size >= 0.5 * previous and size <= max(STALLED * scale, 100 * floor)
-            # quadratic convergence: what the next update would be
-            following = size * (size / previous) ** 2 if previous < math.inf else size
-            if following <= max(QUADRATIC_TOLERANCE * scale, floor) or stalled or size == 0:
-                return unknowns, tuple(residuals)
-            previous = size
+            change, scale = np.abs(update).max(axis=0), np.abs(unknowns).max(axis=0) + origin
+            known = judge(
+                change, previous, scale, floor, power=2, tolerance=QUADRATIC_TOLERANCE, slow=0.5
+            )
+            expects_end = bool(known[0].all())
+            previous = change
         raise StepFailedError(
             f"Newton's iteration did not converge in {len(residuals)} iterations "
             f"(residuals {residuals[0]:.1e} .. {residuals[-1]:.1e}); take a smaller step, or see "

@@ -1,0 +1,151 @@
+r"""When an iteration for a root has converged: one rule for every Newton's iteration.
+
+Every component has a scale of its own and every point, step or member an end of its own. With
+:math:`c_j` the change of component j, :math:`c_j'` the one before and :math:`s_j` its scale,
+component j is done where what is left, :math:`c_j\, c_j / c_j'`, is below the unit round-off of
+:math:`s_j`. Where the changes cease to fall, :math:`c_j` must be explained by round-off: by a
+computed bound :math:`f_j` of it, in which a component that is not coupled to others does not
+feel their size. Slow progress above that bound is a failure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.mathematics.arrays import Array
+
+Mask = NDArray[np.bool_]
+
+UNIT = 2.0**-53
+"""Unit round-off."""
+NEGLIGIBLE = 0.1 * UNIT
+"""A part of the scale that changes nothing."""
+NOISE = 16.0
+"""Changes of so many unit round-offs of the terms of an equation are noise."""
+SLOW = 0.25
+"""From this ratio of successive changes on an iteration is slow."""
+ITERATIONS, HALVINGS = 60, 40
+SMALLEST = np.finfo(float).tiny
+
+
+def judge(
+    change: Array,
+    previous: Array,
+    scale: Array,
+    floor: Callable[[Mask], Array],
+    *,
+    power: int = 1,
+    tolerance: float = NEGLIGIBLE,
+    slow: float = SLOW,
+) -> tuple[Mask, Mask]:
+    r"""Which components are done, and which are not and are slow.
+
+    Parameters
+    ----------
+    change, previous
+        Absolute changes of an iteration and of the one before it; nan where there was none.
+    scale
+        Size of the unknowns.
+    floor
+        Bound of what round-off may do to the change, asked for with the slow components only.
+    power
+        What is left is :math:`c\,(c / c')^\text{power}`: 1 where the iteration converges linearly,
+        2 where it does quadratically, 0 where `change` is the correction of the result itself.
+    tolerance
+        Part of the scale that may be left.
+    slow
+        Ratio of the changes from which on a component is slow.
+    """
+    ratio = change / previous
+    left = change if power == 0 else change * np.fmin(ratio, 1.0) ** power
+    done = left <= tolerance * scale
+    if done.all():
+        return done, ~done
+    is_slow = ~done & (ratio > slow)
+    if is_slow.any():
+        settled = is_slow & (change <= NOISE * floor(is_slow))
+        done, is_slow = done | settled, is_slow & ~settled
+    return done, is_slow
+
+
+Evaluate = Callable[[Array], tuple[Array, Array, Array]]
+"""Residuals ``(n, d)`` at points ``(n, d)``, their Jacobians ``(n, d, d)``, and the sum of the
+absolute values of the terms of a residual, ``(n, d)``."""
+
+
+def find_roots(evaluate: Evaluate, start: Array) -> tuple[Array, Mask, int]:
+    """Roots of n independent systems of d equations by Newton's iteration with shorter steps.
+
+    A step is halved until the residual at its end is finite and calls for a smaller correction
+    than the one before. A root is found when the correction that the residual *there* calls for
+    is no more than round-off.
+
+    Parameters
+    ----------
+    evaluate
+        The systems.
+    start
+        Where the iteration starts, shape ``(n, d)``.
+
+    Returns
+    -------
+    Array, Mask, int
+        The roots, which of them were found, and the largest number of iterations.
+    """
+    with np.errstate(all="ignore"):
+        return _find_roots(evaluate, np.array(start, dtype=float))
+
+
+def _find_roots(evaluate: Evaluate, unknown: Array) -> tuple[Array, Mask, int]:
+    n, d = unknown.shape
+    found, iteration = np.zeros(n, dtype=bool), 0
+    trial = unknown
+    residual, jacobian, _ = evaluate(unknown)
+    live = _regular(residual, jacobian)
+    while live.any() and iteration < ITERATIONS:
+        iteration += 1
+        matrix = np.where(live[:, None, None], jacobian, np.eye(d))
+        step = np.where(live[:, None], _solve(matrix, residual), 0.0)
+        before = np.abs(step)
+        length, searching, ends = np.ones((n, 1)), live.copy(), np.zeros(n, dtype=bool)
+        for _ in range(HALVINGS):
+            trial = unknown - length * step
+            residual, jacobian, terms = evaluate(trial)
+            regular = _regular(residual, jacobian)
+            # the correction at the end of the step, by the Jacobian of its beginning
+            left, size = np.abs(_solve(matrix, residual)), np.abs(trial)
+            floor = partial(_rounding, matrix, terms, size)
+            ends |= searching & judge(left, before, size, floor, power=0, tolerance=UNIT)[0].all(1)
+            scale = np.maximum(size + before, SMALLEST)
+            falls = (left / scale).max(axis=1) < (before / scale).max(axis=1)
+            searching &= ~(regular & (ends | falls))
+            if not searching.any():
+                break
+            length[searching] *= 0.5
+        live &= ~searching
+        unknown = np.where(live[:, None], trial, unknown)
+        found |= ends & live
+        live &= ~ends
+    return unknown, found, iteration
+
+
+def _rounding(matrix: Array, terms: Array, size: Array, _: Mask) -> Array:
+    """What rounded terms of the residuals, and rounded unknowns, do to a correction."""
+    return np.asarray(UNIT * (np.einsum("nab,nb->na", np.abs(np.linalg.inv(matrix)), terms) + size))
+
+
+def _regular(residual: Array, jacobian: Array) -> Mask:
+    """Where residual and Jacobian are finite, and it has an inverse."""
+    sound = np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
+    finite: Mask = np.asarray(sound)
+    safe = np.where(finite[:, None, None], jacobian, 0.0)
+    signs: Array = np.asarray(np.linalg.slogdet(safe)[0])
+    return np.asarray(finite & (signs != 0))
+
+
+def _solve(matrix: Array, right: Array) -> Array:
+    return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0])
