@@ -8,15 +8,17 @@ exactly, and between them nothing is lost. With damping of an order above 1 the 
 used: :math:`M v = p_0 - \mu I^{2 - \gamma} v - \dots` at the end of a step has an error of
 :math:`h_1^{2 - \gamma}` (Riemann-Liouville, :math:`v_0 \neq 0`) or :math:`h_1^{3 - \gamma}` of the
 first step that never decays, since the stability function of a Gauss method is +-1 at infinity;
-a straight line then takes the shape to the positions. The damping force at any time is the polynomial through
-its stage values in that second run, and the acceleration follows from the equation of motion,
+a straight line then takes the shape to the positions. The damping force at any time is the
+polynomial through its stage values in that second run, and the acceleration follows from the
+equation of motion,
 
 .. math:: M a = f(t) - \nabla V(x) - \sum_j \mu_j D^{\gamma_j} x, \qquad
    L_{vv} a = L_x - L_{vx} v - L_{vt} + f - \sum_j \mu_j D^{\gamma_j} x,
 
 never from differences. The one exception are Riemann-Liouville derivatives of an order above 1 with
-:math:`v_0 \neq 0`, whose stage values keep the error of the first step as the momenta do: there the
-acceleration is the derivative of the velocity polynomial, and the equation of motion gives the force.
+:math:`v_0 \neq 0`, whose stage values keep the error of the first step as the momenta do: there
+the acceleration is the derivative of the velocity polynomial, and the force follows from the
+equation of motion.
 """
 
 from __future__ import annotations
