@@ -4,19 +4,28 @@ The polynomial of a step of an m-stage method has the order m + 1, its velocity 
 force along it less; at the mesh points the Gauss method has 2 m. So a second run on the same mesh,
 by the Gauss method of 2 m stages, gives the shape of every step, and a cubic takes it to the
 positions and velocities of the run at both ends: :math:`x(t_n) = q_n`, :math:`x'(t_n) = v_n`
-exactly, and between them nothing is lost. The damping force at any time is the polynomial through
-its stage values in that second run, and the acceleration follows from the equation of motion,
+exactly, and between them nothing is lost. With damping of an order above 1 the momenta are not
+used: :math:`M v = p_0 - \mu I^{2 - \gamma} v - \dots` at the end of a step has an error of
+:math:`h_1^{2 - \gamma}` (Riemann-Liouville, :math:`v_0 \neq 0`) or :math:`h_1^{3 - \gamma}` of the
+first step that never decays, since the stability function of a Gauss method is +-1 at infinity;
+a straight line then takes the shape to the positions. The damping force at any time is the
+polynomial through its stage values in that second run, and the acceleration follows from the
+equation of motion,
 
 .. math:: M a = f(t) - \nabla V(x) - \sum_j \mu_j D^{\gamma_j} x, \qquad
    L_{vv} a = L_x - L_{vx} v - L_{vt} + f - \sum_j \mu_j D^{\gamma_j} x,
 
-never from differences.
+never from differences. The one exception are Riemann-Liouville derivatives of an order above 1 with
+:math:`v_0 \neq 0`, whose stage values keep the error of the first step as the momenta do: there
+the acceleration is the derivative of the velocity polynomial, and the force follows from the
+equation of motion.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -78,6 +87,12 @@ class DenseMotion:
         if shape is steps:
             nothing = np.zeros_like(steps.position[:-1])
             return nothing, nothing, nothing, nothing
+        way = shape.step_size[:, None] * shape.unknowns[:, -1]
+        begin = steps.position[:-1] - shape.position[:-1]
+        end = steps.position[1:] - shape.position[:-1] - way
+        if any(term.order > 1 for term in self.scene.active_damping):
+            slope = (end - begin) / shape.step_size[:, None]
+            return begin, slope, end, slope
         dynamics = dynamics_of(self.scene)
         with np.errstate(all="ignore"):
             velocity = dynamics.velocity(steps.position, steps.momentum, steps.time)
@@ -87,13 +102,7 @@ class DenseMotion:
                 before = dynamics.velocity(steps.position, at_end, steps.time)
         slopes = lobatto_basis(shape.tables.degree).derivatives([0.0, 1.0])[1:]
         left, right = np.einsum("sk,nsd->knd", slopes, shape.unknowns)
-        way = shape.step_size[:, None] * shape.unknowns[:, -1]
-        return (
-            steps.position[:-1] - shape.position[:-1],
-            velocity[:-1] - left,
-            steps.position[1:] - shape.position[:-1] - way,
-            before[1:] - right,
-        )
+        return begin, velocity[:-1] - left, end, before[1:] - right
 
     @property
     def end(self) -> float:
@@ -123,7 +132,9 @@ class DenseMotion:
     def velocity(self, steps: Places, tau: Array) -> Array:
         """Velocities, shape ``(n, d)``."""
         h = self.steps.step_size[steps, None]
-        return self.shape.velocity_in(steps, tau) + self._correction_rate(steps, tau[:, None], h)
+        found = self.shape.velocity_in(steps, tau) + self._correction_rate(steps, tau[:, None], h)
+        found[(steps == 0) & (tau == 0.0)] = self.scene.initial_velocity
+        return np.asarray(found)
 
     def _correction(self, steps: Places, tau: Array, h: Array) -> Array:
         a, va, b, vb = (one[steps] for one in self._ends)
@@ -144,13 +155,14 @@ class DenseMotion:
         total = np.zeros((steps.size, self.scene.dimension))
         if self.force is None:
             return total
-        tables = self.shape.tables
-        if tables.points.size == 1:
+        tables, time = self.shape.tables, self.time(steps, tau)
+        if self._starts_with_a_jump:
+            total = self._force_by_balance(steps, tau)
+        elif tables.points.size == 1:
             total -= self.force[steps, 0]
         else:
             values = tables.stage_basis.values(tau)
             total -= np.einsum("rk,krd->kd", values, self.force[steps])
-        time = self.time(steps, tau)
         with np.errstate(all="ignore"):
             total -= _riemann_liouville(self.scene, time)
         total[np.flatnonzero(time == 0.0)] = _damping_at_start(self.scene)
@@ -171,11 +183,44 @@ class DenseMotion:
         At a break point of the forcing it is that before it.
         """
         time = self.time(steps, tau)
+        if self._starts_with_a_jump:
+            found = self._velocity_slope(steps, tau)
+            found[time == 0.0] = np.nan
+            return found
         position, velocity = self.position(steps, tau), self.velocity(steps, tau)
         force = self.damping(steps, tau)
         if self.scene.forcing is not None:
             force = force + self.scene.forcing(time)
         return accelerations(self.scene, position, velocity, force, time)
+
+    @cached_property
+    def _starts_with_a_jump(self) -> bool:
+        """Whether a damping force is like t**(1 - order) at the start: its rate jumps there."""
+        return self.scene.derivative == "riemann-liouville" and any(
+            term.order > 1 and np.any(times(self.scene.initial_velocity, term.form) != 0)
+            for term in self.scene.active_damping
+        )
+
+    def _velocity_slope(self, steps: Places, tau: Array) -> Array:
+        """Derivatives of the velocity polynomials, shape ``(n, d)``."""
+        if self.shape.tables.points.size == 1:
+            return np.zeros((steps.size, self.scene.dimension))
+        slopes = self.shape.tables.stage_basis.derivatives(tau)
+        rates = np.einsum("rk,krd->kd", slopes, self.shape.velocity[steps])
+        return np.asarray(rates / self.shape.step_size[steps, None])
+
+    def _force_by_balance(self, steps: Places, tau: Array) -> Array:
+        """Damping force that the equation of motion asks for, shape ``(n, d)``."""
+        scene, time = self.scene, self.time(steps, tau)
+        position, velocity = self.position(steps, tau), self.velocity(steps, tau)
+        known = np.zeros_like(position) if scene.forcing is None else scene.forcing(time)
+        missing = self._velocity_slope(steps, tau)
+        missing = missing - accelerations(scene, position, velocity, known, time)
+        if scene.lagrangian is None:
+            return np.asarray(times(missing, scene.inertia.form))
+        with np.errstate(all="ignore"):
+            mass = scene.lagrangian.derivatives(position, velocity, time).mass
+        return np.asarray(np.einsum("nij,nj->ni", mass, missing))
 
 
 def accelerations(

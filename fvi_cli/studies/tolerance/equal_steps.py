@@ -57,6 +57,7 @@ def solve_on_equal_steps(
     available_bytes: int | None = None,
     tell: Callable[[str], object] = lambda line: None,
     checkpoints: RunKeeper | None = None,
+    witness: Trajectory | None = None,
 ) -> tuple[AnyMethod, Trajectory]:
     """Find a method and a number of equal steps whose error is below a tolerance.
 
@@ -84,6 +85,8 @@ def solve_on_equal_steps(
         Is told of every run in a line.
     checkpoints
         Where every run of the search has a part.
+    witness
+        The adaptive run, by :func:`solve_witness`; None: it is made here.
 
     Returns
     -------
@@ -91,13 +94,15 @@ def solve_on_equal_steps(
         What was chosen, with an assessment; where the tolerance is out of reach the best run.
     """
     unit = math.sqrt(scene.final_time) if norm == "l2" else 1.0
-    witness = solve(
-        scene,
-        tolerance=None if tolerance is None else WITNESS * tolerance / unit,
-        relative=None if relative is None else WITNESS * relative,
-        tell=tell,
-        checkpoints=checkpoints,
-    )
+    if witness is None:
+        witness = solve_witness(
+            scene,
+            tolerance=tolerance,
+            relative=relative,
+            norm=norm,
+            tell=tell,
+            checkpoints=checkpoints,
+        )
     search = _Search(
         scene=scene,
         witness=witness,
@@ -109,6 +114,26 @@ def solve_on_equal_steps(
         checkpoints=checkpoints,
     )
     return search.result(methods)
+
+
+def solve_witness(
+    scene: Scene,
+    *,
+    tolerance: float | None = None,
+    relative: float | None = None,
+    norm: Norm = "max",
+    tell: Callable[[str], object] = lambda line: None,
+    checkpoints: RunKeeper | None = None,
+) -> Trajectory:
+    """The adaptive run that stands for the truth of :func:`solve_on_equal_steps`."""
+    unit = math.sqrt(scene.final_time) if norm == "l2" else 1.0
+    return solve(
+        scene,
+        tolerance=None if tolerance is None else WITNESS * tolerance / unit,
+        relative=None if relative is None else WITNESS * relative,
+        tell=tell,
+        checkpoints=checkpoints,
+    )
 
 
 def _target(

@@ -1,0 +1,191 @@
+"""What is reported at the times of `output` keeps the tolerance, between the points as well."""
+
+import numpy as np
+import pytest
+from letters import spring
+from oracles.volterra import VolterraSolution, solve_volterra
+
+import fvi_cli as fvi
+from fvi_cli.config import parse_config
+from fvi_cli.integrator.observations import dense_motion
+from fvi_cli.studies.experiment import FinishedRun
+from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
+
+Random = np.random.Generator
+TEXT = """\
+name: seen
+problem:
+  kind: damped-oscillator
+  derivative: {derivative}
+  stiffness: {stiffness!r}
+  damping: [{{order: {order!r}, coefficient: {coefficient!r}}}]
+  initial: {{position: {position!r}, velocity: {velocity!r}}}
+  {force}
+  final_time: {final_time!r}
+  exact: none
+accuracy: {{tolerance: {tolerance!r}{mesh}}}
+output: {{times: {times!r}}}
+"""
+
+
+def draw(random: Random, *, near_two: bool = False) -> dict[str, object]:
+    """A linear oscillator of any order, from 0 or from elsewhere, some with a smooth pulse."""
+    order = float(random.choice([0.0, 1.0]) + random.uniform(0.05, 0.99))
+    order = float(random.uniform(1.7, 1.99)) if near_two else order
+    derivative = str(random.choice(["caputo", "riemann-liouville"]))
+    is_at_rest = derivative == "caputo" and random.random() < 0.3
+    final_time = float(random.uniform(1.0, 4.0))
+    begins_at_zero = is_at_rest or derivative == "riemann-liouville"
+    times = sorted(final_time * random.uniform(0.0, 1.0, 20))
+    return {
+        "derivative": derivative,
+        "order": order,
+        "coefficient": float(10 ** random.uniform(-1.5, 0.3)),
+        "stiffness": float(10 ** random.uniform(-0.5, 1.0)),
+        "position": 0.0 if begins_at_zero else float(random.uniform(-1, 1)),
+        "velocity": 0.0 if is_at_rest else float(random.uniform(0.3, 1.0)),
+        "force": "forcing: exp(-(3*(t - 1))**2)" if is_at_rest else "",
+        "final_time": final_time,
+        "times": [float(t) for t in times],
+        "tolerance": float(10 ** -random.uniform(4, 9)),
+        "mesh": "",
+    }
+
+
+def run(data: dict[str, object]) -> FinishedRun:
+    (experiment,) = parse_config(TEXT.format(**data), "seen.yaml").experiments
+    (search,) = experiment.searches()
+    return run_for_tolerance(search)
+
+
+def truth(data: dict[str, object]) -> VolterraSolution:
+    def force(t: np.ndarray) -> np.ndarray:
+        return (np.exp(-((3 * (t - 1)) ** 2)) if data["force"] else 0.0 * t)[:, None]
+
+    k = data["stiffness"]
+    return solve_volterra(
+        1.0,
+        [(data["order"], data["coefficient"])],
+        lambda x: k * x,
+        lambda x: np.full((len(x), 1, 1), k),
+        force,
+        [data["position"]],
+        [data["velocity"]],
+        data["final_time"],
+        derivative=data["derivative"],
+    )
+
+
+def largest_error(found: FinishedRun, known: VolterraSolution) -> float:
+    path = found.trajectory
+    return float(np.abs(path.position - known.position(path.time)).max())
+
+
+def check(data: dict[str, object]) -> None:
+    found, known = run(data), truth(data)
+    assert found.assurance.outcome == "met", data
+    assert found.trajectory.time == pytest.approx(data["times"], rel=1e-14)
+    assert largest_error(found, known) <= data["tolerance"] + known.error.max(), data
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_drawn_scenes(seed):
+    check(draw(np.random.default_rng([21, seed]), near_two=seed % 2 == 1))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(6, 120))
+def test_more_drawn_scenes(seed):
+    check(draw(np.random.default_rng([21, seed]), near_two=seed % 2 == 1))
+
+
+HARD = {
+    "derivative": "riemann-liouville",
+    "order": 1.9,
+    "coefficient": 0.4,
+    "stiffness": 1.0,
+    "position": 0.0,
+    "velocity": 1.0,
+    "force": "",
+    "final_time": 2.0,
+    "times": np.linspace(0.0, 2.0, 41).tolist(),
+    "tolerance": 1e-8,
+    "mesh": "",
+}
+
+
+def spoil(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the motion between points go wrong by a cubic that the momenta of a run would ask for."""
+    gaps = dense_motion.DenseMotion._gaps
+
+    def wrong(self):
+        begin, left, end, right = gaps(self)
+        return begin, left + 1e-3, end, right + 1e-3
+
+    monkeypatch.setattr(dense_motion.DenseMotion, "_gaps", wrong)
+
+
+@pytest.mark.parametrize("mesh", ["", ", mesh: uniform"])
+def test_a_wrong_motion_between_points_is_not_met(monkeypatch, mesh):
+    data = HARD | {"order": 1.2, "tolerance": 1e-6, "mesh": mesh}
+    assert run(data).assurance.outcome == "met"
+    spoil(monkeypatch)
+    found = run(data)
+    assert found.assurance.outcome == "unreliable"
+    assert found.status == "refused"
+    assert found.assurance.estimate > 1e-6
+    assert "between the points of the mesh, at t = " in found.trajectory.message
+
+
+def test_the_error_is_that_of_the_times_that_are_reported(monkeypatch):
+    data = HARD | {"exact": ""}
+    spoil(monkeypatch)
+    (experiment,) = parse_config(
+        TEXT.format(**data).replace("  exact: none\n", ""), "a"
+    ).experiments
+    (search,) = experiment.searches()
+    found, known = run_for_tolerance(search), truth(data)
+    assert found.error == pytest.approx(largest_error(found, known), rel=1e-3)
+    assert found.error > 1e-6
+
+
+@pytest.mark.parametrize(
+    ("derivative", "method", "order"),
+    [
+        ("caputo", "gauss3-graded", 0.4),
+        ("caputo", "gauss5-graded", 1.0),
+        ("caputo", "gauss2-graded", 1.95),
+        ("riemann-liouville", "gauss5-graded", 0.7),
+        ("riemann-liouville", "gauss2-graded", 1.3),
+        ("riemann-liouville", "gauss3-graded", 1.75),
+        ("riemann-liouville", "gauss5-graded", 1.95),
+    ],
+)
+def test_runs_by_ladder_are_as_good_between_points_as_at_them(derivative, method, order):
+    start = {"x": 0.0 if derivative != "caputo" else 0.7, "v": 1.0}
+    scene = spring((order, 0.4), T=2.0, m=1.0, k=1.0, derivative=derivative, **start)
+    known = solve_volterra(
+        1.0,
+        [(order, 0.4)],
+        lambda x: x,
+        lambda x: np.ones((len(x), 1, 1)),
+        None,
+        scene.initial_position,
+        scene.initial_velocity,
+        2.0,
+        derivative=derivative,
+    )
+    on_mesh = fvi.integrate(scene, method, 48)
+    times = np.random.default_rng(3).uniform(0.1, 2.0, 60)
+    times.sort()
+    seen = fvi.integrate(scene, method, 48, output=times, quantities={"v": "vx", "a": "ax"})
+    off = np.abs(on_mesh.position - known.position(on_mesh.time)).max() + known.error.max()
+    assert np.abs(seen.position - known.position(times)).max() < 3 * off + 1e-12
+    speed = np.abs(seen.observed.quantities["v"] - known.velocity(times)[:, 0]).max()
+    assert speed < 1e-6 + 100 * off
+    # the acceleration is that of the motion
+    step = 1e-3
+    before, after = (known.velocity(times + shift)[:, 0] for shift in (-step, step))
+    inside = times < 2.0 - step
+    slope = (after - before) / (2 * step)
+    assert np.abs(seen.observed.quantities["a"] - slope)[inside].max() < 2e-4
