@@ -18,6 +18,8 @@ _WIDE = 0.55 * math.pi
 _BESIDE_PEAK = 3.0
 # by so much at a time are ends moved for a peak: laws that differ a little have the same rates
 _ROOM = 2.0
+# nodes so far (as logarithms) beyond what a mesh sees are alike there to every accuracy
+_ALIKE = 120.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,6 +98,7 @@ def rate_rule(
     peaks
         Logarithms at which densities bend, and how far from the real axis they are singular there.
     """
+    nearest, farthest = first - _ALIKE, last + _ALIKE
     below = max([0.0, *(first - place + _BESIDE_PEAK for place, _ in peaks)])
     # the rates themselves are a power of those beyond the shift from there on only
     beyond = [place for place, _ in peaks] + ([math.log(shift)] if shift else [])
@@ -118,11 +121,15 @@ def rate_rule(
     n_above = math.ceil((highest - end) / width)
     u, density = crowds.places(origin + width * np.arange(-n_below, n_middle + n_above + 1))
     left, right = np.exp(first - u), np.exp(u - last)
+    logs = u - left + right
+    # peaks may lie at rates that no number can hold
+    begin = max(n_below, int(np.searchsorted(logs, nearest)))
+    end_kept = min(n_below + n_middle + 1, int(np.searchsorted(logs, farthest)))
     return RateRule(
-        logs=u - left + right,
+        logs=logs,
         density=width * density * (1 + left + right),
-        n_below=n_below,
-        n_kept=n_middle + 1,
+        n_below=begin,
+        n_kept=end_kept - begin,
         shift=shift,
     )
 

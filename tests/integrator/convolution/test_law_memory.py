@@ -1,5 +1,6 @@
 """Relaxation laws on any mesh, against functions of the mesh's matrix and exact solutions."""
 
+from dataclasses import replace
 from functools import cache
 
 import mpmath as mp
@@ -258,3 +259,24 @@ def test_energy_with_what_the_law_stores_falls_in_every_step(steps):
 def test_methods_that_have_no_laws_say_so(method):
     with pytest.raises(ValueError, match=r"method: .* not made for relaxation laws"):
         integrate(SCENE, method_named(method), 8)
+
+
+@pytest.mark.parametrize("power", [-300, -60, -4, 20, 150, 300])
+def test_laws_of_any_time_have_rates_that_numbers_hold(power):
+    """Against the Laplace transform of the motion, inverted in extended precision."""
+    order = (0.05, 0.5, 0.95)[power % 3]
+    law = fractional_zener(
+        order=order, time=10.0**power, relaxed=0.0, unrelaxed=3.0, coefficient=1.0
+    )
+    scene = replace(spring(k=6.0, x=1.0, v=0.0, T=5.0), laws=(law,))
+    done = integrate(
+        scene, Method(cq="gauss", degree=8, start="none"), AdaptiveSteps(tolerance=1e-9)
+    )
+
+    def transform(s: mp.mpc) -> mp.mpc:
+        modulus = 3 * s * cole_cole(s, order, mp.mpf(10) ** power)
+        return (s + modulus / s) / (s**2 + modulus + 6)
+
+    with mp.workdps(60):
+        exact = float(mp.invertlaplace(transform, 5.0, method="talbot", degree=60))
+    assert done.position[-1, 0] == pytest.approx(exact, abs=1e-11)
