@@ -68,6 +68,8 @@ class ResponseTable:
         Complex amplitudes :math:`\hat q` for a load :math:`\hat f e^{i \omega t}`, ``(n, k)``.
     peaks
         Maxima of the magnitudes inside of the range.
+    member
+        Swept values in words; empty without a sweep.
     """
 
     name: str
@@ -76,6 +78,7 @@ class ResponseTable:
     hertz: Array
     values: ComplexArray
     peaks: tuple[Peak, ...]
+    member: str = ""
 
     @property
     def magnitude(self) -> Array:
