@@ -65,7 +65,8 @@ PEAK_COLUMNS = (
     Column("magnitude", "of the peak", "magnitude", ".6g", compared=FREQUENCY),
     Column("low_hz", "half-power point below", "half power from", ".6g", compared=FREQUENCY),
     Column("high_hz", "half-power point above", "to", ".6g", compared=FREQUENCY),
-    Column("loss_factor", "width relative to frequency", "loss factor", ".5f", compared=SMALL),
+    Column("loss_factor", "width relative to frequency", "loss factor", ".5g", compared=SMALL),
+    Column("modes", "modes that belong to this peak", "modes"),
 )
 
 
@@ -226,3 +227,20 @@ def _response_words(name: str, tables: Sequence[ResponseTable], peaks: Sheet) ->
             yield _own_grid(peaks, experiment)
         else:
             yield Paragraph(words="The magnitude has no maximum inside of this range.")
+        own = [one for one in tables if one.name == experiment]
+        if any((peak.modes or 0) > 1 for one in own for peak in one.peaks):
+            yield Paragraph(
+                words="Where several modes belong to one peak, its width is that of none of them "
+                "alone; fvi modes has the loss factor of each."
+            )
+        for one in own:
+            prefix = f"{one.member}: " if one.member else ""
+            if not one.known.are_all:
+                yield Paragraph(
+                    words=f"{prefix}Not all modes in the range are known: peaks that are narrower "
+                    "than the spacing of the frequencies may be missing."
+                )
+            if one.known.growing:
+                yield Paragraph(
+                    words=f"{prefix}A mode grows (fvi modes): no motion settles into this response."
+                )
