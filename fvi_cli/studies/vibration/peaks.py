@@ -204,13 +204,16 @@ def _crossing(
     at: Callable[[float], float], points: Sequence[tuple[float, float]], peak: float, limit: float
 ) -> float:
     """Where the magnitude falls to a limit on one side of a peak; nan where it rises before."""
-    inside, before = peak, math.inf
+    earlier, inside, before = peak, peak, math.inf
     for place, here in points:
         if here <= limit:
             return _bisected(at, limit, inside, place)
         if here > before:
-            return math.nan
-        inside, before = place, here
+            # a valley between the points may reach down
+            low, high = sorted((earlier, place))
+            valley, depth = _maximum(lambda frequency: -at(frequency), low, high)
+            return _bisected(at, limit, earlier, valley) if -depth <= limit else math.nan
+        earlier, inside, before = inside, place, here
     return math.nan
 
 
