@@ -18,7 +18,7 @@ from fvi_cli.integrator.decoupling import decouple_forms
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.stability.patterns import pattern_size, step_patterns
 from fvi_cli.mathematics.arrays import Array, ComplexArray
-from fvi_cli.mathematics.transforms.disc_zeros import LogFunction
+from fvi_cli.mathematics.transforms.argument import LogFunction
 
 LARGEST_FREQUENCY = 1e3
 """Times the step size: faster growth of the exact scene is beyond every method and number."""

@@ -15,8 +15,8 @@ from fvi_cli.integrator.stability.determinant import (
     step_determinant,
 )
 from fvi_cli.integrator.stability.region import modal_family
+from fvi_cli.mathematics.transforms.argument import LogFunction
 from fvi_cli.mathematics.transforms.disc_zeros import (
-    LogFunction,
     ZeroCountError,
     enclosed_zero_modulus,
     zeros_in_disc,

@@ -10,14 +10,18 @@ found all of them when it has found as many as were counted.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from fvi_cli.mathematics.arrays import Array, ComplexArray
-
-LogFunction = Callable[[ComplexArray], ComplexArray]
+from fvi_cli.mathematics.transforms.argument import (
+    Followed,
+    LogFunction,
+    PathError,
+    follow,
+    principal_changes,
+)
 
 USUAL_DEGREE = 8
 """Zeros of the determinant of a few unknowns."""
@@ -25,11 +29,7 @@ USUAL_DEGREE = 8
 LARGEST_COUNT = 64
 """More zeros than these are not looked for one by one."""
 
-_LARGEST_CHANGE = 1.0
-_LARGEST_SURPRISE = 0.5
 _FIRST_RATIO = 1.35
-_ROUNDS = 48
-_LARGEST_POINTS = 200_000
 _ITERATIONS = 60
 _ACCURACY = 1e-9
 
@@ -38,43 +38,21 @@ class ZeroCountError(ValueError):
     """The zeros in a disc could not be counted: one of them lies on the circle itself."""
 
 
-def _turns(
-    log_function: LogFunction, radius: float, degree: int
-) -> tuple[int, ComplexArray, ComplexArray]:
-    """Number of zeros, the points of the upper half circle, and log f there.
-
-    Points are put between neighbours until log f, the modulus included, changes by less than 1
-    from one to the next, and half way between them by what is left. The modulus and the points
-    half way show zeros that come in twos, whose turns of two pi would be overlooked.
-    """
+def _half_circle(log_function: LogFunction, radius: float, degree: int) -> Followed:
+    """Values on the upper half circle."""
     if not 0 < radius < 1:
         raise ValueError(f"radius: {radius!r} is not allowed; it must lie in (0, 1)")
-    angles = circle_angles(radius, degree)
-    values = _finite(log_function, radius, angles)
-    suspect = np.ones(angles.size - 1, dtype=bool)
-    for _ in range(_ROUNDS):
-        coarse = np.flatnonzero(suspect)
-        if not coarse.size:
-            count = round(float(_changes(values).imag.sum()) / math.pi)
-            if count < 0:
-                break
-            return count, circle_points(radius, angles), values
-        if angles.size + coarse.size > _LARGEST_POINTS:
-            break
-        middles = 0.5 * (angles[coarse] + angles[coarse + 1])
-        whole = _changes(values)
-        new = _finite(log_function, radius, middles)
-        angles = np.insert(angles, coarse + 1, middles)
-        values = np.insert(values, coarse + 1, new)
-        halves = _changes(values)
-        # an interval needs no more points when its halves are small and add up to it
-        first = coarse + np.arange(coarse.size)
-        surprise = np.abs(halves[first] + halves[first + 1] - whole[coarse])
-        settled = surprise < _LARGEST_SURPRISE
-        suspect = np.zeros(angles.size - 1, dtype=bool)
-        suspect[first] = ~settled | (np.abs(halves[first]) > _LARGEST_CHANGE)
-        suspect[first + 1] = ~settled | (np.abs(halves[first + 1]) > _LARGEST_CHANGE)
-    raise ZeroCountError(f"radius: a zero lies on the circle of radius {radius!r}")
+    try:
+        found = follow(
+            log_function,
+            lambda angles: circle_points(radius, angles),
+            circle_angles(radius, degree),
+        )
+    except PathError:
+        found = None
+    if found is None or round(found.turn / math.pi) < 0:
+        raise ZeroCountError(f"radius: a zero lies on the circle of radius {radius!r}")
+    return found
 
 
 def circle_angles(radius: float, degree: int) -> Array:
@@ -93,19 +71,6 @@ def circle_points(radius: float, angles: Array) -> ComplexArray:
     points[angles == 0.0] = radius
     points[angles == math.pi] = -radius
     return points
-
-
-def _finite(log_function: LogFunction, radius: float, angles: Array) -> ComplexArray:
-    values = log_function(circle_points(radius, angles))
-    if not np.isfinite(values).all():
-        raise ZeroCountError(f"radius: no finite value on the circle of radius {radius!r}")
-    return values
-
-
-def _changes(values: ComplexArray) -> ComplexArray:
-    change = values[1:] - values[:-1]
-    turns = np.round(change.imag / (2 * math.pi))
-    return np.asarray(change - 2j * math.pi * turns)
 
 
 def find_zeros(
@@ -158,12 +123,13 @@ def zeros_in_disc(
     ValueError
         For a radius outside (0, 1).
     """
-    count, points, values = _turns(log_function, radius, degree)
+    circle = _half_circle(log_function, radius, degree)
+    count = round(circle.turn / math.pi)
     if count == 0:
         return DiscZeros(count=0, zeros=np.empty(0, dtype=np.complex128))
     if count > LARGEST_COUNT:
         return DiscZeros(count=count, zeros=None)
-    z = _repelled(log_function, _seeds(points, values, count), radius)
+    z = _repelled(log_function, _seeds(circle.points, circle.values, count), radius)
     if not _are_all(log_function, z, radius):
         return DiscZeros(count=count, zeros=None)
     return DiscZeros(count=count, zeros=np.asarray(z[np.argsort(np.abs(z))]))
@@ -214,7 +180,7 @@ def _seeds(points: ComplexArray, values: ComplexArray, count: int) -> ComplexArr
     scaled = points / radius
     powers = scaled ** np.arange(1, count + 1)[:, None]
     middle = 0.5 * (powers[:, 1:] + powers[:, :-1])
-    sums = (middle @ _changes(values)).imag / math.pi
+    sums = (middle @ principal_changes(values)).imag / math.pi
     # Newton's identities
     polynomial = np.zeros(count + 1)
     polynomial[0] = 1.0

@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from fvi_cli.mathematics.arrays import Array, ComplexArray, Integers
+from fvi_cli.mathematics.transforms.argument import principal_changes
 from fvi_cli.mathematics.transforms.disc_zeros import circle_angles, circle_points
 
 
@@ -131,5 +132,4 @@ def _turns(
 
 
 def _change(before: ComplexArray, after: ComplexArray) -> ComplexArray:
-    change = after - before
-    return np.asarray(change - 2j * math.pi * np.round(change.imag / (2 * math.pi)))
+    return np.asarray(principal_changes(np.stack([before, after]))[0])

@@ -6,9 +6,10 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from fvi_cli.reports.document import Block, Code, Heading, Paragraph
+from fvi_cli.reports.document import Block, Code, Grid, Heading, Paragraph
 from fvi_cli.reports.table import Column, Report, Row, Sheet, Within, row_of
 from fvi_cli.studies.vibration.modes import ModeTable
+from fvi_cli.studies.vibration.region import DISSIPATIVE_ANGLE, LARGEST_RATIO
 from fvi_cli.studies.vibration.response import ResponseTable
 
 FREQUENCY = Within(relative=1e-6)
@@ -43,7 +44,13 @@ MODE_COLUMNS = (
         compared=None,
     ),
 )
+REACHES = {
+    "all": "No mode with such a damping ratio lies outside of it.",
+    "faster": "Slower motions, such as those of a rigid body, were not counted.",
+    "around": "It was chosen around these modes; what lies outside of it was not counted.",
+}
 EXPERIMENT = Column("experiment", "name of the experiment")
+MEMBER = Column("member", "swept values", "member")
 RESPONSE_COLUMNS = (
     Column("at", "coordinate, or combination of them"),
     Column("frequency_hz", "oscillations per unit of time (Hz for seconds)"),
@@ -58,18 +65,20 @@ PEAK_COLUMNS = (
     Column("magnitude", "of the peak", "magnitude", ".6g", compared=FREQUENCY),
     Column("low_hz", "half-power point below", "half power from", ".6g", compared=FREQUENCY),
     Column("high_hz", "half-power point above", "to", ".6g", compared=FREQUENCY),
-    Column("loss_factor", "width relative to frequency", "loss factor", ".5f", compared=SMALL),
+    Column("loss_factor", "width relative to frequency", "loss factor", ".5g", compared=SMALL),
+    Column("modes", "modes that belong to this peak", "modes"),
 )
 
 
 def mode_report(name: str, tables: Sequence[ModeTable]) -> Report:
     """Frequencies, damping ratios and loss factors of modes."""
-    owner = (EXPERIMENT,) if len(tables) > 1 else ()
+    owner = _owner(tables)
     rows: list[Row] = [
         row_of(
-            (EXPERIMENT, *MODE_COLUMNS),
+            (EXPERIMENT, MEMBER, *MODE_COLUMNS),
             mode,
             experiment=table.name,
+            member=table.member,
             mode=number,
             real=mode.frequency.real,
             imaginary=mode.frequency.imag,
@@ -88,39 +97,79 @@ def mode_report(name: str, tables: Sequence[ModeTable]) -> Report:
     return Report(name=f"{name}-modes", sheets=(sheet,), summary=words, blocks=words)
 
 
+def _owner(tables: Sequence[ModeTable] | Sequence[ResponseTable]) -> tuple[Column, ...]:
+    """Columns that say whose a row is."""
+    owner = (EXPERIMENT,) if len({table.name for table in tables}) > 1 else ()
+    return (*owner, MEMBER) if any(table.member for table in tables) else owner
+
+
+def _own_grid(sheet: Sheet, experiment: str) -> Grid:
+    """The rows of an experiment."""
+    own = tuple(row for row in sheet.rows if row["experiment"] == experiment)
+    keeps = any(row["member"] for row in own)
+    columns = tuple(one for one in sheet.columns if keeps or one is not MEMBER)
+    keys = 1 + bool(keeps)
+    return replace(sheet, columns=columns, rows=own).grid(text_columns=keys, key_columns=keys)
+
+
 def _mode_words(name: str, tables: Sequence[ModeTable], sheet: Sheet) -> Iterator[Block]:
     yield Heading(level=1, words=f"Modes: {name}")
-    for table in tables:
-        if len(tables) > 1:
-            yield Heading(level=2, words=(Code(table.name),))
-        own = tuple(row for row in sheet.rows if row["experiment"] == table.name)
-        yield replace(sheet, rows=own).grid()
-        yield Paragraph(words=completeness(table))
+    groups = {table.name: [one for one in tables if one.name == table.name] for table in tables}
+    for experiment, own in groups.items():
+        if len(groups) > 1:
+            yield Heading(level=2, words=(Code(experiment),))
+        yield _own_grid(sheet, experiment)
+        for words in _completeness(own):
+            yield Paragraph(words=words)
+
+
+def _completeness(tables: Sequence[ModeTable]) -> Iterator[str]:
+    """Whether modes are missing, of the members of a sweep in few words where none is."""
+    missing = [table for table in tables if not table.is_complete]
+    if len(tables) == 1:
+        yield completeness(tables[0])
+        return
+    yield (
+        f"None is missing in {len(tables) - len(missing)} of {len(tables)} members: as many modes "
+        "are found as the argument of the determinant counts in a region chosen for each, with "
+        f"damping ratios up to {LARGEST_RATIO}."
+    )
+    for table in missing:
+        yield f"{table.member}: {completeness(table)}"
 
 
 def completeness(table: ModeTable) -> str:
     """Whether any mode is missing, in words."""
     if table.sector is None or table.counted is None:
-        return "Whether any mode is missing could not be told."
+        return (
+            "Modes were not counted: one lies at the edge of every region that was tried, so that "
+            "others may be missing."
+        )
     sector = table.sector
-    ratio = -math.cos(sector.last)
+    least, greatest = -math.cos(sector.first), -math.cos(sector.last)
+    ratios = (
+        f"{least:.3f} to {greatest:.3f}"
+        if sector.first < DISSIPATIVE_ANGLE
+        else f"up to {greatest:.3f}"
+    )
     where = (
         f"with {sector.least / (2 * math.pi):.4g} < |s|/(2 pi) < "
-        f"{sector.largest / (2 * math.pi):.4g} and damping ratios up to {ratio:.3f}"
+        f"{sector.largest / (2 * math.pi):.4g} and damping ratios {ratios}"
     )
     return (
         f"{'None is missing' if table.is_complete else 'Not complete'}: the argument of the "
         f"determinant turns {table.counted} times around the region {where}, in which "
-        f"{table.inside} modes are found."
+        f"{table.inside} modes are found. {REACHES[table.reach]}"
     )
 
 
 def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
     """Amplitudes over frequencies, and peaks with their half-power widths."""
-    owner = (EXPERIMENT,) if len(tables) > 1 else ()
+    owner = _owner(tables)
     rows: list[Row] = [
         {
             "experiment": table.name,
+            "member": table.member,
             "at": output,
             "frequency_hz": float(hertz),
             "real": float(table.values[i, j].real),
@@ -134,9 +183,10 @@ def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
     ]
     peaks: list[Row] = [
         row_of(
-            (EXPERIMENT, *PEAK_COLUMNS),
+            (EXPERIMENT, MEMBER, *PEAK_COLUMNS),
             peak,
             experiment=table.name,
+            member=table.member,
             frequency_hz=peak.hertz,
             low_hz=peak.low,
             high_hz=peak.high,
@@ -162,9 +212,10 @@ def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
 
 def _response_words(name: str, tables: Sequence[ResponseTable], peaks: Sheet) -> Iterator[Block]:
     yield Heading(level=1, words=f"Harmonic response: {name}")
-    for table in tables:
-        if len(tables) > 1:
-            yield Heading(level=2, words=(Code(table.name),))
+    groups = {table.name: table for table in tables}
+    for experiment, table in groups.items():
+        if len(groups) > 1:
+            yield Heading(level=2, words=(Code(experiment),))
         yield Paragraph(
             words=(
                 "Load: ",
@@ -172,8 +223,24 @@ def _response_words(name: str, tables: Sequence[ResponseTable], peaks: Sheet) ->
                 f"; {table.hertz.size} frequencies from {table.hertz[0]:g} to {table.hertz[-1]:g}.",
             )
         )
-        own = tuple(row for row in peaks.rows if row["experiment"] == table.name)
-        if own:
-            yield replace(peaks, rows=own).grid()
+        if any(row["experiment"] == experiment for row in peaks.rows):
+            yield _own_grid(peaks, experiment)
         else:
             yield Paragraph(words="The magnitude has no maximum inside of this range.")
+        own = [one for one in tables if one.name == experiment]
+        if any((peak.modes or 0) > 1 for one in own for peak in one.peaks):
+            yield Paragraph(
+                words="Where several modes belong to one peak, its width is that of none of them "
+                "alone; fvi modes has the loss factor of each."
+            )
+        for one in own:
+            prefix = f"{one.member}: " if one.member else ""
+            if not one.known.are_all:
+                yield Paragraph(
+                    words=f"{prefix}Not all modes in the range are known: peaks that are narrower "
+                    "than the spacing of the frequencies may be missing."
+                )
+            if one.known.growing:
+                yield Paragraph(
+                    words=f"{prefix}A mode grows (fvi modes): no motion settles into this response."
+                )

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from fvi_cli.errors import RequestError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.runner.request import Request
-from fvi_cli.runner.vibration.modes import linear_problem
-from fvi_cli.studies.experiment import Experiment
+from fvi_cli.runner.vibration.modes import linear_problems, titled
 from fvi_cli.studies.vibration.response import (
     GROUND,
     ResponseTable,
@@ -53,7 +53,7 @@ def frequencies(over: str) -> Array:
 def request_responses(
     request: Request, hertz: Array, forces: Sequence[str], at: Sequence[str]
 ) -> list[ResponseTable]:
-    """Responses of every experiment; of a sweep those of its first member.
+    """Responses of every experiment, of a sweep those of each member.
 
     Parameters
     ----------
@@ -75,37 +75,38 @@ def request_responses(
     """
     tables = []
     for experiment in request.loaded.experiments:
-        problem = linear_problem(experiment)
-        wanted = list(forces) or _usual_force(experiment)
-        direction = experiment.problem_specification.get("ground_direction", 1.0)
-        option = "--force"
-        try:
-            load = sum(
-                (harmonic_force(t, problem.scene, problem.coordinates, direction) for t in wanted),
-                np.zeros(1),
-            )
-            option = "--at"
-            rows = forms_of(at, problem.coordinates) if at else None
-        except ValueError as error:
-            raise RequestError(f"{option}: {error}") from None
-        try:
-            table = harmonic_response(
-                problem.scene,
-                load,
-                hertz,
-                outputs=at or problem.coordinates,
-                rows=rows,
-                load_words=", ".join(wanted),
-            )
-        except ValueError as error:
-            raise RequestError(f"{experiment.name}: {error}") from None
-        tables.append(dataclasses.replace(table, name=experiment.name))
+        for member, specification, problem in linear_problems(experiment):
+            wanted = list(forces) or _usual_force(experiment.name, specification)
+            direction = specification.get("ground_direction", 1.0)
+            option = "--force"
+            try:
+                load = sum(
+                    (
+                        harmonic_force(t, problem.scene, problem.coordinates, direction)
+                        for t in wanted
+                    ),
+                    np.zeros(1),
+                )
+                option = "--at"
+                rows = forms_of(at, problem.coordinates) if at else None
+            except ValueError as error:
+                raise RequestError(f"{option}: {error}") from None
+            try:
+                table = harmonic_response(
+                    problem.scene,
+                    load,
+                    hertz,
+                    outputs=at or problem.coordinates,
+                    rows=rows,
+                    load_words=", ".join(wanted),
+                )
+            except ValueError as error:
+                raise RequestError(f"{titled(experiment, member)}: {error}") from None
+            tables.append(dataclasses.replace(table, name=experiment.name, member=member))
     return tables
 
 
-def _usual_force(experiment: Experiment) -> list[str]:
-    if experiment.problem_specification.get("ground_acceleration", "0") != "0":
+def _usual_force(name: str, specification: Mapping[str, Any]) -> list[str]:
+    if specification.get("ground_acceleration", "0") != "0":
         return [GROUND]
-    raise RequestError(
-        f"{experiment.name}: say where forces act, for example --force x1, or --force {GROUND}"
-    )
+    raise RequestError(f"{name}: say where forces act, for example --force x1, or --force {GROUND}")

@@ -16,6 +16,8 @@ from fvi_cli.studies.vibration.modes import ModeTable
 def write_mode_shapes(path: Path, tables: Sequence[ModeTable]) -> None:
     """Write ``/<experiment>/`` with frequencies, damping and shapes of its modes.
 
+    Of a sweep there is ``/<experiment>/<number>/`` for each member, with the attribute ``member``.
+
     ``real``, ``imaginary`` (of s, 1/time), ``frequency_hz``, ``damping_ratio``, ``loss_factor``,
     ``residual``, all ``(mode,)``; ``shape_real``, ``shape_imaginary``, ``(mode, dof)``, the
     largest entry of each shape being 1; ``coordinate(dof)``: names. Every axis has a scale.
@@ -32,8 +34,11 @@ def write_mode_shapes(path: Path, tables: Sequence[ModeTable]) -> None:
             os.fdopen(os.dup(handle), "w+b") as stream,
             h5py.File(stream, "w") as file,
         ):
-            for table in tables:
-                _write(file.create_group(table.name), table)
+            for number, table in enumerate(tables):
+                path_of_group = f"{table.name}/{number:05d}" if table.member else table.name
+                group = file.create_group(path_of_group)
+                group.attrs["member"] = table.member
+                _write(group, table)
 
 
 def _write(group: h5py.Group, table: ModeTable) -> None:

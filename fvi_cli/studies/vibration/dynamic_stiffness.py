@@ -10,7 +10,7 @@ but for the negative real axis, where memory has its branch cut.
 
 from __future__ import annotations
 
-import cmath
+import math
 import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, cast
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.matrices import Form, SparseMatrix, as_csr, is_zero
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.stability.determinant import log_determinants
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 
 if TYPE_CHECKING:
@@ -30,6 +31,12 @@ Symbol = Callable[[complex], complex]
 
 SLOPE_STEP = 1e-5
 """Relative step of the central difference for the slopes of symbols."""
+
+LARGEST_DENSE = 40
+"""Degrees of freedom up to which sparse matrices are taken as dense ones."""
+
+_MOST_ENTRIES = 2_000_000
+"""Entries of matrices that are held at a time."""
 
 
 class DynamicStiffness:
@@ -57,7 +64,7 @@ class DynamicStiffness:
         terms += [(one.symbol, one.form) for one in scene.active_forces]
         self._symbols = [symbol for symbol, _ in terms]
         self.forms = [form for _, form in terms]
-        self.is_sparse = scene.is_sparse
+        self.is_sparse = scene.is_sparse and scene.dimension > LARGEST_DENSE
         self.norms = np.array([_norm(form) for form in self.forms])
         if self.is_sparse:
             self._indices, self._indptr, self._entries = _together(self.forms)
@@ -68,6 +75,19 @@ class DynamicStiffness:
     def mass(self) -> Form:
         """M."""
         return self.forms[0]
+
+    @property
+    def is_small(self) -> bool:
+        """Whether the whole plane of complex frequencies is looked at."""
+        return self.dimension <= LARGEST_DENSE
+
+    def dense(self, index: int) -> Array:
+        """One of the matrices, the mass first, shape ``(d, d)``."""
+        return _dense(self.forms[index])
+
+    def symbol(self, index: int) -> Symbol:
+        """What stands before that matrix."""
+        return self._symbols[index]
 
     def symbols(self, s: complex) -> ComplexArray:
         """What stands before every matrix, shape ``(number of matrices,)``."""
@@ -100,6 +120,32 @@ class DynamicStiffness:
     def at(self, s: complex) -> ComplexArray | SparseMatrix:
         """T(s)."""
         return self.combined(self.symbols(s))
+
+    def log_determinants(self, s: ComplexArray) -> ComplexArray:
+        """Logarithms of det T(s), but for a constant, at places of shape ``(n,)``, any branch.
+
+        Minus infinity where it is 0.
+        """
+        if self.is_sparse:
+            return np.array([self._log_determinant(complex(one)) for one in s])
+        # rows and columns in the unit of each coordinate's own mass: graded matrices lose digits
+        d = self.dimension
+        unit = 1.0 / np.sqrt(np.diagonal(self._entries[0]))
+        entries = (unit[:, None] * self._entries * unit).reshape(len(self.forms), -1)
+        parts = max(1, s.size * entries.shape[1] // _MOST_ENTRIES)
+        found = []
+        for some in np.array_split(s, parts):
+            symbols = self.symbols_over(some)
+            largest = np.abs(symbols).max(axis=1, keepdims=True)
+            matrices = ((symbols / largest) @ entries).reshape(-1, d, d)
+            found.append(log_determinants(matrices) + d * np.log(largest[:, 0]))
+        return np.concatenate(found)
+
+    def _log_determinant(self, s: complex) -> complex:
+        try:
+            return self.factors(s).log_determinant
+        except np.linalg.LinAlgError:
+            return complex(-np.inf)
 
     def size(self, s: complex) -> float:
         """Sum of the sizes of the terms of T(s)."""
@@ -156,11 +202,10 @@ class Factors:
             self.solve = lambda right: np.asarray(found.solve(np.ascontiguousarray(right)))
 
     @property
-    def phase(self) -> float:
-        """Argument of the determinant, in (-pi, pi]."""
+    def log_determinant(self) -> complex:
+        """Logarithm of the determinant, any branch."""
         parity = sum(map(_parity, self._exchanges))
-        total = float(np.angle(self._pivots).sum()) + cmath.pi * parity
-        return cmath.phase(cmath.rect(1.0, total))
+        return complex(np.log(self._pivots).sum()) + 1j * math.pi * parity
 
 
 def _order_of(exchanges: NDArray[np.int32]) -> list[int]:

@@ -3,17 +3,18 @@ r"""Modes of damped structures: the nonlinear eigenvalue problem T(s) v = 0.
 Starts are modes without damping, of the mass and the real part of :math:`K + \sum_j g_j D_j` at the
 frequency in question. Each is led to a solution by inverse iteration with a Rayleigh functional
 (Schwetlick, Schreiber, *Nonlinear Rayleigh functionals*, 2012; T is complex symmetric, and the
-convergence cubic). Whether any is missing is told by the argument principle on a sector that holds
-the modes; what is missing is then found by contour integrals.
+convergence cubic). Whether any is missing is counted by the argument principle: of small problems
+on a sector that holds all modes, whatever was found (:mod:`fvi_cli.studies.vibration.region`), of
+large ones on a sector around those that are asked for. The sector is divided until the missing
+modes are found in their parts by contour integrals.
 """
 
 from __future__ import annotations
 
-import cmath
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -21,13 +22,19 @@ from fvi_cli.effects.matrices import Form, as_csc
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
+from fvi_cli.studies.vibration.region import LARGEST_RATIO, first_angle, region_of_all_modes
 from fvi_cli.studies.vibration.sector import CountError, Sector, count_modes, modes_by_integrals
 
 EXTRA: Final = 4
 """Modes beyond those that are wanted, to see where they end."""
-FIRST_ANGLE: Final = 0.4 * math.pi
-LAST_ANGLE: Final = 0.97 * math.pi
-"""Arguments of s between which modes are counted: damping ratios from -0.31 to 0.995."""
+Reach = Literal["all", "faster", "around"]
+RATIOS: Final = (LARGEST_RATIO, 0.9946, 0.9953, 0.9942)
+"""Damping ratios up to which modes are counted: the first, unless a mode lies at the edge."""
+CELL: Final = 1.3
+"""Extent of the parts of a sector in which contour integrals find modes."""
+SMALLEST_CELL: Final = 1e-4
+CUTS: Final = (0.5, 0.43, 0.57, 0.36, 0.64)
+"""Where a sector is divided: at the first, unless a mode lies there."""
 CONVERGED: Final = 1e-15
 RESIDUAL_LIMIT: Final = 1e-12
 MOST_SWEEPS: Final = 30
@@ -89,6 +96,11 @@ class ModeTable:
         By frequency.
     sector
         The region of complex frequencies in which modes were counted; None: they were not.
+    reach
+        ``all``: outside of it are no modes but those of larger damping ratios; ``faster``: nor
+        are faster ones; ``around``: it was chosen around the modes that were asked for.
+    member
+        Swept values in words; empty without a sweep.
     counted
         How many are in it; None where that could not be told.
     inside
@@ -101,6 +113,8 @@ class ModeTable:
     sector: Sector | None
     counted: int | None
     inside: int
+    reach: Reach = "around"
+    member: str = ""
 
     @property
     def is_complete(self) -> bool:
@@ -116,7 +130,7 @@ def find_modes(scene: Scene, count: int, *, near: float | None = None) -> ModeTa
     scene
         A linear one.
     count
-        How many, at most the number of degrees of freedom.
+        How many at most.
     near
         Frequency in oscillations per unit of time; None: from 0 on.
 
@@ -131,15 +145,19 @@ def find_modes(scene: Scene, count: int, *, near: float | None = None) -> ModeTa
         If the scene is not linear, or has no stiffness or mode at all.
     """
     stiffness = DynamicStiffness(scene)
-    d = scene.dimension
     centre = 0.0 if near is None else 2.0 * math.pi * near
-    wanted = min(count + EXTRA, d)
+    wanted = scene.dimension if stiffness.is_small else min(count + EXTRA, scene.dimension)
     found: list[Mode] = []
     for s, vector in _undamped(stiffness, _stored(stiffness, centre), wanted, centre):
         _keep(found, refine(stiffness, s, vector))
-    if not found:
-        raise ValueError("no mode was found: nothing in the scene oscillates")
-    return _completed(stiffness, found, count, centre)
+    if stiffness.is_small or found:
+        table = _completed(stiffness, found, count, centre)
+        if table.modes:
+            return table
+    raise ValueError(
+        "no mode was found: nothing in the scene oscillates with a damping ratio below "
+        f"{LARGEST_RATIO}"
+    )
 
 
 def refine(stiffness: DynamicStiffness, s: complex, vector: ComplexArray) -> Mode | None:
@@ -220,7 +238,7 @@ def _stiffened(
     wanted = min(count, stiffness.dimension)
     return [
         start
-        for rate in dict.fromkeys((rates[0], rates[len(rates) // 2], rates[-1]))
+        for rate in dict.fromkeys(rates[index] for index in (0, len(rates) // 2, -1) if rates)
         for start in _undamped(stiffness, _stored(stiffness, rate), wanted, centre)
     ]
 
@@ -275,31 +293,25 @@ def _completed(
     stiffness: DynamicStiffness, found: list[Mode], count: int, centre: float
 ) -> ModeTable:
     """The modes that are wanted, with those that a count says are missing."""
-    sector, counted = None, None
+    sector, reach, counted = _counted(stiffness, found, count, centre)
     for attempt in range(4):
-        found.sort(key=lambda mode: abs(abs(mode.frequency) - centre))
-        sector = _sector_of(found, count, centre)
-        try:
-            counted = count_modes(stiffness, sector, [mode.frequency for mode in found])
-        except CountError:
-            counted = None
-            break
         inside = [mode for mode in found if sector.holds(mode.frequency)]
-        if counted <= len(inside):
+        if counted is None or counted <= len(inside):
             break
         before = len(found)
-        starts = (
-            _stiffened(stiffness, found, count + EXTRA, centre)
-            if attempt == 0
-            else modes_by_integrals(stiffness, sector, counted)
-        )
-        for s, vector in starts:
-            _keep(found, refine(stiffness, s, vector))
+        if attempt == 0:
+            for s, vector in _stiffened(stiffness, found, count + EXTRA, centre):
+                _keep(found, refine(stiffness, s, vector))
+        else:
+            _search(stiffness, sector, found)
         if len(found) == before and attempt:
             break
+        sector, reach, counted = _counted(stiffness, found, count, centre)
+    if stiffness.is_small:
+        # what is outside is a rigid motion, whose s is round-off
+        found = [one for one in found if sector.least < abs(one.frequency) < sector.largest]
     found.sort(key=lambda mode: abs(abs(mode.frequency) - centre))
     chosen = sorted(found[:count], key=lambda mode: abs(mode.frequency))
-    inside_count = 0 if sector is None else sum(sector.holds(mode.frequency) for mode in found)
     names = tuple(f"x{index}" for index in range(1, stiffness.dimension + 1))
     return ModeTable(
         name="",
@@ -307,11 +319,69 @@ def _completed(
         modes=tuple(chosen),
         sector=sector,
         counted=counted,
-        inside=inside_count,
+        inside=sum(sector.holds(mode.frequency) for mode in found),
+        reach=reach,
     )
 
 
-def _sector_of(found: Sequence[Mode], count: int, centre: float) -> Sector:
+def _counted(
+    stiffness: DynamicStiffness, found: list[Mode], count: int, centre: float
+) -> tuple[Sector, Reach, int | None]:
+    """The sector in which modes are counted, and how many it holds; None: that is not known."""
+    reach: Reach = "around"
+    found.sort(key=lambda mode: abs(abs(mode.frequency) - centre))
+    known = [mode.frequency for mode in found]
+    for ratio in RATIOS:
+        if stiffness.is_small:
+            sector, is_all = region_of_all_modes(stiffness, largest_ratio=ratio)
+            reach = "all" if is_all else "faster"
+        else:
+            sector = _sector_of(stiffness, found, count, centre, ratio)
+        try:
+            return sector, reach, count_modes(stiffness, sector, known)
+        except CountError:
+            continue
+    return sector, reach, None
+
+
+def _search(stiffness: DynamicStiffness, sector: Sector, found: list[Mode]) -> None:
+    """Find the modes of a sector that are missing, in ever smaller parts of it."""
+    try:
+        missing = _missing(stiffness, sector, found)
+    except CountError:
+        # whoever asked for this part has counted the other one and knows that some are here
+        missing = 1
+    if missing <= 0 or max(sector.extent) < SMALLEST_CELL:
+        return
+    if max(sector.extent) < CELL:
+        inside = sum(sector.holds(mode.frequency) for mode in found)
+        for s, vector in modes_by_integrals(stiffness, sector, missing + inside):
+            _keep(found, refine(stiffness, s, vector))
+        try:
+            if _missing(stiffness, sector, found) <= 0:
+                return
+        except CountError:
+            pass
+    for cut in CUTS:
+        parts = sector.halves(cut)
+        try:
+            _missing(stiffness, parts[0], found)
+        except CountError:
+            continue
+        for part in parts:
+            _search(stiffness, part, found)
+        return
+
+
+def _missing(stiffness: DynamicStiffness, sector: Sector, found: Sequence[Mode]) -> int:
+    """How many modes of a sector were not found."""
+    counted = count_modes(stiffness, sector, [mode.frequency for mode in found])
+    return counted - sum(sector.holds(mode.frequency) for mode in found)
+
+
+def _sector_of(
+    stiffness: DynamicStiffness, found: Sequence[Mode], count: int, centre: float, ratio: float
+) -> Sector:
     """A sector around the modes that are wanted, with its arcs between modes."""
     sizes = sorted(abs(mode.frequency) for mode in found)
     wanted = sorted(abs(mode.frequency) for mode in found[:count])
@@ -321,5 +391,5 @@ def _sector_of(found: Sequence[Mode], count: int, centre: float) -> Sector:
     least = 0.05 * wanted[0]
     if centre and below:
         least = math.sqrt(below[-1] * wanted[0])
-    first = min([FIRST_ANGLE, *(0.9 * cmath.phase(mode.frequency) for mode in found[:count])])
-    return Sector(least=least, largest=largest, first=first, last=LAST_ANGLE)
+    first, last = first_angle(stiffness, ratio), math.pi - math.acos(ratio)
+    return Sector(least=least, largest=largest, first=first, last=last)

@@ -3,7 +3,7 @@ r"""Steady responses to harmonic forces: :math:`T(i\omega) \hat q = \hat f`, sol
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -16,38 +16,16 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.scenes.data import per_coordinate
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
+from fvi_cli.studies.vibration.peaks import (
+    NO_MODES,
+    ModesInRange,
+    Peak,
+    find_peaks,
+    modes_in_range,
+    resolving_frequencies,
+)
 
 GROUND: Final = "ground"
-HALF_POWER: Final = math.sqrt(0.5)
-SWEEPS: Final = 45
-"""Halvings with which half-power points are found."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Peak:
-    r"""A maximum of the magnitude.
-
-    Parameters
-    ----------
-    at
-        Of which output.
-    hertz, magnitude
-        Where, in oscillations per unit of time, and how large.
-    low, high
-        Frequencies at both sides where the magnitude is :math:`1/\sqrt 2` of that; nan where it
-        does not fall so far in the range.
-    """
-
-    at: str
-    hertz: float
-    magnitude: float
-    low: float
-    high: float
-
-    @property
-    def loss_factor(self) -> float:
-        """Half-power bandwidth relative to the frequency of the peak."""
-        return (self.high - self.low) / self.hertz
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,6 +46,10 @@ class ResponseTable:
         Complex amplitudes :math:`\hat q` for a load :math:`\hat f e^{i \omega t}`, ``(n, k)``.
     peaks
         Maxima of the magnitudes inside of the range.
+    member
+        Swept values in words; empty without a sweep.
+    known
+        The modes by which peaks were looked for.
     """
 
     name: str
@@ -76,6 +58,8 @@ class ResponseTable:
     hertz: Array
     values: ComplexArray
     peaks: tuple[Peak, ...]
+    member: str = ""
+    known: ModesInRange = NO_MODES
 
     @property
     def magnitude(self) -> Array:
@@ -129,6 +113,13 @@ def harmonic_response(
                 f"at {frequency:g} Hz nothing limits the response: a mode without damping is there"
             ) from None
 
+    def near_modes(frequency: float) -> ComplexArray:
+        """The same, a little aside where a mode without damping lies."""
+        try:
+            return amplitudes(frequency)
+        except ValueError:
+            return amplitudes(frequency * (1.0 + 1e-13))
+
     full = np.array([amplitudes(float(f)) for f in hertz])
     names = tuple(outputs)
     if rows is None:
@@ -139,13 +130,20 @@ def harmonic_response(
     values: ComplexArray = np.asarray(full @ rows.T, dtype=complex)
     if not np.any(values):
         raise ValueError("nothing moves under this load")
+    known = modes_in_range(scene, float(hertz[0]), float(hertz[-1]))
+    fine = resolving_frequencies(hertz, known, is_small=stiffness.is_small)
+    at_fine = dict(zip(hertz.tolist(), values, strict=True))
+    for one in fine.tolist():
+        if one not in at_fine:
+            at_fine[one] = rows @ near_modes(one)
+    sizes = np.abs(np.array([at_fine[one] for one in fine.tolist()]))
     peaks = []
     for index, name in enumerate(names):
 
         def size(frequency: float, own: Array = rows[index]) -> float:
-            return float(abs(own @ amplitudes(frequency)))
+            return float(abs(own @ near_modes(frequency)))
 
-        peaks += _peaks(name, hertz, np.abs(values[:, index]), size)
+        peaks += find_peaks(name, fine, sizes[:, index], size, known)
     return ResponseTable(
         name="",
         load=load_words,
@@ -153,6 +151,7 @@ def harmonic_response(
         hertz=hertz,
         values=values,
         peaks=tuple(peaks),
+        known=known,
     )
 
 
@@ -201,59 +200,3 @@ def forms_of(texts: Sequence[str], coordinates: Sequence[str]) -> Array:
         return Directions.from_text(list(texts), coordinates).rows
     except ValueError as error:
         raise ValueError(str(error).partition(": ")[2] or str(error)) from None
-
-
-def _peaks(name: str, hertz: Array, size: Array, at: Callable[[float], float]) -> list[Peak]:
-    """The maxima between the first and the last frequency."""
-    rising = np.diff(size) > 0
-    tops = np.flatnonzero(rising[:-1] & ~rising[1:]) + 1
-    found = []
-    for top in tops.tolist():
-        best, largest = _maximum(at, float(hertz[top - 1]), float(hertz[top + 1]))
-        limit = HALF_POWER * largest
-        low = _crossing(at, hertz, size, best, limit, range(top - 1, -1, -1))
-        high = _crossing(at, hertz, size, best, limit, range(top + 1, hertz.size))
-        found.append(Peak(at=name, hertz=best, magnitude=largest, low=low, high=high))
-    return found
-
-
-def _maximum(at: Callable[[float], float], left: float, right: float) -> tuple[float, float]:
-    """Place and size of the maximum between two frequencies."""
-    from scipy.optimize import minimize_scalar
-
-    found = minimize_scalar(
-        lambda frequency: -at(frequency),
-        bounds=(left, right),
-        method="bounded",
-        options={"xatol": 1e-9 * right},
-    )
-    return float(found.x), -float(found.fun)
-
-
-def _crossing(
-    at: Callable[[float], float],
-    hertz: Array,
-    size: Array,
-    peak: float,
-    limit: float,
-    places: Sequence[int],
-) -> float:
-    """Where the magnitude falls to a limit on one side of a peak; nan where it rises before."""
-    inside, before = peak, math.inf
-    for place in places:
-        here = float(size[place])
-        if here <= limit:
-            outside = float(hertz[place])
-            for _ in range(SWEEPS):
-                middle = 0.5 * (inside + outside)
-                if at(middle) > limit:
-                    inside = middle
-                else:
-                    outside = middle
-                if abs(inside - outside) <= 1e-10 * peak:
-                    break
-            return 0.5 * (inside + outside)
-        if here > before:
-            return math.nan
-        inside, before = float(hertz[place]), here
-    return math.nan

@@ -3,8 +3,7 @@ r"""How many modes a sector of the complex plane holds, and which.
 The determinant of T(s) is analytic in :math:`r_1 < |s| < r_2`,
 :math:`\alpha_1 < \arg s < \alpha_2` with :math:`0 < \alpha_1, \alpha_2 < \pi`, so that its argument
 turns once around for every zero inside when s goes around the sector. Zeros that are known are
-divided out, so that what is followed turns quickly only where one is missing; it is followed in
-steps that are halved until it turns by little in each.
+divided out, so that what is followed turns quickly only where one is missing.
 """
 
 from __future__ import annotations
@@ -12,19 +11,17 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fvi_cli.mathematics.arrays import ComplexArray
+from fvi_cli.mathematics.arrays import Array, ComplexArray
+from fvi_cli.mathematics.transforms.argument import PathError, follow
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 
-LARGEST_TURN = 0.9
-"""Radians by which the argument may turn in a step."""
-FIRST_STEPS = 8
-"""Steps of an edge at first."""
-MOST_FACTORISATIONS = 20_000
+FIRST_STEPS = 4
+STEPS_PER_FOLD = 2
+"""Steps of an edge at first: at least so many, and for each e-fold of the modulus or radian."""
 INTEGRATION_POINTS = 24
 """Gauss points of each edge of a contour integral."""
 RANK_TOLERANCE = 1e-9
@@ -56,6 +53,20 @@ class Sector:
         inner, outer = math.log(self.least), math.log(self.largest)
         return [(inner, self.first), (outer, self.first), (outer, self.last), (inner, self.last)]
 
+    @property
+    def extent(self) -> tuple[float, float]:
+        """How far the logarithm of the modulus, and the argument, reach."""
+        return math.log(self.largest / self.least), self.last - self.first
+
+    def halves(self, part: float) -> tuple[Sector, Sector]:
+        """Two sectors, cut where the longer side is divided by `part`."""
+        across, around = self.extent
+        if across > around:
+            cut = self.least * math.exp(part * across)
+            return replace(self, largest=cut), replace(self, least=cut)
+        angle = self.first + part * around
+        return replace(self, last=angle), replace(self, first=angle)
+
 
 class CountError(Exception):
     """The argument could not be followed: a mode lies on the edge."""
@@ -76,56 +87,28 @@ def count_modes(stiffness: DynamicStiffness, sector: Sector, known: Sequence[com
     CountError
         If a mode lies on the edge.
     """
+    zeros = np.array([*known, *np.conj(known)], dtype=complex)
+
+    def log_rest(s: ComplexArray) -> ComplexArray:
+        """Logarithm of det T without the zeros that are known."""
+        with np.errstate(divide="ignore"):
+            divided = np.log(s[:, None] - zeros).sum(axis=1)
+            return np.asarray(stiffness.log_determinants(s) - divided)
+
     corners = sector.corners()
-    total, done = 0.0, 0
-    for begin, end in zip(corners, [*corners[1:], corners[0]], strict=True):
-        turn, steps = _turn_along(stiffness, begin, end, known, MOST_FACTORISATIONS - done)
-        total, done = total + turn, done + steps
-    turns = total / (2.0 * math.pi)
-    return round(turns) + sum(sector.holds(s) for s in known)
-
-
-def _turn_along(
-    stiffness: DynamicStiffness,
-    begin: tuple[float, float],
-    end: tuple[float, float],
-    known: Sequence[complex],
-    most: int,
-) -> tuple[float, int]:
-    """How far the argument turns along an edge, and the factorisations that it took."""
-
-    def phase(part: float) -> float:
-        log, angle = ((1.0 - part) * b + part * e for b, e in zip(begin, end, strict=True))
-        s = cmath.rect(math.exp(log), angle)
-        divided = sum(cmath.phase((s - zero) * (s - zero.conjugate())) for zero in known)
-        try:
-            return stiffness.factors(s).phase - divided
-        except np.linalg.LinAlgError as error:
-            raise CountError("a mode lies on the edge of the region that is counted") from error
-
-    parts = [index / FIRST_STEPS for index in range(FIRST_STEPS + 1)]
-    seen = {part: phase(part) for part in parts}
-    waiting = list(pairwise(parts))
     total = 0.0
-    while waiting:
-        left, right = waiting.pop()
-        middle = 0.5 * (left + right)
-        if middle in (left, right) or len(seen) > most:
-            raise CountError("a mode lies too close to the edge of the region that is counted")
-        seen[middle] = phase(middle)
-        halves = [
-            _turn(seen[left], seen[middle]),
-            _turn(seen[middle], seen[right]),
-        ]
-        if max(map(abs, halves)) <= LARGEST_TURN:
-            total += sum(halves)
-        else:
-            waiting += [(left, middle), (middle, right)]
-    return total, len(seen)
+    for begin, end in zip(corners, [*corners[1:], corners[0]], strict=True):
+        first, last = complex(*begin), complex(*end)
 
+        def edge(part: Array, first: complex = first, last: complex = last) -> ComplexArray:
+            return np.exp((1.0 - part) * first + part * last)
 
-def _turn(one: float, other: float) -> float:
-    return math.remainder(other - one, 2.0 * math.pi)
+        steps = FIRST_STEPS + math.ceil(STEPS_PER_FOLD * abs(last - first))
+        try:
+            total += follow(log_rest, edge, np.linspace(0.0, 1.0, steps + 1)).turn
+        except PathError as error:
+            raise CountError("a mode lies on the edge of the region that is counted") from error
+    return round(total / (2.0 * math.pi)) + sum(sector.holds(s) for s in known)
 
 
 def modes_by_integrals(

@@ -1,0 +1,157 @@
+"""No mode is lost: random structures against all eigenvalues of a polynomial in a root of s."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from oracles.eigenvalues import Term, Zener, oscillating_modes
+
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.laws.cole_cole import fractional_maxwell
+from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.studies.vibration import modes
+from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
+from fvi_cli.studies.vibration.modes import ModeTable, find_modes
+from fvi_cli.studies.vibration.region import region_of_all_modes
+
+ORDERS = [Fraction(n, 5) for n in range(1, 10)] + [Fraction(1, 2), Fraction(3, 2), Fraction(1)]
+
+
+def structure(mass: Array, terms: list[Term]) -> Scene:
+    """The scene of a mass and the terms of the oracle."""
+    stiffness = sum((form for order, form in terms if order == 0), np.zeros_like(mass))
+    damping: list[FractionalDamping] = []
+    laws: list[Law] = []
+    for order, form in terms:
+        if isinstance(order, Zener):
+            laws.append(
+                fractional_maxwell(
+                    order=float(order.order), time=order.time, modulus=1.0, coefficient=form
+                )
+            )
+        elif order:
+            damping.append(FractionalDamping(order=float(order), coefficient=form))
+    return Scene(
+        inertia=Inertia(mass=mass),
+        potential=QuadraticPotential(stiffness=stiffness),
+        damping=tuple(damping),
+        laws=tuple(laws),
+        initial_position=np.zeros(len(mass)),
+        initial_velocity=np.zeros(len(mass)),
+        final_time=1.0,
+    )
+
+
+def drawn(seed: int) -> tuple[Array, list[Term]]:
+    """A structure with dampers between any two places, in any units; some are fed."""
+    rng = np.random.default_rng(seed)
+    d = int(rng.integers(1, 5))
+    unit_of_time, unit_of_mass = 10.0 ** rng.uniform(-9, 9, 2)
+    mass = np.diag(rng.uniform(0.3, 3.0, d)) * unit_of_mass
+    ends = rng.standard_normal((d, d))
+    stiffness = ends @ np.diag(10.0 ** rng.uniform(-2, 2, d)) @ ends.T
+    if rng.random() < 0.1:
+        # free to move
+        stiffness -= np.linalg.eigvalsh(stiffness)[0] * np.eye(d)
+    if rng.random() < 0.1:
+        stiffness -= 0.5 * np.diag(np.diagonal(stiffness))
+    terms: list[Term] = [(Fraction(0), stiffness * unit_of_mass / unit_of_time**2)]
+    orders = rng.permutation(len(ORDERS))[: int(rng.integers(1, 3))]
+    for index in orders.tolist():
+        order, along = ORDERS[index], rng.standard_normal((d, int(rng.integers(1, d + 1))))
+        size = 10.0 ** rng.uniform(-3, 3) * (-1.0 if rng.random() < 0.1 else 1.0)
+        form = size * along @ along.T * unit_of_mass * unit_of_time ** (float(order) - 2)
+        terms.append((order, form))
+    if rng.random() < 0.2:
+        along = rng.standard_normal((d, 1))
+        form = 10.0 ** rng.uniform(-3, 3) * along @ along.T * unit_of_mass / unit_of_time**2
+        law = Zener(
+            order=Fraction(int(rng.integers(1, 5)), 5), time=unit_of_time * rng.uniform(0.1, 10)
+        )
+        terms.append((law, form))
+    return mass, terms
+
+
+def expected_modes(mass: Array, terms: list[Term], largest_ratio: float = 0.995) -> list[complex]:
+    """The oracle's, without slow ones that round-off of a singular stiffness makes."""
+    (_, stiffness), *_ = terms
+    rate = np.sqrt(np.linalg.norm(stiffness) / np.linalg.norm(mass))
+    found = oscillating_modes(mass, terms, largest_ratio=largest_ratio)
+    is_singular = np.linalg.cond(stiffness) > 1e13
+    return [s for s in found if not is_singular or abs(s) > 1e-6 * rate]
+
+
+def agree(table: ModeTable | None, expected: list[complex]) -> bool:
+    """Whether the modes within the sector are the expected ones, each once."""
+    if table is None:
+        return not expected
+    found = [m.frequency for m in table.modes if abs(m.damping_ratio) < 0.9949]
+    wanted = [s for s in expected if abs(s.real) < 0.9949 * abs(s)]
+    if not table.is_complete or len(found) != len(wanted):
+        return False
+    return all(min(abs(s - one) for one in found) < 1e-7 * abs(s) for s in wanted)
+
+
+def found_modes(scene: Scene) -> ModeTable | None:
+    try:
+        return find_modes(scene, 100)
+    except ValueError:
+        return None
+
+
+@pytest.mark.parametrize(
+    "block", [0, *(pytest.param(block, marks=pytest.mark.slow) for block in range(1, 10))]
+)
+def test_all_modes_of_random_structures_are_found(block):
+    for seed in range(40 * block, 40 * block + 40):
+        mass, terms = drawn(seed)
+        expected = expected_modes(mass, terms)
+        table = found_modes(structure(mass, terms))
+        assert agree(table, expected), (seed, expected, table)
+
+
+def test_starts_without_damping_lose_modes_and_the_count_says_so(monkeypatch):
+    # the control: what the search adds is needed, and its absence does not pass for completeness
+    monkeypatch.setattr(modes, "_search", lambda *_: None)
+    monkeypatch.setattr(modes, "_stiffened", lambda *_: [])
+    lost = 0
+    for seed in range(40):
+        mass, terms = drawn(seed)
+        expected = expected_modes(mass, terms)
+        table = found_modes(structure(mass, terms))
+        if table is not None and len(table.modes) < len(expected):
+            lost += 1
+            assert not table.is_complete
+    assert lost >= 3
+
+
+def test_the_region_holds_all_modes_whatever_is_found():
+    for seed in range(40):
+        mass, terms = drawn(seed)
+        stiffness = DynamicStiffness(structure(mass, terms))
+        region, _ = region_of_all_modes(stiffness, largest_ratio=0.995)
+        for s in expected_modes(mass, terms, largest_ratio=0.99):
+            assert region.holds(s), (seed, s, region)
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "damping", "order", "expected"),
+    [
+        ([[1.0]], [[10.0]], 0.5, [-2.2522 + 4.1440j]),
+        ([[2.0, -1.0], [-1.0, 2.0]], [[8.0, 0.0], [0.0, 0.0]], 0.6,
+         [-0.029907 + 1.393097j, -2.5616 + 3.7095j]),
+    ],
+)  # fmt: skip
+def test_strongly_damped_modes_are_found(stiffness, damping, order, expected):
+    mass = np.eye(len(stiffness))
+    terms: list[Term] = [
+        (Fraction(0), np.array(stiffness)),
+        (Fraction(order).limit_denominator(10), np.array(damping)),
+    ]
+    table = find_modes(structure(mass, terms), 4)
+    assert table.is_complete
+    assert [mode.frequency for mode in table.modes] == pytest.approx(expected, abs=1e-4)

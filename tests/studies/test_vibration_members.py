@@ -1,0 +1,94 @@
+"""Modes and responses of sweeps, and of what is fed: in tables, files and figures."""
+
+import csv
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from command_line import configuration, fvi
+
+import fvi_cli as fvi_api
+from fvi_cli.plotting.spectra import spectrum_figure
+
+MASSES = "mass: [[1, 0], [0, 1]], stiffness: [[2, -1], [-1, 2]]"
+
+
+def problem(coefficient: float, order: float = 0.5) -> str:
+    """Two bodies with a damper on the first."""
+    return (
+        f"kind: structure, {MASSES}, damping: [{{order: {order}, coefficient: {coefficient}, "
+        "acts_on: [x1]}], final_time: 10, exact: none"
+    )
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture
+def swept(tmp_path):
+    path = tmp_path / "swept.yaml"
+    keys = "{problem.damping.0.order: [0.3, 0.7], problem.damping.0.coefficient: [0.1, 0.2, 8.0]}"
+    text = configuration(problem(0.2), name="swept", steps="16")
+    path.write_text(text + f"\nsweep: {keys}\n")
+    return path
+
+
+def test_modes_of_every_member_are_those_of_it_by_itself(swept, tmp_path):
+    output = tmp_path / "out"
+    shown = fvi("modes", swept, "-o", output, code=0).stdout
+    assert "None is missing in 6 of 6 members" in shown
+    rows = rows_of(output / "tables" / "swept-modes.csv")
+    assert len(rows) == 12
+    members = list(dict.fromkeys(row["member"] for row in rows))
+    assert len(members) == 6
+    with h5py.File(output / "swept-modes.h5") as file:
+        assert [group.attrs["member"] for group in file["swept"].values()] == members
+    for number, (order, size) in enumerate((o, c) for o in (0.3, 0.7) for c in (0.1, 0.2, 8.0)):
+        path = tmp_path / f"one-{number}.yaml"
+        path.write_text(configuration(problem(size, order), name="one", steps="16"))
+        (table,) = fvi_api.modes(path)
+        own = [row for row in rows if row["member"] == members[number]]
+        assert f"order = {order}" in members[number]
+        assert [float(row["imaginary"]) for row in own] == pytest.approx(
+            [mode.frequency.imag for mode in table.modes], rel=1e-12
+        )
+    fvi("modes", swept, "-o", output, "--check", code=0)
+
+
+def test_responses_of_every_member_are_those_of_it_by_itself(swept, tmp_path):
+    output = tmp_path / "out"
+    asked = ("--over", "frequency=0.1:0.4:31", "--force", "x1", "--at", "x2", "-o", output)
+    fvi("response", swept, *asked, code=0)
+    rows = rows_of(output / "tables" / "swept-response.csv")
+    members = list(dict.fromkeys(row["member"] for row in rows))
+    assert len(rows) == 6 * 31
+    assert len(members) == 6
+    peaks = rows_of(output / "tables" / "swept-response-peaks.csv")
+    assert {row["member"] for row in peaks} == set(members)
+    tables = fvi_api.response(swept, over="frequency=0.1:0.4:31", force=["x1"], at=["x2"])
+    for table, member in zip(tables, members, strict=True):
+        own = [float(row["magnitude"]) for row in rows if row["member"] == member]
+        assert own == pytest.approx(table.magnitude[:, 0], rel=1e-12)
+        assert table.member == member
+    sizes = np.array([table.magnitude[:, 0] for table in tables])
+    # the control: members are not the first one over again
+    assert len({round(float(size), 12) for size in sizes[:, 5]}) == 6
+
+
+@pytest.mark.parametrize("coefficients", [(-0.2,), (-0.2, 0.2), (0.2,), (-3.0,)])
+def test_growing_modes_are_seen_in_the_figure(coefficients, tmp_path):
+    tables = []
+    for coefficient in coefficients:
+        path = tmp_path / "fed.yaml"
+        path.write_text(configuration(problem(coefficient), name="fed", steps="16"))
+        tables += fvi_api.modes(path)
+    plane, ratios = spectrum_figure(tables).axes
+    (left, right), (low, high) = plane.get_xlim(), ratios.get_ylim()
+    modes = [mode for table in tables for mode in table.modes]
+    assert any(mode.frequency.real > 0 for mode in modes) == (min(coefficients) < 0)
+    for mode in modes:
+        assert left < mode.frequency.real < right
+        assert low < 100 * mode.damping_ratio < high
