@@ -12,8 +12,14 @@ from fvi_cli.keys.containers import Checked
 from fvi_cli.keys.cursor import INVALID, Cursor
 from fvi_cli.keys.records import Key, Record, optional
 from fvi_cli.keys.scalars import Text
-from fvi_cli.scenes.records.data_files import SHA256, DataFileError, file_under, with_content
-from fvi_cli.scenes.structures.matrix_files import read_matrix
+from fvi_cli.scenes.records.data_files import (
+    SHA256,
+    DataFileError,
+    file_under,
+    read_once,
+    with_content,
+)
+from fvi_cli.scenes.structures.matrix_files import MatrixFile, read_matrix
 from fvi_cli.scenes.structures.matrix_text import (
     LARGEST_TEXT,
     matrix_as_text,
@@ -29,8 +35,14 @@ def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
             return at.refuse("not a matrix as fvi writes it", "content")
         return values
     file, name = file_under(values, at)
+    variable = values.get("variable")
+
+    def read() -> tuple[MatrixFile, str]:
+        found = read_matrix(file, name, variable)
+        return found, matrix_as_text(found.form)
+
     try:
-        found = read_matrix(file, name, values.get("variable"))
+        found, text = read_once(at, ("matrix", file, variable), read)
     except DataFileError as error:
         error.tell(at)
         return INVALID
@@ -42,7 +54,7 @@ def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
         values,
         at,
         sha256=found.sha256,
-        text=matrix_as_text(found.form),
+        text=text,
         largest=LARGEST_TEXT,
         what="its entries",
     )
