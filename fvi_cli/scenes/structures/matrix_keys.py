@@ -22,6 +22,7 @@ from fvi_cli.scenes.records.data_files import (
 from fvi_cli.scenes.structures.matrix_files import MatrixFile, read_matrix
 from fvi_cli.scenes.structures.matrix_text import (
     LARGEST_TEXT,
+    check_text,
     matrix_as_text,
     matrix_from_text,
     rows_of_text,
@@ -31,8 +32,10 @@ from fvi_cli.scenes.structures.matrix_text import (
 def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
     """The keys of a matrix with ``sha256`` and ``content`` filled in from the file."""
     if "content" in values:
-        if rows_of_text(values["content"]) is None:
-            return at.refuse("not a matrix as fvi writes it", "content")
+        try:
+            check_text(values["content"])
+        except ValueError as error:
+            return at.refuse(str(error), "content")
         return values
     file, name = file_under(values, at)
     variable = values.get("variable")

@@ -37,6 +37,22 @@ def matrix_as_text(matrix: Form) -> str:
     return f"sparse {rows} {_packed(b''.join(part.tobytes() for part in parts))}"
 
 
+def check_text(text: str) -> tuple[int, bool]:
+    """Number of rows that a matrix as text declares, and whether it is sparse.
+
+    Raises
+    ------
+    ValueError
+        If the text is of another kind, or declares more than is allowed.
+    """
+    found = _HEADER.match(text)
+    if found is None:
+        raise ValueError("not a matrix as fvi writes it")
+    rows, is_sparse = int(found.group(2)), found.group(1) == "sparse"
+    check_rows((rows, rows), sparse=is_sparse)
+    return rows, is_sparse
+
+
 def rows_of_text(text: str) -> int | None:
     """Number of rows of a matrix as text; None for any other text."""
     found = _HEADER.match(text)
@@ -52,14 +68,10 @@ def matrix_from_text(text: str) -> Form:
     ValueError
         If the text is not of that kind.
     """
-    found = _HEADER.match(text)
-    if found is None:
-        raise ValueError("not a matrix as text")
-    rows, is_dense = int(found.group(2)), found.group(1) == "dense"
     try:
-        check_rows((rows, rows), sparse=not is_dense)
-        packed = base64.b64decode(text[found.end() :], validate=True)
-        matrix = _dense(packed, rows) if is_dense else _sparse(packed, rows)
+        rows, is_sparse = check_text(text)
+        packed = base64.b64decode(text.split(" ", 2)[2], validate=True)
+        matrix = _sparse(packed, rows) if is_sparse else _dense(packed, rows)
         if not np.isfinite(entries(matrix)).all():
             raise ValueError("an entry is not finite")
         return matrix
