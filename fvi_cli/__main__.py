@@ -6,8 +6,10 @@ there is nothing to save yet, so that the process ends at once.
 
 from __future__ import annotations
 
+import io
 import os
 import signal
+import sys
 from typing import NoReturn
 
 INTERRUPTED = 130
@@ -21,6 +23,10 @@ def main() -> None:
         signal.signal(signal.SIGINT, _leave)
     from fvi_cli.cli.app import command_line
 
+    # names of files hold any bytes, and terminals may know ASCII alone
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     run = command_line()
     signal.signal(signal.SIGINT, usual)
     run()

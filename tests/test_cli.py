@@ -294,6 +294,7 @@ def test_a_dry_run_says_why(folder):
 
 def test_a_dry_run_tells_half_runs_older_solvers_and_refusals(folder, monkeypatch):
     fvi("run", "quick.yaml", "-q")
+    monkeypatch.setenv("FVI_UNSEALED", "1")
     with h5py.File("results/quick.h5", "r+") as file:
         del file["quick/bdf1-nodes-s1-gauss1-none/n000004"].attrs["complete"]
         del file["quick/bdf1-nodes-s1-gauss1-none/n000008"]

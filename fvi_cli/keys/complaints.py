@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field, replace
 from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
 from fvi_cli.errors import ConfigError
 
@@ -57,10 +58,13 @@ class Complaints:
     checks_member
         Says by its number whether a member of a sweep is to be checked: another command, or an
         earlier one, may do so for the others.
+    files
+        What was read of files that the text names: each is read once, however often it is named.
     """
 
     folder: Path | None = None
     checks_member: ChecksMember = every_member
+    files: dict[Hashable, Any] = field(default_factory=dict)
     _found: dict[tuple[SourcePosition, str], None] = field(default_factory=dict)
 
     def add(self, place: SourcePosition, path: KeyPath, message: str) -> None:

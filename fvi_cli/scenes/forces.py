@@ -19,7 +19,13 @@ from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.records.at2_samples import SUFFIX, read_at2_samples
 from fvi_cli.scenes.records.csv_samples import read_csv_samples
-from fvi_cli.scenes.records.data_files import SHA256, DataFileError, file_under, with_content
+from fvi_cli.scenes.records.data_files import (
+    SHA256,
+    DataFileError,
+    file_under,
+    read_once,
+    with_content,
+)
 from fvi_cli.scenes.records.samples import (
     LARGEST_TEXT,
     end_of_samples,
@@ -39,22 +45,19 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
     if is_at2 == ("column" in values):
         wrong = "missing; it must be the name of a column"
         return at.refuse("not for AT2, which has one column" if is_at2 else wrong, "column")
+    columns = () if is_at2 else (values["time"], values["column"])
+
+    def read() -> tuple[str, int, str]:
+        found = read_at2_samples(file, name) if is_at2 else read_csv_samples(file, name, *columns)
+        return found.sha256, found.time.size, samples_as_text(found.time, found.values)
+
     try:
-        found = (
-            read_at2_samples(file, name)
-            if is_at2
-            else read_csv_samples(file, name, values["time"], values["column"])
-        )
+        sha256, count, text = read_once(at, ("samples", file, *columns), read)
     except DataFileError as error:
         error.tell(at)
         return INVALID
     return with_content(
-        values,
-        at,
-        sha256=found.sha256,
-        text=samples_as_text(found.time, found.values),
-        largest=LARGEST_TEXT,
-        what=f"its {found.time.size} samples",
+        values, at, sha256=sha256, text=text, largest=LARGEST_TEXT, what=f"its {count} samples"
     )
 
 

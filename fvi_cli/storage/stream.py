@@ -7,8 +7,8 @@ by an interrupt, is kept for the caller, and what is written after it goes to me
 Nor may it see bytes that have changed: it may search in them for ever. Behind the last byte that it
 knows of lies a seal, the checksums of all blocks before, and every block is compared before it is
 given on; a large file need not be read whole before a part of it is. Other readers do not see the
-seal, and a program that changes a file by the library cuts it off; such a file is read as it is,
-and each run in it is looked at by itself.
+seal, and a program that changes a file by the library cuts it off; such a file is read only where
+that is asked for, and each run in it is looked at by itself.
 """
 
 from __future__ import annotations
@@ -233,6 +233,11 @@ class SealedStream(_Stream):
         view[:count] = _read_all(self._file.fileno(), count)
         self._position += count
         return count
+
+    @property
+    def is_sealed(self) -> bool:
+        """Whether every byte is compared with what was written."""
+        return self._seal is not None
 
     def close(self) -> None:
         """Close the file."""

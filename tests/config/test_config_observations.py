@@ -1,11 +1,13 @@
 """``output``, ``quantities`` and ``events``: what they mean and what is refused."""
 
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import fvi_cli as fvi
+from fvi_cli.config.keys.observations import _exact_multiples
 
 BASE = """\
 name: seen
@@ -125,6 +127,8 @@ def test_a_tolerance_with_quantities(tmp_path):
         ("output: {step: 1, count: 3}\n", "13:9: output: exactly one of step, count and times"),
         ("output: {times: [0, 3]}\n", "13:21: output.times.1: 3 is after final_time = 2"),
         ("output: {times: [1, 1]}\n", "13:21: output.times.1: 1 is not after 1; times must"),
+        ("output: {step: 1e-7}\n", "13:16: output.step: 2e+07 times are too many; at most 1000"),
+        ("output: {step: 1e-320}\n", "13:16: output.step: inf times are too many; at most 1000"),
         ("output: {count: 1}\n", "13:17: output.count: 1 is not allowed; it must be an integer"),
         ("quantities: {a: x + z}\n", "13:21: quantities.a: unknown name 'z'"),
         ("quantities: {x: 2*x}\n", "13:14: quantities.x: is the name of something that is stored"),
@@ -223,3 +227,10 @@ def test_a_parameter_must_have_a_name_of_its_own(tmp_path):
                 "ladder": {"steps": [4]},
             }
         )
+
+
+@pytest.mark.parametrize(("length", "parts"), [(20.0, 999_999), (0.1, 7), (1e-300, 13), (1e300, 3)])
+def test_every_time_is_the_nearest_number_to_its_fraction(length, parts):
+    step = Fraction(repr(length)) / parts
+    expected = [float(k * step) for k in range(200)]
+    assert _exact_multiples(length, parts, 200).tolist() == expected

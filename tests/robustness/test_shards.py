@@ -135,7 +135,13 @@ def test_a_part_finds_what_it_has_computed(results):
     assert "compute" not in told
 
 
-@pytest.mark.parametrize("shard", ["0/3", "4/3", "2", "a/3", "1/0", "-1/2", "1/2/3"])
+@pytest.mark.parametrize(
+    "shard",
+    [
+        *("0/3", "4/3", "2", "a/3", "1/0", "-1/2", "1/2/3"),
+        *("1/100001", "1/999999999999", f"1/{'9' * 40}", "1/\u0663"),
+    ],
+)
 def test_a_part_that_there_is_not_is_refused(shard, tmp_path):
     code, told = fvi("run", "damped-oscillator", f"--shard={shard}", "-o", tmp_path / "new")
     assert code == 2

@@ -271,10 +271,13 @@ def _times(given: object, final_time: float, at: Cursor) -> NDArray[np.float64] 
         return _exact_multiples(final_time, given["count"] - 1, given["count"])
     if "step" in given:
         step = given["step"]
-        count = int(final_time / step * (1 + 1e-12)) + 1
-        if count > MOST_TIMES:
-            at.refuse(f"{count} times are too many; at most {MOST_TIMES} are allowed", "step")
+        times_asked = final_time / step * (1 + 1e-12) + 1
+        if times_asked >= MOST_TIMES + 1:
+            at.refuse(
+                f"{times_asked:.7g} times are too many; at most {MOST_TIMES} are allowed", "step"
+            )
             return None
+        count = int(times_asked)
         if count < 2:
             at.refuse(f"{step:g} is longer than final_time = {final_time:g}", "step")
             return None
@@ -295,4 +298,6 @@ def _times(given: object, final_time: float, at: Cursor) -> NDArray[np.float64] 
 def _exact_multiples(length: float, parts: int, count: int) -> NDArray[np.float64]:
     """Multiples of length / parts, of the decimal number as it is written, each rounded once."""
     step = Fraction(repr(length)) / parts
-    return np.array([float(k * step) for k in range(count)])
+    above, below = step.numerator, step.denominator
+    # whole numbers are divided with one rounding, and much sooner than fractions are made
+    return np.array([k * above / below for k in range(count)])

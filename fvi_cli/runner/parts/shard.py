@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from fvi_cli.errors import RequestError
+from fvi_cli.keys.complaints import excerpt
 from fvi_cli.runner.executors.batches import LARGEST_PACK, Pack, batches_of, pack_of
 from fvi_cli.runner.request import STORED_SUFFIX
 from fvi_cli.studies.experiment import Experiment, Run
+
+MOST_SHARDS: Final = 100_000
+_SHARD: Final = re.compile(r"[0-9]{1,12}/[0-9]{1,12}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +37,11 @@ class Shard:
     count: int = 1
 
     def __post_init__(self) -> None:
+        if self.count > MOST_SHARDS:
+            raise RequestError(
+                f"--shard {self.number}/{self.count}: is not allowed; there may be {MOST_SHARDS} "
+                "parts"
+            )
         if not 1 <= self.number <= self.count:
             raise RequestError(
                 f"--shard {self.number}/{self.count}: is not allowed; in I/N the part I lies "
@@ -86,7 +97,10 @@ def shard_named(text: str) -> Shard:
     RequestError
         If it names none.
     """
+    if _SHARD.fullmatch(text) is None:
+        raise RequestError(
+            f"--shard {excerpt(text)}: is not I/N, such as 2/4 for the second of four parts; N may "
+            f"be {MOST_SHARDS}"
+        )
     number, _, count = text.partition("/")
-    if not (number.isdecimal() and count.isdecimal()):
-        raise RequestError(f"--shard {text}: is not I/N, such as 2/4 for the second of four parts")
     return Shard(number=int(number), count=int(count))

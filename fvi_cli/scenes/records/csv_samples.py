@@ -15,7 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
-from fvi_cli.scenes.records.data_files import DataFileError, read_content
+from fvi_cli.scenes.records.data_files import (
+    DataFileError,
+    check_lines,
+    number_of,
+    read_content,
+)
 from fvi_cli.scenes.records.samples import MOST_SAMPLES
 
 LARGEST_FILE: Final = 20_000_000
@@ -65,6 +70,7 @@ def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> Cs
         finite numbers, times that do not increase, or more than is allowed.
     """
     content = read_content(path, name, LARGEST_FILE)
+    check_lines(content, name)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -81,7 +87,7 @@ def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> Cs
             mistakes.add(line, f"more than {MOST_SAMPLES} samples are too many; thin them out")
             break
         cells = [row[place].strip() if place < len(row) else "" for place in places]
-        numbers = tuple(_number(cell) for cell in cells)
+        numbers = tuple(number_or_nan(cell) for cell in cells)
         wrong = False
         for label, cell, number in zip((time_column, column), cells, numbers, strict=True):
             if not math.isfinite(number):
@@ -112,8 +118,7 @@ def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> Cs
 
 def _rows(text: str, name: str) -> Iterator[tuple[int, list[str]]]:
     """Number and cells of every line that holds something; the first are the names."""
-    lines = text.splitlines()
-    first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    first = next((line for line in io.StringIO(text) if line.strip() and line[0] != "#"), "")
     delimiter = max(_DELIMITERS, key=first.count)
     reader = csv.reader(io.StringIO(text), delimiter=delimiter)
     try:
@@ -137,10 +142,10 @@ def _place(header: list[str], wanted: str, where: str) -> int:
     )
 
 
-def _number(cell: str) -> float:
+def number_or_nan(cell: str) -> float:
+    """The number that a cell holds; nan where it holds none."""
     try:
-        # float also takes 1_000
-        return math.nan if "_" in cell else float(cell)
+        return number_of(cell)
     except ValueError:
         return math.nan
 
@@ -149,7 +154,7 @@ def _complaint(label: str, cell: str) -> str:
     if not cell:
         return f"column {label!r} is empty; every sample needs a value"
     bare = cell.replace(",", ".")
-    hint = f"; write {bare}" if bare != cell and math.isfinite(_number(bare)) else ""
+    hint = f"; write {bare}" if bare != cell and math.isfinite(number_or_nan(bare)) else ""
     return f"column {label!r} holds {excerpt(cell)!r}; it must be a finite number{hint}"
 
 

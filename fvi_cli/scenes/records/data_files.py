@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar, cast
 
 from fvi_cli.keys.complaints import excerpt
 from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.records import optional
 from fvi_cli.keys.scalars import Text
 
+T = TypeVar("T")
+
+MOST_LINES: Final = 1_000_000
+"""Lines of a text file, at most; there may be fewer samples."""
 SHA256: Final = optional(
     "sha256",
     Text(what="64 hexadecimal digits"),
@@ -58,6 +62,42 @@ def read_content(path: Path, name: str, largest: int) -> bytes:
     if len(content) > largest:
         raise DataFileError(f"{name}: more than {largest // 10**6} MB: too large")
     return content
+
+
+def read_once(at: Cursor, key: tuple[Hashable, ...], read: Callable[[], T]) -> T:
+    """What `read` returns, called once for a text and a key that tells the file and what of it."""
+    known = at.complaints.files
+    if key not in known:
+        known[key] = read()
+    return cast(T, known[key])
+
+
+def check_lines(content: bytes, name: str) -> None:
+    """Refuse a text of more than `MOST_LINES` lines: empty ones take time as well.
+
+    Raises
+    ------
+    DataFileError
+        With the limit.
+    """
+    lines = content.count(b"\n") + content.count(b"\r") - content.count(b"\r\n")
+    if lines > MOST_LINES:
+        raise DataFileError(
+            f"{name}: more than {MOST_LINES} lines; thin it out, or remove empty ones"
+        )
+
+
+def number_of(word: str) -> float:
+    """The number that a word in a file is.
+
+    Raises
+    ------
+    ValueError
+        If it is none; Python also takes ``1_000``.
+    """
+    if "_" in word:
+        raise ValueError(f"{excerpt(word)!r} is not a number")
+    return float(word)
 
 
 def with_content(

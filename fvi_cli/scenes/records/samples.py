@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-import binascii
+import functools
 import zlib
 from collections.abc import Mapping
 from typing import Any, Final, cast
@@ -11,6 +11,7 @@ from typing import Any, Final, cast
 import numpy as np
 
 from fvi_cli.effects.sampled import Interpolation, SampledForce
+from fvi_cli.keys.complaints import excerpt
 from fvi_cli.mathematics.arrays import Array
 
 MOST_SAMPLES: Final = 100_000
@@ -29,8 +30,11 @@ def samples_as_text(time: Array, values: Array) -> str:
     return base64.b64encode(zlib.compress(lines.encode(), 9)).decode()
 
 
+@functools.lru_cache(maxsize=8)
 def samples_from_text(text: str) -> tuple[Array, Array]:
-    """Times and values of a text from `samples_as_text`.
+    """Times and values of a text from `samples_as_text`, which are only to be read.
+
+    Members of a sweep have the same text.
 
     Raises
     ------
@@ -41,14 +45,15 @@ def samples_from_text(text: str) -> tuple[Array, Array]:
     try:
         unpacking = zlib.decompressobj()
         content = unpacking.decompress(base64.b64decode(text, validate=True), limit)
-        if unpacking.unconsumed_tail:
+        if unpacking.unconsumed_tail or content.count(b"\n") > MOST_SAMPLES:
             raise ValueError(f"more than {MOST_SAMPLES} samples")
-        rows = [line.split(",") for line in content.decode("ascii").splitlines()]
+        rows = [line.split(",") for line in content.decode("ascii").removesuffix("\n").split("\n")]
         table = np.array([[float(cell) for cell in row] for row in rows])
-    except (binascii.Error, zlib.error, UnicodeError) as error:
-        raise ValueError(f"not samples as text: {error}") from None
+    except (zlib.error, ValueError) as error:
+        raise ValueError(f"not samples as text: {excerpt(str(error))}") from None
     if table.ndim != 2 or table.shape[1] != 2:
         raise ValueError("not samples as text: two columns are needed")
+    table.setflags(write=False)
     return table[:, 0], table[:, 1]
 
 

@@ -6,25 +6,36 @@ import hashlib
 import io
 import math
 import re
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.matrices import Form, symmetric_form
-from fvi_cli.keys.complaints import excerpt, listed, suggestion
-from fvi_cli.scenes.records.data_files import DataFileError, read_content
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from fvi_cli.effects.matrices import Form, is_sparse, symmetric_form
+from fvi_cli.effects.matrices import form as shortest
+from fvi_cli.keys.complaints import excerpt, listed
+from fvi_cli.scenes.records.data_files import (
+    DataFileError,
+    check_lines,
+    number_of,
+    read_content,
+)
+from fvi_cli.scenes.structures.archives import read_mat, read_npy, read_npz
+from fvi_cli.scenes.structures.declared import (
+    MOST_DENSE_ROWS,
+    DeclaredError,
+    check_rows,
+    checked_sparse,
+)
 
 LARGEST_FILE: Final = 400_000_000
 """Bytes of a file of a matrix, at most."""
+_COMMENTS: Final = re.compile(rb"(?:%[^\n]*\n|[ \t\r]*\n)*+")
+_DIGITS: Final = b"0123456789+-.eE \t\r\n"
 _BETWEEN: Final = re.compile(r"[,;\s]+")
 
 
@@ -75,63 +86,72 @@ def read_matrix(path: Path, name: str, variable: str | None = None) -> MatrixFil
         value = _READERS[suffix](content, name, variable)
     except DataFileError:
         raise
-    except (ValueError, TypeError, KeyError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise DataFileError(
-            f"{name}: not a readable {suffix} file: {excerpt(str(error), 160)}"
-        ) from None
-    if np.iscomplexobj(value) or not np.issubdtype(value.dtype, np.number):
+    except DeclaredError as error:
+        raise DataFileError(f"{name}: {error}") from None
+    except Exception as error:
+        # libraries raise nearly anything of bytes that are not those of their format
+        said = excerpt(str(error) or type(error).__name__, 160)
+        raise DataFileError(f"{name}: not a readable {suffix} file: {said}") from None
+    if value.dtype.kind not in "iuf":
         raise DataFileError(f"{name}: its entries are {value.dtype}; they must be real numbers")
-    if value.ndim != 2 or value.shape[0] != value.shape[1] or value.shape[0] == 0:
-        shape = " x ".join(map(str, value.shape))
-        raise DataFileError(f"{name}: it is {shape or 'a number'}; a square matrix is needed")
     try:
-        form = symmetric_form(value, name)
+        check_rows(value.shape, sparse=True)
+        return MatrixFile(form=_symmetric(value, name), sha256=hashlib.sha256(content).hexdigest())
+    except DeclaredError as error:
+        raise DataFileError(f"{name}: {error}") from None
     except ValueError as error:
         raise DataFileError(str(error)) from None
-    return MatrixFile(form=form, sha256=hashlib.sha256(content).hexdigest())
+
+
+def _symmetric(value: Any, name: str) -> Form:
+    """A matrix of numbers, sparse where it is large and has few of them."""
+    if not is_sparse(value):
+        with np.errstate(over="ignore"):
+            value = np.asarray(value, dtype=float)
+        if len(value) > MOST_DENSE_ROWS:
+            value = shortest(value)
+        if not is_sparse(value):
+            check_rows(value.shape, sparse=False)
+    return symmetric_form(value, name)
 
 
 def _market(content: bytes, name: str, variable: str | None) -> Any:
-    from scipy.io import mmread
+    from scipy.io import mminfo, mmread
 
     _no_variable(name, variable)
-    return mmread(io.BytesIO(content), spmatrix=False)
+    rows, columns, entries, layout, *_ = mminfo(io.BytesIO(content))
+    is_sparse = layout == "coordinate"
+    if is_sparse:
+        check_rows((rows, columns), sparse=True)
+    # a digit and a line break, at least
+    if 2 * entries > len(content) + 2:
+        raise ValueError(f"{entries} entries are declared, {len(content)} bytes are there")
+    _check_digits(content, name)
+    found = mmread(io.BytesIO(content), spmatrix=False)
+    return checked_sparse(found) if is_sparse else found
+
+
+def _check_digits(content: bytes, name: str) -> None:
+    """Refuse what the library leaves out: it reads 1,5 and 1_0 and 1D5 as 1."""
+    begin = _COMMENTS.match(content)
+    place = begin.end() if begin else 0
+    odd = content[place:].translate(None, _DIGITS)
+    if odd:
+        line = content.count(b"\n", 0, content.index(odd[:1], place)) + 1
+        sign = excerpt(odd[:1].decode("latin-1"))
+        raise DataFileError(
+            f"{name}:{line}: {sign!r} is not allowed; numbers are written like 1.5e-3"
+        )
 
 
 def _npy(content: bytes, name: str, variable: str | None) -> Any:
     _no_variable(name, variable)
-    return np.load(io.BytesIO(content), allow_pickle=False)
-
-
-def _npz(content: bytes, name: str, variable: str | None) -> Any:
-    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-        names = list(arrays.files)
-        if variable is None and {"format", "shape", "data"} <= set(names):
-            from scipy.sparse import load_npz
-
-            return load_npz(io.BytesIO(content))
-        return arrays[_chosen(names, name, variable)]
-
-
-def _mat(content: bytes, name: str, variable: str | None) -> Any:
-    from scipy.io import loadmat
-
-    try:
-        found: Mapping[str, Any] = loadmat(
-            io.BytesIO(content),  # type: ignore[arg-type]
-            spmatrix=False,
-        )
-    except NotImplementedError:
-        # what SciPy says of files that are HDF5
-        raise DataFileError(
-            f"{name}: of MATLAB's version 7.3; save it with -v7, or as Matrix Market"
-        ) from None
-    names = [key for key in found if not key.startswith("__")]
-    return found[_chosen(names, name, variable)]
+    return read_npy(content)
 
 
 def _text(content: bytes, name: str, variable: str | None) -> NDArray[np.float64]:
     _no_variable(name, variable)
+    check_lines(content, name)
     rows: list[list[float]] = []
     for number, line in enumerate(content.decode("utf-8-sig").splitlines(), start=1):
         bare = line.split("#")[0].strip()
@@ -140,7 +160,7 @@ def _text(content: bytes, name: str, variable: str | None) -> NDArray[np.float64
         row = []
         for cell in _BETWEEN.split(bare):
             try:
-                row.append(float(cell))
+                row.append(number_of(cell))
             except ValueError:
                 raise DataFileError(
                     f"{name}:{number}: {excerpt(cell)!r} is not a number; every line must be a "
@@ -160,23 +180,17 @@ def _text(content: bytes, name: str, variable: str | None) -> NDArray[np.float64
 
 
 _READERS: Final = MappingProxyType[str, Callable[[bytes, str, str | None], Any]](
-    {".mtx": _market, ".npy": _npy, ".npz": _npz, ".mat": _mat, ".csv": _text, ".txt": _text}
+    {
+        ".mtx": _market,
+        ".npy": _npy,
+        ".npz": read_npz,
+        ".mat": read_mat,
+        ".csv": _text,
+        ".txt": _text,
+    }
 )
 
 
 def _no_variable(name: str, variable: str | None) -> None:
     if variable is not None:
         raise DataFileError(f"{name}: it holds one matrix without a name; leave out variable")
-
-
-def _chosen(names: list[str], name: str, variable: str | None) -> str:
-    """The name of the matrix that is meant."""
-    if variable in names:
-        return str(variable)
-    if variable is None and len(names) == 1:
-        return names[0]
-    shown = listed(excerpt(one) for one in names[:10]) or "nothing"
-    if variable is None:
-        raise DataFileError(f"{name}: it holds {shown}; say which one under variable")
-    hint = suggestion(variable, names)
-    raise DataFileError(f"{name}: nothing in it is called {excerpt(variable)!r}{hint} ({shown})")

@@ -12,10 +12,17 @@ from fvi_cli.keys.containers import Checked
 from fvi_cli.keys.cursor import INVALID, Cursor
 from fvi_cli.keys.records import Key, Record, optional
 from fvi_cli.keys.scalars import Text
-from fvi_cli.scenes.records.data_files import SHA256, DataFileError, file_under, with_content
-from fvi_cli.scenes.structures.matrix_files import read_matrix
+from fvi_cli.scenes.records.data_files import (
+    SHA256,
+    DataFileError,
+    file_under,
+    read_once,
+    with_content,
+)
+from fvi_cli.scenes.structures.matrix_files import MatrixFile, read_matrix
 from fvi_cli.scenes.structures.matrix_text import (
     LARGEST_TEXT,
+    check_text,
     matrix_as_text,
     matrix_from_text,
     rows_of_text,
@@ -25,12 +32,20 @@ from fvi_cli.scenes.structures.matrix_text import (
 def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
     """The keys of a matrix with ``sha256`` and ``content`` filled in from the file."""
     if "content" in values:
-        if rows_of_text(values["content"]) is None:
-            return at.refuse("not a matrix as fvi writes it", "content")
+        try:
+            check_text(values["content"])
+        except ValueError as error:
+            return at.refuse(str(error), "content")
         return values
     file, name = file_under(values, at)
+    variable = values.get("variable")
+
+    def read() -> tuple[MatrixFile, str]:
+        found = read_matrix(file, name, variable)
+        return found, matrix_as_text(found.form)
+
     try:
-        found = read_matrix(file, name, values.get("variable"))
+        found, text = read_once(at, ("matrix", file, variable), read)
     except DataFileError as error:
         error.tell(at)
         return INVALID
@@ -42,7 +57,7 @@ def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
         values,
         at,
         sha256=found.sha256,
-        text=matrix_as_text(found.form),
+        text=text,
         largest=LARGEST_TEXT,
         what="its entries",
     )

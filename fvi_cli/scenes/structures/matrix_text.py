@@ -11,11 +11,12 @@ from typing import Final, cast
 
 import numpy as np
 
-from fvi_cli.effects.matrices import Form, SparseMatrix, as_csr
+from fvi_cli.effects.matrices import Form, SparseMatrix, as_csr, entries
+from fvi_cli.scenes.structures.declared import check_rows, sparse_matrix
 
 LARGEST_TEXT: Final = 20_000_000
 """Characters of a matrix as text: it stands in every result file, and in every run's identity."""
-_LARGEST_UNPACKED: Final = 800_000_000
+_MOST_ENTRIES: Final = 10_000_000
 _HEADER: Final = re.compile(r"(dense|sparse) (\d{1,7}) ")
 
 
@@ -36,6 +37,22 @@ def matrix_as_text(matrix: Form) -> str:
     return f"sparse {rows} {_packed(b''.join(part.tobytes() for part in parts))}"
 
 
+def check_text(text: str) -> tuple[int, bool]:
+    """Number of rows that a matrix as text declares, and whether it is sparse.
+
+    Raises
+    ------
+    ValueError
+        If the text is of another kind, or declares more than is allowed.
+    """
+    found = _HEADER.match(text)
+    if found is None:
+        raise ValueError("not a matrix as fvi writes it")
+    rows, is_sparse = int(found.group(2)), found.group(1) == "sparse"
+    check_rows((rows, rows), sparse=is_sparse)
+    return rows, is_sparse
+
+
 def rows_of_text(text: str) -> int | None:
     """Number of rows of a matrix as text; None for any other text."""
     found = _HEADER.match(text)
@@ -51,34 +68,39 @@ def matrix_from_text(text: str) -> Form:
     ValueError
         If the text is not of that kind.
     """
-    found = _HEADER.match(text)
-    if found is None:
-        raise ValueError("not a matrix as text")
-    rows = int(found.group(2))
     try:
-        content = _unpacked(text[found.end() :])
-        if found.group(1) == "dense":
-            return _dense(content, rows)
-        ends = np.frombuffer(content, dtype="<i4", count=rows + 1)
-        count = int(ends[-1])
-        columns = np.frombuffer(content, dtype="<i4", count=count, offset=4 * (rows + 1))
-        data = np.frombuffer(content, dtype="<f8", count=count, offset=4 * (rows + 1 + count))
-        return _sparse(rows, ends, columns, data)
+        rows, is_sparse = check_text(text)
+        packed = base64.b64decode(text.split(" ", 2)[2], validate=True)
+        matrix = _sparse(packed, rows) if is_sparse else _dense(packed, rows)
+        if not np.isfinite(entries(matrix)).all():
+            raise ValueError("an entry is not finite")
+        return matrix
     except (binascii.Error, zlib.error, ValueError, IndexError) as error:
         raise ValueError(f"not a matrix as text: {error}") from None
 
 
-def _dense(content: bytes, rows: int) -> Form:
+def _dense(packed: bytes, rows: int) -> Form:
+    content = _unpacked(packed, 4 * rows * (rows + 1))
     matrix = np.zeros((rows, rows))
     matrix[np.tril_indices(rows)] = np.frombuffer(content, dtype="<f8")
     return matrix + np.tril(matrix, -1).T
 
 
-def _sparse(rows: int, ends: np.ndarray, columns: np.ndarray, data: np.ndarray) -> SparseMatrix:
+def _sparse(packed: bytes, rows: int) -> SparseMatrix:
     from scipy.sparse import csr_array, tril
 
-    lower = csr_array((data.copy(), columns.copy(), ends.copy()), shape=(rows, rows))
-    lower.check_format()
+    begin = 4 * (rows + 1)
+    ends = np.frombuffer(_unpacked(packed, begin, is_whole=False), dtype="<i4")
+    count = int(ends[-1])
+    if not 0 <= count <= _MOST_ENTRIES:
+        raise ValueError(f"{count} entries; at most {_MOST_ENTRIES} are allowed")
+    content = _unpacked(packed, begin + 12 * count)
+    columns = np.frombuffer(content, dtype="<i4", count=count, offset=begin)
+    data = np.frombuffer(content, dtype="<f8", count=count, offset=begin + 4 * count)
+    parts = {"indptr": ends, "indices": columns, "data": data}
+    lower = as_csr(sparse_matrix("csr", (rows, rows), parts))
+    if np.any(columns > np.repeat(np.arange(rows), np.diff(ends))):
+        raise ValueError("an entry above the diagonal")
     return cast(SparseMatrix, csr_array(lower + tril(lower, -1).T))
 
 
@@ -86,9 +108,9 @@ def _packed(content: bytes) -> str:
     return base64.b64encode(zlib.compress(content, 9)).decode()
 
 
-def _unpacked(text: str) -> bytes:
-    unpacking = zlib.decompressobj()
-    content = unpacking.decompress(base64.b64decode(text, validate=True), _LARGEST_UNPACKED)
-    if unpacking.unconsumed_tail:
-        raise ValueError(f"more than {_LARGEST_UNPACKED // 10**6} MB")
-    return content
+def _unpacked(packed: bytes, size: int, *, is_whole: bool = True) -> bytes:
+    """The first bytes of what was compressed; `is_whole` says that there are no more."""
+    content = zlib.decompressobj().decompress(packed, size + 1)
+    if len(content) < size or (is_whole and len(content) > size):
+        raise ValueError(f"{len(content)} bytes where there must be {size}")
+    return content[:size]
