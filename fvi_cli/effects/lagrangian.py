@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
+from fvi_cli.effects.potential import plus_linear
 from fvi_cli.mathematics.algebra.arithmetic import BESIDE_REAL, NUMPY_FUNCTIONS
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
@@ -64,6 +65,8 @@ class Lagrangian:
         Whether t occurs in L.
     rate
         :math:`\partial L/\partial t`; None where it is not at hand.
+    stiffness
+        A matrix K whose :math:`q^T K q / 2` is taken from L, shape ``(d, d)``; None: 0.
     """
 
     coordinates: tuple[str, ...]
@@ -73,6 +76,7 @@ class Lagrangian:
     drift: FormulaSystem
     depends_on_time: bool = False
     rate: FormulaSystem | None = None
+    stiffness: Array | None = None
 
     @property
     def dimension(self) -> int:
@@ -84,12 +88,14 @@ class Lagrangian:
     ) -> Array:
         """Values of a program, shape ``(..., number of outputs)``."""
         kind = np.result_type(position, velocity)
-        functions = BESIDE_REAL if kind.kind == "c" else NUMPY_FUNCTIONS
+        functions: Mapping[str, Callable[..., Any]] = NUMPY_FUNCTIONS
+        if kind.kind == "c":
+            functions = BESIDE_REAL
         names: dict[str, Array | float] = {TIME: np.asarray(time, dtype=float)}
         for index, name in enumerate(self.coordinates):
             names[name] = position[..., index]
             names[velocity_name(name)] = velocity[..., index]
-        values = system.evaluate(names, functions)  # type: ignore[arg-type]
+        values = system.evaluate(names, functions)
         result = np.empty((*position.shape[:-1], len(values)), dtype=kind)
         for index, value in enumerate(values):
             result[..., index] = value
@@ -97,7 +103,11 @@ class Lagrangian:
 
     def lagrangian(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """L, shapes ``(..., d)``, ``(..., d)`` and ``(...)`` to ``(...)``."""
-        return np.asarray(self._evaluate(self.value, position, velocity, time)[..., 0])
+        found = np.asarray(self._evaluate(self.value, position, velocity, time)[..., 0])
+        if self.stiffness is None:
+            return found
+        pull = position @ self.stiffness
+        return np.asarray(found - 0.5 * np.einsum("...a,...a->...", position, pull))
 
     def momentum(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """dL/dv, shape ``(..., d)``."""
@@ -107,13 +117,17 @@ class Lagrangian:
     def force(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """dL/dq, shape ``(..., d)``."""
         d = self.dimension
-        return np.asarray(self._evaluate(self.first, position, velocity, time)[..., d:])
+        found = np.asarray(self._evaluate(self.first, position, velocity, time)[..., d:])
+        return found if self.stiffness is None else found - position @ self.stiffness
 
     def derivatives(self, position: Array, velocity: Array, time: Array | float) -> Derivatives:
         """All first and second derivatives in q and v."""
         d = self.dimension
         values = self._evaluate(self.second, position, velocity, time)
         matrices = values[..., 2 * d :].reshape(*values.shape[:-1], 3, d, d)
+        if self.stiffness is not None:
+            values[..., d : 2 * d] -= position @ self.stiffness
+            matrices[..., 2, :, :] -= self.stiffness
         return Derivatives(
             momentum=values[..., :d],
             force=values[..., d : 2 * d],
@@ -158,7 +172,10 @@ class Lagrangian:
             names[name] = q
             names[velocity_name(name)] = v
         values = self.first.evaluate(names, functions)
-        return values[: self.dimension], values[self.dimension :]
+        momenta, forces = values[: self.dimension], values[self.dimension :]
+        if self.stiffness is not None:
+            forces = plus_linear(forces, -self.stiffness, position)
+        return momenta, forces
 
     def velocity(self, position: Array, momentum: Array, time: Array | float) -> Array:
         """The velocity that belongs to a momentum, by Newton's iteration; shape ``(..., d)``.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +20,8 @@ from fvi_cli.effects.matrices import (
     times,
 )
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.derivatives import derivatives
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem, joined, outputs_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
@@ -72,19 +75,22 @@ class QuadraticPotential:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExpressionPotential:
-    """Potential energy V(q) given by expressions for V, its gradient and its Hessian.
+    r"""Potential energy V(q) by formulas for V, its gradient and its Hessian.
 
-    The expressions work on arrays and, through `gradient_components`, on any algebra that brings
-    its own elementary functions (truncated power series, extended precision).
+    The formulas work on arrays and, through `gradient_components`, on any algebra that brings its
+    own elementary functions (truncated power series, intervals).
 
     Parameters
     ----------
     coordinates
         Names of the d coordinates, in the order of the components of q.
     parameters
-        Values of the other names in the expressions.
+        Values of the other names in the expressions: numbers, or arrays that broadcast with the
+        components of positions.
     energy_expression, gradient_expressions, hessian_expressions
-        V, its d first derivatives, and its d x d second derivatives.
+        V, its d first derivatives, and its d x d second derivatives; None: differentiated here.
+    stiffness
+        A matrix K whose :math:`q^T K q / 2` is added to V.
 
     Raises
     ------
@@ -94,15 +100,17 @@ class ExpressionPotential:
 
     coordinates: tuple[str, ...]
     energy_expression: Expression
-    gradient_expressions: tuple[Expression, ...]
-    hessian_expressions: tuple[tuple[Expression, ...], ...]
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    gradient_expressions: tuple[Expression, ...] | None = None
+    hessian_expressions: tuple[tuple[Expression, ...], ...] | None = None
+    parameters: Mapping[str, float | Array] = field(default_factory=dict)
+    stiffness: Form | None = None
 
     def __post_init__(self) -> None:
         d = len(self.coordinates)
-        if len(self.gradient_expressions) != d:
-            raise ValueError(f"gradient: {len(self.gradient_expressions)} entries, expected {d}")
-        if [len(row) for row in self.hessian_expressions] != [d] * d:
+        first, second = self.gradient_expressions, self.hessian_expressions
+        if first is not None and len(first) != d:
+            raise ValueError(f"gradient: {len(first)} entries, expected {d}")
+        if second is not None and [len(row) for row in second] != [d] * d:
             raise ValueError(f"hessian: must be {d} rows of {d} expressions")
 
     @property
@@ -110,44 +118,99 @@ class ExpressionPotential:
         """Number d of degrees of freedom."""
         return len(self.coordinates)
 
-    def _names(self, position: Array) -> dict[str, Array]:
-        names: dict[str, Array] = {k: np.asarray(v) for k, v in self.parameters.items()}
+    @cached_property
+    def gradient_system(self) -> FormulaSystem:
+        """The formulas of dV/dq, without the stiffness."""
+        if self.gradient_expressions is not None:
+            return joined(*(one.system for one in self.gradient_expressions))
+        along = [{name: 1.0} for name in self.coordinates]
+        return outputs_of(derivatives(self.energy_expression.system, along), slice(1, None))
+
+    @cached_property
+    def hessian_system(self) -> FormulaSystem:
+        """The formulas of the second derivatives row by row, without the stiffness."""
+        if self.hessian_expressions is not None:
+            return joined(*(one.system for row in self.hessian_expressions for one in row))
+        along = [{name: 1.0} for name in self.coordinates]
+        found, d = derivatives(self.gradient_system, along), self.dimension
+        # derivatives stand direction by direction; second ones are symmetric
+        return outputs_of(found, slice(d, None))
+
+    @cached_property
+    def _all(self) -> FormulaSystem:
+        return joined(self.energy_expression.system, self.gradient_system, self.hessian_system)
+
+    @cached_property
+    def _stiffness(self) -> Array | None:
+        return None if self.stiffness is None else dense(self.stiffness)
+
+    def _evaluate(self, system: FormulaSystem, position: Array) -> list[Array | float]:
+        names: dict[str, Array | float] = {**self.parameters}
         for index, coordinate in enumerate(self.coordinates):
             names[coordinate] = position[..., index]
-        return names
+        return system.evaluate(names, NUMPY_FUNCTIONS)
 
     def energy(self, position: Array) -> Array:
         """V at `position`, shape ``(..., d)`` to ``(...)``."""
-        value = self.energy_expression.evaluate(self._names(position), NUMPY_FUNCTIONS)
-        return np.broadcast_to(value, position.shape[:-1])
+        return self._energy(self._evaluate(self.energy_expression.system, position), position)
 
     def gradient(self, position: Array) -> Array:
         """dV/dq, shape ``(..., d)`` to ``(..., d)``."""
-        names = self._names(position)
-        result = np.empty(position.shape)
-        for index, expression in enumerate(self.gradient_expressions):
-            result[..., index] = expression.evaluate(names, NUMPY_FUNCTIONS)
-        return result
+        return self._gradient(self._evaluate(self.gradient_system, position), position)
 
     def hessian(self, position: Array) -> Array:
         """Second derivatives, shape ``(..., d)`` to ``(..., d, d)``."""
-        names = self._names(position)
-        result = np.empty((*position.shape, self.dimension))
-        for i, row in enumerate(self.hessian_expressions):
-            for j, expression in enumerate(row):
-                result[..., i, j] = expression.evaluate(names, NUMPY_FUNCTIONS)
-        return result
+        return self._hessian(self._evaluate(self.hessian_system, position), position)
+
+    def derivatives(self, position: Array) -> tuple[Array, Array, Array]:
+        """V, its gradient and its Hessian at `position`, by one program."""
+        values, d = self._evaluate(self._all, position), self.dimension
+        return (
+            self._energy(values[:1], position),
+            self._gradient(values[1 : d + 1], position),
+            self._hessian(values[d + 1 :], position),
+        )
+
+    def _energy(self, values: Sequence[Array | float], position: Array) -> Array:
+        found = np.broadcast_to(np.asarray(values[0]), position.shape[:-1])
+        if self.stiffness is None:
+            return found
+        pull = times(position, self.stiffness)
+        return np.asarray(found + 0.5 * np.einsum("...i,...i->...", position, pull))
+
+    def _gradient(self, values: Sequence[Array | float], position: Array) -> Array:
+        result = np.empty(position.shape)
+        for index, value in enumerate(values):
+            result[..., index] = value
+        return result if self.stiffness is None else result + times(position, self.stiffness)
+
+    def _hessian(self, values: Sequence[Array | float], position: Array) -> Array:
+        d = self.dimension
+        result = np.zeros((*position.shape, d))
+        for index, value in enumerate(values):
+            if not isinstance(value, float) or value:
+                result[..., index // d, index % d] = value
+        return result if self._stiffness is None else result + self._stiffness
 
     def gradient_components(
-        self, position: Sequence[T], functions: Mapping[str, Callable[[T], T]]
+        self, position: Sequence[T], functions: Mapping[str, Callable[..., T]]
     ) -> list[T | float]:
         """dV/dq on any algebra: d values to d values (numbers where an entry is constant)."""
-        names: dict[str, T | float] = {**self.parameters}
+        names: dict[str, Any] = {**self.parameters}
         names.update(zip(self.coordinates, position, strict=True))
-        return [e.evaluate(names, functions) for e in self.gradient_expressions]
+        found = self.gradient_system.evaluate(names, functions)
+        return found if self._stiffness is None else plus_linear(found, self._stiffness, position)
 
 
 Potential = QuadraticPotential | ExpressionPotential
+
+
+def plus_linear(values: Sequence[Any], matrix: Array, position: Sequence[Any]) -> list[Any]:
+    """The values plus K q, on any algebra."""
+    return [
+        sum((float(a) * x for a, x in zip(row, position, strict=True) if a), value)
+        for value, row in zip(values, matrix, strict=True)
+    ]
 
 
 def with_stiffness(potential: Potential | None, stiffness: Form) -> Potential:
@@ -156,33 +219,5 @@ def with_stiffness(potential: Potential | None, stiffness: Form) -> Potential:
         return QuadraticPotential(stiffness=stiffness)
     if isinstance(potential, QuadraticPotential):
         return QuadraticPotential(stiffness=added(potential.form, stiffness))
-    names, matrix = potential.coordinates, dense(stiffness)
-
-    def plus(expression: Expression, *terms: str) -> Expression:
-        text = " + ".join([f"({expression.text})", *(one for one in terms if one)])
-        return Expression.parse(text, variables=(*names, *potential.parameters))
-
-    pulls = [linear_text(row, names) for row in matrix]
-    return replace(
-        potential,
-        energy_expression=plus(potential.energy_expression, quadratic_text(matrix, names)),
-        gradient_expressions=tuple(map(plus, potential.gradient_expressions, pulls)),
-        hessian_expressions=tuple(
-            tuple(
-                plus(entry, repr(float(value)) if value else "")
-                for entry, value in zip(entries, row, strict=True)
-            )
-            for entries, row in zip(potential.hessian_expressions, matrix, strict=True)
-        ),
-    )
-
-
-def linear_text(row: Array, names: Sequence[str]) -> str:
-    """The sum of numbers times names as a formula; empty for zeros."""
-    return " + ".join(f"({float(a)!r})*{x}" for a, x in zip(row, names, strict=True) if a)
-
-
-def quadratic_text(matrix: Array, names: Sequence[str]) -> str:
-    r"""The formula :math:`q^T K q / 2`; empty for zeros."""
-    pulls = [(x, linear_text(row, names)) for x, row in zip(names, matrix, strict=True)]
-    return " + ".join(f"0.5*{x}*({pull})" for x, pull in pulls if pull)
+    own = potential.stiffness
+    return replace(potential, stiffness=stiffness if own is None else added(own, stiffness))

@@ -31,13 +31,10 @@ class _WithFormula:
 
     def plus(self, formula: Expression) -> Self:
         """The force plus an expression in t."""
-        if self.formula is not None:
-            formula = Expression.parse(f"({self.formula.text}) + ({formula.text})", ("t",))
-        return replace(self, formula=formula)
+        return replace(self, formula=self.formula.plus(formula) if self.formula else formula)
 
     def _formula_times(self, factor: float) -> Expression | None:
-        own = self.formula
-        return own and Expression.parse(f"({factor!r})*({own.text})", own.variables)
+        return self.formula and self.formula.times(factor)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

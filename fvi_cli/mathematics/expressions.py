@@ -1,8 +1,8 @@
 """Formulas written as text by strangers: a whitelist parser, and evaluation on any algebra.
 
 Text is parsed with Python's own grammar into a syntax tree, and only numbers, declared names,
-``+ - * / **`` and a fixed list of functions survive the translation into a short program for a
-stack machine; ``min`` and ``max`` become the ``abs`` that is in them. Nothing is ever handed to the
+``+ - * / **`` and a fixed list of functions survive the translation into the program of a
+:class:`fvi_cli.mathematics.algebra.formulas.FormulaSystem`. No text is ever handed to the
 interpreter: no attribute, no comparison, no keyword, no call of anything that is not on the list.
 """
 
@@ -17,23 +17,17 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Final, TypeVar, cast
+from typing import Final, TypeVar
 
 import numpy as np
 
-from fvi_cli.mathematics.algebra.arithmetic import (
-    BESIDE_REAL,
-    NUMPY_FUNCTIONS,
-    ExpressionError,
-    call,
-    combine,
-    value_of,
-)
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.algebra.derivatives import derivatives
+from fvi_cli.mathematics.algebra.formulas import Builder, FormulaSystem, Term, compute
 from fvi_cli.mathematics.algebra.syntax import syntax_tree
-from fvi_cli.mathematics.arrays import Array, ComplexArray
+from fvi_cli.mathematics.arrays import Array
 
 T = TypeVar("T")
-Instruction = tuple[str, float | str]
 
 COMPLEX_STEP: Final = 2.0**-100
 LARGEST_DEPTH: Final = 500
@@ -53,10 +47,10 @@ _ADVICE: Final[Mapping[str, str]] = MappingProxyType(
 )
 
 
-EXTREMA: Final[Mapping[str, str]] = MappingProxyType({"max": "+", "min": "-"})
-"""Functions of several arguments: of two it is half of a + b, plus or minus abs(a - b)."""
+EXTREMA: Final = ("min", "max")
+"""Functions of several arguments."""
 
-FUNCTION_NAMES: Final[frozenset[str]] = frozenset({*NUMPY_FUNCTIONS, *_ALIASES, *EXTREMA})
+FUNCTION_NAMES: Final[frozenset[str]] = frozenset({*NUMPY_FUNCTIONS, *_ALIASES})
 """Every function name an expression may contain, other spellings (``asin``, ``ln``) included."""
 
 _BINARY: Final[Mapping[type[ast.operator], str]] = MappingProxyType(
@@ -64,12 +58,15 @@ _BINARY: Final[Mapping[type[ast.operator], str]] = MappingProxyType(
 )
 
 
+NO_SYSTEM: Final = FormulaSystem(instructions=(), outputs=())
+
+
 @dataclass(frozen=True)
 class Expression:
-    r"""A formula in declared variables, as data.
+    """A formula in declared variables, as data.
 
-    Two expressions are equal when text, variables and constants are. Build one with
-    :meth:`parse`.
+    Two expressions are equal when text, variables, constants and programs are. Build one with
+    :meth:`parse`, or of others by :meth:`plus` and :meth:`times`.
 
     Parameters
     ----------
@@ -79,15 +76,19 @@ class Expression:
         Names that may occur and get their values in :meth:`evaluate`.
     constants
         Further names with fixed values, sorted by name.
+    system
+        The program, with the constants as variables; left out: what the text says.
     """
 
     text: str
     variables: tuple[str, ...] = ()
     constants: tuple[tuple[str, float], ...] = ()
-    _program: tuple[Instruction, ...] = field(init=False, repr=False, compare=False)
+    system: FormulaSystem = field(repr=False, default=NO_SYSTEM)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_program", _translate(self))
+        if self.system is NO_SYSTEM:
+            found = _translate(self.text, self.variables, self.constants)
+            object.__setattr__(self, "system", found)
 
     @classmethod
     def parse(
@@ -123,75 +124,66 @@ class Expression:
     @property
     def names(self) -> frozenset[str]:
         """Variables that occur in it."""
-        return frozenset(str(value) for kind, value in self._program if kind == "variable")
-
-    @property
-    def program(self) -> tuple[Instruction, ...]:
-        """Instructions of a stack machine: ``(kind, number or name)``.
-
-        The kinds are ``number``, ``variable``, ``call``, ``negate`` and the operators.
-        """
-        return self._program
+        return frozenset(self.system.names).intersection(self.variables)
 
     @property
     def functions(self) -> frozenset[str]:
         """Functions of variables that occur in it, by their NumPy names."""
-        return frozenset(str(value) for kind, value in self._program if kind == "call")
+        return self.system.functions
 
     @property
     def is_constant(self) -> bool:
         """Whether no variable occurs."""
         return not self.names
 
+    def plus(self, other: Expression) -> Expression:
+        """The sum of two formulas."""
+        return self._with("+", f"({self.text}) + ({other.text})", other)
+
+    def times(self, factor: float) -> Expression:
+        """The formula times a number."""
+        return self._with("*", f"({factor!r})*({self.text})", Expression.parse(float(factor)))
+
+    def _with(self, kind: str, text: str, other: Expression) -> Expression:
+        own, theirs = dict(self.constants), dict(other.constants)
+        # a name that means something else in the other formula becomes a number
+        mine = {name: own[name] for name in own if name in other.variables}
+        bound = {
+            name: value
+            for name, value in theirs.items()
+            if name in self.variables or own.get(name, value) != value
+        }
+        builder = Builder()
+        (left,), (right,) = builder.include(self.system, mine), builder.include(other.system, bound)
+        pair = (right, left) if kind == "*" else (left, right)
+        kept = {name: value for name, value in theirs.items() if name not in bound}
+        kept |= {name: value for name, value in own.items() if name not in mine}
+        return Expression(
+            text,
+            tuple(dict.fromkeys((*self.variables, *other.variables))),
+            tuple(sorted(kept.items())),
+            builder.system([builder.apply(kind, *pair)]),
+        )
+
     def evaluate(
         self, values: Mapping[str, T | float], functions: Mapping[str, Callable[..., T]]
     ) -> T | float:
-        """Value for given variables, on any algebra with ``+ - * / **``.
+        """Value for given variables, on any algebra: see :meth:`FormulaSystem.evaluate`.
 
-        Integral exponents arrive as ``int``, all other constants as ``float``. Parts that hold
-        only floating-point numbers are evaluated in double precision whatever the algebra is.
-        Floating-point arithmetic never warns or raises here: ``t**-0.5`` at 0 is infinite and
-        ``t**0.5`` at -1 is not a number.
-
-        Parameters
-        ----------
-        values
-            A value for every name in :attr:`names`; arrays broadcast.
-        functions
-            The elementary functions on the algebra, for arrays :data:`NUMPY_FUNCTIONS`.
-
-        Returns
-        -------
-        T | float
-            A ``float`` if the expression is constant or every value was a number.
+        ``t**-0.5`` at 0 is infinite and ``t**0.5`` at -1 is not a number.
 
         Raises
         ------
         ExpressionError
             If a value or a function is missing.
         """
-        stack: list[T | float] = []
-        with np.errstate(all="ignore"):
-            for kind, value in self._program:
-                if kind == "number":
-                    stack.append(cast(float, value))
-                elif kind == "variable":
-                    stack.append(value_of(cast(str, value), values))
-                elif kind == "call":
-                    stack.append(call(cast(str, value), stack.pop(), functions))
-                elif kind == "negate":
-                    stack.append(-stack.pop())  # type: ignore[operator]
-                else:
-                    right = stack.pop()
-                    left = stack.pop()
-                    stack.append(combine(kind, left, right))
-        return stack.pop()
+        return self.system.evaluate({**dict(self.constants), **values}, functions)[0]
 
 
 def slopes_of(
     expression: Expression, values: Mapping[str, Array | float], wanted: Iterable[str]
 ) -> dict[str, Array]:
-    """Derivatives of a formula by those of its variables that are wanted, by complex steps.
+    """Derivatives of a formula by those of its variables that are wanted.
 
     Parameters
     ----------
@@ -202,12 +194,19 @@ def slopes_of(
     wanted
         Names; those that do not occur in it are left out.
     """
-    found = {}
-    for name in expression.names.intersection(wanted):
-        beside = {**values, name: np.asarray(values[name]) + 1j * COMPLEX_STEP}
-        value = expression.evaluate(cast(Mapping[str, ComplexArray], beside), BESIDE_REAL)
-        found[name] = np.imag(np.asarray(value)) / COMPLEX_STEP
-    return found
+    names = sorted(expression.names.intersection(wanted))
+    system = _slopes(expression.system, tuple(names))
+    found = system.evaluate({**dict(expression.constants), **values}, NUMPY_FUNCTIONS)
+    # where a formula has no value it has no slope either
+    return {
+        name: np.where(np.isnan(found[0]), np.nan, rate)
+        for name, rate in zip(names, found[1:], strict=True)
+    }
+
+
+@lru_cache(maxsize=256)
+def _slopes(system: FormulaSystem, names: tuple[str, ...]) -> FormulaSystem:
+    return derivatives(system, [{name: 1.0} for name in names])
 
 
 def _number_as_text(number: float) -> str:
@@ -220,38 +219,49 @@ def _number_as_text(number: float) -> str:
     return repr(value)
 
 
-@lru_cache(maxsize=256)
-def _translate(expression: Expression) -> tuple[Instruction, ...]:
-    _check_names(expression)
-    program: list[Instruction] = []
-    tree = syntax_tree(expression.text)
-    # Depth first without recursion: the second visit of a node emits its instruction.
-    pending: list[tuple[ast.expr, int, bool]] = [(tree, 1, False)]
+@lru_cache(maxsize=1024)
+def _translate(
+    text: str, variables: tuple[str, ...], constants: tuple[tuple[str, float], ...]
+) -> FormulaSystem:
+    values = {**CONSTANTS, **dict(constants)}
+    _check_names(variables, constants)
+    builder = Builder()
+    done: list[tuple[Term, float | None]] = []
+    # Depth first without recursion: the second visit of a node makes its term.
+    pending: list[tuple[ast.expr, int, bool]] = [(syntax_tree(text), 1, False)]
     nodes = 0
     while pending:
         node, depth, operands_done = pending.pop()
         if operands_done:
-            _emit(program, node)
+            _emit(done, node)
             continue
         nodes += 1
-        if depth > LARGEST_DEPTH or max(nodes, len(program)) > MOST_NODES:
+        if depth > LARGEST_DEPTH or nodes > MOST_NODES:
             raise ExpressionError(
                 f"too long: at most {MOST_NODES} numbers, names and operators, nested at most "
                 f"{LARGEST_DEPTH} deep"
             )
         if isinstance(node, ast.Constant):
-            program.append(("number", _literal(node)))
+            number = _literal(node)
+            done.append((builder.number(number), number))
         elif isinstance(node, ast.Name):
-            program.append(_name(node, expression))
+            name = node.id
+            if name in dict(constants):
+                done.append((builder.variable(name), float(values[name])))
+            elif name in variables:
+                done.append((builder.variable(name), None))
+            elif name in values:
+                done.append((builder.number(values[name]), values[name]))
+            else:
+                raise _unknown_name(node, [*variables, *values])
         else:
             pending.append((node, depth, True))
             pending.extend((child, depth + 1, False) for child in reversed(_operands(node)))
-    return tuple(program)
+    return builder.system([done[0][0]])
 
 
-def _check_names(expression: Expression) -> None:
-    variables = expression.variables
-    names = (*variables, *(name for name, _ in expression.constants))
+def _check_names(variables: tuple[str, ...], constants: tuple[tuple[str, float], ...]) -> None:
+    names = (*variables, *(name for name, _ in constants))
     for name in names:
         if not (name.isascii() and name.isidentifier()) or keyword.iskeyword(name):
             raise ExpressionError(
@@ -261,7 +271,7 @@ def _check_names(expression: Expression) -> None:
             raise ExpressionError(f"{name!r} cannot be a variable; the name has a meaning already")
     if len(set(names)) != len(names):
         raise ExpressionError(f"a name is declared twice in {list(names)}")
-    for name, value in expression.constants:
+    for name, value in constants:
         if not math.isfinite(value):
             raise ExpressionError(f"the constant {name} = {value!r} is not finite")
 
@@ -276,17 +286,11 @@ def _literal(node: ast.Constant) -> float:
     raise ExpressionError("the number is larger than 1.8e308", node.col_offset)
 
 
-def _name(node: ast.Name, expression: Expression) -> Instruction:
+def _unknown_name(node: ast.Name, known: Sequence[str]) -> ExpressionError:
     name = node.id
-    if name in expression.variables:
-        return ("variable", name)
-    constants = {**CONSTANTS, **dict(expression.constants)}
-    if name in constants:
-        return ("number", float(constants[name]))
     if name in FUNCTION_NAMES:
-        raise ExpressionError(f"the function {name!r} needs an argument: {name}(...)", _col(node))
-    known = [*expression.variables, *constants]
-    raise ExpressionError(_unknown("name", name, known), _col(node))
+        return ExpressionError(f"the function {name!r} needs an argument: {name}(...)", _col(node))
+    return ExpressionError(_unknown("name", name, known), _col(node))
 
 
 def _unknown(what: str, name: str, known: Sequence[str]) -> str:
@@ -320,71 +324,30 @@ def _operands(node: ast.expr) -> list[ast.expr]:
     )
 
 
-def _emit(program: list[Instruction], node: ast.expr) -> None:
-    """Append what `node` does, folding it when its operands are numbers."""
-    instruction: Instruction
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in EXTREMA:
-        for _ in node.args[1:]:
-            _emit_extremum(program, EXTREMA[node.func.id])
-        return
+def _emit(done: list[tuple[Term, float | None]], node: ast.expr) -> None:
+    """Put what `node` makes in the place of its operands, with its value where that is fixed."""
     if isinstance(node, ast.BinOp):
-        instruction, count = (_BINARY[type(node.op)], ""), 2
+        kind, count = _BINARY[type(node.op)], 2
     elif isinstance(node, ast.UnaryOp):
         if isinstance(node.op, ast.UAdd):
             return
-        instruction, count = ("negate", ""), 1
+        kind, count = "negate", 1
     elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-        instruction, count = ("call", _ALIASES.get(node.func.id, node.func.id)), 1
+        kind, count = _ALIASES.get(node.func.id, node.func.id), len(node.args)
     else:
         raise ExpressionError("not allowed", _col(node))
-    operands = program[-count:]
-    if len(operands) < count or any(kind != "number" for kind, _ in operands):
-        program.append(instruction)
-        return
-    folded = _fold(instruction, [cast(float, value) for _, value in operands], _col(node))
-    del program[-count:]
-    program.append(("number", folded))
-
-
-def _emit_extremum(program: list[Instruction], sign: str) -> None:
-    """Put the larger or the smaller in place of the last two values of a program."""
-    second = _begin_of_last(program)
-    first = _begin_of_last(program[:second])
-    both = program[first:]
-    if all(kind == "number" for kind, _ in both):
-        chosen = (max if sign == "+" else min)(cast(float, value) for _, value in both)
-        program[first:] = [("number", chosen)]
-        return
-    program.append(("+", ""))
-    program.extend(both)
-    program.extend([("-", ""), ("call", "abs"), (sign, ""), ("number", 0.5), ("*", "")])
-    if len(program) > MOST_NODES:
-        raise ExpressionError("min and max are nested too deeply")
-
-
-def _begin_of_last(program: Sequence[Instruction]) -> int:
-    """Where the instructions begin that compute the last value."""
-    begin, missing = len(program), 1
-    while missing:
-        begin -= 1
-        kind = program[begin][0]
-        missing += -1 if kind in ("number", "variable") else 0 if kind in ("call", "negate") else 1
-    return begin
-
-
-def _fold(instruction: Instruction, operands: list[float], column: int) -> float:
-    # Every number is a float already, so that 9**9**9 overflows at once instead of growing.
-    with np.errstate(all="ignore"):
-        kind, name = instruction
-        if kind == "call":
-            result = call(str(name), operands[0], NUMPY_FUNCTIONS)
-        elif kind == "negate":
-            result = -operands[0]
-        else:
-            result = combine(kind, operands[0], operands[1])
-    value = float(cast(float, result))
-    if math.isnan(value):
-        raise ExpressionError("this constant is not a real number", column)
-    if math.isinf(value):
-        raise ExpressionError("this constant is infinite or larger than 1.8e308", column)
-    return value
+    first, *others = done[-count:]
+    del done[-count:]
+    try:
+        for other in others or [first]:
+            pair = [first, other] if others else [first]
+            terms = [term for term, _ in pair]
+            numbers = [value for _, value in pair if value is not None]
+            value = compute(kind, numbers) if len(numbers) == len(pair) else None
+            if value is not None:
+                # what is made of constants must be finite for their values
+                terms[0].builder.number(value)
+            first = (terms[0].builder.apply(kind, *terms), value)
+    except ExpressionError as error:
+        raise ExpressionError(error.message, _col(node)) from None
+    done.append(first)

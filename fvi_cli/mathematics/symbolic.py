@@ -8,10 +8,17 @@ as data again.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, cast
+from functools import lru_cache
+from typing import Any, Final
 
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
-from fvi_cli.mathematics.algebra.formulas import FormulaSystem, Instruction
+from fvi_cli.mathematics.algebra.formulas import (
+    OPERATORS,
+    Builder,
+    FormulaSystem,
+    Term,
+    operands,
+)
 from fvi_cli.mathematics.expressions import Expression
 
 Symbolic = Any
@@ -35,6 +42,7 @@ _OTHER_NAME: Final[Mapping[str, str]] = {
     "acosh": "arccosh",
     "atanh": "arctanh",
     "Abs": "abs",
+    "Select": "select",
 }
 
 
@@ -79,31 +87,32 @@ def _check_size(formula: Symbolic) -> None:
 def _tree(expression: Expression) -> Symbolic:
     import sympy
 
-    stack: list[Symbolic] = []
-    for kind, value in expression.program:
+    system, constants = expression.system, dict(expression.constants)
+    found: dict[int, Symbolic] = {}
+    for place in system.needed:
+        kind, *rest = system.instructions[place]
+        used = [found[one] for one in operands(system.instructions[place])]
         if kind == "number":
-            stack.append(_number(float(value)))
+            found[place] = _number(float(rest[0]))
         elif kind == "variable":
-            stack.append(symbol(str(value)))
-        elif kind == "negate":
-            stack.append(-stack.pop())
-        elif kind == "call":
-            stack.append(_function(str(value), stack.pop()))
+            name = str(rest[0])
+            found[place] = _number(constants[name]) if name in constants else symbol(name)
+        elif kind in ("**", "power"):
+            exponent = used[1] if kind == "power" else _number(float(rest[1]))
+            found[place] = sympy.Pow(used[0], _exponent(exponent))
+        elif kind in OPERATORS:
+            left, right = used
+            if kind == "/" and right == 0:
+                raise ExpressionError("it divides by zero")
+            found[place] = {
+                "+": lambda a, b: a + b,
+                "-": lambda a, b: a - b,
+                "*": lambda a, b: a * b,
+                "/": lambda a, b: a / b,
+            }[str(kind)](left, right)
         else:
-            right, left = stack.pop(), stack.pop()
-            if kind == "+":
-                stack.append(left + right)
-            elif kind == "-":
-                stack.append(left - right)
-            elif kind == "*":
-                stack.append(left * right)
-            elif kind == "/":
-                if right == 0:
-                    raise ExpressionError("it divides by zero")
-                stack.append(left / right)
-            else:
-                stack.append(sympy.Pow(left, _exponent(right)))
-    return stack.pop()
+            found[place] = -used[0] if kind == "negate" else _function(str(kind), *used)
+    return found[system.outputs[0]]
 
 
 def _number(value: float) -> Symbolic:
@@ -121,9 +130,12 @@ def _exponent(value: Symbolic) -> Symbolic:
     return value
 
 
-def _function(name: str, argument: Symbolic) -> Symbolic:
+def _function(name: str, argument: Symbolic, *others: Symbolic) -> Symbolic:
     import sympy
 
+    if name in ("min", "max"):
+        pair = (argument, *others)
+        return _selection()(*pair, *(pair if name == "min" else pair[::-1]))
     if name in _SAME_NAME:
         return getattr(sympy, name)(argument)
     for theirs, ours in _OTHER_NAME.items():
@@ -138,6 +150,30 @@ def _function(name: str, argument: Symbolic) -> Symbolic:
     if name == "log1p":
         return sympy.log(1 + argument)
     raise ExpressionError(f"the function {name!r} cannot be differentiated here")
+
+
+@lru_cache(maxsize=1)
+def _selection() -> Any:
+    """``select(a, b, x, y)``: x where a < b, y where a > b, whose derivative is that of each."""
+    import sympy
+
+    class Select(sympy.Function):  # type: ignore[misc]
+        @classmethod
+        def eval(cls, a: Symbolic, b: Symbolic, x: Symbolic, y: Symbolic) -> Symbolic | None:
+            if x == y:
+                return x
+            if a.is_number and b.is_number:
+                return (x + y) / 2 if a == b else x if a < b else y
+            return None
+
+        def _eval_is_real(self) -> bool:
+            return True
+
+        def _eval_derivative(self, by: Symbolic) -> Symbolic:
+            a, b, x, y = self.args
+            return Select(a, b, x.diff(by), y.diff(by))
+
+    return Select
 
 
 def multiplied_out(formula: Symbolic) -> Symbolic:
@@ -197,30 +233,6 @@ def terms_with(formula: Symbolic, variable: Symbolic) -> tuple[Symbolic, Symboli
     return inside, outside
 
 
-def text_of(formula: Symbolic) -> str:
-    """The formula as a text that :class:`Expression` reads.
-
-    Raises
-    ------
-    ExpressionError
-        If something occurs in it that is not real or not known.
-    """
-    if formula.is_Symbol:
-        return str(formula.name)
-    if formula.is_number:
-        return _number_text(formula)
-    arguments = [text_of(argument) for argument in formula.args]
-    if formula.is_Add:
-        return "(" + " + ".join(arguments) + ")"
-    if formula.is_Mul:
-        return "(" + "*".join(arguments) + ")"
-    if formula.is_Pow:
-        return f"({arguments[0]}**{arguments[1]})"
-    if _is_impulse(formula):
-        return "0"
-    return f"{_function_name(formula)}({arguments[0]})"
-
-
 def compile_formulas(formulas: Sequence[Symbolic]) -> FormulaSystem:
     """One program for all of `formulas`, in which equal parts occur once.
 
@@ -230,32 +242,32 @@ def compile_formulas(formulas: Sequence[Symbolic]) -> FormulaSystem:
         If something occurs that is not real or not known.
     """
     program = _Program()
-    outputs = tuple(program.register(formula) for formula in formulas)
-    return FormulaSystem(instructions=tuple(program.instructions), outputs=outputs)
+    return program.builder.system([program.term(formula) for formula in formulas])
+
+
+def as_expression(formula: Symbolic, variables: Sequence[str]) -> Expression:
+    """The formula as an expression in these variables."""
+    return Expression(str(formula), tuple(variables), system=compile_formulas([formula]))
 
 
 class _Program:
-    """Instructions so far, and the registers of the parts that are there already."""
+    """A program, and the terms of the parts that are in it already."""
 
     def __init__(self) -> None:
-        self.instructions: list[Instruction] = []
-        self._known: dict[Symbolic, int] = {}
+        self.builder = Builder()
+        self._known: dict[Symbolic, Term] = {}
 
-    def register(self, formula: Symbolic) -> int:
-        """Where `formula` stands, after adding what is missing."""
+    def term(self, formula: Symbolic) -> Term:
+        """The term of `formula`, after adding what is missing."""
         if formula not in self._known:
             self._known[formula] = self._compile(formula)
         return self._known[formula]
 
-    def _emit(self, kind: str, what: float | str | int, other: int = 0) -> int:
-        self.instructions.append((kind, what, other))
-        return len(self.instructions) - 1
-
-    def _compile(self, formula: Symbolic) -> int:
+    def _compile(self, formula: Symbolic) -> Term:
         if formula.is_Symbol:
-            return self._emit("variable", str(formula.name))
+            return self.builder.variable(str(formula.name))
         if formula.is_number:
-            return self._emit("number", _number_value(formula))
+            return self.builder.number(_number_value(formula))
         if formula.is_Add:
             return self._sum(formula)
         if formula.is_Mul:
@@ -263,49 +275,41 @@ class _Program:
         if formula.is_Pow:
             return self._power(formula.base, formula.exp)
         if _is_impulse(formula):
-            return self._emit("number", 0.0)
+            return self.builder.number(0.0)
         name = _function_name(formula)
-        return self._emit("call", name, self.register(formula.args[0]))
+        return self.builder.apply(name, *(self.term(argument) for argument in formula.args))
 
-    def _sum(self, formula: Symbolic) -> int:
+    def _sum(self, formula: Symbolic) -> Term:
         # a term that begins with a minus is subtracted, but not the first
-        terms = sorted(formula.args, key=_is_negative)
-        total = self.register(terms[0])
-        for term in terms[1:]:
-            if _is_negative(term):
-                total = self._emit("-", total, self.register(-term))
-            else:
-                total = self._emit("+", total, self.register(term))
+        first, *others = sorted(formula.args, key=_is_negative)
+        total = self.term(first)
+        for one in others:
+            total = total - self.term(-one) if _is_negative(one) else total + self.term(one)
         return total
 
-    def _product(self, formula: Symbolic) -> int:
+    def _product(self, formula: Symbolic) -> Term:
         number, rest = formula.as_coeff_Mul()
         over: list[Symbolic] = []
         under: list[Symbolic] = []
         for factor in rest.args if rest.is_Mul else (rest,):
             divides = factor.is_Pow and factor.exp.is_number and factor.exp.is_negative
             (under if divides else over).append(factor.base**-factor.exp if divides else factor)
-        value = _number_value(number)
-        total = self._constant(value) if value != 1.0 or not over else None
+        total = self.builder.number(_number_value(number))
         for factor in over:
-            register = self.register(factor)
-            total = register if total is None else self._emit("*", total, register)
+            total = total * self.term(factor)
         for factor in under:
-            total = self._emit("/", cast(int, total), self.register(factor))
-        return cast(int, total)
+            total = total / self.term(factor)
+        return total
 
-    def _constant(self, value: float) -> int:
-        return self.register(_number(value))
-
-    def _power(self, base: Symbolic, exponent: Symbolic) -> int:
+    def _power(self, base: Symbolic, exponent: Symbolic) -> Term:
         if not exponent.is_number:
-            return self._emit("**", self.register(base), self.register(exponent))
+            return self.builder.apply("power", self.term(base), self.term(exponent))
         value = _number_value(exponent)
         if value == 0.5:
-            return self._emit("call", "sqrt", self.register(base))
+            return self.term(base)("sqrt")
         if value < 0:
-            return self._emit("/", self._constant(1.0), self.register(base**-exponent))
-        return self._emit("power", value, self.register(base))
+            return 1.0 / self.term(base**-exponent)
+        return self.term(base) ** value
 
 
 def _is_negative(term: Symbolic) -> bool:
@@ -322,12 +326,6 @@ def _number_value(formula: Symbolic) -> float:
     if value is None:  # pragma: no cover - numbers hold no variable
         raise ExpressionError(f"{formula} is not a number")
     return value
-
-
-def _number_text(formula: Symbolic) -> str:
-    value = _number_value(formula)
-    text = repr(int(value)) if value.is_integer() and abs(value) < 1e9 else repr(value)
-    return f"({text})" if value < 0 else text
 
 
 def _function_name(formula: Symbolic) -> str:

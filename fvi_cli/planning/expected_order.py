@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.expansions.interpolation_limit import interpolation_limit
 from fvi_cli.integrator.expansions.motion import forcing_powers, solution_expansion
+from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.mathematics.arrays import Array
@@ -51,13 +52,16 @@ def expected_order(
     forces that start like :math:`t^{-\gamma}` and :math:`t^{1 - \gamma}`; on the nodes the first
     costs :math:`h^{1 - \gamma}`, the kick at 0 being left out, the second :math:`h^{3 - \gamma}`.
     A jump of the force counts with the power t**2 of its response.
-    Samples of the force set a limit of their own (`interpolation_limit`).
+    Samples of the force set a limit of their own (`interpolation_limit`). None is stated where a
+    formula has kinks (``abs``, ``sign``, ``min``, ``max``): it depends on where a step meets them.
 
     Meshes with halved steps behind singular points (``start: graded``) keep the order on smooth
     data. On graded meshes, :math:`t_k = T (k / N)^r`, the limit of a singular start is r times that
     on equal steps in the maximum norm; in other norms none is stated where it is below the order on
     smooth data.
     """
+    if SceneForces(scene).has_kinks:
+        return math.nan
     if isinstance(method, Baseline):
         return _baseline_order(scene, method)
     limit = interpolation_limit(scene, n_steps, grading=grading)

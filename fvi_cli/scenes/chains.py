@@ -132,9 +132,7 @@ def ground_force(acceleration: Forcing, masses: Array) -> Forcing:
 
 
 def _times(component: ForceComponent, factor: float) -> ForceComponent:
-    if not isinstance(component, Expression):
-        return component.scaled(factor)
-    return Expression.parse(f"({factor!r})*({component.text})", variables=component.variables)
+    return component.times(factor) if isinstance(component, Expression) else component.scaled(factor)
 
 
 def frame(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Unpack
 
@@ -13,12 +13,12 @@ import numpy as np
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.lagrangian import TIME, Lagrangian, velocity_name
-from fvi_cli.effects.matrices import dense
+from fvi_cli.effects.matrices import Form, dense
 from fvi_cli.effects.potential import (
     ExpressionPotential,
     Potential,
     QuadraticPotential,
-    quadratic_text,
+    with_stiffness,
 )
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics import symbolic
@@ -78,9 +78,7 @@ def lagrangian_scene(
     check_names(names, values)
     velocities = tuple(velocity_name(name) for name in names)
     laws = tuple(data.get("laws", ()))
-    for law in laws:
-        if law.relaxed and (stored := quadratic_text(dense(law.stiffness), names)):
-            lagrangian = f"{lagrangian} - ({stored})"
+    stored = [law.stiffness for law in laws if law.relaxed]
     data["laws"] = tuple(law.without_stiffness() for law in laws)
     try:
         expression = Expression.parse(
@@ -94,6 +92,8 @@ def lagrangian_scene(
         found = _recognise(names, velocities, expression)
     except ExpressionError as error:
         raise ValueError(f"lagrangian: {error}") from None
+    for stiffness in stored:
+        found = _with_stiffness(found, stiffness)
     position = per_coordinate(data.get("initial_position", 0.0), len(names))
     velocity = per_coordinate(data.get("initial_velocity", 0.0), len(names))
     mass = found.mass
@@ -236,6 +236,15 @@ def compiled_lagrangian(names: tuple[str, ...], formula: symbolic.Symbolic) -> L
     )
 
 
+def _with_stiffness(found: _Recognised, stiffness: Form) -> _Recognised:
+    r"""What a Lagrangian consists of, less :math:`q^T K q / 2`."""
+    if found.general is None:
+        return replace(found, potential=with_stiffness(found.potential, stiffness))
+    own = found.general.stiffness
+    total = dense(stiffness) if own is None else own + dense(stiffness)
+    return replace(found, general=replace(found.general, stiffness=total))
+
+
 def _separate(
     names: tuple[str, ...],
     q: list[symbolic.Symbolic],
@@ -259,31 +268,17 @@ def _separate(
         force = [f - symbolic.settled(g.subs(origin)) for f, g in zip(force, gradient, strict=True)]
         result = QuadraticPotential(stiffness=stiffness) if np.any(stiffness) else None
     else:
-        try:
-            result = _expression_potential(names, static, gradient, hessian)
-        except ExpressionError:
-            # too long a text: programs have no such limit
-            return None
+        result = ExpressionPotential(
+            coordinates=names,
+            energy_expression=symbolic.as_expression(static, names),
+            gradient_expressions=tuple(symbolic.as_expression(one, names) for one in gradient),
+            hessian_expressions=tuple(
+                tuple(symbolic.as_expression(one, names) for one in row) for row in hessian
+            ),
+        )
     if all(f == 0 for f in force):
         return result, None
-    return result, tuple(Expression.parse(symbolic.text_of(f), variables=(TIME,)) for f in force)
-
-
-def _expression_potential(
-    names: tuple[str, ...],
-    energy: symbolic.Symbolic,
-    gradient: list[symbolic.Symbolic],
-    hessian: list[list[symbolic.Symbolic]],
-) -> ExpressionPotential:
-    def read(formula: symbolic.Symbolic) -> Expression:
-        return Expression.parse(symbolic.text_of(formula), variables=names)
-
-    return ExpressionPotential(
-        coordinates=names,
-        energy_expression=read(energy),
-        gradient_expressions=tuple(read(entry) for entry in gradient),
-        hessian_expressions=tuple(tuple(read(entry) for entry in row) for row in hessian),
-    )
+    return result, tuple(symbolic.as_expression(f, (TIME,)) for f in force)
 
 
 def _matrix(rows: list[list[symbolic.Symbolic]]) -> Array | None:
@@ -336,7 +331,7 @@ def _with(forcing: Forcing | None, own: tuple[Expression, ...] | None) -> Forcin
         total = tuple(
             a.plus(b)
             if not isinstance(a, Expression)
-            else Expression.parse(f"({a.text}) + ({b.text})", variables=(TIME,))
+            else a.plus(b)
             for a, b in zip(piece.components, own, strict=True)
         )
         pieces.append(ForcingPiece(components=total, until=piece.until))

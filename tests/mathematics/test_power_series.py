@@ -113,7 +113,7 @@ def test_what_has_no_expansion_is_named(text, message):
 
 
 def test_every_function_of_expressions_is_known():
-    assert set(SERIES_FUNCTIONS) == set(NUMPY_FUNCTIONS)
+    assert set(SERIES_FUNCTIONS) == {*NUMPY_FUNCTIONS, "select"}
 
 
 def test_exponents_are_matched_with_a_tolerance_and_integers_restored():

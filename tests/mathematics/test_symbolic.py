@@ -27,7 +27,7 @@ def test_a_formula_survives_both_ways_out(text):
     values = {"x": np.array([0.7, 1.3, 2.9]), "y": np.array([0.4, 2.2, 1.1])}
     direct = Expression.parse(text, variables=NAMES).evaluate(values, NUMPY_FUNCTIONS)
     (program,) = symbolic.compile_formulas([tree(text)]).evaluate(values, NUMPY_FUNCTIONS)
-    again = Expression.parse(symbolic.text_of(tree(text)), variables=NAMES)
+    again = symbolic.as_expression(tree(text), NAMES)
     assert program == pytest.approx(direct, rel=1e-14)
     assert again.evaluate(values, NUMPY_FUNCTIONS) == pytest.approx(direct, rel=1e-14)
 
@@ -66,8 +66,8 @@ def test_equal_parts_are_computed_once():
     x = symbolic.symbol("x")
     formula = tree("sin(x*y)*exp(sin(x*y))")
     program = symbolic.compile_formulas([formula, formula.diff(x), formula.diff(x, x)])
-    calls = [what for kind, what, _ in program.instructions if kind == "call"]
-    assert sorted(map(str, calls)) == ["cos", "exp", "sin"]
+    calls = [str(kind) for kind, *_ in program.instructions if kind in NUMPY_FUNCTIONS]
+    assert sorted(calls) == ["cos", "exp", "sin"]
 
 
 def test_programs_work_on_power_series():

@@ -8,23 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.expressions import Expression, Instruction
 
 
 def formulas_of(potential: ExpressionPotential) -> tuple[object, ...]:
     """What potentials must have in common to be taken side by side."""
-
-    def program(expression: Expression) -> tuple[Instruction, ...]:
-        return expression.program
-
+    stiffness = potential.stiffness
     return (
         potential.coordinates,
         tuple(sorted(potential.parameters)),
-        tuple(map(program, potential.gradient_expressions)),
-        tuple(tuple(map(program, row)) for row in potential.hessian_expressions),
+        potential.gradient_system,
+        potential.hessian_system,
+        None if stiffness is None else dense(stiffness).tobytes(),
     )
 
 
@@ -62,20 +60,23 @@ class SidePotentials:
 
     def gradient(self, position: Array) -> Array:
         """dV/dq, shape ``(n, e, q)`` to the same."""
-        names = self._names(position)
         result = np.empty(position.shape)
-        for index, expression in enumerate(self.first.gradient_expressions):
-            result[:, index] = expression.evaluate(names, NUMPY_FUNCTIONS)
+        found = self.first.gradient_system.evaluate(self._names(position), NUMPY_FUNCTIONS)
+        for index, value in enumerate(found):
+            result[:, index] = value
+        if self.first.stiffness is not None:
+            result += np.einsum("ab,nbq->naq", dense(self.first.stiffness), position)
         return result
 
     def hessian(self, position: Array) -> Array:
         """Second derivatives, shape ``(n, e, q)`` to ``(n, e, e, q)``."""
-        names = self._names(position)
         n, e, q = position.shape
         result = np.empty((n, e, e, q))
-        for i, row in enumerate(self.first.hessian_expressions):
-            for j, expression in enumerate(row):
-                result[:, i, j] = expression.evaluate(names, NUMPY_FUNCTIONS)
+        found = self.first.hessian_system.evaluate(self._names(position), NUMPY_FUNCTIONS)
+        for index, value in enumerate(found):
+            result[:, index // e, index % e] = value
+        if self.first.stiffness is not None:
+            result += dense(self.first.stiffness)[:, :, None]
         return result
 
     def _names(self, position: Array) -> dict[str, Array]:

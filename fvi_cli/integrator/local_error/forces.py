@@ -14,17 +14,19 @@ from fvi_cli.effects.matrices import diagonal
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.effects.scene import Scene
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.arithmetic import INNER_FUNCTIONS, NUMPY_FUNCTIONS
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
 from fvi_cli.mathematics.intervals.interval import Interval
 
-KINKED: Final = ("abs", "sign")
-"""Functions that are not smooth where their argument is zero."""
+KINKED: Final = ("abs", "sign", "min", "max", "select")
+"""Functions that are not smooth where their argument is zero, or two arguments are equal."""
+LARGEST_DIFFERENCE: Final = 1e300
 GENTLE_FUNCTIONS: Final = frozenset({"sin", "cos"})
 """What cannot rise and fall between two samples that see nothing of it."""
+GENTLE_KINDS: Final = ("number", "variable", "+", "-", "*", "negate")
 STEEP_FUNCTIONS: Final = frozenset({"exp", "expm1", "tanh", "arctan", "cosh", "sinh", "gamma"})
 """Functions of which walls and pulses are made."""
 LARGEST_GENTLE_POWER: Final = 8.0
@@ -128,11 +130,9 @@ class SceneForces:
         n, d = time.size, self._dimension
         force, momentum = np.zeros((n, d)), None
         if self._potential is not None:
-            names: dict[str, Array | float] = {**self._potential.parameters}
-            for i, name in enumerate(self._potential.coordinates):
-                names[name] = position[:, i]
-            for i, gradient in enumerate(self._potential.gradient_expressions):
-                force[:, i] -= gradient.evaluate(names, functions)
+            columns = [position[:, i] for i in range(d)]
+            for i, value in enumerate(self._potential.gradient_components(columns, functions)):
+                force[:, i] -= value
         if self._lagrangian is not None:
             places = [position[:, i] for i in range(d)]
             rates = [velocity[:, i] for i in range(d)]
@@ -206,17 +206,20 @@ class _Seen:
     def __init__(self, shape: tuple[int, ...]) -> None:
         self._shape = shape
         self._noted: list[Array] = []
-        noted: dict[str, Callable[[Array], Array]] = {
-            name: self._noting(NUMPY_FUNCTIONS[name]) for name in KINKED
-        }
-        self.functions: Mapping[str, Callable[[Array], Array]] = MappingProxyType(
-            {**NUMPY_FUNCTIONS, **noted}
+        self.functions: Mapping[str, Callable[..., Array]] = MappingProxyType(
+            {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS}
+            | {name: self._noting(name) for name in KINKED}
         )
 
-    def _noting(self, function: Callable[[Array], Array]) -> Callable[[Array], Array]:
-        def noted(argument: Array) -> Array:
-            self._noted.append(np.broadcast_to(argument, self._shape))
-            return function(argument)
+    def _noting(self, name: str) -> Callable[..., Array]:
+        function = {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS}[name]
+
+        def noted(first: Array, *others: Array) -> Array:
+            difference = first - others[0] if others else first
+            # one side may be infinite: the sign is what counts
+            difference = np.clip(difference, -LARGEST_DIFFERENCE, LARGEST_DIFFERENCE)
+            self._noted.append(np.broadcast_to(difference, self._shape))
+            return function(first, *others)
 
         return noted
 
@@ -230,13 +233,11 @@ def _character(scene: Scene) -> tuple[set[str], bool]:
     """Functions that the formulas of a scene call, and whether these may hide anything."""
     called: set[str] = set()
     hides = False
+    systems: list[FormulaSystem] = []
     if isinstance(scene.potential, ExpressionPotential):
-        for one in scene.potential.gradient_expressions:
-            names, may = _of_expression(one)
-            called, hides = called | names, hides or may
+        systems.append(scene.potential.gradient_system)
     if scene.lagrangian is not None:
-        names, may = _of_system(scene.lagrangian.first)
-        called, hides = called | names, hides or may
+        systems.append(scene.lagrangian.first)
     for piece in () if scene.forcing is None else scene.forcing.pieces:
         for component, _ in piece.distinct:
             formula = component if isinstance(component, Expression) else component.formula
@@ -244,40 +245,24 @@ def _character(scene: Scene) -> tuple[set[str], bool]:
                 # nobody knows what a program does
                 called = called | STEEP_FUNCTIONS
             if formula is not None:
-                names, may = _of_expression(formula)
-                called, hides = called | names, hides or may
+                systems.append(formula.system)
+    for system in systems:
+        called = called | system.called
+        hides = hides or _may_hide(system)
     return called, hides
 
 
-def _of_expression(expression: Expression) -> tuple[set[str], bool]:
-    called, hides = set(expression.functions), False
-    before: tuple[str, float | str] = ("", 0.0)
-    for kind, value in expression.program:
-        if kind in ("/", "**"):
-            hides = hides or not _is_gentle(kind, before)
-        before = (kind, value)
-    return called, hides or bool(called - GENTLE_FUNCTIONS)
-
-
-def _is_gentle(kind: str, right: tuple[str, float | str]) -> bool:
-    """Whether dividing by, or raising to this is a polynomial of low degree at most."""
-    if right[0] != "number" or isinstance(right[1], str):
-        return False
-    return kind == "/" or _is_gentle_power(float(right[1]))
-
-
-def _is_gentle_power(exponent: float) -> bool:
-    return float(exponent).is_integer() and 0 <= exponent <= LARGEST_GENTLE_POWER
-
-
-def _of_system(system: FormulaSystem) -> tuple[set[str], bool]:
-    called = {str(what) for kind, what, _ in system.instructions if kind == "call"}
-    hides = bool(called - GENTLE_FUNCTIONS)
-    for kind, what, other in system.instructions:
-        if kind == "power":
-            hides = hides or not _is_gentle_power(float(what))
-        elif kind == "/":
-            hides = hides or system.instructions[other][0] != "number"
+def _may_hide(system: FormulaSystem) -> bool:
+    """Whether anything occurs in a program but sines and polynomials of low degree."""
+    for place in system.needed:
+        kind, *rest = system.instructions[place]
+        if kind == "/":
+            is_gentle = system.instructions[int(rest[1])][0] == "number"
         elif kind == "**":
-            hides = True
-    return called, hides
+            exponent = float(rest[1])
+            is_gentle = exponent.is_integer() and 0 <= exponent <= LARGEST_GENTLE_POWER
+        else:
+            is_gentle = kind in (*GENTLE_KINDS, *GENTLE_FUNCTIONS)
+        if not is_gentle:
+            return True
+    return False

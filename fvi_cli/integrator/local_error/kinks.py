@@ -1,6 +1,7 @@
-"""Kinks of formulas on the polynomial of a step: where an argument of ``abs`` or ``sign`` is zero.
+"""Kinks of formulas on the polynomial of a step.
 
-``min`` and ``max`` are made of ``abs``.
+They are where an argument of ``abs`` or ``sign`` is zero, or both arguments of ``min`` or ``max``
+are equal.
 
 A step that crosses a kink is done again so that it ends there; steps on either side see a smooth
 force and have their full order.
@@ -55,13 +56,16 @@ def first_crossing(
 
 
 def root_between(function: Callable[[float], float], low: float, high: float) -> float:
-    """Root of a function that changes its sign between two places (the Illinois method)."""
+    """Root of a function that changes its sign between two places (the Illinois method).
+
+    Every third place is the middle: an exponential is far from straight.
+    """
     at_low, at_high = function(low), function(high)
     last, side = high, 0
     least = ROUND_OFF * max(abs(at_low), abs(at_high))
-    for _ in range(MOST_ITERATIONS):
+    for iteration in range(MOST_ITERATIONS):
         place = 0.5 * (low + high)
-        if at_high != at_low:
+        if iteration % 3 < 2 and at_high != at_low:
             chord = (at_low * high - at_high * low) / (at_low - at_high)
             place = chord if low < chord < high else place
         value = function(place)

@@ -194,7 +194,7 @@ def surface_objection(when: Expression, coordinates: Sequence[str]) -> str:
         return f"{wrong[0]} is no place; a surface is an expression in coordinates and t"
     if not when.names & set(coordinates):
         return f"no coordinate occurs in it ({', '.join(coordinates)})"
-    unsmooth = sorted(when.functions & {"abs", "sign", "cbrt", "gamma"})
+    unsmooth = sorted(when.functions & {"abs", "sign", "min", "max", "cbrt", "gamma"})
     return f"{unsmooth[0]} has no normal everywhere; give a smooth surface" if unsmooth else ""
 
 

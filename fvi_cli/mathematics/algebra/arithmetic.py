@@ -1,8 +1,7 @@
-"""What formulas are made of: functions and operators on numbers, arrays or any other algebra."""
+"""What formulas are made of: functions on arrays, and on complex numbers beside the real axis."""
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Final, TypeVar, cast
@@ -21,7 +20,7 @@ def _gamma(argument: Array) -> Array:
     return np.asarray(gamma(argument))
 
 
-NUMPY_FUNCTIONS: Final[Mapping[str, Callable[[Array], Array]]] = MappingProxyType(
+NUMPY_FUNCTIONS: Final[Mapping[str, Callable[..., Array]]] = MappingProxyType(
     {
         "sqrt": np.sqrt,
         "cbrt": np.cbrt,
@@ -44,9 +43,39 @@ NUMPY_FUNCTIONS: Final[Mapping[str, Callable[[Array], Array]]] = MappingProxyTyp
         "abs": np.abs,
         "sign": np.sign,
         "gamma": _gamma,
+        "min": np.minimum,
+        "max": np.maximum,
     }
 )
-"""The functions an expression may call, on floating-point arrays."""
+"""The functions an expression may call, on floating-point arrays; of the last two every pair."""
+
+
+def _digamma(argument: Array) -> Array:
+    from scipy.special import digamma
+
+    return np.asarray(digamma(argument))
+
+
+def _select(a: Array, b: Array, below: Array, above: Array) -> Array:
+    both = 0.5 * (np.asarray(below) + above)
+    return np.asarray(np.where(a < b, below, np.where(a > b, above, both)))
+
+
+def _log_times(factor: Array, argument: Array) -> Array:
+    return np.asarray(np.where(factor == 0, 0.0, factor * np.log(argument)))
+
+
+INNER_FUNCTIONS: Final[Mapping[str, Callable[..., Array]]] = MappingProxyType(
+    {
+        "square": np.square,
+        "power": np.power,
+        "select": _select,
+        "log_times": _log_times,
+        "digamma": _digamma,
+    }
+)
+"""What programs call besides: ``select(a, b, x, y)`` is x where a < b, y where a > b, and their
+mean where a = b; ``log_times(f, x)`` is f log x, and 0 where f is."""
 
 
 def _abs(argument: ComplexArray) -> ComplexArray:
@@ -57,12 +86,21 @@ def _cbrt(argument: ComplexArray) -> ComplexArray:
     return np.copysign(1.0, argument.real) * _abs(argument) ** (1.0 / 3.0)
 
 
-BESIDE_REAL: Final[Mapping[str, Callable[[ComplexArray], ComplexArray]]] = MappingProxyType(
+def _select_beside(
+    a: ComplexArray, b: ComplexArray, below: ComplexArray, above: ComplexArray
+) -> ComplexArray:
+    return _select(np.real(a), np.real(b), below, above)  # type: ignore[arg-type, return-value]
+
+
+BESIDE_REAL: Final[Mapping[str, Callable[..., ComplexArray]]] = MappingProxyType(
     {
-        **cast(Mapping[str, Callable[[ComplexArray], ComplexArray]], NUMPY_FUNCTIONS),
+        **cast(Mapping[str, Callable[..., ComplexArray]], {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS}),
         "abs": _abs,
         "sign": lambda argument: np.sign(argument.real).astype(complex),
         "cbrt": _cbrt,
+        "min": lambda a, b: _select_beside(a, b, a, b),
+        "max": lambda a, b: _select_beside(b, a, a, b),
+        "select": _select_beside,
     }
 )
 """The same functions at complex numbers beside the real axis, continued from there."""
@@ -96,37 +134,4 @@ def value_of(name: str, values: Mapping[str, T | float]) -> T | float:
     if isinstance(value, np.ndarray):
         # Integer arrays would refuse negative powers.
         return value if value.dtype.kind not in "bui" else cast(T, value.astype(float))
-    return float(value) if isinstance(value, int | float) else value
-
-
-def call(name: str, argument: T | float, functions: Mapping[str, Callable[..., T]]) -> T | float:
-    """A function of a value; of a number in double precision, whatever the algebra is."""
-    if isinstance(argument, float):
-        return float(NUMPY_FUNCTIONS[name](np.asarray(argument)))
-    if name not in functions:
-        raise ExpressionError(f"the function {name!r} is not available here")
-    return functions[name](argument)
-
-
-def combine(kind: str, left: T | float, right: T | float) -> T | float:
-    """The result of an operator; integral exponents are ``int``.
-
-    Python's own numbers raise at 1/0 and turn complex at (-1)**0.5; NumPy's do neither.
-    """
-    if isinstance(right, float):
-        if isinstance(left, float):
-            return float(cast(float, _ARITHMETIC[kind](np.float64(left), np.float64(right))))
-        if kind == "**" and right.is_integer() and abs(right) < 1e9:
-            return cast(T, left ** int(right))  # type: ignore[operator]
-    return cast(T, _ARITHMETIC[kind](left, right))
-
-
-_ARITHMETIC: Final[Mapping[str, Callable[[object, object], object]]] = MappingProxyType(
-    {
-        "+": operator.add,
-        "-": operator.sub,
-        "*": operator.mul,
-        "/": operator.truediv,
-        "**": operator.pow,
-    }
-)
+    return cast(T, np.float64(value)) if isinstance(value, int | float) else value

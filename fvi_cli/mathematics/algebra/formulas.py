@@ -1,86 +1,386 @@
-"""Several formulas as one short program whose common parts are computed once."""
+"""Formulas as straight-line programs: built from a closed set of nodes, compiled once.
+
+A program is data: numbers, names of variables, operators and functions of a fixed list, each with
+the places of its operands. It is written as Python source of one statement a node and compiled; no
+text of a user is part of that source, and the function it makes sees the arithmetic functions of
+its algebra and nothing else.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import functools
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar, cast
+from functools import cached_property
+from types import CodeType, FunctionType
+from typing import Any, Final, TypeVar, cast
 
 import numpy as np
 
-from fvi_cli.mathematics.algebra.arithmetic import call, combine, value_of
+from fvi_cli.mathematics.algebra.arithmetic import (
+    BESIDE_REAL,
+    INNER_FUNCTIONS,
+    NUMPY_FUNCTIONS,
+    ExpressionError,
+    value_of,
+)
 
 T = TypeVar("T")
-Instruction = tuple[str, float | str | int, int]
-"""``(kind, what, other)``: registers, a number, or the name of a variable or function."""
+Instruction = tuple[str | float | int, ...]
+"""``("number", value)``, ``("variable", name)``, ``("**", base, number)``, or the name of an
+operator or function with the places of its operands."""
+
+OPERATORS: Final = ("+", "-", "*", "/")
+LARGEST_WHOLE_POWER: Final = 1e9
+_EVERY: Final = {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class FormulaSystem:
-    """A straight-line program that computes several values; data, never handed to an interpreter.
-
-    Every instruction writes the next register:
-
-    - ``("number", value, 0)`` and ``("variable", name, 0)``,
-    - ``("call", name, register)``, a function of one register,
-    - ``(operator, left, right)`` with an operator of ``+ - * /`` and two registers,
-    - ``("power", exponent, register)`` with a number, ``("**", left, right)`` with two registers.
+    """Several values computed by one program, in which equal parts occur once.
 
     Parameters
     ----------
     instructions
-        The program.
+        The program, operands before what is made of them.
     outputs
-        Registers of the values.
+        Places of the values.
     """
 
     instructions: tuple[Instruction, ...]
     outputs: tuple[int, ...]
+
+    @cached_property
+    def needed(self) -> tuple[int, ...]:
+        """Places that the outputs depend on, ascending."""
+        found = set(self.outputs)
+        for place in range(len(self.instructions) - 1, -1, -1):
+            if place in found:
+                found.update(operands(self.instructions[place]))
+        return tuple(sorted(found))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Variables that occur, in the order of the program."""
+        every = (self.instructions[place] for place in self.needed)
+        return tuple(str(one[1]) for one in every if one[0] == "variable")
+
+    @cached_property
+    def functions(self) -> frozenset[str]:
+        """Functions that occur."""
+        return self.called & NUMPY_FUNCTIONS.keys()
+
+    @cached_property
+    def called(self) -> frozenset[str]:
+        """Functions that occur, those of derivatives among them."""
+        return frozenset(str(self.instructions[place][0]) for place in self.needed) & _EVERY.keys()
+
+    @cached_property
+    def numbers(self) -> dict[int, float]:
+        """Values of the outputs that are numbers, by their index."""
+        every = enumerate(self.instructions[place] for place in self.outputs)
+        return {index: float(one[1]) for index, one in every if one[0] == "number"}
 
     def evaluate(
         self, values: Mapping[str, T | float], functions: Mapping[str, Callable[..., T]]
     ) -> list[T | float]:
         """The values for given variables, on any algebra with ``+ - * / **``.
 
+        Integral exponents arrive as ``int``. Parts that hold only floating-point numbers are
+        evaluated in double precision whatever the algebra is. Floating-point arithmetic never
+        warns or raises here.
+
         Parameters
         ----------
         values
-            A value for every variable of the program; arrays broadcast.
+            A value for every one of :attr:`names`; arrays broadcast.
         functions
-            The elementary functions on the algebra.
+            The elementary functions on the algebra, for arrays
+            :data:`fvi_cli.mathematics.algebra.arithmetic.NUMPY_FUNCTIONS`.
 
         Returns
         -------
         list[T | float]
-            One value per output; a ``float`` where no variable takes part.
+            One value per output; a ``float`` where no variable takes part or all are numbers.
 
         Raises
         ------
         ExpressionError
             If a value or a function is missing.
         """
-        registers: list[T | float] = []
+        given = [value_of(name, values) for name in self.names]
+        run = self._on_arrays if functions is NUMPY_FUNCTIONS else self._on(functions)
         with np.errstate(all="ignore"):
-            for kind, what, other in self.instructions:
-                if kind == "number":
-                    registers.append(cast(float, what))
-                elif kind == "variable":
-                    registers.append(value_of(str(what), values))
-                elif kind == "call":
-                    registers.append(call(str(what), registers[other], functions))
-                elif kind == "power":
-                    registers.append(_power(registers[other], cast(float, what)))
-                else:
-                    left, right = registers[cast(int, what)], registers[other]
-                    registers.append(combine(kind, left, right))
-        return [registers[index] for index in self.outputs]
+            return cast(list[T | float], run(*given))
+
+    @cached_property
+    def _code(self) -> CodeType:
+        return _compiled(_source(self))
+
+    @cached_property
+    def _on_arrays(self) -> Callable[..., list[Any]]:
+        return FunctionType(self._code, {"__builtins__": {}, **_EVERY})
+
+    def _on(self, functions: Mapping[str, Callable[..., T]]) -> Callable[..., list[Any]]:
+        scope: dict[str, object] = {"__builtins__": {}, "square": _square, "power": _power}
+        if functions is BESIDE_REAL:
+            scope |= BESIDE_REAL
+        else:
+            scope |= {
+                name: functools.partial(_call, name, functions.get(name))
+                for name in self.called - scope.keys()
+            }
+        return FunctionType(self._code, scope)
+
+    def __getstate__(self) -> dict[str, object]:
+        """What is pickled: the program without what was made of it."""
+        return {"instructions": self.instructions, "outputs": self.outputs}
 
 
-def _power(base: T | float, exponent: float) -> T | float:
-    if exponent == 2.0:
-        # cheaper than a power, and exact in every algebra
-        return combine("*", base, base)
-    if isinstance(base, float):
-        return float(np.float64(base) ** exponent)
-    whole = int(exponent) if float(exponent).is_integer() and abs(exponent) < 1e9 else exponent
-    return base**whole  # type: ignore[operator, no-any-return]
+def _square(base: Any) -> Any:
+    return base * base if isinstance(base, float) else base**2
+
+
+def _power(base: Any, exponent: Any) -> Any:
+    return base**exponent
+
+
+def _call(name: str, function: Callable[..., Any] | None, *arguments: Any) -> Any:
+    """A function of values; of numbers in double precision, whatever the algebra is."""
+    if all(isinstance(one, float) for one in arguments):
+        return np.float64(_EVERY[name](*arguments))
+    if function is None:
+        raise ExpressionError(f"the function {name!r} is not available here")
+    return function(*arguments)
+
+
+def operands(instruction: Instruction) -> tuple[int, ...]:
+    """Places of what an instruction is made of."""
+    kind = instruction[0]
+    if kind in ("number", "variable"):
+        return ()
+    return cast(tuple[int, ...], instruction[1:2] if kind == "**" else instruction[1:])
+
+
+def _source(system: FormulaSystem) -> str:
+    """The program as Python source, in which registers are used again when they are free."""
+    last = {o: place for place in system.needed for o in operands(system.instructions[place])}
+    last |= dict.fromkeys(system.outputs, len(system.instructions))
+    names: dict[int, str] = {}
+    parameters: list[str] = []
+    free: list[str] = []
+    lines: list[str] = []
+    for place in system.needed:
+        instruction = system.instructions[place]
+        kind = instruction[0]
+        if kind == "number":
+            names[place] = f"({float(instruction[1])!r})"
+        elif kind == "variable":
+            names[place] = f"v{len(parameters)}"
+            parameters.append(names[place])
+        else:
+            used = operands(instruction)
+            text = _statement(instruction, [names[one] for one in used])
+            free += [names[o] for o in set(used) if last[o] == place and names[o][0] == "r"]
+            names[place] = free.pop() if free else f"r{len(lines)}"
+            lines.append(f" {names[place]} = {text}\n")
+    found = ", ".join(names[place] for place in system.outputs)
+    return f"def formula({', '.join(parameters)}):\n{''.join(lines)} return [{found}]\n"
+
+
+def _statement(instruction: Instruction, used: Sequence[str]) -> str:
+    kind = str(instruction[0])
+    if kind in OPERATORS:
+        return f"{used[0]} {kind} {used[1]}"
+    if kind == "negate":
+        return f"-{used[0]}"
+    if kind == "**":
+        exponent = float(instruction[2])
+        if exponent == 2.0:
+            return f"square({used[0]})"
+        is_whole = exponent.is_integer() and abs(exponent) < LARGEST_WHOLE_POWER
+        return f"{used[0]} ** ({int(exponent) if is_whole else exponent!r})"
+    if kind not in _EVERY:
+        raise ExpressionError(f"{kind!r} is no node of a formula")
+    return f"{kind}({', '.join(used)})"
+
+
+@functools.lru_cache(maxsize=1024)
+def _compiled(source: str) -> CodeType:
+    """The code of the one function in a source that :func:`_source` has written."""
+    module = compile(source, "<formula>", "exec")
+    return next(one for one in module.co_consts if isinstance(one, CodeType))
+
+
+class Builder:
+    """A program that grows: equal parts are one, numbers are computed at once."""
+
+    def __init__(self) -> None:
+        self.instructions: list[Instruction] = []
+        self._places: dict[object, int] = {}
+
+    def _add(self, *instruction: str | float | int) -> Term:
+        # 0.0 and -0.0 are equal, but not the same
+        key = repr(instruction) if instruction[0] == "number" else instruction
+        if key not in self._places:
+            self._places[key] = len(self.instructions)
+            self.instructions.append(instruction)
+        return Term(self, self._places[key])
+
+    def number(self, value: float) -> Term:
+        """A number.
+
+        Raises
+        ------
+        ExpressionError
+            If it is not finite.
+        """
+        if math.isnan(value):
+            raise ExpressionError("this constant is not a real number")
+        if math.isinf(value):
+            raise ExpressionError("this constant is infinite or larger than 1.8e308")
+        return self._add("number", float(value))
+
+    def variable(self, name: str) -> Term:
+        """A variable."""
+        return self._add("variable", name)
+
+    def apply(self, kind: str, *terms: Term) -> Term:
+        """An operator, ``negate``, ``**`` or a function of terms, as it stands.
+
+        Raises
+        ------
+        ExpressionError
+            If it is a number that is not finite.
+        """
+        values = [one.value for one in terms]
+        if all(value is not None for value in values):
+            return self.number(compute(kind, cast(list[float], values)))
+        if kind == "**" and values[1] is not None:
+            return self._add(kind, terms[0].place, values[1])
+        return self._add("power" if kind == "**" else kind, *(one.place for one in terms))
+
+    def terms(
+        self, system: FormulaSystem, bound: Mapping[str, float] | None = None
+    ) -> dict[int, Term]:
+        """Another program in this one, by its places; numbers may take the place of variables."""
+        found: dict[int, Term] = {}
+        for place in system.needed:
+            kind, *rest = system.instructions[place]
+            if kind == "number" or (kind == "variable" and rest[0] in (bound or {})):
+                value = rest[0] if kind == "number" else (bound or {})[str(rest[0])]
+                found[place] = self.number(float(value))
+            elif kind == "variable":
+                found[place] = self.variable(str(rest[0]))
+            else:
+                used = [found[one] for one in operands(system.instructions[place])]
+                exponent = [self.number(float(rest[1]))] if kind == "**" else []
+                found[place] = self.apply(str(kind), *used, *exponent)
+        return found
+
+    def include(
+        self, system: FormulaSystem, bound: Mapping[str, float] | None = None
+    ) -> list[Term]:
+        """The outputs of another program; numbers may take the place of its variables."""
+        found = self.terms(system, bound)
+        return [found[place] for place in system.outputs]
+
+    def system(self, terms: Iterable[Term]) -> FormulaSystem:
+        """The program of some terms."""
+        outputs = tuple(one.place for one in terms)
+        return FormulaSystem(instructions=tuple(self.instructions), outputs=outputs)
+
+
+def outputs_of(system: FormulaSystem, which: slice) -> FormulaSystem:
+    """The program of some outputs of another."""
+    return FormulaSystem(instructions=system.instructions, outputs=system.outputs[which])
+
+
+def joined(*systems: FormulaSystem) -> FormulaSystem:
+    """One program for the outputs of several."""
+    builder = Builder()
+    return builder.system([term for one in systems for term in builder.include(one)])
+
+
+def compute(kind: str, values: Sequence[float]) -> float:
+    """What an operator or function makes of numbers; it may not be finite."""
+    # NumPy's numbers never raise and never turn complex; 9**9**9 overflows at once
+    numbers = [np.float64(value) for value in values]
+    with np.errstate(all="ignore"):
+        if kind == "negate":
+            return float(-numbers[0])
+        if kind == "**":
+            return float(numbers[0] * numbers[0] if values[1] == 2 else numbers[0] ** numbers[1])
+        if kind in OPERATORS:
+            left, right = numbers
+            found = {"+": left + right, "-": left - right, "*": left * right}
+            return float(left / right if kind == "/" else found[kind])
+        return float(_EVERY[kind](*numbers))
+
+
+@dataclass(frozen=True)
+class Term:
+    """One place of a growing program; operators leave out zeros and ones."""
+
+    builder: Builder
+    place: int
+
+    @property
+    def value(self) -> float | None:
+        """The number that it is; None: it is none."""
+        kind, *rest = self.builder.instructions[self.place]
+        return float(rest[0]) if kind == "number" else None
+
+    def _lift(self, other: Term | float) -> Term:
+        return other if isinstance(other, Term) else self.builder.number(other)
+
+    def __neg__(self) -> Term:
+        return self.builder.apply("negate", self)
+
+    def __add__(self, other: Term | float) -> Term:
+        other = self._lift(other)
+        if self.value == 0 or other.value == 0:
+            return self if other.value == 0 else other
+        return self.builder.apply("+", self, other)
+
+    def __sub__(self, other: Term | float) -> Term:
+        other = self._lift(other)
+        if self.value == 0 or other.value == 0:
+            return self if other.value == 0 else -other
+        if self.builder.instructions[other.place][0] == "negate":
+            return self + Term(self.builder, *operands(self.builder.instructions[other.place]))
+        return self.builder.apply("-", self, other)
+
+    def __mul__(self, other: Term | float) -> Term:
+        other = self._lift(other)
+        for one, rest in ((self, other), (other, self)):
+            if one.value in (0.0, 1.0):
+                return one if one.value == 0 else rest
+        return self.builder.apply("*", self, other)
+
+    def __truediv__(self, other: Term | float) -> Term:
+        other = self._lift(other)
+        return self if self.value == 0 or other.value == 1 else self.builder.apply("/", self, other)
+
+    def __pow__(self, other: Term | float) -> Term:
+        other = self._lift(other)
+        if other.value in (0.0, 1.0):
+            return self if other.value == 1 else self.builder.number(1.0)
+        return self.builder.apply("**", self, other)
+
+    def __radd__(self, other: float) -> Term:
+        return self._lift(other) + self
+
+    def __rsub__(self, other: float) -> Term:
+        return self._lift(other) - self
+
+    def __rmul__(self, other: float) -> Term:
+        return self._lift(other) * self
+
+    def __rtruediv__(self, other: float) -> Term:
+        return self._lift(other) / self
+
+    def __call__(self, name: str, *others: Term) -> Term:
+        """A function of it."""
+        return self.builder.apply(name, self, *others)

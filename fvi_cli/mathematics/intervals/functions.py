@@ -109,7 +109,38 @@ def _gamma(value: Interval) -> Interval:
     )
 
 
-INTERVAL_FUNCTIONS: Final[Mapping[str, Callable[[Interval], Interval]]] = MappingProxyType(
+def _extremum(name: str) -> Callable[[Interval | float, Interval | float], Interval]:
+    function = NUMPY_FUNCTIONS[name]
+
+    def on_intervals(a: Interval | float, b: Interval | float) -> Interval:
+        (a_low, a_high), (b_low, b_high) = _ends(a), _ends(b)
+        return hull(function(a_low, b_low), function(a_high, b_high))
+
+    return on_intervals
+
+
+def _ends(value: Interval | float) -> tuple[Array, Array]:
+    if isinstance(value, Interval):
+        return value.low, value.high
+    return np.asarray(value), np.asarray(value)
+
+
+def _select(
+    a: Interval | float, b: Interval | float, below: Interval | float, above: Interval | float
+) -> Interval:
+    """The range of what is taken; of both where it is not known which."""
+    (a_low, a_high), (b_low, b_high) = _ends(a), _ends(b)
+    first, second = _ends(below), _ends(above)
+    low = np.where(a_low > b_high, second[0], first[0])
+    high = np.where(a_low > b_high, second[1], first[1])
+    unknown = ~((a_low > b_high) | (a_high < b_low))
+    return hull(
+        np.where(unknown, np.minimum(first[0], second[0]), low),
+        np.where(unknown, np.maximum(first[1], second[1]), high),
+    )
+
+
+INTERVAL_FUNCTIONS: Final[Mapping[str, Callable[..., Interval]]] = MappingProxyType(
     {
         **{name: _monotone(name) for name in _MONOTONE},
         **{name: _even(name) for name in ("abs", "cosh")},
@@ -117,6 +148,8 @@ INTERVAL_FUNCTIONS: Final[Mapping[str, Callable[[Interval], Interval]]] = Mappin
         "cos": _cos,
         "tan": _tan,
         "gamma": _gamma,
+        **{name: _extremum(name) for name in ("min", "max")},
+        "select": _select,
     }
 )
 """The functions an expression may call, on intervals."""

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -168,13 +168,13 @@ class PowerSeries:
         if isinstance(exponent, PowerSeries):
             if exponent.exponents.size == 1 and exponent.exponents[0] == 0:
                 return self ** float(exponent.coefficients[0])
-            return SERIES_FUNCTIONS["exp"](exponent * SERIES_FUNCTIONS["log"](self))
+            return _exp(exponent * _log(self))
         return _real_power(self, float(exponent))
 
     def __rpow__(self, base: float) -> PowerSeries:
         if not base > 0:
             raise SeriesError(f"{base!r} to a power that varies has no expansion in powers of t")
-        return SERIES_FUNCTIONS["exp"](self._scaled(math.log(base)))
+        return _exp(self._scaled(math.log(base)))
 
     def fractional_derivative(self, order: float) -> PowerSeries:
         r"""Riemann-Liouville derivative by the power rule; an integral for a negative order.
@@ -236,7 +236,7 @@ class Expandable(Protocol):
     def evaluate(
         self,
         values: Mapping[str, PowerSeries | float],
-        functions: Mapping[str, Callable[..., PowerSeries]],
+        functions: Mapping[str, Callable[..., Any]],
         /,
     ) -> PowerSeries | float:
         """Its value for given variables."""
@@ -364,6 +364,28 @@ def _gamma(series: PowerSeries) -> PowerSeries:
     raise SeriesError("the Gamma function of something that varies is not expanded in powers of t")
 
 
+def _min(a: PowerSeries | float, b: PowerSeries | float) -> PowerSeries | float:
+    return _select(a, b, a, b)
+
+
+def _max(a: PowerSeries | float, b: PowerSeries | float) -> PowerSeries | float:
+    return _select(a, b, b, a)
+
+
+def _select(
+    a: PowerSeries | float,
+    b: PowerSeries | float,
+    below: PowerSeries | float,
+    above: PowerSeries | float,
+) -> PowerSeries | float:
+    """What is taken to the right of 0: the leading term of the difference decides."""
+    difference: PowerSeries = a - b  # type: ignore[assignment]
+    if not difference.coefficients.size:
+        # equal as far as they are known, and so is what is made of them
+        return (below + above) * 0.5 + difference * 0.0
+    return below if difference.coefficients[0] < 0 else above
+
+
 def _composed(name: str, coefficients_at: Taylor) -> Callable[[PowerSeries], PowerSeries]:
     def function(series: PowerSeries) -> PowerSeries:
         return _composition(series, name, coefficients_at)
@@ -371,11 +393,12 @@ def _composed(name: str, coefficients_at: Taylor) -> Callable[[PowerSeries], Pow
     return function
 
 
+_exp, _log = _composed("exp", taylor.exp), _composed("log", taylor.log)
 _COMPOSED = (
     *("exp", "expm1", "log", "sin", "cos", "tan", "sinh", "cosh", "tanh"),
     *("arcsin", "arccos", "arctan", "arcsinh", "arccosh", "arctanh"),
 )
-SERIES_FUNCTIONS: Final[Mapping[str, Callable[[PowerSeries], PowerSeries]]] = MappingProxyType(
+SERIES_FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = MappingProxyType(
     {
         **{name: _composed(name, getattr(taylor, name)) for name in _COMPOSED},
         "sqrt": lambda series: series**0.5,
@@ -384,6 +407,9 @@ SERIES_FUNCTIONS: Final[Mapping[str, Callable[[PowerSeries], PowerSeries]]] = Ma
         "abs": _abs,
         "sign": _sign,
         "gamma": _gamma,
+        "min": _min,
+        "max": _max,
+        "select": _select,
     }
 )
 """The functions an expression may call, on power series."""

@@ -1,0 +1,169 @@
+"""min, max, abs and sign as primitives: values, derivatives, ranges, series, and where they turn."""
+
+import math
+import random
+
+import mpmath
+import numpy as np
+import pytest
+
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.method import Method
+from fvi_cli.mathematics.algebra.arithmetic import BESIDE_REAL, NUMPY_FUNCTIONS
+from fvi_cli.mathematics.expressions import Expression, slopes_of
+from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
+from fvi_cli.mathematics.intervals.interval import Interval
+from fvi_cli.mathematics.series.power_series import SERIES_FUNCTIONS, SeriesError, expand
+from fvi_cli.planning.expected_order import expected_order
+from fvi_cli.scenes.lagrangian import lagrangian_scene
+from fvi_cli.scenes.named import linear_oscillator
+
+
+def value(text: str, at: float) -> float:
+    return float(Expression.parse(text, ("t",)).evaluate({"t": np.array(at)}, NUMPY_FUNCTIONS))
+
+
+def slope(text: str, at: float) -> float:
+    return float(slopes_of(Expression.parse(text, ("t",)), {"t": np.array(at)}, ["t"])["t"])
+
+
+@pytest.mark.parametrize(
+    ("text", "at", "expected", "derivative"),
+    [
+        ("min(1/t, 5)", 0.0, 5.0, 0.0),
+        ("max(log(t), -5)", 0.0, -5.0, 0.0),
+        ("min(exp(200*t), 5)", 10.0, 5.0, 0.0),
+        ("max(-exp(200*t), -5)", 10.0, -5.0, 0.0),
+        ("min(t, 1)", 1e-17, 1e-17, 1.0),
+        ("max(t, -1e17)", 3.5, 3.5, 1.0),
+        ("min(t, 2, 1/t)", 4.0, 0.25, -1 / 16),
+        # at a kink the mean of both sides
+        ("min(t, 0)", 0.0, 0.0, 0.5),
+        ("max(2*t, 0)", 0.0, 0.0, 1.0),
+        ("abs(t)", 0.0, 0.0, 0.0),
+        ("sign(t)", 0.0, 0.0, 0.0),
+        ("abs(t)", -1e-300, 1e-300, -1.0),
+    ],
+)
+def test_values_and_slopes(text, at, expected, derivative):
+    assert value(text, at) == expected
+    assert slope(text, at) == derivative
+
+
+def drawn(chance: random.Random, depth: int) -> str:
+    if depth == 0:
+        scale = 10.0 ** chance.uniform(-9, 9)
+        return chance.choice(["t", f"{chance.choice('+-')}{scale:.3g}", f"t*{scale:.3g}"])
+    first, second = drawn(chance, depth - 1), drawn(chance, depth - 1)
+    shape = chance.choice(
+        ["min({}, {})", "max({}, {})", "abs({} - {})", "({})*sign({})", "{} + {}", "arctan({})*{}"]
+    )
+    return shape.format(first, second)
+
+
+PRECISE = {
+    "min": lambda a, b: min(mpmath.mpf(a), mpmath.mpf(b)),
+    "max": lambda a, b: max(mpmath.mpf(a), mpmath.mpf(b)),
+    "abs": abs,
+    "sign": mpmath.sign,
+    "arctan": mpmath.atan,
+}
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_drawn_formulas_agree_with_50_digits(seed):
+    """Values, slopes between kinks, the slope by complex steps, and ranges."""
+    chance = random.Random(seed)
+    text, at = drawn(chance, 3), chance.choice((-1, 1)) * 10.0 ** chance.uniform(-9, 9)
+    formula = Expression.parse(text, ("t",))
+    with mpmath.workdps(60):
+
+        def precise(t: object) -> object:
+            return formula.evaluate({"t": t}, PRECISE)
+
+        exact = float(precise(mpmath.mpf(at)))
+        h = mpmath.mpf(abs(at)) / 10**25
+        sides = [
+            float((precise(at + s * h) - precise(mpmath.mpf(at))) / (s * h)) for s in (1, -1)
+        ]
+    size = sum(abs(float(x)) for x in (exact, at)) + 1e-300
+    assert value(text, at) == pytest.approx(exact, rel=1e-7, abs=1e-12 * size)
+    found = slope(text, at)
+    if sides[0] == pytest.approx(sides[1], rel=1e-9, abs=1e-20):
+        assert found == pytest.approx(sides[0], rel=1e-6, abs=1e-9 * max(map(abs, sides)))
+        beside = formula.evaluate({"t": np.array(at + 2.0**-100 * 1j)}, BESIDE_REAL)
+        assert np.imag(beside) * 2.0**100 == pytest.approx(found, rel=1e-6, abs=1e-9 * abs(found))
+    low, high = sorted((at, at * chance.uniform(-2, 3)))
+    box = formula.evaluate({"t": Interval(np.array(low), np.array(high))}, INTERVAL_FUNCTIONS)
+    inside = np.linspace(low, high, 101)
+    values = np.broadcast_to(formula.evaluate({"t": inside}, NUMPY_FUNCTIONS), inside.shape)
+    slack = 1e-9 * np.abs(values).max() + 1e-300
+    if isinstance(box, Interval):
+        assert box.low <= values.min() + slack
+        assert box.high >= values.max() - slack
+
+
+def test_ranges_are_exact():
+    box = Interval(np.array([0.0]), np.array([10.0]))
+    for text, low, high in [
+        ("min(t, 1)", 0, 1), ("max(t, 1)", 1, 10), ("min(t, 5) + max(t, 5)", 5, 15),
+        ("min(1/(t + 1e-300), 5)", 0.1, 5),
+    ]:  # fmt: skip
+        found = Expression.parse(text, ("t",)).evaluate({"t": box}, INTERVAL_FUNCTIONS)
+        assert (found.low[0], found.high[0]) == (low, high)
+
+
+def test_expansions_take_the_side_to_the_right():
+    def expansion(text):
+        found = expand(Expression.parse(text, ("t",)), 3.0)
+        return dict(zip(found.exponents.tolist(), found.coefficients.tolist(), strict=True))
+
+    assert expansion("min(sqrt(t), t)") == {1.0: 1.0}
+    assert expansion("max(sqrt(t), t)") == {0.5: 1.0}
+    assert expansion("min(1/t, 5)") == {0.0: 5.0}
+    assert expansion("max(t, t)") == {1.0: 1.0}
+    with pytest.raises(SeriesError):
+        expansion("min(gamma(t), 1)")
+
+
+@pytest.mark.parametrize("place", [0.3, 137.53125e-3, 2.0])
+def test_a_step_ends_where_min_turns(place):
+    """x'' = min(exp(200 (t - place)), 1), from rest: the exact motion is elementary."""
+    end = place + 1.0
+    scene = linear_oscillator(
+        stiffness=0.0,
+        forcing=Forcing.from_text(f"min(exp(200*(t - {place!r})), 1)"),
+        final_time=end,
+    )
+    found = integrate(scene, Method(cq="gauss", degree=3), AdaptiveSteps(tolerance=1e-6))
+    assert found.status == "ok"
+    assert np.abs(found.time - place).min() < 1e-10
+    before = math.exp(-200 * place)
+    speed = (1 - before) / 200
+    at_turn = (1 - before) / 200**2 - before * place / 200
+    exact = at_turn + speed * 1.0 + 0.5
+    assert found.position[-1, 0] == pytest.approx(exact, abs=2e-6)
+
+
+def test_a_force_that_overflows_where_it_is_not_taken_ends_no_run():
+    """V = -5 x beyond a wall of exp(200 x): the motion is a parabola with x'' = -200 or 5."""
+    scene = lagrangian_scene(
+        coordinates=["x"],
+        lagrangian="0.5*vx**2 + min(exp(200*(x - 4)), 5*x)",
+        initial_position=5.0,
+        final_time=2.0,
+    )
+    found = integrate(scene, Method(cq="gauss", degree=2), 32)
+    assert found.status == "ok"
+    assert found.position[-1, 0] == pytest.approx(15.0, rel=1e-12)
+
+
+def test_no_order_is_promised_across_kinks():
+    method = Method(cq="gauss", degree=2)
+    for text, is_smooth in [("cos(t)", True), ("max(cos(t), 0)", False), ("abs(cos(t))", False)]:
+        scene = linear_oscillator(
+            forcing=Forcing.from_text(text), final_time=3.0
+        )
+        assert math.isfinite(expected_order(scene, method, "max", 64)) == is_smooth
