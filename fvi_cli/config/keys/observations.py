@@ -21,6 +21,7 @@ from fvi_cli.integrator.observations.asked import (
     surface_objection,
 )
 from fvi_cli.integrator.observations.damper_work import work_names
+from fvi_cli.integrator.observations.surface import Surface, start_objection
 from fvi_cli.keys.complaints import listed as listed_words
 from fvi_cli.keys.complaints import suggestion
 from fvi_cli.keys.containers import ListOf, Named
@@ -205,6 +206,11 @@ def read_observations(
             under.refuse(f"{one['restitution']:g} is above 1", name, "restitution")
         else:
             impacts[name] = Impact(when=found, restitution=one["restitution"])
+            surface = Surface(
+                impact=impacts[name], coordinates=problem.coordinates, parameters=parameters
+            )
+            if said := start_objection(problem.scene, surface):
+                under.refuse(said, name, "when")
     return Observations(
         coordinates=problem.coordinates,
         times=_times(values.get("output"), problem.final_time, at.under("output")),

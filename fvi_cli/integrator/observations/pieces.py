@@ -9,6 +9,7 @@ changes (Boyd, *Solving Transcendental Equations*, SIAM 2014, sections 2 and 3).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -241,3 +242,31 @@ def event_places(along: Along, n_steps: int, direction: str) -> tuple[Places, Ar
         kept = signed[-1:]
         carried = (step[kept], place[kept], value[kept])
     return np.concatenate(steps), np.concatenate(places)
+
+
+def first_below(along: Along, level: float) -> tuple[float, float, float, float] | None:
+    """Where a function along one step first falls below a level -c under 0; None: nowhere.
+
+    Returns
+    -------
+    tuple or None
+        Places of the last value above c before it, of the value below -c, of the root between the
+        two; and that value. The first and the last place are 0 where no value before is above c.
+    """
+    for found in pieces_of(along, 1):
+        step, place = stations(found, may_exceed(found, level, math.inf))
+        value = along(step, place)
+        low = np.flatnonzero(value < level)
+        if not low.size:
+            return None
+        first = int(low[0])
+        high = np.flatnonzero(value[:first] > -level)
+        if not high.size:
+            return 0.0, float(place[first]), 0.0, float(value[first])
+        last = int(high[-1])
+        both = np.array([last]), np.array([first])
+        root = bracketed_roots(
+            along, step[:1], place[both[0]], place[both[1]], value[both[0]], value[both[1]]
+        )
+        return float(place[last]), float(place[first]), float(root[0]), float(value[first])
+    return None

@@ -13,9 +13,14 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.observations.asked import Impact
+from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.steps.dynamics import General, Separable
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import slopes_of
+
+ROUND_OFF = 32 * 2.0**-52
+"""Relative to the terms of g: values smaller than this are not told from 0."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,11 +55,147 @@ class Surface:
         slope = [float(found.get(name, 0.0)) for name in self.coordinates]
         return np.array(slope), float(found.get("t", 0.0))
 
+    def round_off(self, position: Array, reach: Array, time: float) -> float:
+        """How far off g may be at a position that a step of size `reach` led to."""
+        normal, rate = self.slopes(position, time)
+        size = float(np.abs(normal) @ (np.abs(position) + np.abs(reach))) + abs(rate * time)
+        return ROUND_OFF * size
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fall:
+    """Where a step goes through a surface.
+
+    Parameters
+    ----------
+    surface
+        Its name.
+    root, top, below
+        Places in the step: of the root, of the last gap above 0 before it, and behind it, where
+        the gap is below 0 by more than round-off.
+    gap
+        That gap.
+    """
+
+    surface: str
+    root: float
+    top: float
+    below: float
+    gap: float
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A surface that the motion is on.
+
+    Parameters
+    ----------
+    time
+        Since when.
+    slack
+        How far off the gap was then, or may be by round-off.
+    speed, pace
+        With which the gap began to grow, and what its terms were in size.
+    """
+
+    time: float
+    slack: float
+    speed: float
+    pace: float
+
+
+def start_objection(scene: Scene, surface: Surface) -> str:
+    """Why a motion cannot begin where it does, with what to write; empty: it can."""
+    begin, velocity = scene.initial_position, scene.initial_velocity
+    gap = float(surface.gap(begin, 0.0))
+    if not math.isfinite(gap):
+        return f"has the value {gap} at the start; write a surface that has one everywhere"
+    if gap < -surface.round_off(begin, np.zeros_like(begin), 0.0):
+        return (
+            f"is {gap:.6g} at the start: the motion begins behind the surface; begin where it is "
+            "positive, or reverse its sign"
+        )
+    if gap > surface.round_off(begin, np.zeros_like(begin), 0.0):
+        return ""
+    normal, rate = surface.slopes(begin, 0.0)
+    speed = float(normal @ velocity) + rate
+    size = float(np.abs(normal) @ np.abs(velocity)) + abs(rate)
+    if speed < -ROUND_OFF * size:
+        return (
+            f"is 0 at the start and falls at the rate {-speed:.6g}: the motion begins on the "
+            "surface and moves through it; give the velocity behind the impact"
+        )
+    return ""
+
+
+def is_rough_behind_impacts(scene: Scene) -> bool:
+    """Whether the velocity behind an impact has a fractional power of the time below 1."""
+    power = power_behind_impact(scene)
+    return power is not None and power < 2.0
+
+
+def velocity_at_end(
+    ends: Sequence[float],
+    sizes: Sequence[float],
+    stages: Sequence[Array],
+    points: Array,
+    at: float,
+) -> Array:
+    r"""Velocity at a time from the stages of steps beside it, by one polynomial, ``(d,)``.
+
+    Behind a jump of the velocity the momentum of a Gauss method at mesh points keeps an error like
+    :math:`\tau^{2 - \gamma}` of the first step :math:`\tau`, since its stability function has
+    the size 1 at infinity; the velocities at the stages do not have it.
+    """
+    size = max(sizes)
+    places = np.concatenate(
+        [(end - at - one + one * points) / size for end, one in zip(ends, sizes, strict=True)]
+    )
+    apart = places[:, None] - places
+    np.fill_diagonal(apart, 1.0)
+    weights = np.where(np.eye(places.size, dtype=bool), 1.0, -places / apart).prod(axis=1)
+    return np.asarray(weights @ np.concatenate(list(stages)))
+
+
+def smooth_momenta(
+    steps: RunSteps, dynamics: Separable | General, breaks: Sequence[float]
+) -> Array:
+    """Momenta at the points of a mesh from the velocities at the stages, shape ``(n + 1, d)``."""
+    n, found = steps.n_steps, steps.momentum.copy()
+    jumps = np.zeros_like(found) if steps.jump is None else steps.jump
+    is_edge = np.any(jumps != 0.0, axis=1) | np.isin(steps.time, breaks)
+    is_edge[[0, n]] = True
+    for point in range(1, n + 1):
+        # the steps on both sides; at the end of a flight, and at its first point, on one
+        first, last = point - 1, point
+        if is_edge[point]:
+            first, last = (first if is_edge[first] else first - 1), first
+        elif is_edge[first]:
+            first, last = point, (point if is_edge[point + 1] else point + 1)
+        chosen = slice(first, last + 1)
+        velocity = velocity_at_end(
+            steps.time[1:][chosen].tolist(),
+            steps.step_size[chosen].tolist(),
+            list(steps.velocity[chosen]),
+            steps.tables.points,
+            float(steps.time[point]),
+        )
+        time = float(steps.time[point])
+        found[point] = dynamics.momentum(steps.position[point], velocity, time) + jumps[point]
+    return found
+
 
 def power_behind_impact(scene: Scene) -> float | None:
-    """Least fractional power of the time in the position behind a jump of the velocity."""
+    """Least fractional power of the time in the position behind a jump of the velocity.
+
+    The derivative acts on the jump as that of Riemann and Liouville does on an initial velocity.
+    """
     moving = replace(
-        scene, initial_velocity=np.ones(scene.dimension), derivative="caputo", forcing=None
+        scene,
+        initial_position=np.zeros(scene.dimension),
+        initial_velocity=np.ones(scene.dimension),
+        derivative="riemann-liouville",
+        forcing=None,
     )
     return start_power(moving, at_start=True)
 
