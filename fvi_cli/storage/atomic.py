@@ -31,10 +31,7 @@ def replace_file(path: Path, content: bytes) -> None:
         If the folder does not exist or cannot be written; nothing is left behind.
     """
     _remove_abandoned(path)
-    with replacement(path) as handle, os.fdopen(os.dup(handle), "wb") as stream:
-        # where there are no locks nobody can tell, and nothing is removed
-        with contextlib.suppress(OSError):
-            _hold(handle)
+    with replacement(path, is_held=True) as handle, os.fdopen(os.dup(handle), "wb") as stream:
         stream.write(content)
 
 
@@ -61,18 +58,42 @@ def _hold(handle: int) -> None:
     fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
+def _held_file(path: Path) -> tuple[int, str]:
+    """A new file beside `path` that no other process takes for one that is abandoned."""
+    while True:
+        handle, name = _new_file(path)
+        # where there are no locks nobody can tell, and nothing is removed
+        with contextlib.suppress(OSError):
+            _hold(handle)
+        if os.fstat(handle).st_nlink:
+            return handle, name
+        # another process has held and removed it first
+        os.close(handle)
+
+
+def _new_file(path: Path) -> tuple[int, str]:
+    return tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=UNFINISHED)
+
+
 @contextlib.contextmanager
-def replacement(path: Path) -> Iterator[int]:
+def replacement(path: Path, *, is_held: bool = False) -> Iterator[int]:
     """Descriptor of a new file beside `path` that takes its place when the block has ended.
 
     It is open for reading and writing. On any failure `path` stays as it was, and nothing is left.
+
+    Parameters
+    ----------
+    path
+        What is replaced.
+    is_held
+        Hold the new file, so that who removes abandoned ones of `path` leaves it.
 
     Raises
     ------
     OSError
         If it cannot be written.
     """
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=UNFINISHED)
+    handle, name = _held_file(path) if is_held else _new_file(path)
     temporary = Path(name)
     try:
         try:

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import textwrap
 from collections.abc import Iterator
 from dataclasses import fields, replace
@@ -35,6 +36,7 @@ from fvi_cli.storage import (
     writing,
 )
 from fvi_cli.storage import stream as stream_module
+from fvi_cli.storage.atomic import replace_file
 from fvi_cli.storage.stream import SafeStream
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 
@@ -778,3 +780,25 @@ def test_a_file_is_held_once_in_a_process_and_free_after_an_error(tmp_path):
         fail()
     with open_results(tmp_path, "sample"):
         pass
+
+
+@pytest.mark.parametrize("times", [1, 2, 5])
+def test_a_file_that_another_process_takes_for_abandoned_is_begun_anew(
+    tmp_path, monkeypatch, times
+):
+    """Between its creation and its lock another one may hold and remove it."""
+    made = []
+    create = tempfile.mkstemp
+
+    def removed_at_once(**options):
+        handle, name = create(**options)
+        made.append(name)
+        if len(made) <= times:
+            Path(name).unlink()
+        return handle, name
+
+    monkeypatch.setattr(tempfile, "mkstemp", removed_at_once)
+    replace_file(tmp_path / "table.csv", b"1,2\n")
+    assert len(made) == times + 1
+    assert (tmp_path / "table.csv").read_bytes() == b"1,2\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["table.csv"]
