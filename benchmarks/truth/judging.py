@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import math
 import traceback
 from collections.abc import Callable, Iterator
@@ -75,7 +77,8 @@ def judge(name: str, kind: Kind, random: Random, change: Change = float) -> Judg
     verdict = ""
     try:
         # what was printed before something is not known stays among the claims
-        claims.extend(kind(random, words))
+        with contextlib.redirect_stderr(io.StringIO()):
+            claims.extend(kind(random, words))
     except (RefusedError, FviError) as error:
         verdict = "refused"
         words.append(f"refused: {error}")
