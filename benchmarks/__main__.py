@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import secrets
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from benchmarks.startup import run_startup, startup_table
 from benchmarks.stepping import run_stepping, stepping_table
 from benchmarks.structures import run_structures, structures_table
 from benchmarks.tolerances import run_tolerances, tolerance_table
+from benchmarks.truth import run_truth, truth_table
 from fvi_cli.storage.provenance import package_versions, platform_name
 
 SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
@@ -49,6 +51,7 @@ PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
         lambda asked: startup_table(run_startup()),
     ),
     "structures": ("What large structures take", lambda asked: structures_table(run_structures())),
+    "truth": ("Whether printed numbers are true", lambda asked: _truth_page(asked)),
     "tolerances": (
         "Whether tolerances are kept",
         lambda asked: tolerance_table(
@@ -64,8 +67,16 @@ PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
 """What has a page of its own, and is measured only when it is named."""
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Measure the named sections, or all, and write the page."""
+def _truth_page(asked: argparse.Namespace) -> str:
+    """The table; `asked` is told whether anything is wrong."""
+    print(f"truth: seed {asked.seed}", flush=True)
+    rows = run_truth(asked.per_mille, seed=asked.seed)
+    asked.is_wrong = any(row.verdict == "wrong" for row in rows)
+    return truth_table(rows)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure the named sections, or all, and write the page; 1 where numbers are wrong."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument(
         "sections", nargs="*", metavar="SECTION", help=", ".join([*SECTIONS, *PAGES])
@@ -114,7 +125,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         type=int,
         default=1000,
         metavar="N",
-        help="robustness: so many thousandths of all attacks (default 1000)",
+        help="robustness, truth: so many thousandths of all attacks or scenes (default 1000)",
+    )
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=secrets.randbelow(10**9),
+        metavar="S",
+        help="truth: of the random scenes; default: another one every time, which is printed",
     )
     parser.add_argument(
         "--members", type=int, default=100_000, metavar="N", help="parts: members of the sweep"
@@ -128,7 +146,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--starts", type=int, default=N_STARTS, metavar="N", help="fits: fits from bad starts"
     )
     parser.add_argument("--output", type=Path, default=Path("results"), help="folder of the page")
-    asked = parser.parse_args(arguments)
+    asked = parser.parse_args(arguments, argparse.Namespace(is_wrong=False))
     unknown = set(asked.sections) - {*SECTIONS, *PAGES}
     if unknown:
         known = ", ".join([*SECTIONS, *PAGES])
@@ -138,8 +156,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         command = name
         if name == "fits":
             command += f" --fits {asked.fits} --starts {asked.starts}"
-        if name == "robustness":
+        if name in ("robustness", "truth"):
             command += f" --per-mille {asked.per_mille}"
+        if name == "truth":
+            command += f" --seed {asked.seed}"
         if name == "parts":
             command += f" --members {asked.members}{' --made-up' if asked.made_up else ''}"
         if name == "tolerances":
@@ -147,7 +167,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _write_page(asked.output / f"{name}.md", title, command, measure(asked))
     sections = [name for name in asked.sections or SECTIONS if name in SECTIONS]
     if not sections:
-        return
+        return int(asked.is_wrong)
     before = _load()
     measured = [
         f"## {SECTIONS[name][0]}\n\n{SECTIONS[name][1](asked.exponent)}" for name in sections
@@ -164,6 +184,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     path = asked.output / "benchmark.md"
     path.write_text(text, encoding="utf-8")
     print(text, path, sep="\n")
+    return int(asked.is_wrong)
 
 
 def _write_page(path: Path, title: str, command: str, measured: str) -> None:
@@ -182,4 +203,4 @@ def _load() -> str:
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -4,6 +4,7 @@ import dataclasses
 import math
 import os
 
+import numpy as np
 import pytest
 from cost_tables import COUNTS, GAUSS, row, table
 
@@ -15,6 +16,8 @@ from benchmarks.measuring import in_own_process
 from benchmarks.memory import LONG_RUN, measure_memory, memory_cases, memory_table, run_memory
 from benchmarks.startup import run_startup, startup_table
 from benchmarks.stepping import measure_stepping, stepping_cases, stepping_table
+from benchmarks.truth import run_truth, truth_table
+from benchmarks.truth.judging import Claim, Judged, RefusedError, UnjudgedError, judge
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.studies.cost import CostCase, CostTable
 
@@ -228,3 +231,51 @@ class TestAdaptive:
             measured, case=dataclasses.replace(measured.case, most_steps=1)
         )
         assert columns(adaptive_table([measured, missed]))["met"] == ["yes", "no"]
+
+
+class TestTruth:
+    def test_numbers_are_right_and_falsified_ones_are_not(self):
+        kinds = ["modes", "stability", "convergence"]
+        rows = run_truth(1, seed=7, kinds=kinds, workers=0)
+        assert [row.kind for row in rows] == ["convergence", "modes", "stability"]
+        assert {row.verdict for row in rows} == {"right"}
+        reports = []
+        falsified = run_truth(
+            1, seed=7, kinds=kinds, workers=0, change=lambda x: 1.1 * x + 1, report=reports.append
+        )
+        assert {row.verdict for row in falsified} == {"wrong"}
+        assert len(reports) == 3
+        assert all("of seed 7" in text and "fvi " in text for text in reports)
+        assert columns(truth_table(falsified))["wrong"] == ["1", "1", "1", "3"]
+
+    def test_what_is_refused_or_breaks_down(self):
+        def refused(random, words):
+            yield Claim("first", 1.0, 1.0, 0.1)
+            raise RefusedError("too stiff")
+
+        def broken(random, words):
+            yield Claim("first", 1.0, 1.0, 0.1)
+            raise ZeroDivisionError("a mistake")
+
+        def unknown(random, words):
+            yield Claim("first", 2.0, 1.0, 0.1)
+            raise UnjudgedError("a tangency")
+
+        random = np.random.default_rng(0)
+        verdicts = [judge("any", kind, random).verdict for kind in (refused, broken, unknown)]
+        assert verdicts == ["refused", "wrong", "wrong"]
+        assert Claim("x", math.nan, 1.0, 0.1).ratio(float) == math.inf
+        assert Claim("x", math.inf, math.inf, 0.1).ratio(float) == 0
+
+    @pytest.mark.parametrize(("verdict", "code"), [("right", 0), ("refused", 0), ("wrong", 1)])
+    def test_exit_code_and_page(self, tmp_path, monkeypatch, capsys, verdict, code):
+        row = Judged(kind="modes", verdict=verdict, ratio=0.5, numbers=3, words=())
+        seen = []
+        monkeypatch.setattr(page, "run_truth", lambda n, seed: seen.append((n, seed)) or [row])
+        assert page.main(["truth", "--per-mille", "100", "--output", str(tmp_path)]) == code
+        ((per_mille, seed),) = seen
+        assert per_mille == 100
+        assert f"seed {seed}" in capsys.readouterr().out
+        text = (tmp_path / "truth.md").read_text(encoding="utf-8")
+        assert f"truth --per-mille 100 --seed {seed}" in text
+        assert columns(text)["tried"] == ["1", "1"]

@@ -1,0 +1,264 @@
+"""Linear scenes without a run: modes, steady responses, stability of steps."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigvals
+from scipy.signal import argrelmax
+
+import fvi_cli as fvi
+from benchmarks.truth.judging import Claim, Claims, Random, RefusedError, UnjudgedError
+from benchmarks.truth.motions import command, repeat
+from benchmarks.truth.scenes import Array, Units, draw_units
+from fvi_cli.errors import RequestError
+
+Complex = NDArray[np.complex128]
+PARTS = 10
+"""Orders are multiples of 1/10, so that modes are roots of a polynomial in s**(1/10)."""
+LARGEST_RATIO = 0.99
+
+
+class Structure:
+    """A random structure with springpots of rational orders, and its entry in a configuration."""
+
+    def __init__(self, random: Random) -> None:
+        d = self.dimension = int(random.integers(1, 4))
+        self.units: Units = draw_units(random, d, apart=1.0)
+        root, other = random.normal(size=(2, d, d))
+        self.mass = np.eye(d) + 0.2 * root @ root.T
+        self.stiffness = 10 ** random.uniform(-0.5, 1) * (np.eye(d) + other @ other.T)
+        if d > 1 and random.random() < 0.3:
+            # two modes next to each other
+            self.mass, self.stiffness = np.eye(d), np.diag(1 + 0.05 * np.arange(d))
+        self.terms: list[tuple[int, Array]] = []
+        for _ in range(int(random.integers(1, 3))):
+            place = np.zeros((d, d))
+            place[0, 0] = 1.0
+            shape = place if random.random() < 0.5 else np.eye(d)
+            size = 10 ** random.uniform(-4, 1.2)
+            self.terms.append((int(random.integers(1, 2 * PARTS)), size * shape))
+        self.problem: dict[str, Any] = {
+            "kind": "structure",
+            "mass": self.units.matrix(self.mass, 2),
+            "stiffness": self.units.matrix(self.stiffness, 0),
+            "damping": [
+                {"order": k / PARTS, "coefficient": self.units.matrix(matrix, k / PARTS)}
+                for k, matrix in self.terms
+            ],
+            "final_time": self.units.time,
+        }
+
+    def dynamic(self, s: Complex) -> Complex:
+        """Z(s) without units, shape ``(n, d, d)``."""
+        total = np.multiply.outer(s**2, self.mass) + self.stiffness
+        for k, matrix in self.terms:
+            total = total + np.multiply.outer(s ** (k / PARTS), matrix)
+        return np.asarray(total, dtype=complex)
+
+    def modes(self) -> Complex:
+        """All s with Im s > 0 on the principal sheet, by the companion pencil in s**(1/10)."""
+        d, degree = self.dimension, 2 * PARTS
+        coefficients = [np.zeros((d, d)) for _ in range(degree + 1)]
+        coefficients[0], coefficients[degree] = self.stiffness.copy(), self.mass.copy()
+        for k, matrix in self.terms:
+            coefficients[k] = coefficients[k] + matrix
+        upper, lower = np.eye(d * degree, k=d), np.eye(d * degree)
+        upper[-d:] = -np.concatenate(coefficients[:degree], axis=1)
+        lower[-d:, -d:] = self.mass
+        z = eigvals(upper, lower)
+        is_principal = (np.angle(z) > 1e-9) & (np.angle(z) < math.pi / PARTS)
+        s = np.asarray(z[is_principal] ** PARTS, dtype=complex)
+        for _ in range(3):
+            s = s - self._correction(s)
+        ratios = -s.real / np.abs(s)
+        if np.any(np.abs(ratios - LARGEST_RATIO) < 0.008) or np.any(
+            np.abs(self._correction(s)) > 1e-9 * np.abs(s)
+        ):
+            raise UnjudgedError("modes at the limit")
+        return np.asarray(s[ratios < LARGEST_RATIO])
+
+    def _correction(self, s: Complex) -> Complex:
+        """Newton's correction of roots of det Z."""
+        change = 1e-6 * np.abs(s)
+        slope = (self.dynamic(s + change) - self.dynamic(s - change)) / (2 * change)[:, None, None]
+        # at an exact root there is nothing to solve
+        matrix = self.dynamic(s) + 1e-15 * np.max(self.stiffness) * np.eye(self.dimension)
+        trace = np.trace(np.linalg.solve(matrix, slope), axis1=1, axis2=2)
+        return np.asarray(1 / trace)
+
+
+def modes(random: Random, words: list[str]) -> Claims:
+    """Modes and their number, where it is said that none is missing."""
+    structure = Structure(random)
+    config = {"name": "made", "problem": structure.problem, "method": {"rk": "gauss"}}
+    config["ladder"] = {"steps": 10}
+    repeat(words, config, "modes")
+    true = structure.modes()
+    try:
+        (table,) = fvi.modes(config)
+    except RequestError as error:
+        words.append(str(error))
+        if "oscillates" not in str(error):
+            raise
+        yield Claim("number of modes", 0.0, float(true.size), 0.5)
+        return
+    if not table.is_complete:
+        raise RefusedError("not known to be complete")
+    found = np.array([mode.frequency for mode in table.modes]) * structure.units.time
+    found = found[-found.real / np.abs(found) < LARGEST_RATIO]
+    yield Claim("number of modes", float(found.size), float(true.size), 0.5)
+    for s in found:
+        near = true[np.argmin(np.abs(true - s))] if true.size else complex(math.nan)
+        yield Claim("real part", float(s.real), float(near.real), 1e-6 * abs(s))
+        yield Claim("imaginary part", float(s.imag), float(near.imag), 1e-6 * abs(s))
+
+
+def response(random: Random, words: list[str]) -> Claims:
+    """Magnitudes and peaks of steady responses."""
+    structure = Structure(random)
+    d, units = structure.dimension, structure.units
+    poles = structure.modes()
+    if not poles.size:
+        raise UnjudgedError("no modes")
+    radians = np.sort(poles.imag)
+    low, high = (float(v) for v in (0.3 * radians[0], 2.5 * radians[-1]))
+    number = int(random.integers(10, 60))
+    start, stop = (v / (2 * math.pi * units.time) for v in (low, high))
+    config = {"name": "made", "problem": structure.problem, "method": {"rk": "gauss"}}
+    config["ladder"] = {"steps": 10}
+    is_coupled = structure.mass[0, -1] != 0
+    at, name = int(random.integers(d)) if is_coupled else 0, "x" if d == 1 else "x1"
+    output = "x" if d == 1 else f"x{at + 1}"
+    over = f"frequency={start!r}:{stop!r}:{number}"
+    repeat(words, config, "response", "--over", over, "--force", name, "--at", output)
+    (table,) = fvi.response(config, over=over, force=[name], at=[output])
+    unit = units.lengths[at] * units.lengths[0] / units.energy
+
+    def magnitude(w: Array) -> Array:
+        inverse = np.linalg.inv(structure.dynamic(1j * np.asarray(w, dtype=complex)))
+        return np.asarray(np.abs(inverse[:, at, 0]))
+
+    printed = np.abs(table.values[:, 0]) / unit
+    true = magnitude(table.hertz * 2 * math.pi * units.time)
+    worst = int(np.argmax(np.abs(printed - true) / true))
+    yield Claim(f"magnitude {worst}", float(printed[worst]), float(true[worst]), 1e-9 * true[worst])
+    widths = np.maximum(-poles.real, 1e-9 * np.abs(poles))
+    around = np.multiply.outer(widths, np.sinh(np.linspace(-12, 12, 2001)) / 100)
+    w = np.concatenate([np.linspace(low, high, 20001), (poles.imag[:, None] + around).ravel()])
+    w = np.unique(w[(w >= low) & (w <= high)])
+    sizes = magnitude(w)
+    tops = [int(n) for n in argrelmax(sizes)[0]]
+    step = (high - low) / (number - 1)
+    for n in tops:
+        # as high above the valleys at both sides that it cannot be overlooked
+        before = sizes[: n + 1][::-1]
+        behind = sizes[n:]
+        if min(_fall(before), _fall(behind)) > 0.97 or not low + step < w[n] < high - step:
+            continue
+        near = min(
+            table.peaks, key=lambda p: abs(p.hertz * 2 * math.pi * units.time - w[n]), default=None
+        )
+        if near is None:
+            yield Claim("peak", math.nan, float(w[n]), 1.0)
+            continue
+        hertz = near.hertz * 2 * math.pi * units.time
+        yield Claim("peak at", hertz, float(w[n]), 1e-3 * w[n])
+        yield Claim("peak", float(near.magnitude / unit), float(sizes[n]), 1e-3 * sizes[n])
+        low_end, high_end = (_crossing(w, sizes, n, way) for way in (-1, 1))
+        if math.isfinite(low_end) and math.isfinite(high_end) and math.isfinite(near.loss_factor):
+            eta = float((high_end - low_end) / w[n])
+            yield Claim("loss factor", near.loss_factor, eta, 0.02 * eta)
+
+
+def _fall(sizes: Array) -> float:
+    """Lowest value until something higher than the first one comes, over the first one."""
+    higher = np.flatnonzero(sizes > sizes[0])
+    stop = int(higher[0]) if higher.size else sizes.size
+    return float(np.min(sizes[:stop]) / sizes[0])
+
+
+def _crossing(w: Array, sizes: Array, n: int, way: int) -> float:
+    """Where the magnitude falls to its half power at one side; nan beyond a higher peak."""
+    level = sizes[n] / math.sqrt(2)
+    m = n
+    while 0 < m < w.size - 1:
+        m += way
+        if sizes[m] > sizes[n]:
+            return math.nan
+        if sizes[m] <= level:
+            part = (sizes[m - way] - level) / (sizes[m - way] - sizes[m])
+            return float(w[m - way] + part * (w[m] - w[m - way]))
+    return math.nan
+
+
+def stability(random: Random, words: list[str]) -> Claims:
+    """Predictions and largest stable steps of backward differences of degree 1, from the CSV."""
+    p, order = int(random.integers(1, 7)), float(random.uniform(0.02, 1.98))
+    sampling = str(random.choice(["nodes", "points"]))
+    k, mu = (float(10 ** random.uniform(-1, 2)), float(10 ** random.uniform(-2.5, 1)))
+    span = float(10 ** random.uniform(0, 2))
+    tau = float(10 ** random.uniform(-9, 9))
+    steps = np.unique((10 ** random.uniform(0.5, 3, 4)).astype(int)).tolist()
+    config = {
+        "name": "made",
+        "problem": {
+            "kind": "damped-oscillator",
+            "mass": 1.0,
+            "stiffness": k / tau**2,
+            "damping": [{"order": order, "coefficient": mu * tau ** (order - 2)}],
+            "initial": {"position": 1.0},
+            "final_time": span * tau,
+            "exact": "none",
+        },
+        "method": {"bdf": p, "sampling": sampling, "degree": 1},
+        "ladder": {"steps": steps},
+    }
+    repeat(words, config, "stability", "--no-observe")
+    printed: list[tuple[int, str, float]] = []
+    if random.random() < 0.1:
+        _, _, tables = command(config, "stability", "--no-observe")
+        for line in tables["stability"]:
+            limit = float(line["largest_stable_step"])
+            printed.append((int(line["n_steps"]), line["predicted"], limit))
+    else:
+        (table,) = fvi.stability(config, observe=False)
+        printed += [(r.run.n_steps, r.verdict, r.largest_stable_step) for r in table.rows]
+
+    def grows(h: float, n_steps: float) -> bool | None:
+        """Whether a mode outgrows 1000 in so many steps; None where it nearly does."""
+        counts = [
+            _roots_inside(p, order, sampling, k * h * h, mu * h ** (2 - order), radius)
+            for radius in (math.exp(-m * math.log(1e3) / n_steps) for m in (0.9, 1.1))
+        ]
+        return counts[0] > 0 if (counts[0] > 0) == (counts[1] > 0) else None
+
+    for n, verdict, _ in printed:
+        truth = grows(span / n, n)
+        if truth is not None and verdict in ("stable", "unstable"):
+            said = float(verdict == "unstable")
+            yield Claim(f"instability at N = {n}", said, float(truth), 0.5)
+    limit = printed[0][2] / tau
+    if math.isfinite(limit) and limit > 0:
+        for h in limit * np.linspace(0.04, 0.98, 24):
+            if span / h >= 1 and grows(h, span / h):
+                yield Claim("largest stable step", limit, float(h), 1e-3 * limit)
+                return
+        yield Claim("largest stable step", limit, limit, 1e-3 * limit)
+
+
+def _roots_inside(p: int, order: float, sampling: str, k: float, mu: float, radius: float) -> int:
+    """Number of solutions x_n = w**-n of the step equations (mass and step 1) with |w| < radius."""
+    # as many points as the nearest root to the circle may need: the phase turns slowly
+    for points in (1024, 16384, 1 << 18):
+        w = radius * np.exp(2j * math.pi * np.arange(points + 1) / points)
+        symbol = sum((1 - w) ** n / n for n in range(1, p + 1))
+        memory = w if sampling == "nodes" else (1 + w) ** 2 / 4
+        value = (1 - w) ** 2 + k * (1 + w) ** 2 / 4 + mu * memory * symbol**order
+        turns = np.angle(value[1:] / value[:-1])
+        if np.max(np.abs(turns)) < 1.0:
+            return round(float(np.sum(turns)) / (2 * math.pi))
+    raise UnjudgedError("a root on the circle")

@@ -1,0 +1,306 @@
+"""Relaxation laws, impacts, fits."""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+import fvi_cli as fvi
+from benchmarks.truth.judging import Claim, Claims, Random, RefusedError, UnjudgedError
+from benchmarks.truth.motions import FIRST_DIGITS, refuse_what_is_said, repeat
+from benchmarks.truth.scenes import ORACLE_TOLERANCE, Array, draw_order, draw_units
+from tests.oracles import talbot
+from tests.oracles.ordinary import solve_ordinary
+from tests.oracles.volterra import VolterraSolution, solve_volterra
+
+N_TIMES = 2
+TALBOT_DEGREE = 60
+
+
+def laws(random: Random, words: list[str]) -> Claims:
+    """Positions and velocities of linear scenes with laws, and of pendulums with Prony series."""
+    units = draw_units(random, 1, apart=0)
+    tau, length, energy = units.time, float(units.lengths[0]), units.energy
+    stiff, span = energy / length**2, float(random.uniform(2, 8))
+    k, x0, v0 = float(random.uniform(0.3, 4)), *(float(v) for v in random.normal(size=2))
+    order, rest = float(random.uniform(0.1, 0.97)), float(10 ** random.uniform(-2, 1))
+    size, relaxed = float(10 ** random.uniform(-1.5, 0.7)), float(random.uniform(0, 2))
+    moduli, times = (10 ** random.uniform(-1, 0.5, (2, 2))).tolist()
+    kind = str(random.choice(["zener", "maxwell", "prony", "tempered"]))
+    is_pendulum = random.random() < 0.4
+    if is_pendulum:
+        kind, relaxed = "prony", 0.0
+    entry, law = {
+        "zener": (
+            {"order": order, "time": rest * tau, "relaxed": relaxed, "unrelaxed": relaxed + size},
+            talbot.zener(order, rest, relaxed, relaxed + size),
+        ),
+        "maxwell": (
+            {"order": order, "time": rest * tau, "modulus": size},
+            talbot.maxwell(order, rest, size),
+        ),
+        "prony": (
+            {"relaxed": relaxed, "moduli": moduli, "times": [t * tau for t in times]},
+            talbot.prony(moduli, times, relaxed),
+        ),
+        # its modulus has the unit of time**-order
+        "tempered": (
+            {"order": order, "rate": 1 / rest / tau},
+            talbot.tempered(order, 1 / rest, size),
+        ),
+    }[kind]
+    scale = stiff * (size * tau**order if kind == "tempered" else 1.0)
+    plain = np.sort(random.uniform(0.05, 1, N_TIMES)) * span
+    problem: dict[str, Any] = {
+        "damping": [{"law": kind, **entry, "coefficient": scale}],
+        "initial": {"position": x0 * length, "velocity": v0 * length / tau},
+        "final_time": span * tau,
+        "exact": "none",
+    }
+    if is_pendulum:
+        found = solve_ordinary(
+            lambda t, x, v, z: -k * np.sin(x) - moduli[0] * z[0] - moduli[1] * z[1],
+            x0,
+            v0,
+            span,
+            relaxation_times=times,
+        )
+        x, v = found.position(plain), found.velocity(plain)
+        text = f"{energy * (tau / length) ** 2 / 2!r}*vx**2 + {energy * k!r}*cos(x/{length!r})"
+        problem |= {"kind": "lagrangian", "coordinates": ["x"], "lagrangian": text}
+    else:
+        x, v = talbot.linear_response(
+            1, k, [], x0, v0, plain.tolist(), laws=[law], degree=TALBOT_DEGREE
+        )
+        problem |= {"kind": "damped-oscillator", "mass": stiff * tau**2, "stiffness": stiff * k}
+    relative = float(10 ** random.uniform(-9, -3))
+    config = {
+        "name": "made",
+        "problem": problem,
+        "accuracy": {"relative": relative},
+        "output": {"times": (plain * tau).tolist()},
+        "quantities": {"v": "vx"},
+    }
+    repeat(words, config, "run")
+    (outcome,) = fvi.run(config)
+    (run,) = outcome.finished
+    refuse_what_is_said(run)
+    observed = run.trajectory.observed
+    if observed is None:
+        raise RefusedError("nothing observed")
+    amplitude = max(abs(x0) * length, float(np.max(np.abs(run.trajectory.position))))
+    # the largest position lies between the times; it is within this factor
+    amplitude = max(amplitude, (abs(x0) + abs(v0)) * length)
+    speed = (abs(v0) + math.sqrt(k) * abs(x0) + 0.1) * length / tau
+    for n in range(N_TIMES):
+        yield Claim(
+            f"position at {plain[n] * tau!r}",
+            float(run.trajectory.position[n, 0]),
+            float(x[n, 0]) * length,
+            relative * amplitude + 1e-11 * length,
+        )
+        yield Claim(
+            f"velocity at {plain[n] * tau!r}",
+            float(observed.quantities["v"][n]),
+            float(v[n, 0]) * length / tau,
+            FIRST_DIGITS * speed,
+        )
+
+
+def impacts(random: Random, words: list[str]) -> Claims:
+    """Times and number of impacts on surfaces anywhere, from the free motion and pushes."""
+    units = draw_units(random, 1, apart=0)
+    tau, length, energy = units.time, float(units.lengths[0]), units.energy
+    order, mu = draw_order(random), float(10 ** random.uniform(-2, 0))
+    gravity, k = float(random.uniform(0.3, 5)), float(random.choice([0.0, random.uniform(0.1, 2)]))
+    floor, height = float(random.uniform(-3, 3)), float(random.uniform(0.3, 2))
+    lift, pace = float(random.choice([0.0, 0.05 * height])), float(random.uniform(1, 4))
+    bounce, span = float(random.uniform(0.3, 1)), float(random.uniform(1, 5))
+    is_caputo = order > 1 or random.random() < 0.7
+    derivative = "caputo" if is_caputo else "riemann-liouville"
+    v0, x0 = float(random.normal()), floor + height
+
+    def solve(force: float, start: tuple[float, float], derivative: str) -> VolterraSolution:
+        # the spring acts from the floor on, where the motion is
+        return solve_volterra(
+            1,
+            [(order, mu)],
+            lambda x: k * x,
+            lambda x: np.full((len(x), 1, 1), k),
+            lambda t: np.full((t.size, 1), force),
+            *start,
+            span,
+            derivative=derivative,
+            tolerance=ORACLE_TOLERANCE,
+            n_nodes=9,
+        )
+
+    try:
+        free = solve(-gravity, (x0, v0), derivative)
+        push = solve(0.0, (0.0, 1.0), "riemann-liouville")
+    except ArithmeticError as error:
+        raise UnjudgedError(str(error)) from error
+    steps = int(random.integers(100, 200))
+    scale = energy / length**2
+    text = (
+        f"{scale * tau**2 / 2!r}*vx**2 - {scale * k / 2!r}*x**2 - {energy / length * gravity!r}*x"
+    )
+    when = f"x - {floor * length!r} - {lift * length!r}*sin({pace / tau!r}*t)"
+    config = {
+        "name": "made",
+        "problem": {
+            "kind": "lagrangian",
+            "coordinates": ["x"],
+            "lagrangian": text,
+            "damping": [{"order": order, "coefficient": scale * mu * tau**order}],
+            "derivative": derivative,
+            "initial": {"position": x0 * length, "velocity": v0 * length / tau},
+            "final_time": span * tau,
+            "exact": "none",
+        },
+        "method": {"rk": "gauss", "degree": 6},
+        "ladder": {"steps": steps},
+        "impacts": {"floor": {"when": when, "restitution": bounce}},
+        "output": {"count": 41},
+    }
+    repeat(words, config, "run")
+    (outcome,) = fvi.run(config)
+    (run,) = outcome.finished
+    refuse_what_is_said(run)
+    path = run.trajectory
+    wall = floor + lift * np.sin(pace * path.time / tau)
+    gap = float(np.min(path.position[:, 0] / length - wall))
+    yield Claim("smallest gap (without unit)", min(gap, 0.0), 0.0, 1e-6)
+    if any("rest" in remark for remark in run.trajectory.remarks):
+        raise RefusedError(str(run.trajectory.remarks))
+    observed = run.trajectory.observed
+    if observed is None:
+        raise RefusedError("nothing observed")
+    found = observed.events["floor"].time / tau
+    true = _impacts(free, push, floor, (lift, pace), bounce, span)
+    yield Claim("number of impacts", float(found.size), float(len(true)), 0.5)
+    if found.size == len(true):
+        for n, (one, other) in enumerate(zip(found.tolist(), true, strict=True)):
+            yield Claim(f"impact {n + 1} (time without unit)", one, other, FIRST_DIGITS * span)
+
+
+def _impacts(
+    free: VolterraSolution,
+    push: VolterraSolution,
+    floor: float,
+    moving: tuple[float, float],
+    bounce: float,
+    span: float,
+) -> list[float]:
+    """Times of impacts: every one adds a push to the motion before it."""
+    lift, pace = moving
+    found: list[tuple[float, float]] = []
+
+    def gap(times: Array) -> Array:
+        total = free.position(times)[:, 0] - floor - lift * np.sin(pace * times)
+        for time, size in found:
+            total = total + size * push.position(np.maximum(times - time, 0.0))[:, 0]
+        return np.asarray(total)
+
+    def rate(time: float) -> float:
+        total = free.velocity([time])[0, 0] - lift * pace * math.cos(pace * time)
+        total += sum(size * push.velocity([time - t])[0, 0] for t, size in found)
+        return float(total)
+
+    start = 0.0
+    while True:
+        # a step behind the last impact the gap is open again, or the flight is too short
+        times = np.linspace(start, span, 3001)[1:]
+        values = gap(times)
+        if values[0] <= 0:
+            raise UnjudgedError("flights too short")
+        below = np.flatnonzero(values <= 0)
+        n = int(below[0]) if below.size else times.size
+        turns = values[1 : n - 1]
+        low = (turns <= values[: n - 2]) & (turns <= values[2:n]) if n > 2 else np.zeros(0, bool)
+        if np.any(turns[low[: turns.size]] < 0.01) or (n == times.size and values[-1] < 0.01):
+            raise UnjudgedError("nearly an impact")
+        if n == times.size:
+            return [time for time, _ in found]
+        time = float(brentq(lambda t: gap(np.array([t]))[0], times[n - 1], times[n], xtol=1e-14))
+        speed = rate(time)
+        if speed > -0.05 or time > 0.98 * span or len(found) > 15:
+            raise UnjudgedError("a soft impact, or one at the end")
+        found.append((time, -(1 + bounce) * speed))
+        start = time
+
+
+def fit(random: Random, words: list[str]) -> Claims:
+    """Estimates, standard errors and intervals of fits in the linear regime of small noise."""
+    truth = np.array([random.uniform(1, 4), random.uniform(0.2, 1.8), random.uniform(0.1, 0.6)])
+    if abs(truth[1] - 1) < 0.1:
+        truth[1] += 0.25
+    noise, span = 10 ** random.uniform(-4, -2.5), float(random.uniform(8, 16))
+    times = np.sort(random.uniform(0.05, span, 120))
+
+    def motion(values: Array) -> Array:
+        k, order, mu = values.tolist()
+        solution = solve_volterra(
+            1,
+            [(order, mu)],
+            lambda x: k * x,
+            lambda x: np.full((len(x), 1, 1), k),
+            None,
+            1.0,
+            0.0,
+            span,
+            tolerance=1e-9,
+            n_nodes=8,
+        )
+        return solution.position(times)[:, 0]
+
+    data = motion(truth) + noise * random.normal(size=times.size)
+    slopes = np.stack(
+        [(motion(truth + e) - motion(truth - e)) / 2e-4 for e in 1e-4 * np.eye(3)], axis=1
+    )
+    covariance = noise**2 * np.linalg.inv(slopes.T @ slopes)
+    best = truth
+    for _ in range(3):
+        best = best + covariance / noise**2 @ slopes.T @ (data - motion(best))
+    deviations = np.sqrt(np.diag(covariance))
+    if np.any(deviations > 0.02):
+        raise UnjudgedError("far from linear")
+    names = ["problem.stiffness", "problem.damping.0.order", "problem.damping.0.coefficient"]
+    bounds = [{"from": 0}, {"from": 0.05, "to": 1.95}, {"from": 0}]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "data.csv"
+        rows = "".join(f"{t!r},{x!r}\n" for t, x in zip(times.tolist(), data.tolist(), strict=True))
+        path.write_text("t,x\n" + rows, encoding="utf-8")
+        config = {
+            "name": "made",
+            "problem": {
+                "kind": "damped-oscillator",
+                "stiffness": 2.0,
+                "damping": [{"order": 0.7, "coefficient": 0.3}],
+                "initial": {"position": 1.0},
+                "final_time": span,
+                "exact": "none",
+            },
+            "ladder": {"steps": 32},
+            "fit": {
+                "data": {"file": str(path), "columns": {"x": "x"}},
+                "noise": float(noise),
+                "parameters": dict(zip(names, bounds, strict=True)),
+            },
+        }
+        repeat(words, config, "fit")
+        words.append("data.csv: " + json.dumps([times.tolist(), data.tolist()]))
+        (result,) = fvi.fit(config)
+    for estimate, value, deviation in zip(result.best.estimates, best, deviations, strict=True):
+        name, sd = estimate.name, float(deviation)
+        # the width of a Gaussian interval, and what is left of nonlinearity
+        yield Claim(f"{name}", estimate.value, float(value), 0.1 * sd)
+        yield Claim(f"{name}: standard error", estimate.standard_error, sd, 0.1 * sd)
+        yield Claim(f"{name}: low", estimate.low, float(value) - 1.96 * sd, 0.3 * sd)
+        yield Claim(f"{name}: high", estimate.high, float(value) + 1.96 * sd, 0.3 * sd)
