@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.failure import StepFailedError
+from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.growth_bound import NO_BOUND
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.meshes.singular_start import start_power
@@ -28,13 +28,13 @@ from fvi_cli.integrator.observations.asked import Impact
 from fvi_cli.integrator.observations.pieces import event_places
 from fvi_cli.integrator.observations.surface import Surface, power_behind_impact, step_ends
 from fvi_cli.integrator.run.loop import Course
-from fvi_cli.integrator.run.on_mesh import MOST_SHORTEST, status_of
+from fvi_cli.integrator.run.on_mesh import MOST_SHORTEST
 from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_run
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.steps.step import StepResult
-from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
@@ -116,7 +116,8 @@ def integrate_with_impacts(
         n_steps=n_steps,
         step_size=scene.final_time / n_steps,
         status=status_of(course.failure, finite=bool(np.isfinite(steps.position).all())),
-        message=course.failure,
+        message=str(course.failure or ""),
+        failure=course.failure,
         newton=course.newton,
         setup_seconds=ready - began,
         stepping_seconds=finished - ready + run.keeper.earlier_seconds,
@@ -261,7 +262,7 @@ class _Bouncing:
             size, result = self._landed(self._surfaces[name], place * size, size)
         except StepFailedError as error:
             self.course.note(error.residuals)
-            self.course.failure = f"t = {marker.time:.6g}: {error}"
+            self.course.failure = Failure(f"t = {marker.time:.6g}: {error}", time=marker.time)
             return False
         self._accept(result, size, marker.time + size)
         if not self.course.failure:
@@ -275,7 +276,7 @@ class _Bouncing:
         course.add(marker, result, size)
         self.jumps.append(np.zeros(marker.position.value.size))
         if not np.isfinite(marker.position.value).all():
-            course.failure = f"not finite after step {len(course.sizes) - 1}, t = {target:.6g}"
+            course.failure = Failure.not_finite(len(course.sizes) - 1, target)
 
     def _first_hit(self, result: StepResult, size: float) -> tuple[str, float] | None:
         """The surface that is met first within a step, and where in it."""
