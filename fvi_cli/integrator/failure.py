@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Literal
+
+Reason = Literal[
+    "diverged", "not finite", "no unique solution", "step failed", "irregular", "most steps"
+]
+
 
 class StepFailedError(Exception):
     """A step whose equations could not be solved.
@@ -12,8 +19,46 @@ class StepFailedError(Exception):
         What is wrong, and what to do.
     residuals
         Sizes of the residuals of Newton's iteration, first to last.
+    reason
+        What it is for the program.
     """
 
-    def __init__(self, message: str, residuals: tuple[float, ...] = ()) -> None:
-        self.residuals = residuals
+    def __init__(
+        self, message: str, residuals: tuple[float, ...] = (), reason: Reason = "step failed"
+    ) -> None:
+        self.residuals, self.reason = residuals, reason
         super().__init__(message)
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a run stopped: words for the reader, and as fields what happened, and where.
+
+    Parameters
+    ----------
+    words
+        The whole message.
+    reason
+        What happened.
+    step, time
+        Number of the step in the run, from 0, and where it begins or ends.
+    """
+
+    words: str
+    reason: Reason = "step failed"
+    step: int | None = None
+    time: float | None = None
+
+    def __str__(self) -> str:
+        """The words."""
+        return self.words
+
+    @classmethod
+    def in_step(cls, step: int, time: float, error: StepFailedError) -> Failure:
+        """A step that failed."""
+        return cls(f"step {step}, t = {time:.6g}: {error}", error.reason, step, time)
+
+    @classmethod
+    def not_finite(cls, step: int, time: float) -> Failure:
+        """A step that ends at `time` with numbers that are not finite."""
+        return cls(f"not finite after step {step}, t = {time:.6g}", "not finite", step, time)

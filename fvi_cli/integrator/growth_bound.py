@@ -8,17 +8,25 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.matrices import is_sparse
+from fvi_cli.effects.matrices import is_semidefinite, is_sparse
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.stability.determinant import independent_systems, is_dissipative
 from fvi_cli.integrator.stability.prediction import RESOLVED, exact_growth
+from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.convergence import Mask
 
 TOLERATED_FACTOR = 1e8
 """How far a position may go beyond what start values and forces move in the time of the run."""
 
+TOLERATED_ENERGY = 1e12
+"""How much more energy a nonlinear scene may gain than start values, forces and potential give."""
 
 FLEXIBILITY_SWEEPS = 10
+
+ON_THE_WAY = np.concatenate([np.linspace(0.0, 1.0, 65), 2.0 ** -np.arange(7.0, 60.0)])
+"""Where a potential is looked at between the start and a point, as parts of the way."""
 
 PROBED_FRACTIONS = (np.arange(64) + 0.5) / 64
 """Where forces are looked at, on every part between break points."""
@@ -37,15 +45,67 @@ class GrowthBound:
         The growth of the exact linear scene and a quarter more; 0 for a nonlinear one.
     per_force
         What a unit of the largest force adds to C.
+    force
+        The largest force.
+    scene
+        A nonlinear scene, which may well go farther: then its energy decides.
     """
 
     size: float
     rate: float
     per_force: float = 0.0
+    force: float = 0.0
+    scene: Scene | None = None
 
     def with_force(self, force: float) -> GrowthBound:
         """The bound where the force is found to be so large: a pulse may be missed beforehand."""
-        return replace(self, size=self.size + self.per_force * force)
+        return replace(self, size=self.size + self.per_force * force, force=max(self.force, force))
+
+    def outside(self, position: Array, momentum: Array, times: Array) -> Mask:
+        """Which of successive points, shapes ``(n, d)`` and ``(n,)``, no sound run reaches."""
+        with np.errstate(all="ignore"):
+            found: Mask = np.abs(position).max(axis=1, initial=0.0) > self.at(times)
+            if self.scene is not None and found.any():
+                found[found] = self._gains_too_much(
+                    self.scene, position[found], momentum[found], times[found]
+                )
+        return found
+
+    def _gains_too_much(self, scene: Scene, position: Array, momentum: Array, times: Array) -> Mask:
+        r"""Whether the energy is far above what start, forces and potential can give.
+
+        .. math:: H(x, p, t) - H_0 > 10^{12} \bigl(T_0 + (|\nabla V(x_0)| + F) c
+                  + \max(V(x_0) - V) + |V(x, t) - V(x, 0)|\bigr)
+
+        with the length :math:`c = 10^{-8} C` and V over the points and the straight ways to them.
+        """
+        dynamics, start = dynamics_of(scene), scene.initial_position
+        rest = np.zeros_like(start)
+
+        def potential(x: Array, t: Array | float) -> Array:
+            if isinstance(dynamics, General):
+                return -dynamics.lagrangian.lagrangian(x, np.zeros_like(x), t)
+            return (
+                np.zeros(x.shape[:-1]) if scene.potential is None else (scene.potential.energy(x))
+            )
+
+        level = float(potential(start, 0.0))
+        impulse = dynamics.momentum(start, scene.initial_velocity, 0.0)
+        begun = float(dynamics.energy(start, impulse, 0.0))
+        pull = np.abs(dynamics.forces(start, rest, np.asarray(0.0))[1]).max() + self.force
+        given = begun - level + pull * self.size / TOLERATED_FACTOR
+        here = potential(position, times)
+        given = abs(given) + np.maximum(level - np.fmin.accumulate(here), 0.0)
+        given = given + np.abs(here - potential(position, 0.0))
+        gain = dynamics.energy(position, momentum, times) - begun
+        too_much: Mask = gain > TOLERATED_ENERGY * given
+        for index in np.flatnonzero(too_much):
+            between = start + ON_THE_WAY[:, None] * (position[index] - start)
+            drop = level - np.nanmin(potential(between, times[index]))
+            if not gain[index] <= TOLERATED_ENERGY * (given[index] + max(drop, 0.0)):
+                break
+            too_much[index] = False
+        return too_much
 
     def at(self, time: Array) -> Array:
         """The bound at each time."""
@@ -56,27 +116,38 @@ class GrowthBound:
 NO_BOUND = GrowthBound(size=math.inf, rate=0.0)
 
 
-def farthest_position(scene: Scene, n_steps: int) -> float:
+def bound_at_end(scene: Scene, n_steps: int) -> GrowthBound:
     """The bound at the end of a run that starts from the scene's own data, for any method."""
     h = scene.final_time / n_steps
     force = 0.0
     if scene.forcing is not None:
         force = float(np.abs(scene.forcing(h * np.arange(n_steps + 1, dtype=float))).max())
-    return float(_bound(scene, h, force).at(np.asarray(scene.final_time)))
+    bound = _bound(scene, h, force)
+    return replace(bound, size=float(bound.at(np.asarray(scene.final_time))), rate=0.0)
 
 
-def beyond(position: Array, limit: float, n_done: int, step_size: float) -> str:
-    """Why a run ends with this position after so many steps; empty where it goes on."""
-    size = float(np.abs(position).max())
-    if size <= limit and math.isfinite(size):
-        return ""
-    return _diverged(size, n_done - 1, n_done * step_size)
+def beyond(
+    position: Array, velocity: Array, bound: GrowthBound, n_done: int, step_size: float
+) -> Failure | None:
+    """Why a run ends with this position after so many steps; None where it goes on."""
+    size, time = float(np.abs(position).max()), n_done * step_size
+    if not math.isfinite(size):
+        return Failure.not_finite(n_done - 1, time)
+    if size <= bound.size:
+        return None
+    momentum = velocity if bound.scene is None else velocity @ bound.scene.inertia.mass
+    if not bound.outside(position[None], momentum[None], np.array([time])).any():
+        return None
+    return _diverged(size, n_done - 1, time)
 
 
-def _diverged(size: float, step: int, time: float) -> str:
-    return (
+def _diverged(size: float, step: int, time: float) -> Failure:
+    return Failure(
         f"diverged: |x| = {size:.3g} after step {step}, t = {time:.6g}, is "
-        f"{TOLERATED_FACTOR:.0e} times beyond what the scene can do"
+        f"{TOLERATED_FACTOR:.0e} times beyond what the scene can do",
+        "diverged",
+        step,
+        time,
     )
 
 
@@ -94,11 +165,16 @@ def _bound(scene: Scene, step_size: float, force: float) -> GrowthBound:
         # a mode may grow that much faster and still be the truth, not resolved well
         rate = max(exact_growth(part, final_time, step_size) for part in parts)
         rate *= 1.0 + RESOLVED
+    elif not all(is_semidefinite(term.form) for term in scene.active_forces):
+        # energy may come out of the damping without end
+        scale = math.inf
     size = TOLERATED_FACTOR * scale
     return GrowthBound(
         size=size if 0 < size < math.inf else math.inf,
         rate=rate,
         per_force=TOLERATED_FACTOR * per_force,
+        force=force,
+        scene=None if scene.is_linear else scene,
     )
 
 
@@ -116,25 +192,24 @@ def _largest_flexibility(inertia: Inertia) -> float:
 
 
 def first_outside(
-    bound: GrowthBound, position: Array, times: Array, done: int
-) -> tuple[int, str] | None:
-    """The first position outside of `bound`, with the failure in words; None: all are inside.
+    bound: GrowthBound, position: Array, momentum: Array, times: Array, done: int
+) -> tuple[int, Failure] | None:
+    """The first position outside of `bound`, with the failure; None: all are inside.
 
     Parameters
     ----------
     bound
         The bound of the run.
-    position, times
-        Successive points, shapes ``(n, d)`` and ``(n,)``.
+    position, momentum, times
+        Successive points, shapes ``(n, d)``, ``(n, d)`` and ``(n,)``.
     done
         Number of steps before the first of them.
     """
-    with np.errstate(invalid="ignore"):
-        outside = np.abs(position).max(axis=1, initial=0.0) > bound.at(times)
+    outside = bound.outside(position, momentum, times)
     if not outside.any():
         return None
     index = int(outside.argmax())
-    return index, _diverged(np.abs(position[index]).max(), done + index, times[index])
+    return index, _diverged(float(np.abs(position[index]).max()), done + index, float(times[index]))
 
 
 def scene_bound(scene: Scene, step_size: float) -> GrowthBound:

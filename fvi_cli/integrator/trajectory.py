@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.run.showing import dataframe_of, dataset_of, html_of, line_of
 from fvi_cli.mathematics.arrays import Array
 
@@ -93,6 +94,8 @@ class Trajectory:
         Number N of reported steps, and h = T / N.
     status, message
         What was observed, and in words what happened when it is not ``ok``.
+    failure
+        The same with reason, step and time as fields; None where it is ``ok`` or read from a file.
     history_operations
         Multiply-adds (weight times sample) spent on the memory.
     newton
@@ -127,6 +130,7 @@ class Trajectory:
     energy: Array | None = None
     status: Status = "ok"
     message: str = ""
+    failure: Failure | None = None
     history_operations: int = 0
     newton: NewtonRecord = field(default_factory=NewtonRecord)
     setup_seconds: float = 0.0
@@ -208,6 +212,13 @@ class Trajectory:
                 'such as integrate(scene, "gauss3", 100, with_steps=True)'
             )
         return self.steps
+
+
+def status_of(failure: Failure | None, *, finite: bool = True) -> Status:
+    """What a run is called that ended with this failure, or without one."""
+    if failure is None:
+        return "ok"
+    return "diverged" if failure.reason in ("diverged", "not finite") or not finite else "failed"
 
 
 def thinned(trajectory: Trajectory, every: int) -> Trajectory:

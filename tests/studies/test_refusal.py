@@ -106,7 +106,10 @@ def test_true_growth_is_not_stopped(n_steps):
     # control: without that growth in the bound the run would have ended
     bound = dataclasses.replace(scene_bound(negative.problem.scene, 600.0 / n_steps), rate=0.0)
     trajectory = finished.trajectory
-    assert first_outside(bound, trajectory.position, trajectory.time, 0) is not None
+    assert (
+        first_outside(bound, trajectory.position, trajectory.momentum, trajectory.time, 0)
+        is not None
+    )
 
 
 def test_sound_runs_stay_within_their_bound_whatever_their_scale():

@@ -11,6 +11,7 @@ from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines.results import baseline_trajectory
+from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 
@@ -52,7 +53,8 @@ def integrate_dop853(scene: Scene, tolerance: float, n_steps: int) -> Trajectory
     ready = time.perf_counter()
     state = np.concatenate((scene.initial_position, scene.initial_velocity))
     states = [state[None]]
-    evaluations, failure = 0, ""
+    evaluations = 0
+    failure: Failure | None = None
     with np.errstate(over="ignore", invalid="ignore"):
         for piece, start, end in zip(pieces, ends[:-1], ends[1:], strict=True):
 
@@ -76,7 +78,8 @@ def integrate_dop853(scene: Scene, tolerance: float, n_steps: int) -> Trajectory
             if found.status != 0 or not np.isfinite(values).all():
                 reached = np.isfinite(values).all(axis=1)
                 states.append(values[: int(reached.sum())][: inside.size])
-                failure = f"stopped in t = {start:g} to {end:g}: {found.message}"
+                words = f"stopped in t = {start:g} to {end:g}: {found.message}"
+                failure = Failure(words, time=start)
                 break
             states.append(values[: inside.size])
             state = values[-1]

@@ -14,7 +14,8 @@ from fvi_cli.integrator.baselines.results import (
     baseline_trajectory,
     forces_on_grid,
 )
-from fvi_cli.integrator.growth_bound import beyond, farthest_position
+from fvi_cli.integrator.failure import Failure
+from fvi_cli.integrator.growth_bound import beyond, bound_at_end
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.bdf import convolution_weights
@@ -48,7 +49,7 @@ def integrate_gruenwald_letnikov(scene: Scene, n_steps: int) -> Trajectory:
         weights = h**-term.order * convolution_weights(1, term.order, length)
         shift = taken_off(scene, term, grid)
         terms.append((np.ascontiguousarray(weights[::-1]), term.coefficient, shift))
-    limit = farthest_position(scene, n_steps)
+    bound = bound_at_end(scene, n_steps)
     ready = time.perf_counter()
     position = np.empty((n_steps + 1, d))
     position[0] = scene.initial_position
@@ -56,7 +57,8 @@ def integrate_gruenwald_letnikov(scene: Scene, n_steps: int) -> Trajectory:
     samples = [np.empty_like(position) for _ in terms]
     # the last difference x_k - x_(k-1), so that 1 / h^2 never meets a rounded position
     difference = h * scene.initial_velocity
-    failure, done = "", 0
+    done = 0
+    failure: Failure | None = None
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(n_steps):
             if k % STRIDE == 0:
@@ -76,7 +78,7 @@ def integrate_gruenwald_letnikov(scene: Scene, n_steps: int) -> Trajectory:
             difference = difference + (0.5 if k == 0 else 1.0) * h * h * (inverse_mass @ force)
             position[k + 1] = position[k] + difference
             done = k + 1
-            failure = beyond(position[done], limit, done, h)
+            failure = beyond(position[done], difference / h, bound, done, h)
             if failure:
                 break
         position = position[: done + 1]

@@ -13,6 +13,7 @@ import numpy as np
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines.results import baseline_trajectory
+from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.method import Baseline
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
@@ -81,7 +82,8 @@ def integrate_peer(scene: Scene, method: Baseline, n_steps: int) -> Trajectory:
     else:
         stepper = methods.Trapezoidal(**common, source_jac=jacobian)
     ready = time.perf_counter()
-    states, failure = [], ""
+    states: list[Array] = []
+    failure: Failure | None = None
     with np.errstate(over="ignore", invalid="ignore"):
         try:
             # without its length the first step is an estimate, also under a fixed controller,
@@ -90,11 +92,12 @@ def integrate_peer(scene: Scene, method: Baseline, n_steps: int) -> Trajectory:
             for event in itertools.islice(events, n_steps + 1):
                 states.append(np.array(event.y, dtype=float))
                 if not np.isfinite(states[-1]).all():
-                    failure = f"not finite after step {len(states) - 2}"
+                    step = len(states) - 2
+                    failure = Failure.not_finite(step, (step + 1) * scene.final_time / n_steps)
                     break
         except (ArithmeticError, AssertionError, AttributeError, ValueError) as error:
             # an implicit equation without a solution comes as an assertion there
-            failure = f"{type(error).__name__} after step {len(states) - 1}: {error}"
+            failure = Failure(f"{type(error).__name__} after step {len(states) - 1}: {error}")
     everything = np.array(states or [start])
     done = everything.shape[0] - 1
     return baseline_trajectory(

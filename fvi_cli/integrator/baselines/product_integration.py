@@ -12,8 +12,8 @@ from fvi_cli.integrator.advance import STRIDE, advanced
 from fvi_cli.integrator.baselines.gruenwald_letnikov import taken_off
 from fvi_cli.integrator.baselines.implicit_equation import solve_implicit
 from fvi_cli.integrator.baselines.results import baseline_operations, baseline_trajectory
-from fvi_cli.integrator.failure import StepFailedError
-from fvi_cli.integrator.growth_bound import beyond, farthest_position
+from fvi_cli.integrator.failure import Failure, StepFailedError
+from fvi_cli.integrator.growth_bound import beyond, bound_at_end
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 
@@ -52,7 +52,7 @@ def integrate_product_trapezoidal(scene: Scene, n_steps: int) -> Trajectory:
         known = known + weights[0] * shift @ term.coefficient
         backwards = np.ascontiguousarray(weights[::-1])
         terms.append((backwards, term.coefficient, shift, term.is_integer_order))
-    limit = farthest_position(scene, n_steps)
+    bound = bound_at_end(scene, n_steps)
     ready = time.perf_counter()
     position = np.empty((n_steps + 1, d))
     position[0] = scene.initial_position
@@ -61,7 +61,8 @@ def integrate_product_trapezoidal(scene: Scene, n_steps: int) -> Trajectory:
     pull = _pull(scene, position[0])
     # first and second integral of the pull up to t_k
     once, twice = np.zeros(d), np.zeros(d)
-    iterations, failure, done = 0, "", 0
+    iterations, done = 0, 0
+    failure: Failure | None = None
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(n_steps):
             if k % STRIDE == 0:
@@ -88,7 +89,7 @@ def integrate_product_trapezoidal(scene: Scene, n_steps: int) -> Trajectory:
                     weight=h * h / 6,
                 )
             except StepFailedError as error:
-                failure = f"step {k}, t = {k * h:.6g}: {error}"
+                failure = Failure.in_step(k, k * h, error)
                 break
             iterations += 0 if scene.is_linear else used
             position[k + 1] = solved
@@ -99,7 +100,7 @@ def integrate_product_trapezoidal(scene: Scene, n_steps: int) -> Trajectory:
             for left, (_, _, shift, _) in zip(samples, terms, strict=True):
                 left[k + 1] = solved - shift[k + 1]
             done = k + 1
-            failure = beyond(solved, limit, done, h)
+            failure = beyond(solved, (solved - position[k]) / h, bound, done, h)
             if failure:
                 break
     return baseline_trajectory(

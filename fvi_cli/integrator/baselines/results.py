@@ -7,7 +7,8 @@ import time
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
+from fvi_cli.integrator.failure import Failure
+from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 
 
@@ -47,7 +48,7 @@ def baseline_trajectory(
     velocity: Array | None,
     n_steps: int,
     *,
-    failure: str,
+    failure: Failure | None,
     operations: int | None,
     iterations: int,
     began: float,
@@ -63,7 +64,7 @@ def baseline_trajectory(
     position, velocity
         The finished points, shape ``(n, d)``; no velocity for methods that have none.
     failure
-        Why it stopped early, or empty.
+        Why it stopped early; None where it did not.
     operations, iterations
         Multiply-adds spent on the memory, and Newton iterations.
     began, ready
@@ -85,8 +86,9 @@ def baseline_trajectory(
         energy=energy,
         n_steps=n_steps,
         step_size=h,
-        status="diverged" if failure else "ok",
-        message=failure,
+        status=status_of(failure),
+        message=str(failure or ""),
+        failure=failure,
         history_operations=operations or 0,
         newton=NewtonRecord(iterations=iterations),
         setup_seconds=ready - began,

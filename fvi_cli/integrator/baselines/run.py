@@ -14,8 +14,8 @@ from fvi_cli.integrator.baselines.results import (
     baseline_trajectory,
     forces_on_grid,
 )
-from fvi_cli.integrator.failure import StepFailedError
-from fvi_cli.integrator.growth_bound import beyond, farthest_position
+from fvi_cli.integrator.failure import Failure, StepFailedError
+from fvi_cli.integrator.growth_bound import beyond, bound_at_end
 from fvi_cli.integrator.method import PEER_NAMES, Baseline
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
@@ -89,12 +89,13 @@ def _integrate_euler(scene: Scene, method: Baseline, n_steps: int) -> Trajectory
         shift = scene.initial_velocity if is_shifted else rest
         terms.append((np.ascontiguousarray(weights[::-1]), weights[0], term.coefficient, shift))
     forces = forces_on_grid(scene, n_steps)
-    limit = farthest_position(scene, n_steps)
+    bound = bound_at_end(scene, n_steps)
     ready = time.perf_counter()
     position = np.empty((n_steps + 1, scene.dimension))
     velocity = np.empty_like(position)
     position[0], velocity[0] = scene.initial_position, scene.initial_velocity
-    iterations, failure, done = 0, "", 0
+    iterations, done = 0, 0
+    failure: Failure | None = None
 
     def past(index: int) -> Array:
         """Damping force of velocities before `index` on time `index`."""
@@ -136,12 +137,12 @@ def _integrate_euler(scene: Scene, method: Baseline, n_steps: int) -> Trajectory
                         weight=1.0,
                     )
                 except StepFailedError as error:
-                    failure = f"step {k}, t = {k * h:.6g}: {error}"
+                    failure = Failure.in_step(k, k * h, error)
                     break
                 iterations += used
                 position[k + 1] = position[k] + h * velocity[k + 1]
             done = k + 1
-            failure = beyond(position[done], limit, done, h)
+            failure = beyond(position[done], velocity[done], bound, done, h)
             if failure:
                 break
     return baseline_trajectory(

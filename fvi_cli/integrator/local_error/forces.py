@@ -207,8 +207,7 @@ class _Seen:
         self._shape = shape
         self._noted: list[Array] = []
         self.functions: Mapping[str, Callable[..., Array]] = MappingProxyType(
-            {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS}
-            | {name: self._noting(name) for name in KINKED}
+            {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS} | {name: self._noting(name) for name in KINKED}
         )
 
     def _noting(self, name: str) -> Callable[..., Array]:

@@ -8,7 +8,7 @@ from dataclasses import astuple
 
 import numpy as np
 
-from fvi_cli.integrator.failure import StepFailedError
+from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.observations.pieces import Along, first_below
 from fvi_cli.integrator.observations.surface import (
@@ -157,11 +157,13 @@ class Bouncing:
             size, result, gap = self._landed(fall, size)
         except StepFailedError as error:
             self.course.note(error.residuals)
-            self.course.failure = f"t = {marker.time:.6g}: {error}"
+            self.course.failure = Failure(f"t = {marker.time:.6g}: {error}", time=marker.time)
             return False
         tolerance = self._tolerance(name, result, size)
         if gap < -tolerance:
-            self.course.failure = f"t = {marker.time:.6g}: the step to {name} has no end on it"
+            self.course.failure = Failure(
+                f"t = {marker.time:.6g}: the step to {name} has no end on it", time=marker.time
+            )
             return False
         self._accept(result, size, marker.time + size)
         if not self.course.failure and gap <= tolerance:
@@ -178,7 +180,7 @@ class Bouncing:
         for name in left:
             del self.contacts[name]
         if not np.isfinite(marker.position.value).all():
-            course.failure = f"not finite after step {len(course.sizes) - 1}, t = {target:.6g}"
+            course.failure = Failure.not_finite(len(course.sizes) - 1, target)
 
     def _along(self, surface: Surface, result: StepResult, size: float) -> Along:
         """The gap along a step."""
@@ -306,7 +308,9 @@ class Bouncing:
             total = total - (1.0 + restitution) * speeds[name] / weight * normals[name]
             pushed.add(name)
         if not np.isfinite(total).all():
-            self.course.failure = f"t = {time:.6g}: the push of {met} is not finite"
+            self.course.failure = Failure(
+                f"t = {time:.6g}: the push of {met} is not finite", "not finite", time=time
+            )
             return
         marker.momentum.add(total)
         marker.unknowns = None

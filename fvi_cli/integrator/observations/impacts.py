@@ -32,11 +32,11 @@ from fvi_cli.integrator.observations.surface import (
     start_objection,
 )
 from fvi_cli.integrator.run.loop import Course
-from fvi_cli.integrator.run.on_mesh import MOST_SHORTEST, status_of
+from fvi_cli.integrator.run.on_mesh import MOST_SHORTEST
 from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_run
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper
-from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 
 
@@ -120,7 +120,8 @@ def integrate_with_impacts(
         n_steps=n_steps,
         step_size=scene.final_time / n_steps,
         status=status_of(course.failure, finite=bool(np.isfinite(steps.position).all())),
-        message=course.failure,
+        message=str(course.failure or ""),
+        failure=course.failure,
         newton=course.newton,
         setup_seconds=ready - began,
         stepping_seconds=finished - ready + run.keeper.earlier_seconds,

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fvi_cli.integrator.compensated import CompensatedSum
-from fvi_cli.integrator.failure import StepFailedError
+from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.growth_bound import GrowthBound, first_outside
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.local_error.defect import StepPath
@@ -61,7 +61,7 @@ class Course:
     momenta: list[Array] = field(default_factory=list)
     sizes: list[float] = field(default_factory=list)
     unknowns: list[Array] = field(default_factory=list)
-    failure: str = ""
+    failure: Failure | None = None
     rejected: int = 0
     iterations: int = 0
     most_iterations: int = 0
@@ -117,12 +117,12 @@ class Course:
         self.sizes.append(size)
         self.unknowns.append(result.unknowns)
 
-    def note(self, residuals: tuple[float, ...]) -> None:
-        """Count the iterations of a step."""
+    def note(self, residuals: tuple[float, ...], step: int | None = None) -> None:
+        """Count the iterations of a step; by default of the one behind those that are kept."""
         self.iterations += len(residuals)
         if len(residuals) > self.most_iterations:
             self.most_iterations, self.worst_residuals = len(residuals), residuals
-            self.worst_step = len(self.sizes)
+            self.worst_step = len(self.sizes) if step is None else step
 
 
 def no_unique_solution(step_size: float) -> str:
@@ -200,7 +200,9 @@ class Stepper:
         try:
             at = self.matrices(step_size)
         except np.linalg.LinAlgError:
-            raise StepFailedError(no_unique_solution(step_size), ()) from None
+            raise StepFailedError(
+                no_unique_solution(step_size), reason="no unique solution"
+            ) from None
         return self.solver.solve(
             at,
             marker.time,
@@ -259,10 +261,10 @@ def march_adaptively(
                     shortest=controller.shortest_step,
                 )
                 course.note(result.residuals)
-                failure = "the local error cannot be kept"
-            except StepFailedError as error:
-                course.note(error.residuals)
-                result, failure = None, str(error)
+                error = StepFailedError("the local error cannot be kept")
+            except StepFailedError as failed:
+                course.note(failed.residuals)
+                result, error = None, failed
             if finding.cut is not None:
                 controller.cut(finding.cut)
                 continue
@@ -270,7 +272,7 @@ def march_adaptively(
             if not controller.judge(size, finding.error, scale, ends_on_kink=is_kink):
                 examiner.give_up_cuts()
                 if controller.is_stuck:
-                    course.failure = _at(len(course.sizes), marker.time, failure)
+                    course.failure = Failure.in_step(len(course.sizes), marker.time, error)
                     break
                 continue
             if result is None:
@@ -281,13 +283,13 @@ def march_adaptively(
             stepper.accept(marker, result, size, controller.time)
             course.add(marker, result, size)
             if not _is_finite(marker):
-                course.failure = f"not finite after step {len(course.sizes) - 1}, "
-                course.failure += f"t = {marker.time:.6g}"
+                course.failure = Failure.not_finite(len(course.sizes) - 1, marker.time)
                 break
             if float(np.abs(marker.position.value).max()) > bound.size:
                 outside = first_outside(
                     bound.with_force(stepper.loads.largest_force),
                     marker.position.value[None],
+                    marker.momentum.value[None],
                     np.array([marker.time]),
                     len(course.sizes) - 1,
                 )
@@ -295,7 +297,8 @@ def march_adaptively(
                     course.failure = outside[1]
                     break
             if len(course.sizes) >= most_steps:
-                course.failure = _at(len(course.sizes), marker.time, "the most steps are done")
+                most = StepFailedError("the most steps are done", reason="most steps")
+                course.failure = Failure.in_step(len(course.sizes), marker.time, most)
                 break
             after_step()
     course.rejected = controller.rejected
@@ -315,7 +318,3 @@ def _is_finite(marker: Marker) -> bool:
     return bool(
         np.isfinite(marker.position.value).all() and np.isfinite(marker.momentum.value).all()
     )
-
-
-def _at(step: int, time: float, failure: str) -> str:
-    return f"step {step}, t = {time:.6g}: {failure}"

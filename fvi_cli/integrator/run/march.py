@@ -11,7 +11,7 @@ from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.convolution.damping import LONGEST_BLOCK
 from fvi_cli.integrator.convolution.step_group import GROUP, StepGroup
 from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.failure import StepFailedError
+from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.growth_bound import first_outside
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.run.grouped_steps import grouped_steps
@@ -107,7 +107,7 @@ class March:
         self._most = LONGEST_BLOCK if damping is None else damping.longest_block
         self._systems: tuple[LinearSystems, Decoupling] | None = None
         self.course = Course()
-        self.failure = ""
+        self.failure: Failure | None = None
         self.done = done
         self.operations = 0
 
@@ -222,7 +222,10 @@ class March:
                 found = self._nonlinear_steps(marker, one, first, count, stretch_steps, loads)
         except np.linalg.LinAlgError:
             # matrices are made before the first step that needs them: none of these is done
-            self.failure = no_unique_solution(h)
+            self.failure = Failure(
+                no_unique_solution(h), "no unique solution", self.done, marker.time
+            )
+            self._sink.finish(marker.time, marker.position.value, marker.momentum.value)
             return
         position, momentum, velocity = found
         n = position.shape[0]
@@ -236,9 +239,9 @@ class March:
         finite = np.isfinite(position).all(axis=1) & np.isfinite(momentum).all(axis=1)
         if not finite.all():
             n = int(np.argmin(finite)) + 1
-            self.failure = f"not finite after step {self.done + n - 1}, t = {times[n - 1]:.6g}"
+            self.failure = Failure.not_finite(self.done + n - 1, float(times[n - 1]))
         bound = self._setup.bound.with_force(self._setup.stepper.loads.largest_force)
-        outside = first_outside(bound, position[:n], times[:n], self.done)
+        outside = first_outside(bound, position[:n], momentum[:n], times[:n], self.done)
         if outside is not None:
             n, self.failure = outside[0] + 1, outside[1]
         reported = np.zeros(0, dtype=np.intp)
@@ -248,6 +251,9 @@ class March:
         self.done += n
         if self.failure and n:
             self._sink.finish(float(times[n - 1]), position[n - 1], momentum[n - 1])
+        elif self.failure:
+            # the last point of the chunk before, where not every point is kept
+            self._sink.finish(marker.time, marker.position.value, marker.momentum.value)
 
     def _linear_steps(
         self, marker: Marker, h: float, count: int, stretch_steps: int, loads: Array | None
@@ -326,7 +332,7 @@ class March:
                 self._setup.stepper, h, block, self._setup.scene.inertia.mass
             )
         position, momentum, velocity, self.failure = self._newton[key].advance(
-            marker, one.begin, first, count, loads, self.course
+            marker, one.begin, first, count, loads, self.course, self.done
         )
         self.operations += position.shape[0] * self._per_step
         return position, momentum, velocity
@@ -342,10 +348,10 @@ class March:
             try:
                 result = stepper.solve(marker, h, None if loads is None else loads[index])
             except StepFailedError as error:
-                self.course.note(error.residuals)
-                self.failure = f"step {self.done + index}, t = {marker.time:.6g}: {error}"
+                self.course.note(error.residuals, self.done + index)
+                self.failure = Failure.in_step(self.done + index, marker.time, error)
                 return positions[:index], momenta[:index], velocities[:index]
-            self.course.note(result.residuals)
+            self.course.note(result.residuals, self.done + index)
             stepper.accept(marker, result, h, begin + (index + 1) * h)
             positions[index], momenta[index] = marker.position.value, marker.momentum.value
             velocities[index] = result.velocity

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fvi_cli.effects.matrices import dense
-from fvi_cli.integrator.failure import StepFailedError
+from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.run.loop import Course, Marker, Stepper
 from fvi_cli.integrator.steps.block_lengths import BlockLengths
 from fvi_cli.integrator.steps.block_memory import BlockMemory
@@ -48,7 +48,8 @@ class NewtonStretch:
         count: int,
         loads: Array | None,
         course: Course,
-    ) -> tuple[Array, Array, Array, str]:
+        before: int,
+    ) -> tuple[Array, Array, Array, Failure | None]:
         """Do `count` steps from step `first` of the stretch on.
 
         Parameters
@@ -63,19 +64,22 @@ class NewtonStretch:
             Load vectors of known forces, shape ``(count, s + 1, d)``.
         course
             Notes the iterations.
+        before
+            Steps of the run that are done before these.
 
         Returns
         -------
         tuple
             Positions and momenta after the steps, ``(n, d)``, stage velocities ``(n, r, d)``, and
-            in words what stopped the steps, if anything did.
+            what stopped the steps, if anything did.
         """
         d, r = marker.position.value.size, self._solver.tables.points.size
         positions, momenta = np.empty((count, d)), np.empty((count, d))
         velocities = np.empty((count, r, d))
         frozen = self._freeze(marker)
         remainder = np.zeros(2 * d if isinstance(self._solver.dynamics, General) else d)
-        lengths, done, failure = BlockLengths(self._block), 0, ""
+        lengths, done = BlockLengths(self._block), 0
+        failure: Failure | None = None
         while done < count and not failure:
             trial = 0 if frozen is None else lengths.trial(count - done)
             found = None
@@ -95,7 +99,7 @@ class NewtonStretch:
                     continue
             if found is None:
                 own = None if loads is None else loads[done]
-                failure = self._single(marker, begin, first + done, own, course)
+                failure = self._single(marker, begin, first + done, own, course, before + done)
                 if not failure:
                     at = done
                     positions[at], momenta[at] = marker.position.value, marker.momentum.value
@@ -111,10 +115,10 @@ class NewtonStretch:
             marker.momentum.add(found.momentum_change[-1])
             self._push(marker, found.samples)
             marker.unknowns = None
+            course.note(found.changes, before + done)
             done += trial
             marker.time = begin + (first + done) * self._h
             remainder = found.remainder
-            course.note(found.changes)
             lengths.contracted(trial, len(found.changes))
             if lengths.is_stale:
                 frozen = self._freeze(marker) or frozen
@@ -167,18 +171,24 @@ class NewtonStretch:
         marker.states = self._memory.kernel(count).after(marker.states, every)
 
     def _single(
-        self, marker: Marker, begin: float, step: int, loads: Array | None, course: Course
-    ) -> str:
-        """One step with its own Jacobian; in words what went wrong, if anything."""
+        self,
+        marker: Marker,
+        begin: float,
+        step: int,
+        loads: Array | None,
+        course: Course,
+        number: int,
+    ) -> Failure | None:
+        """One step with its own Jacobian, `number` of the run; what went wrong, if anything."""
         marker.time = begin + step * self._h
         try:
             result = self._stepper.solve(marker, self._h, loads)
         except StepFailedError as error:
-            course.note(error.residuals)
-            return f"step {step}, t = {marker.time:.6g}: {error}"
-        course.note(result.residuals)
+            course.note(error.residuals, number)
+            return Failure.in_step(number, marker.time, error)
+        course.note(result.residuals, number)
         self._stepper.accept(marker, result, self._h, begin + (step + 1) * self._h)
         finite = (
             np.isfinite(marker.position.value).all() and np.isfinite(marker.momentum.value).all()
         )
-        return "" if finite else f"not finite after step {step}, t = {marker.time:.6g}"
+        return None if finite else Failure.not_finite(number, marker.time)

@@ -13,6 +13,7 @@ from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.balances.mesh_balance import diagnose_run
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.compensated import CompensatedSum
+from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.growth_bound import scene_bound
 from fvi_cli.integrator.local_error.examine import Examiner
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
@@ -20,7 +21,7 @@ from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.loop import Course, march_adaptively, no_unique_solution
+from fvi_cli.integrator.run.loop import Course, march_adaptively
 from fvi_cli.integrator.run.march import March, MeshPlan
 from fvi_cli.integrator.run.regular import regular_until
 from fvi_cli.integrator.run.setup import (
@@ -34,7 +35,7 @@ from fvi_cli.integrator.run.sink import Sink
 from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper, march_with_checkpoints
 from fvi_cli.integrator.steps.dynamics import General
-from fvi_cli.integrator.trajectory import NewtonRecord, Status, Trajectory
+from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 
 AnySteps = int | Mesh | AdaptiveSteps
@@ -50,7 +51,7 @@ class Ended:
     Parameters
     ----------
     failure, newton
-        What stopped it, or empty, and the record of Newton's iteration.
+        What stopped it, if anything, and the record of Newton's iteration.
     rejected, operations
         Steps that were done in vain, and multiply-adds of the memory.
     earlier_seconds
@@ -59,7 +60,7 @@ class Ended:
         Times with what the steps there may have missed.
     """
 
-    failure: str
+    failure: Failure | None
     newton: NewtonRecord
     rejected: int = 0
     operations: int = 0
@@ -131,8 +132,8 @@ def path_from(
     march = March(setup, mesh, sink)
     sink.begin(0.0, position, momentum)
     march.run(marker)
-    if march.failure == no_unique_solution(mesh.shortest_step):
-        raise np.linalg.LinAlgError(march.failure)
+    if march.failure is not None and march.failure.reason == "no unique solution":
+        raise np.linalg.LinAlgError(str(march.failure))
     return sink.position
 
 
@@ -373,7 +374,8 @@ def trajectory_of(
         n_steps=n_steps,
         step_size=scene.final_time / max(n_steps, 1),
         status=status_of(failure, finite=finite),
-        message=failure,
+        message=str(failure or ""),
+        failure=failure,
         history_operations=ended.operations,
         newton=ended.newton,
         setup_seconds=seconds[0],
@@ -385,10 +387,3 @@ def trajectory_of(
         doubts=ended.doubts,
         remarks=setup.remarks,
     )
-
-
-def status_of(failure: str, *, finite: bool) -> Status:
-    """What a run is called that ended with this failure, or without one."""
-    if not failure:
-        return "ok"
-    return "diverged" if failure.startswith("diverged") or not finite else "failed"

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from fvi_cli.effects.lagrangian import Lagrangian
+from fvi_cli.integrator.failure import Failure
 from fvi_cli.mathematics.arrays import Array
 
 
 def regular_until(
     lagrangian: Lagrangian, position: Array, momentum: Array, energy: Array, grid: Array
-) -> tuple[int, str]:
+) -> tuple[int, Failure | None]:
     """How many points of the grid have a positive definite mass matrix and an energy.
 
     Parameters
@@ -22,8 +23,8 @@ def regular_until(
 
     Returns
     -------
-    int, str
-        The number of points, and what comes then in words.
+    int, Failure or None
+        The number of points, and what comes then.
     """
     with np.errstate(all="ignore"):
         velocity = lagrangian.velocity(position, momentum, grid)
@@ -32,14 +33,17 @@ def regular_until(
     smallest = np.linalg.eigvalsh(np.where(np.expand_dims(wrong, (1, 2)), 0.0, mass)).min(axis=1)
     bad = np.flatnonzero(~(smallest > 0) | ~np.isfinite(energy))
     if not bad.size:
-        return grid.size, ""
+        return grid.size, None
     first = int(bad[0])
-    place = f"step {max(first - 1, 0)}, t = {grid[first]:.6g}: "
+    step, time = max(first - 1, 0), float(grid[first])
+    place = f"step {step}, t = {time:.6g}: "
     if smallest[first] > 0:
         # derivatives may well be numbers where L is none, beyond the end of a logarithm
         near = ", ".join(f"{value:.4g}" for value in position[first])
-        return first, f"{place}the Lagrangian is not finite near q = [{near}]"
-    return first, (
+        words = f"{place}the Lagrangian is not finite near q = [{near}]"
+        return first, Failure(words, "irregular", step, time)
+    words = (
         f"{place}the mass matrix d2L/dv2 is not positive definite any more "
         f"(smallest eigenvalue {smallest[first]:.3g})"
     )
+    return first, Failure(words, "irregular", step, time)
