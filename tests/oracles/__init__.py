@@ -1,0 +1,1 @@
+"""Reference values and routes written apart from the package."""
