@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fvi_cli.cli.exits import DONE, RUN_FAILED, guarded, verdict
+from fvi_cli.cli.exits import CHECK_FAILED, DONE, RUN_FAILED, guarded, verdict
 from fvi_cli.cli.options import RESULTS, Check, Configs, Json, Output, Overrides, Quiet, Verbose
 
 
@@ -40,7 +40,9 @@ def fit(
             show(results, name=request.name)
             print(*paths, "", sep="\n")
     if as_json:
-        print(fits_as_json(found, files))
+        print(fits_as_json(found, files, differences if check else None))
     if not all(one.is_converged for one in found):
         return RUN_FAILED
+    if as_json:
+        return CHECK_FAILED if differences else DONE
     return verdict(differences) if check else DONE

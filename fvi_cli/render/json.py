@@ -76,8 +76,15 @@ def checked_as_json(requests: Iterable[Request], complaints: Sequence[str] = ())
     )
 
 
-def fits_as_json(results: Sequence[FitResult], files: Sequence[Path] = ()) -> str:
-    """Every model of every experiment with its estimates, and the files that were written."""
+def fits_as_json(
+    results: Sequence[FitResult],
+    files: Sequence[Path] = (),
+    differences: Sequence[str] | None = None,
+) -> str:
+    """Every model of every experiment with its estimates, and the files that were written.
+
+    Of a check there are, in place of files, the differences from them.
+    """
     fits = [
         {
             "experiment": result.name,
@@ -94,16 +101,37 @@ def fits_as_json(results: Sequence[FitResult], files: Sequence[Path] = ()) -> st
                     "standard_error": one.standard_error,
                     "low": one.low,
                     "high": one.high,
+                    "low_is": _end_in_words(one.low),
+                    "high_is": _end_in_words(one.high),
+                    "at_bound": one.at_bound,
                 }
                 for one in model.estimates
             ],
             "correlations": [list(map(float, row)) for row in model.correlations],
+            "not_needed": [
+                {
+                    "term": one.key,
+                    "parameters": one.parameters,
+                    "increase": one.increase,
+                    "probability": one.probability,
+                }
+                for one in model.needless
+            ],
             "warnings": list(model.warnings),
         }
         for result in results
         for model in result.models
     ]
+    if differences is not None:
+        return _document(differences=list(differences), fits=fits)
     return _document(files=[path.as_posix() for path in files], fits=fits)
+
+
+def _end_in_words(end: float) -> str:
+    """What null stands for at an end of an interval."""
+    if math.isfinite(end):
+        return "found"
+    return "not found" if math.isnan(end) else "no limit"
 
 
 def shipped_as_json(titles: Mapping[str, str]) -> str:

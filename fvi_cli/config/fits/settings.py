@@ -161,20 +161,18 @@ def _parameters(
     return tuple(found)
 
 
-def _deviations(noise: Any, data: list[DataSet], at: Cursor) -> dict[str, float]:
-    names = [series.column for one in data for series in one.series]
-    by_name = {series.name: series.column for one in data for series in one.series}
+def _deviations(noise: Any, data: list[DataSet], at: Cursor) -> dict[tuple[str, str], float]:
+    """The noise of every column of every data set."""
+    columns = [(one.name, series.column) for one in data for series in one.series]
     if noise == "auto":
         return {}
     if not isinstance(noise, Mapping):
-        return {series.name: noise for one in data for series in one.series}
-    found = {}
+        return dict.fromkeys(columns, noise)
+    names = list(dict.fromkeys(column for _, column in columns))
     for column in noise:
         if column not in names:
             at.refuse_key(column, f"no column of the data{suggestion(column, names)}")
-    for name, column in by_name.items():
-        if column in noise:
-            found[name] = noise[column]
-        else:
+    for column in names:
+        if column not in noise:
             at.refuse(f"a standard deviation for column {excerpt(column)!r} is missing")
-    return found
+    return {each: noise[each[1]] for each in columns if each[1] in noise}

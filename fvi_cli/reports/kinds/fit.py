@@ -17,8 +17,14 @@ PARAMETER_COLUMNS = (
     Column("parameter", "key path; with @ and the motion where each has its own"),
     Column("estimate", "in the unit of the key", compared=ESTIMATED),
     Column("standard_error", "from the curvature of the misfit, same unit", compared=ROUGH),
-    Column("low", "lower end of the 95 % interval by profile likelihood", compared=ROUGH),
-    Column("high", "upper end of the 95 % interval", compared=ROUGH),
+    Column(
+        "low",
+        "lower end of the 95 % interval by profile likelihood; -inf: no limit; empty: not found",
+        compared=ROUGH,
+    ),
+    Column(
+        "high", "upper end of the 95 % interval; inf: no limit; empty: not found", compared=ROUGH
+    ),
     Column("at_bound", "which ends of the interval are bounds of the parameter"),
     Column("experiment", "name of the experiment"),
     Column("model", "name of the model; empty: the only one"),
@@ -45,6 +51,7 @@ MODEL_COLUMNS = (
     ),
     Column("steps", "steps of the runs", compared=None),
     Column("discretisation", "error of the runs over what is left of the data", compared=None),
+    Column("not_needed", "terms whose removal the data do not refuse", "not needed"),
     Column("status", "ok or failed", "status"),
     Column("message", "why it failed", compared=None),
 )
@@ -148,6 +155,7 @@ def _models(every: Sequence[tuple[FitResult, ModelFit]]) -> Sheet:
                 aicc_difference=model.criterion - result.best.criterion
                 if math.isfinite(model.criterion)
                 else math.inf,
+                not_needed=", ".join(one.key for one in model.needless),
                 status="ok" if model.is_converged else "failed",
             )
             for result, model in every
@@ -179,8 +187,8 @@ def _estimates(model: ModelFit) -> Iterator[Block]:
                 one.name,
                 f"{one.value:.8g}",
                 f"{one.standard_error:.2g}",
-                _end(one.low),
-                _end(one.high),
+                _end(one.low, one.reached[0], "<", one.value),
+                _end(one.high, one.reached[1], ">", one.value),
             )
             for one in model.estimates
         ),
@@ -217,9 +225,15 @@ def _estimates(model: ModelFit) -> Iterator[Block]:
                 else ""
             )
         )
-    if model.warnings and model.is_converged:
-        yield Bullets(items=model.warnings)
+    said = model.warnings if model.is_converged else [one.words for one in model.needless]
+    if said:
+        yield Bullets(items=tuple(said))
 
 
-def _end(value: float) -> str:
-    return f"{value:.8g}" if math.isfinite(value) else "no limit"
+def _end(value: float, reached: float, sign: str, estimate: float) -> str:
+    """An end of an interval; where it was not found, what is known of it."""
+    if math.isinf(value):
+        return "no limit"
+    if not math.isnan(value):
+        return f"{value:.8g}"
+    return "not found" if math.isnan(reached) or reached == estimate else f"{sign} {reached:.6g}"

@@ -42,7 +42,8 @@ def fit_request(request: Request, *, show_progress: bool) -> list[FitResult]:
                 title = f"{experiment.name} {model.model.name}".strip()
                 if not model.is_converged:
                     _logger.error("%s: no fit: %s", title, model.message)
-                for warning in model.warnings if model.is_converged else ():
+                needless = [one.words for one in model.needless]
+                for warning in model.warnings if model.is_converged else needless:
                     _logger.warning("%s: %s", title, warning)
     return results
 

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fvi_cli.errors import RequestError
+from fvi_cli.integrator.adjoint.gradient import RunFailedError
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.studies.fits.intervals import BetterMinimumError, estimates
 from fvi_cli.studies.fits.model import Evaluation, MotionModel, rms, series_of
-from fvi_cli.studies.fits.profile import Side, profile_side, quantile
+from fvi_cli.studies.fits.profile import Minimum, quantile
+from fvi_cli.studies.fits.regions import holds, other_sides, region_of, regions
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit, SeriesFit
 from fvi_cli.studies.fits.search import HOPELESS, Found, distinct, least_squares_from, search
 from fvi_cli.studies.fits.settings import FitModel, FitSettings, Series
-from fvi_cli.studies.fits.statistics import ROUND_OFF, covariance, criterion, whiteness
+from fvi_cli.studies.fits.statistics import (
+    ROUND_OFF,
+    covariance,
+    criterion,
+    own_freedoms,
+    whiteness,
+)
+from fvi_cli.studies.fits.terms import needless_terms
 
 FIRST_TOLERANCE, LAST_TOLERANCE = 1e-3, 1e-12
 """Of a step, relative to the size of the motion."""
@@ -23,16 +33,18 @@ DISCRETISATION = 0.01
 """Error of the runs that is allowed, relative to what is left of the data."""
 LOOSE = 1e-4
 """Tolerance of a step while the minimum is looked for, relative to the size of the motion."""
-MOST_REWEIGHTINGS = 6
+MOST_REWEIGHTINGS, ENOUGH = 20, 1e-3
+"""Of the noise of the columns, and their relative change at which they end."""
+LEAST_FREEDOM = 0.5
+"""Degrees of freedom of a column below which its noise cannot be estimated."""
+MOST_BETTER = 3
+"""Times that a fit begins again where a profile found less misfit."""
 MOST_OTHERS = 3
 """Minima beside the best that are looked at closely."""
 APART = 10.0
 """Standard deviations by which the misfit of another minimum should be larger."""
 NO_INFLUENCE = 1e-10
 POINTS_OF_CURVES = 400
-JUMP = 1.0
-"""The order at which a motion with a start velocity jumps."""
-ABOVE_JUMP = 1e-6
 
 Tell = Callable[[str], None]
 
@@ -76,40 +88,94 @@ def fit_model(settings: FitSettings, described: FitModel, *, with_scan: bool = T
     RequestError
         For parameters without influence on the data.
     """
-    is_known = bool(settings.deviations)
     every = series_of(settings.data)
-    deviations = [settings.deviations.get(one.name, 0.0) or rms(one.values) or 1.0 for one in every]
+    deviations = [rms(one.values) or 1.0 for one in every]
+    if settings.deviations:
+        deviations = [settings.deviations[one] for one in settings.columns]
     model = MotionModel(described, settings.data, _nested(settings, deviations))
     scale = _scale(model)
     _check_influence(model, scale)
     found: list[Found] = []
-    for bounds in _regions(model):
+    for bounds in regions(model):
         if with_scan:
             found += search(model, bounds, scale)
-        elif _holds(bounds, model.start):
+        elif holds(bounds, model.start):
             model.loosen(LOOSE * scale)
             found += distinct([least_squares_from(model, model.start, bounds, tolerance=1e-3)])
     found = distinct(found)
     if not found:
         return _failed(model, "no run comes to its end near the start")
-    best, others = found[0], found[1:]
-    bounds = next(b for b in _regions(model) if _holds(b, best.point))
-    tolerance, ratio = FIRST_TOLERANCE, math.inf
+    try:
+        return _settled(model, settings, found, scale)
+    except RunFailedError as error:
+        return _failed(model, f"the run fails at the best point ({error})", found[0].point)
+
+
+def _settled(
+    model: MotionModel, settings: FitSettings, found: Sequence[Found], scale: float
+) -> ModelFit:
+    """The result from rough minima, the best first.
+
+    Raises
+    ------
+    RunFailedError
+        If the run at the best point does not come to its end.
+    """
+    is_known = bool(settings.deviations)
+    best, others = found[0], list(found[1:])
+    for attempt in range(MOST_BETTER + 1):
+        bounds = region_of(model, best.point)
+        best, at_best, ratio, message = _polished(model, settings, best, bounds, scale)
+        if message:
+            return _failed(model, message, best.point)
+        minimum = Minimum(point=best.point, evaluation=at_best, bounds=bounds)
+        close = [one for one in others if one.cost <= HOPELESS * found[0].cost][:MOST_OTHERS]
+        polished = distinct(
+            least_squares_from(model, one.point, region_of(model, one.point)) for one in close
+        )
+        try:
+            return _result(model, best, minimum, polished, ratio, is_known=is_known)
+        except BetterMinimumError as better:
+            if attempt == MOST_BETTER:
+                break
+            others.append(best)
+            best = replace(best, point=better.point)
+    return _failed(model, "profiles find ever better minima: no estimate can be given", best.point)
+
+
+def _polished(
+    model: MotionModel,
+    settings: FitSettings,
+    best: Found,
+    bounds: tuple[Array, Array],
+    scale: float,
+) -> tuple[Found, Evaluation, float, str]:
+    """The minimum on steps that are fine enough, their error, and why there is none."""
+    deviations = [value for row in model.deviations for value in row]
+    is_known, tolerance, message = bool(settings.deviations), FIRST_TOLERANCE, ""
+    at_best = Evaluation(residuals=np.zeros(0))
     while True:
         model.remesh(best.point, tolerance * scale)
         for _ in range(MOST_REWEIGHTINGS):
             again = least_squares_from(model, best.point, bounds)
             if again is None:
-                return _failed(model, "the run fails at the best point", best.point)
+                return best, at_best, math.inf, "the run fails at the best point"
             best = again
-            if is_known or len(every) == 1:
+            at_best = model.evaluate(best.point)
+            if is_known or len(deviations) == 1 or _is_clean(model, at_best):
                 break
-            fresh = _estimated(model, best.point)
+            fresh, lacking = _estimated(model, at_best)
+            if lacking is not None:
+                message = (
+                    f"the noise of column {lacking.column} cannot be estimated: its "
+                    f"{lacking.values.size} values are used up by the parameters; give noise"
+                )
+                return best, at_best, math.inf, message
             change = max(abs(a / b - 1.0) for a, b in zip(fresh, deviations, strict=True))
+            if change < ENOUGH:
+                break
             deviations = fresh
             model.deviations = _nested(settings, deviations)
-            if change < 0.01:
-                break
         at_best = model.evaluate(best.point)
         used = model.meshes
         finer = max(LAST_TOLERANCE, 1e-3 * tolerance)
@@ -118,16 +184,8 @@ def fit_model(settings: FitSettings, described: FitModel, *, with_scan: bool = T
         ratio = rms(difference) / max(rms(at_best.residuals), 1e-300)
         if ratio <= DISCRETISATION or tolerance <= LAST_TOLERANCE:
             model.meshes = used
-            break
+            return best, at_best, ratio, message
         tolerance = max(LAST_TOLERANCE, 1e-4 * tolerance)
-    close = [one for one in others if one.cost <= HOPELESS * found[0].cost][:MOST_OTHERS]
-    polished = distinct(
-        least_squares_from(
-            model, one.point, next(b for b in _regions(model) if _holds(b, one.point))
-        )
-        for one in close
-    )
-    return _result(model, best, at_best, polished, deviations, ratio, bounds, is_known=is_known)
 
 
 def _nested(settings: FitSettings, deviations: Sequence[float]) -> list[list[float]]:
@@ -172,41 +230,6 @@ def _check_influence(model: MotionModel, scale: float) -> None:
         raise RequestError(*mistakes)
 
 
-def _regions(model: MotionModel) -> list[tuple[Array, Array]]:
-    """Bounds within which the motion is a smooth function of the parameters.
-
-    A Caputo derivative of order above 1 subtracts the start velocity: there the motion jumps.
-    """
-    low, high = model.bounds
-    values = model.values(model.start)
-    motions = any(not data.forces for data in model.data)
-    moving = motions and any("velocity" in one.key for one in model.free)
-    for number, data in enumerate(model.data):
-        if data.forces:
-            continue
-        scene = model.scene(number, values)
-        moving |= scene.derivative == "caputo" and bool(np.any(scene.initial_velocity != 0))
-    split = [
-        index
-        for index, one in enumerate(model.free)
-        if moving and one.key.partition("@")[0].endswith("order") and low[index] < 1 < high[index]
-    ]
-    found = []
-    for sides in itertools.product((False, True), repeat=min(len(split), 2)):
-        below, above = low.copy(), high.copy()
-        for index, is_above in zip(split, sides, strict=False):
-            if is_above:
-                below[index] = JUMP + ABOVE_JUMP
-            else:
-                above[index] = JUMP
-        found.append((below, above))
-    return found
-
-
-def _holds(bounds: tuple[Array, Array], point: Array) -> bool:
-    return bool(np.all(point >= bounds[0]) and np.all(point <= bounds[1]))
-
-
 def _split(model: MotionModel, residuals: Array) -> list[Array]:
     """Residuals of every series in the unit of the data."""
     sizes = [one.values.size for one in series_of(model.data)]
@@ -215,78 +238,62 @@ def _split(model: MotionModel, residuals: Array) -> list[Array]:
     return [part * deviation for part, deviation in zip(parts, deviations, strict=True)]
 
 
-def _estimated(model: MotionModel, point: Array) -> list[float]:
-    """Deviations of the series from what is left."""
-    left = _split(model, model.evaluate(point, with_jacobian=False).residuals)
-    share = 1.0 - len(model.free) / model.size
-    return [max(rms(one) / math.sqrt(share), 1e-300) for one in left]
+def _is_clean(model: MotionModel, at: Evaluation) -> bool:
+    """Whether what is left of the data is round-off."""
+    data = np.concatenate([one.values for one in series_of(model.data)])
+    return rms(np.concatenate(_split(model, at.residuals))) <= ROUND_OFF * rms(data)
+
+
+def _estimated(model: MotionModel, at: Evaluation) -> tuple[list[float], Series | None]:
+    """Deviations of the series from what is left, and a series too short to have one."""
+    every = series_of(model.data)
+    left = _split(model, at.residuals)
+    freedom = own_freedoms(at, [one.values.size for one in every])
+    lacking = [one for one, count in zip(every, freedom, strict=True) if count < LEAST_FREEDOM]
+    found = [
+        max(math.sqrt(float(part @ part) / max(count, 1e-300)), 1e-300)
+        for part, count in zip(left, freedom.tolist(), strict=True)
+    ]
+    return found, lacking[0] if lacking else None
 
 
 def _result(
     model: MotionModel,
     best: Found,
-    at_best: Evaluation,
+    minimum: Minimum,
     others: Sequence[Found],
-    deviations: Sequence[float],
     ratio: float,
-    bounds: tuple[Array, Array],
     *,
     is_known: bool,
 ) -> ModelFit:
-    n, p = model.size, len(model.free)
-    freedom = n - p
+    at_best, p = minimum.evaluation, len(model.free)
+    freedom = model.size - p
     variance = 1.0 if is_known else max(at_best.cost / freedom, 1e-300)
     correlations, errors, is_regular = covariance(at_best, variance)
-    threshold = quantile(freedom, is_known=is_known)
     slopes, values = model.slopes(best.point), model.values(best.point)
-    data = np.concatenate([o.values for o in series_of(model.data)])
-    is_clean = rms(np.concatenate(_split(model, at_best.residuals))) <= ROUND_OFF * rms(data)
-    estimates = []
-    for index, one in enumerate(model.free):
-        reach = (bounds[0][index], bounds[1][index])
-        sides: list[Side] = []
-        for sign, limit in ((-1.0, bounds[0][index]), (1.0, bounds[1][index])):
-            step = sign * threshold * errors[index]
-            if is_clean:
-                # the misfit is round-off: only its curvature says anything
-                sides.append(Side(end=float(np.clip(best.point[index] + step, *reach))))
-            elif not is_regular or not best.is_converged:
-                sides.append(Side(end=sign * math.inf))
-            else:
-                sides.append(
-                    profile_side(
-                        model,
-                        best.point,
-                        at_best,
-                        index,
-                        step,
-                        float(limit),
-                        variance=variance,
-                        threshold=threshold,
-                    )
-                )
-        low, high = (one.outer(side.end) for side in sides)
-        ends = {(True, True): "both", (True, False): "low", (False, True): "high"}
-        tried = np.concatenate([sides[0].points, [[best.point[index], 0.0]], sides[1].points])
-        tried = tried[np.argsort(tried[:, 0])]
-        profile = np.column_stack([[one.outer(u) for u in tried[:, 0]], tried[:, 1]])
-        estimates.append(
-            Estimate(
-                name=one.key,
-                value=float(values[index]),
-                standard_error=float(errors[index] * slopes[index]),
-                low=low,
-                high=high,
-                at_bound=ends.get((sides[0].is_bound, sides[1].is_bound), ""),
-                profile=profile,
-            )
-        )
+    is_clean = _is_clean(model, at_best)
+    is_sought = is_regular and best.is_converged
+    sides = other_sides(model, minimum, others) if is_sought and not is_clean else []
+    found = estimates(
+        model,
+        [minimum, *sides],
+        variance,
+        is_known=is_known,
+        is_clean=is_clean,
+        is_sought=is_sought,
+    )
+    needless = needless_terms(model, minimum, errors * slopes, variance, is_known=is_known)
     left = _split(model, at_best.residuals)
+    deviations = [
+        value * (1.0 if is_known else math.sqrt(variance))
+        for row in model.deviations
+        for value in row
+    ]
     alike = [
         tuple(model.values(one.point).tolist())
         for one in others
         if one.is_converged
-        and one.cost - at_best.cost <= variance * threshold**2
+        and one.cost - at_best.cost <= variance * quantile(freedom, is_known=is_known) ** 2
         and _is_apart(at_best, one.point - best.point, variance)
     ]
     message = best.message if not best.is_converged else ""
@@ -294,15 +301,16 @@ def _result(
         message = message or "the data do not determine all parameters: some can be traded"
     return ModelFit(
         model=model.model,
-        estimates=tuple(estimates),
+        estimates=found,
         correlations=correlations,
-        series=_series(model, best.point, left, deviations, is_known=is_known),
+        series=_series(model, best.point, left, deviations),
         misfit=at_best.cost / variance if is_known else float(freedom),
         criterion=criterion(left, deviations, p, is_known=is_known),
         whiteness=min((whiteness(one, data.values) for one, data in _paired(model, left))),
         steps=sum(getattr(mesh, "n_steps", 0) for mesh in model.meshes),
         discretisation=float(ratio),
         others=tuple(alike),
+        needless=needless,
         evaluations=model.evaluations,
         is_converged=best.is_converged and is_regular,
         message=message,
@@ -327,18 +335,15 @@ def _series(
     point: Array,
     left: Sequence[Array],
     deviations: Sequence[float],
-    *,
-    is_known: bool,
 ) -> tuple[SeriesFit, ...]:
     curves = [one for each in model.curves(point, POINTS_OF_CURVES) for one in each]
     names = [data.name for data in model.data for _ in data.series]
-    share = math.sqrt(1.0 - len(model.free) / model.size)
     return tuple(
         SeriesFit(
             data=name,
             series=series,
             residuals=rest,
-            deviation=float(deviation if is_known else rms(rest) / share),
+            deviation=float(deviation),
             curve=np.array(curve),
         )
         for name, series, rest, deviation, curve in zip(

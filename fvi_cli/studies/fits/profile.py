@@ -15,8 +15,20 @@ CLOSE = 0.01
 """How close the root of the increase comes to its threshold, relative."""
 ALMOST = 0.03
 """Share of the increase that may be left to gain when the other parameters have followed."""
-MOST_TRIALS = 12
-MOST_STEPS = 8
+BETTER = 0.01
+"""Share of the variance by which a misfit must be less to be another minimum."""
+NARROW = 0.01
+"""Width of a bracket, relative to its distance from the estimate, at which its search ends."""
+MOST_TRIALS = 24
+MOST_STEPS = 15
+FAR = 4.0
+"""Times the increase sought: beyond it the other parameters may have gone astray."""
+LONGEST = 3.0
+"""A logarithm falls by so much in one step at most."""
+RANK = 1e-7
+"""Singular values of scaled derivatives below this are zero to a step."""
+DAMPING = (0.0, 1e-3, 0.1, 10.0, 1e3)
+"""Of a step (Levenberg and Marquardt), for scaled derivatives."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,19 +38,44 @@ class Side:
     Parameters
     ----------
     end
-        In what the fit works with; infinite where the data set no limit.
+        In what the fit works with; nan where it was not found.
     is_bound
         Whether a bound of the parameter came first.
+    reached
+        The farthest value that is known to lie inside.
     points
-        Values tried and roots of the increase there, ``(n, 2)``.
+        Values tried and signed roots of the increase there, ``(n, 2)``.
+    better
+        A point with less misfit than the supposed minimum, which ends the search; None: no such.
     """
 
     end: float
     is_bound: bool = False
+    reached: float = math.nan
     points: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    better: Array | None = None
 
 
-def quantile(freedom: int, *, is_known: bool) -> float:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Minimum:
+    """Where profiles begin.
+
+    Parameters
+    ----------
+    point
+        In what the fit works with.
+    evaluation
+        The model there.
+    bounds
+        Within which the motion is a smooth function of the parameters.
+    """
+
+    point: Array
+    evaluation: Evaluation
+    bounds: tuple[Array, Array]
+
+
+def quantile(freedom: float, *, is_known: bool) -> float:
     """Of the normal distribution where the noise is known, otherwise of Student's."""
     from scipy.special import ndtri, stdtrit
 
@@ -48,138 +85,232 @@ def quantile(freedom: int, *, is_known: bool) -> float:
 
 def profile_side(
     model: MotionModel,
-    best: Array,
-    at_best: Evaluation,
+    begin: Minimum,
     index: int,
     step: float,
-    limit: float,
     *,
+    least: float,
     variance: float,
     threshold: float,
 ) -> Side:
     """One end of the interval of a parameter.
 
+    A value at which the misfit cannot be computed is neither inside nor outside.
+
     Parameters
     ----------
-    model, best, at_best
-        What is fitted, and its minimum.
+    model, begin
+        What is fitted, and a minimum of its misfit.
     index, step
         The parameter, and a first guess of the distance with its sign.
-    limit
-        Its bound on that side.
+    least
+        The least misfit of all minima.
     variance
         Of the residuals.
     threshold
         What the root of the increase over the variance may reach.
     """
     sign = math.copysign(1.0, step)
-    inner, root_inner = best[index], 0.0
-    outer: float | None = None
-    root_outer = math.inf
-    point, points = best.copy(), []
-    distance = abs(step)
+    best = float(begin.point[index])
+    limit = float(begin.bounds[int(sign > 0)][index])
+    inner, root_inner = best, math.sqrt(max(begin.evaluation.cost - least, 0.0) / variance)
+    outer, root_outer, unknown = math.nan, math.nan, math.nan
+    near = Followed(
+        point=begin.point,
+        cost=begin.evaluation.cost,
+        is_minimum=True,
+        jacobian=begin.evaluation.jacobian,
+    )
+    points: list[tuple[float, float]] = []
+    distance, width = abs(step) if math.isfinite(step) else math.inf, math.inf
+
+    def side(end: float, *, is_bound: bool = False) -> Side:
+        found = np.array(points).reshape(-1, 2)
+        return Side(end=end, is_bound=is_bound, reached=inner, points=found)
+
+    def narrow(value: float) -> float:
+        size = abs(value - best)
+        return NARROW * (min(size, 1.0) if model.free[index].is_positive else size)
+
+    if inner == limit:
+        return side(limit, is_bound=True)
     for _ in range(MOST_TRIALS):
         value = inner + sign * distance
-        is_bound = sign * (value - limit) >= 0
-        if is_bound:
-            value = limit
-        found = _others(model, at_best, point, index, value)
-        root = math.inf
+        if sign * (value - limit) >= 0 or not math.isfinite(value):
+            value = limit if math.isfinite(limit) else inner + sign * 1e3 * max(1.0, abs(inner))
+        if not sign * (value - unknown) < 0 and not math.isnan(unknown):
+            value = 0.5 * (inner + unknown)
+        found = _others(model, begin, near, index, value, least, variance * threshold**2)
+        if found is not None and found.cost < least - BETTER * variance:
+            return Side(end=math.nan, better=found.point)
+        root = math.nan
         if found is not None:
-            root = math.sqrt(max(found[1] - at_best.cost, 0.0) / variance)
-            points.append((value, sign * root))
-        if abs(root - threshold) <= CLOSE * threshold:
-            return Side(end=value, points=np.array(points).reshape(-1, 2))
+            root = math.sqrt(max(found.cost - least, 0.0) / variance)
+        if found is None or (root > threshold and not found.is_minimum):
+            unknown = value
+            if abs(unknown - inner) <= narrow(unknown):
+                break
+            distance = 0.5 * abs(unknown - inner)
+            continue
+        points.append((value, sign * root))
+        if abs(root - threshold) <= CLOSE * threshold and found.is_minimum:
+            return side(value)
         if root < threshold:
-            if is_bound:
-                return Side(end=value, is_bound=True, points=np.array(points).reshape(-1, 2))
-            inner, root_inner = value, root
-            if found is not None:
-                point = found[0]
+            inner, root_inner, near = value, root, found
+            if value == limit:
+                return side(value, is_bound=True)
         else:
             outer, root_outer = value, root
-        if outer is None:
+        if math.isnan(outer):
             growth = threshold / root if root > 0.25 * threshold else 4.0
-            distance = abs(value - best[index]) * (min(growth, 4.0) - 1.0) * 1.02
+            distance = abs(value - best) * (min(growth, 4.0) - 1.0) * 1.02
+        elif abs(outer - inner) <= narrow(outer):
+            break
         else:
+            share = (threshold - root_inner) / (root_outer - root_inner)
+            is_slow = abs(outer - inner) > 0.5 * width
             width = abs(outer - inner)
-            share = 0.5
-            if root_outer < math.inf:
-                share = (threshold - root_inner) / (root_outer - root_inner)
-            distance = width * min(max(share, 0.05), 0.95)
-    end = sign * math.inf if outer is None else inner
-    return Side(end=end, points=np.array(points).reshape(-1, 2))
+            distance = width * (0.5 if is_slow else min(max(share, 0.05), 0.95))
+    # the end lies before the value that is known to lie outside
+    is_bracketed = not math.isnan(outer) and (
+        math.isnan(unknown) or sign * (unknown - outer) > 0 or sign * (unknown - inner) < 0
+    )
+    return side(outer if is_bracketed else math.nan)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Followed:
+    """Where parameters end when one is held, or none; the misfit there is an upper bound.
+
+    Parameters
+    ----------
+    point, cost
+        In what the fit works with, and the misfit.
+    is_minimum
+        Whether it is the least nearby.
+    jacobian
+        Derivatives of the residuals there.
+    """
+
+    point: Array
+    cost: float
+    is_minimum: bool
+    jacobian: Array | None = None
 
 
 def _others(
     model: MotionModel,
-    at_best: Evaluation,
-    near: Array,
+    begin: Minimum,
+    near: Followed,
     index: int,
     value: float,
-) -> tuple[Array, float] | None:
-    """The point of least misfit with one parameter held, and its cost; None: there is none."""
-    low, high = model.bounds
-    point = near.copy()
-    if at_best.jacobian is not None:
+    least: float,
+    rise: float,
+) -> Followed | None:
+    """The point of least misfit with one parameter held; None: none could be computed."""
+    starts = [near.point.copy()]
+    if near.jacobian is not None:
         # the others follow, to first order
-        pushed = at_best.jacobian[:, index] * (value - near[index])
-        move = _followed(at_best.jacobian, pushed, point, index, (low, high))
-        point = np.clip(near + move, low, high)
-    point[index] = value
-    try:
-        now = model.evaluate(point)
-    except ValueError:
-        return None
+        pushed = near.jacobian[:, index] * (value - near.point[index])
+        starts.insert(0, _moved(model, near.point, near.jacobian, pushed, index, begin)[0])
+    best: Followed | None = None
+    for point in starts:
+        point[index] = value
+        try:
+            found = descend(model, begin, point, model.evaluate(point), index, least)
+        except ValueError:
+            continue
+        if best is None or found.cost < best.cost:
+            best = found
+        if best.cost - least <= FAR * rise:
+            break
+    return best
+
+
+def descend(
+    model: MotionModel,
+    begin: Minimum,
+    point: Array,
+    now: Evaluation,
+    index: int,
+    least: float,
+) -> Followed:
+    """The least misfit near a point, by least squares within the bounds of a minimum.
+
+    Parameters
+    ----------
+    model, begin
+        What is fitted, and whose bounds hold.
+    point, now
+        Where it begins, and the model there.
+    index
+        The parameter that is held; -1: none.
+    least
+        The least misfit of all: its increase need not be known better than to a share.
+    """
+    first = 0
     for _ in range(MOST_STEPS):
         if now.jacobian is None:
             break
-        move = _followed(now.jacobian, now.residuals, point, index, (low, high))
-        gain = float(-move @ (now.jacobian.T @ now.residuals))
-        if gain <= ALMOST * max(now.cost - at_best.cost, 0.0) + 1e-12 * now.cost:
+        moved, gain = _moved(model, point, now.jacobian, now.residuals, index, begin)
+        if gain <= ALMOST * max(now.cost - least, 0.0) + 1e-12 * now.cost:
             # so close to the end the misfit is a parabola
-            return np.clip(point + move, low, high), now.cost - gain
-        better = _step(model, point, move, now.cost, (low, high))
-        if better is None:
-            break
-        point, now = better
-    return point, now.cost
+            return Followed(
+                point=moved, cost=now.cost - gain, is_minimum=True, jacobian=now.jacobian
+            )
+        after: Evaluation | None = None
+        for number in range(first, len(DAMPING)):
+            trial = moved
+            if number:
+                trial, _ = _moved(
+                    model, point, now.jacobian, now.residuals, index, begin, DAMPING[number]
+                )
+            try:
+                after = model.evaluate(trial)
+            except ValueError:
+                continue
+            if after.cost < now.cost:
+                first = max(0, number - 1)
+                break
+            after = None
+        if after is None:
+            # no step helps: a minimum as far as can be computed
+            return Followed(point=point, cost=now.cost, is_minimum=True, jacobian=now.jacobian)
+        point, now = trial, after
+    return Followed(point=point, cost=now.cost, is_minimum=False, jacobian=now.jacobian)
 
 
-def _followed(
-    jacobian: Array, residuals: Array, point: Array, index: int, bounds: tuple[Array, Array]
-) -> Array:
-    """The step of Gauss and Newton of all parameters but one; those at a bound stay there."""
-    free = np.delete(np.arange(point.size), index)
-    move = np.zeros(point.size)
-    while free.size:
-        move[:] = 0.0
-        move[free] = -np.linalg.lstsq(jacobian[:, free], residuals, rcond=None)[0]
-        outwards = (point <= bounds[0]) & (move < 0) | (point >= bounds[1]) & (move > 0)
-        if not outwards.any():
-            break
-        free = free[~outwards[free]]
-        move[:] = 0.0
-    return move
-
-
-def _step(
+def _moved(
     model: MotionModel,
     point: Array,
-    move: Array,
-    cost: float,
-    bounds: tuple[Array, Array],
-) -> tuple[Array, Evaluation] | None:
-    """A point in this direction with less misfit; None: there is none."""
-    share = 1.0
-    while share > 1e-3:
-        trial = np.clip(point + share * move, *bounds)
-        try:
-            after = model.evaluate(trial)
-        except ValueError:
-            share *= 0.25
-            continue
-        if after.cost < cost:
-            return trial, after
-        share *= 0.25
-    return None
+    jacobian: Array,
+    residuals: Array,
+    index: int,
+    begin: Minimum,
+    damping: float = 0.0,
+) -> tuple[Array, float]:
+    """The point after a step of least squares within bounds, and how much misfit it should gain.
+
+    Positive parameters move by shares of themselves, not by logarithms: they can leave 0, where
+    their logarithms have no influence, and come to it.
+    """
+    from scipy.optimize import lsq_linear
+
+    free = np.delete(np.arange(point.size), index) if index >= 0 else np.arange(point.size)
+    if not free.size:
+        return point.copy(), 0.0
+    is_positive = np.array([one.is_positive for one in model.free])[free]
+    low, high = ((bound - point)[free] for bound in begin.bounds)
+    low = np.where(is_positive, np.expm1(np.maximum(low, -LONGEST)), low)
+    high = np.where(is_positive, np.expm1(high), high)
+    sizes = np.maximum(np.linalg.norm(jacobian[:, free], axis=0), 1e-300)
+    left, upper = np.linalg.qr(jacobian[:, free] / sizes)
+    rows = np.vstack([upper, math.sqrt(damping + RANK**2) * np.eye(free.size)])
+    right = np.append(-(left.T @ residuals), np.zeros(free.size))
+    room = (np.minimum(low, 0.0) * sizes, np.maximum(high, 0.0) * sizes + 1e-300)
+    with np.errstate(all="ignore"):
+        scaled = lsq_linear(rows, right, room, method="bvls", max_iter=10 * free.size).x
+    gain = float(right @ right - np.sum((rows @ scaled - right) ** 2))
+    move, moved = scaled / sizes, point.copy()
+    moved[free] += np.where(is_positive, np.log1p(np.maximum(move, np.expm1(-LONGEST))), move)
+    return np.clip(moved, *begin.bounds), max(gain, 0.0)

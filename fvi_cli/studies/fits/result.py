@@ -9,6 +9,7 @@ import numpy as np
 
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.fits.settings import FitModel, FitSettings, Series
+from fvi_cli.studies.fits.terms import NeedlessTerm
 
 ALIKE = 0.99
 """Parameters whose estimates are correlated like this are hard to tell apart."""
@@ -25,9 +26,16 @@ class Estimate:
     value, standard_error
         The estimate, and the one that follows from the curvature of the misfit.
     low, high
-        The 95 % interval by profile likelihood; infinite where the data set no limit.
+        The 95 % interval by profile likelihood; infinite where the data set no limit, nan where
+        an end was not found.
     at_bound
         Which ends of it are bounds of the parameter: ``low``, ``high``, ``both`` or nothing.
+    at_jump
+        The same for ends at order 1, where the motion jumps and the other side fits worse.
+    over_jump
+        Whether values from both sides of such a jump lie in it.
+    reached
+        The farthest values below and above that are known to lie in it.
     profile
         Values that were tried and signed roots of the increase of the misfit, ``(n, 2)``.
     """
@@ -35,10 +43,39 @@ class Estimate:
     name: str
     value: float
     standard_error: float = math.nan
-    low: float = -math.inf
-    high: float = math.inf
+    low: float = math.nan
+    high: float = math.nan
     at_bound: str = ""
+    at_jump: str = ""
+    over_jump: bool = False
+    reached: tuple[float, float] = (math.nan, math.nan)
     profile: Array = field(default_factory=lambda: np.zeros((0, 2)))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader must know of the interval."""
+        found = []
+        if self.at_bound:
+            found.append(f"{self.name}: the interval ends at a bound ({self.at_bound})")
+        if self.at_jump:
+            worse = "above" if self.at_jump == "high" else "below"
+            found.append(
+                f"{self.name}: the interval ends at order 1, where a motion with a start velocity "
+                f"jumps; orders {worse} 1 were tried and fit worse"
+            )
+        if self.over_jump and self.name.partition("@")[0].endswith("order"):
+            found.append(
+                f"{self.name}: orders on both sides of 1, where a motion with a start velocity "
+                "jumps, fit alike; the interval holds both"
+            )
+        sides = zip((self.low, self.high), ("below", "above"), self.reached, strict=True)
+        for end, word, reached in sides:
+            if math.isinf(end):
+                found.append(f"{self.name}: the data set no limit to it {word}")
+            elif math.isnan(end):
+                known = f"; it reaches to {reached:.6g} at least" if reached != self.value else ""
+                found.append(f"{self.name}: the end of the interval {word} was not found{known}")
+        return tuple(found)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,6 +129,8 @@ class ModelFit:
         Error of the runs, relative to what is left of the data.
     others
         Other minima that fit alike: values of the parameters.
+    needless
+        Terms whose removal the data do not refuse.
     evaluations
         Runs that were computed.
     is_converged
@@ -115,6 +154,7 @@ class ModelFit:
     steps: int = 0
     discretisation: float = math.inf
     others: tuple[tuple[float, ...], ...] = ()
+    needless: tuple[NeedlessTerm, ...] = ()
     is_converged: bool = False
 
     @property
@@ -137,10 +177,8 @@ class ModelFit:
                         f"of the other would be {gain:.0f} times smaller"
                     )
         for one in self.estimates:
-            if one.at_bound:
-                found.append(f"{one.name}: the interval ends at a bound ({one.at_bound})")
-            if not np.isfinite([one.low, one.high]).all():
-                found.append(f"{one.name}: the data set no limit to it on one side")
+            found += one.warnings
+        found += [one.words for one in self.needless]
         for values in self.others:
             shown = ", ".join(
                 f"{one.name} = {value:.6g}"

@@ -14,8 +14,8 @@ from fvi_cli.mathematics.expressions import Expression
 
 PARTS = ("magnitude", "phase", "real", "imaginary")
 """Parts of an amplitude that can be measured; phases in degrees."""
-LEAST_SHARE = 1e-12
-"""Positive parameters stay above this share of where they started."""
+LEAST_SHARE, LARGEST_SHARE = 1e-12, 1e12
+"""Positive parameters without bounds of their own stay between these shares of their start."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -162,7 +162,8 @@ class FitParameter:
         if not self.is_positive:
             return self.low, self.high
         low = max(self.low, LEAST_SHARE * self.start)
-        return math.log(low), math.log(self.high) if self.high < math.inf else math.inf
+        high = self.high if self.high < math.inf else LARGEST_SHARE * self.start
+        return math.log(low), math.log(high)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -195,9 +196,15 @@ class FitSettings:
     models
         The descriptions, one or several to be compared.
     deviations
-        Standard deviation of the noise by column; empty: it is estimated from what is left.
+        Standard deviations of the noise by data set and column; empty: they are estimated from
+        what is left.
     """
 
     data: tuple[DataSet, ...]
     models: tuple[FitModel, ...]
-    deviations: Mapping[str, float] = field(default_factory=dict)
+    deviations: Mapping[tuple[str, str], float] = field(default_factory=dict)
+
+    @property
+    def columns(self) -> list[tuple[str, str]]:
+        """Data set and column of all series, in their order."""
+        return [(data.name, one.column) for data in self.data for one in data.series]

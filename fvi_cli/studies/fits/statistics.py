@@ -31,6 +31,43 @@ def covariance(at: Evaluation, variance: float) -> tuple[Array, Array, bool]:
     return correlations, math.sqrt(variance) * errors / sizes, bool(singular[-1] > SINGULAR)
 
 
+def own_freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
+    r"""Values of every series less what parameters use up of them, ``(n_series,)``.
+
+    With H the matrix that projects data onto the motions that the parameters make, these are
+    :math:`n_c - \mathrm{tr} H_{cc}`: residuals of a series have this many degrees of freedom
+    (Patterson and Thompson, *Recovery of inter-block information*, 1971: the variance of every
+    series by restricted likelihood).
+    """
+    left, _ = _factors(at)
+    ends = np.cumsum(sizes)[:-1]
+    used = [float(np.sum(part**2)) for part in np.split(left, ends)]
+    return np.asarray(np.maximum(np.array(sizes, dtype=float) - np.array(used), 0.0))
+
+
+def freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
+    """Degrees of freedom with which the error of every parameter is known, ``(p,)``.
+
+    That of a sum of variances of the series, each by its share in the variance of the estimate
+    (Satterthwaite, *An approximate distribution of estimates of variance components*, 1946).
+    """
+    own = np.maximum(own_freedoms(at, sizes), 1e-3)
+    left, inverse = _factors(at)
+    rows = np.split(inverse @ left.T, np.cumsum(sizes)[:-1], axis=1)
+    shares = np.array([np.sum(part**2, axis=1) for part in rows])
+    shares /= np.maximum(shares.sum(axis=0), 1e-300)
+    return np.asarray(1.0 / np.sum(shares**2 / own[:, None], axis=0))
+
+
+def _factors(at: Evaluation) -> tuple[Array, Array]:
+    """An orthonormal basis of the scaled derivatives ``(n, r)``, and what takes it back."""
+    jacobian = np.zeros((at.residuals.size, 0)) if at.jacobian is None else at.jacobian
+    sizes = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    left, singular, right = np.linalg.svd(jacobian / sizes, full_matrices=False)
+    kept = singular > SINGULAR * max([1e-300, *singular])
+    return left[:, kept], (right[kept].T / singular[kept]) / sizes[:, None]
+
+
 def criterion(
     left: Sequence[Array], deviations: Sequence[float], p: int, *, is_known: bool
 ) -> float:

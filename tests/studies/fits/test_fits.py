@@ -56,7 +56,8 @@ def measured(values: Any, name: str = "a", **changes: float) -> DataSet:
 
 
 def settings(*data: DataSet, **deviations: float) -> FitSettings:
-    return FitSettings(data=data, models=(), deviations=deviations)
+    known = {(one.name, column): deviations[column] for one in data for column in deviations}
+    return FitSettings(data=data, models=(), deviations=known)
 
 
 def model(*parameters: FitParameter) -> FitModel:

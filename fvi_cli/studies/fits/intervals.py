@@ -1,0 +1,188 @@
+"""Estimates with their 95 % intervals, over all regions in which the motion is smooth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.studies.fits.model import MotionModel, series_of
+from fvi_cli.studies.fits.profile import BETTER, Minimum, Side, descend, profile_side, quantile
+from fvi_cli.studies.fits.result import Estimate
+from fvi_cli.studies.fits.settings import FitParameter
+from fvi_cli.studies.fits.statistics import covariance, freedoms
+
+JUMP = 1.0
+"""The order at which a motion with a start velocity jumps."""
+
+
+class BetterMinimumError(ValueError):
+    """A profile found a point with less misfit than the supposed minimum.
+
+    Parameters
+    ----------
+    point
+        That point, in what the fit works with.
+    """
+
+    def __init__(self, point: Array) -> None:
+        super().__init__("another minimum has less misfit")
+        self.point = point
+
+
+def estimates(
+    model: MotionModel,
+    minima: Sequence[Minimum],
+    variance: float,
+    *,
+    is_known: bool,
+    is_clean: bool,
+    is_sought: bool,
+) -> tuple[Estimate, ...]:
+    """Every parameter with its interval.
+
+    Parameters
+    ----------
+    model, minima
+        What is fitted, and the least misfit of each region, the best first.
+    variance
+        Of the residuals.
+    is_known
+        Whether the noise was given.
+    is_clean
+        Whether the misfit is round-off: then only its curvature says anything.
+    is_sought
+        Whether intervals are looked for at all.
+
+    Raises
+    ------
+    BetterMinimumError
+        If the first minimum is none.
+    """
+    best = minima[0]
+    _, errors, _ = covariance(best.evaluation, variance)
+    ranks = freedoms(best.evaluation, [one.values.size for one in series_of(model.data)])
+    slopes, values = model.slopes(best.point), model.values(best.point)
+    if is_sought and not is_clean:
+        _check_minimum(model, best, variance)
+    found = []
+    for index, one in enumerate(model.free):
+        threshold = quantile(float(ranks[index]), is_known=is_known)
+        rivals = [
+            each
+            for each in minima[1:]
+            if each.evaluation.cost - best.evaluation.cost <= variance * threshold**2
+        ]
+        sides, passes = [], ""
+        for sign in (-1.0, 1.0):
+            step = sign * threshold * errors[index]
+            if is_clean:
+                side = _by_curvature(best, index, step)
+            elif not is_sought:
+                side = Side(end=math.nan, reached=float(best.point[index]))
+            else:
+                side, is_rival = _farthest(
+                    model, [best, *rivals], index, step, variance=variance, threshold=threshold
+                )
+                passes = passes or ("other side" if is_rival else "")
+            sides.append(side)
+        found.append(_estimate(one, best, index, sides, values, errors * slopes, passes))
+    return tuple(found)
+
+
+def _check_minimum(model: MotionModel, best: Minimum, variance: float) -> None:
+    """Look for less misfit beside a minimum in logarithms: where a number should be 0 they end.
+
+    Raises
+    ------
+    BetterMinimumError
+        If there is less.
+    """
+    cost = best.evaluation.cost
+    found = descend(model, best, best.point, best.evaluation, -1, cost)
+    if found.cost < cost - BETTER * variance:
+        raise BetterMinimumError(found.point)
+
+
+def _by_curvature(best: Minimum, index: int, step: float) -> Side:
+    reach = (best.bounds[0][index], best.bounds[1][index])
+    return Side(end=float(np.clip(best.point[index] + step, *reach)))
+
+
+def _farthest(
+    model: MotionModel,
+    minima: Sequence[Minimum],
+    index: int,
+    step: float,
+    *,
+    variance: float,
+    threshold: float,
+) -> tuple[Side, bool]:
+    """The end farthest out of those of all minima, and whether it is another's than the first."""
+    sign, sides = math.copysign(1.0, step), []
+    for one in minima:
+        side = profile_side(
+            model,
+            one,
+            index,
+            step,
+            least=minima[0].evaluation.cost,
+            variance=variance,
+            threshold=threshold,
+        )
+        if side.better is not None:
+            raise BetterMinimumError(side.better)
+        sides.append(side)
+    points = np.concatenate([one.points for one in sides])
+    lost = [one for one in sides if math.isnan(one.end)]
+    chosen = max(lost or sides, key=lambda one: sign * (one.reached if lost else one.end))
+    ends = [one.end for one in sides if not math.isnan(one.end)]
+    if lost and any(sign * (end - chosen.reached) > 0 for end in ends):
+        chosen = Side(end=math.nan, reached=max(ends, key=lambda end: sign * end))
+    is_rival = chosen is not sides[0]
+    return (
+        Side(end=chosen.end, is_bound=chosen.is_bound, reached=chosen.reached, points=points),
+        is_rival,
+    )
+
+
+def _estimate(
+    one: FitParameter,
+    best: Minimum,
+    index: int,
+    sides: Sequence[Side],
+    values: Array,
+    errors: Array,
+    passes: str,
+) -> Estimate:
+    ends, bounds, jumps = [], [], []
+    for side, name in zip(sides, ("low", "high"), strict=True):
+        end = math.nan if math.isnan(side.end) else one.outer(side.end)
+        if side.is_bound:
+            given = one.low if name == "low" else one.high
+            searched = one.inner_bounds[name == "high"]
+            if side.end != searched:
+                end = JUMP
+                jumps.append(name)
+            else:
+                # beyond the values that are tried there is nothing else, or no limit
+                end = given
+                if math.isfinite(given):
+                    bounds.append(name)
+        ends.append(end)
+    tried = np.concatenate([sides[0].points, [[best.point[index], 0.0]], sides[1].points])
+    tried = tried[np.argsort(tried[:, 0])]
+    return Estimate(
+        name=one.key,
+        value=float(values[index]),
+        standard_error=float(errors[index]),
+        low=ends[0],
+        high=ends[1],
+        at_bound="both" if len(bounds) == 2 else "".join(bounds),
+        at_jump="both" if len(jumps) == 2 else "".join(jumps),
+        over_jump=bool(passes),
+        reached=(one.outer(sides[0].reached), one.outer(sides[1].reached)),
+        profile=np.column_stack([[one.outer(u) for u in tried[:, 0]], tried[:, 1]]),
+    )

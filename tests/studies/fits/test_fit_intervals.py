@@ -1,0 +1,212 @@
+"""Intervals against profiles by brute force on closed forms; terms that the data do not need."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from oracles.least_squares import (
+    interval,
+    least,
+    springpot_response,
+    viscous_motion,
+    zener_modulus,
+)
+
+from fvi_cli.studies.fits import profile
+from fvi_cli.studies.fits.fitting import fit_model
+from fvi_cli.studies.fits.model import Evaluation, MotionModel
+from fvi_cli.studies.fits.profile import Minimum, profile_side
+from fvi_cli.studies.fits.settings import (
+    Amplitude,
+    DataSet,
+    FitModel,
+    FitParameter,
+    FitSettings,
+    Series,
+)
+
+HERTZ = np.geomspace(0.05, 3.0, 20)
+ZENER = {"law": "zener", "order": 0.5, "time": 1e-4, "relaxed": 0.0, "unrelaxed": 0.5}
+SPRINGPOT = {"order": 0.6, "coefficient": 0.5}
+
+
+def parts(values: Any) -> Any:
+    return np.concatenate([values.real, values.imag])
+
+
+def responses(values: Any, noise: float, seed: int) -> tuple[DataSet, Any]:
+    """Real and imaginary part with noise, and all of them in one row."""
+    drawn = parts(values) + noise * np.random.default_rng(seed).standard_normal(2 * HERTZ.size)
+    series = tuple(
+        Series(
+            name=part,
+            column=part,
+            times=HERTZ,
+            values=column,
+            amplitude=Amplitude(row=np.ones(1), rate=0, part=part),
+        )
+        for part, column in zip(("real", "imaginary"), np.split(drawn, 2), strict=True)
+    )
+    return DataSet(name="a", series=series, forces=("x",), coordinates=("x",)), drawn
+
+
+def fitted(data: DataSet, damping: list[Any], keys: dict[str, Any], noise: float) -> Any:
+    specification = {
+        "kind": "damped-oscillator",
+        "mass": 1.0,
+        "stiffness": 5.0,
+        "damping": damping,
+        "initial": {"position": 0.0, "velocity": 0.0},
+        "final_time": 1.0,
+    }
+    parameters = tuple(
+        FitParameter(key=f"problem.{key}", start=start, low=low, high=high)
+        for key, (start, low, high) in keys.items()
+    )
+    model = FitModel(name="", specification=specification, parameters=parameters)
+    known = {("a", one.column): noise for one in data.series}
+    return fit_model(FitSettings(data=(data,), models=(), deviations=known), model, with_scan=False)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_superfluous_law_widens_no_interval_to_nothing(seed):
+    """The law has a relaxation time of 1e-4; its modulus has nothing to explain."""
+    noise = 0.002
+    truth = springpot_response(HERTZ, 5.0, (0.6, 0.5))
+    data, drawn = responses(truth, noise, seed)
+    found = fitted(
+        data,
+        [SPRINGPOT, ZENER],
+        {
+            "stiffness": (5.0, 0.0, np.inf),
+            "damping.0.coefficient": (0.5, 0.0, np.inf),
+            "damping.1.unrelaxed": (0.5, 0.0, np.inf),
+        },
+        noise,
+    )
+    s = 2j * np.pi * HERTZ
+
+    def residuals(point: Any) -> Any:
+        law = zener_modulus(HERTZ, point[2], 0.5, 1e-4)
+        model = 1.0 / (s**2 + point[0] + point[1] * s**0.6 + law)
+        return (parts(model) - drawn) / noise
+
+    low, high = np.zeros(3), np.full(3, 1e6)
+    best, _ = least(residuals, [np.array([5.0, 0.5, b]) for b in (0.01, 1.0, 10.0)], low, high)
+    for index, one in enumerate(found.estimates):
+        ends = interval(residuals, best, index, low, high, freedom=1e9, variance=1.0)
+        width = ends[1] - ends[0]
+        assert one.low == pytest.approx(ends[0], abs=0.02 * width), one.name
+        assert one.high == pytest.approx(ends[1], abs=0.02 * width), one.name
+    assert [one.key for one in found.needless] == ["problem.damping.1"]
+
+
+def test_a_failed_evaluation_is_neither_inside_nor_outside(monkeypatch):
+    """Motions that cannot be computed leave an end open; nothing ends at the estimate."""
+    data, _ = responses(springpot_response(HERTZ, 5.0, (0.6, 0.5)), 0.01, 0)
+    evaluate = MotionModel.evaluate
+
+    def broken(self: MotionModel, inner: Any, *, with_jacobian: bool = True) -> Evaluation:
+        if self.values(inner)[0] > edge:
+            raise ValueError("no run beyond")
+        return evaluate(self, inner, with_jacobian=with_jacobian)
+
+    keys = {"stiffness": (4.9, 0.0, np.inf), "damping.0.coefficient": (0.5, 0.0, np.inf)}
+    edge = np.inf
+    whole = fitted(data, [SPRINGPOT], keys, 0.01).estimates[0]
+    assert whole.low < whole.value < whole.high
+    monkeypatch.setattr(MotionModel, "evaluate", broken)
+    for share in (1e-4, 0.1, 0.6):
+        edge = whole.value + share * (whole.high - whole.value)
+        found = fitted(data, [SPRINGPOT], keys, 0.01).estimates[0]
+        assert np.isnan(found.high)
+        assert found.low == pytest.approx(whole.low, rel=1e-3)
+        assert found.value <= found.reached[1] <= edge
+        assert "the end of the interval above was not found" in found.warnings[0]
+
+
+def test_a_descent_that_does_not_end_is_no_misfit(monkeypatch):
+    data, _ = responses(springpot_response(HERTZ, 5.0, (0.6, 0.5)), 0.01, 0)
+    model = MotionModel(
+        FitModel(
+            name="",
+            specification={"kind": "damped-oscillator", "stiffness": 5.0, "damping": [SPRINGPOT]}
+            | {"initial": {"position": 0.0, "velocity": 0.0}, "final_time": 1.0},
+            parameters=(
+                FitParameter(key="problem.stiffness", start=5.0, low=0.0),
+                FitParameter(key="problem.damping.0.coefficient", start=0.5, low=0.0),
+            ),
+        ),
+        [data],
+        [[0.01, 0.01]],
+    )
+    model.meshes = [1]
+    at = model.evaluate(model.start)
+    begin = Minimum(point=model.start, evaluation=at, bounds=model.bounds)
+    monkeypatch.setattr(profile, "MOST_STEPS", 0)
+    side = profile_side(model, begin, 0, 0.5, least=at.cost, variance=1.0, threshold=1.96)
+    assert np.isnan(side.end)
+    assert side.reached >= model.start[0]
+
+
+def test_removal_is_refused_where_a_term_matters_and_parts_of_a_spectrum_are_terms():
+    s = 2j * np.pi * HERTZ
+    single = 3.0 * s * 0.4 / (1 + s * 0.4)
+    data, _ = responses(1.0 / (s**2 + 5.0 + single), 0.003, 1)
+    prony = {"law": "prony", "moduli": [3.0, 0.2], "times": [0.4, 0.05], "relaxed": 0.0}
+    found = fitted(
+        data,
+        [prony],
+        {
+            "stiffness": (5.0, 0.0, np.inf),
+            "damping.0.moduli.0": (3.0, 0.0, np.inf),
+            "damping.0.moduli.1": (0.2, 0.0, np.inf),
+        },
+        0.003,
+    )
+    (needless,) = found.needless
+    assert needless.key == "problem.damping.0.moduli.1"
+    assert needless.parameters == 1
+    assert needless.probability > 0.05
+    assert needless.words in found.warnings
+
+
+def settings_of_motion(times: Any, values: Any, noise: float) -> FitSettings:
+    series = Series(name="x", column="x", times=times, values=values)
+    data = DataSet(name="a", series=(series,))
+    return FitSettings(data=(data,), models=(), deviations={("a", "x"): noise})
+
+
+@pytest.mark.parametrize(("above", "both"), [(False, True), (True, True), (False, False)])
+def test_both_sides_of_order_one_are_looked_at(above, both):
+    """At 1 a Caputo derivative with a start velocity jumps from c x' to c (x' - v0)."""
+    noise = 0.05 if both else 0.002
+    velocity, coefficient = 0.1 if both else 1.5, 0.4
+    times = np.linspace(0.1, 4.0, 25)
+    pull = coefficient * velocity if above else 0.0
+    exact = viscous_motion(times, 4.0, coefficient, velocity, pull)
+    values = exact + noise * np.random.default_rng(4).standard_normal(times.size)
+    model = FitModel(
+        name="",
+        specification={
+            "kind": "damped-oscillator",
+            "stiffness": 4.0,
+            "damping": [{"order": 1.0, "coefficient": coefficient}],
+            "initial": {"position": 1.0, "velocity": velocity},
+            "final_time": 4.0,
+        },
+        parameters=(FitParameter(key="problem.damping.0.order", start=0.97, low=0.05, high=1.95),),
+    )
+    found = fit_model(settings_of_motion(times, values, noise), model, with_scan=not both)
+    (order,) = found.estimates
+    assert order.low <= 1.0 <= order.high
+    # what nobody set ends no interval
+    assert abs(order.low - 1.000001) > 1e-7
+    if both:
+        assert order.low < 0.999
+        assert order.high > 1.001
+        assert order.over_jump
+    else:
+        assert order.high == 1.0
+        assert order.at_jump == "high"
+        assert any("orders above 1 were tried and fit worse" in one for one in found.warnings)
