@@ -182,8 +182,7 @@ def _row(
     scene = _scene(run)
     key = (run.method.case, run.member.number if run.member is not None else 0)
     if key not in limits:
-        longer = replace(scene, final_time=LASTING * scene.final_time)
-        limits[key] = _limit(scene, run.method), _limit(longer, run.method)
+        limits[key] = _limits(scene, run.method)
     observation = None
     if with_observation:
         observation = observe(scene, run.method, run.n_steps)
@@ -203,11 +202,17 @@ def _scene(run: Run) -> Scene:
     return problem.scene
 
 
-def _limit(scene: Scene, method: AnyMethod) -> float:
+def _limits(scene: Scene, method: AnyMethod) -> tuple[float, float]:
+    """Largest stable steps over the scene's own time, and over a thousand times that."""
     prediction = predict_stability(scene, method, 1)
     if prediction.verdict == prediction.linearised_verdict == "unknown":
-        return math.nan
-    return largest_stable_step(scene, method) or math.nan
+        return math.nan, math.nan
+    longer = replace(scene, final_time=LASTING * scene.final_time)
+    lasting = largest_stable_step(longer, method, fewest=LASTING) or math.nan
+    if lasting >= scene.final_time:
+        # nothing that grows over the shorter time would not grow over the longer one
+        return scene.final_time, lasting
+    return largest_stable_step(scene, method) or math.nan, lasting
 
 
 def observe(scene: Scene, method: AnyMethod, n_steps: int) -> Observation | None:

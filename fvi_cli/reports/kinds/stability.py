@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from fvi_cli.integrator.stability.prediction import TOLERATED_GROWTH
+from fvi_cli.integrator.stability.scan import EVERY_UP_TO, FEW, SPACING, WIDE_SPACING
 from fvi_cli.reports.document import Block, Code, Grid, Heading, Paragraph
 from fvi_cli.reports.naming import method_names
 from fvi_cli.reports.table import Column, Report, Row, Sheet, Within, row_of
@@ -115,7 +116,10 @@ def _words(name: str, tables: Sequence[StabilityTable]) -> list[Block]:
             f"unstable (in CAPITALS) when it outgrows the exact scene by {TOLERATED_GROWTH:.0f} "
             "and the mode is none of the exact scene. Modes called slow grow, but too slowly for "
             "that number of steps. Below the stable h runs over this time are stable, below the "
-            "lasting h also those over a thousand times this time."
+            "lasting h also those over a thousand times this time: looked at are all steps T/N up "
+            f"to N = {EVERY_UP_TO} and shorter ones that are {100 * SPACING:g} % apart, so that "
+            "windows of instability narrower than that may be missed "
+            f"({100 * WIDE_SPACING:g} % for scenes of more than {FEW} independent systems)."
         ),
     ]
     for table in tables:
