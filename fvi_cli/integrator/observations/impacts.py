@@ -132,7 +132,8 @@ def replayed(
     marker = first_marker(setup)
     course = Course.begun(marker)
     asked = (setup.method.case, steps.n_steps, float(steps.time[-1]) / steps.n_steps)
-    keeper = CourseKeeper(checkpoints, marker, course, asked)
+    given = (setup.scene, setup.method, steps.time, steps.step_size, steps.jump)
+    keeper = CourseKeeper(checkpoints, marker, course, asked, given, ("velocities",))
     velocities = list(keeper.found.get("velocities", ()))
     jumps = steps.jump if steps.jump is not None else np.zeros_like(steps.momentum)
 
@@ -186,7 +187,9 @@ class _Bouncing:
         self.rest = ""
         self._passed, self._behind, self._begin = 0, START, 0.0
         asked = (setup.method.case, n_steps, self._step)
-        self.keeper = CourseKeeper(checkpoints, self.marker, self.course, asked)
+        given = (setup.scene, setup.method, tuple(surfaces.items()), shortest)
+        needs = tuple(self._state())
+        self.keeper = CourseKeeper(checkpoints, self.marker, self.course, asked, given, needs)
         if self.keeper.found:
             self._restore(self.keeper.found)
 
