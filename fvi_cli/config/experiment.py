@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
@@ -34,6 +35,8 @@ from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import Experiment
+
+_logger = logging.getLogger(__name__)
 
 # Break points are taken for fractions of the interval with denominators up to this.
 _LARGEST_DENOMINATOR: Final = 2**20
@@ -73,6 +76,8 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         _check_break_points(described, problem, methods, steps, at)
     for key in ("expect", "claims"):
         _check_cases(values[key], methods, at.under(key))
+    if is_described and not values["allow_unstable"]:
+        _warn_of_negative_damping(described, at.under("problem"))
     accuracy, diagnostics, members = None, NOTHING, None
     observed = Observations()
     if problem is not None:
@@ -127,6 +132,22 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         units=values.get("units", {}),
     )
     return resolved, experiment
+
+
+def _warn_of_negative_damping(described: Mapping[str, Any], at: Cursor) -> None:
+    """Say which factors of damping are negative: a sign is easily wrong."""
+    terms = described.get("damping")
+    for index, term in enumerate(terms if isinstance(terms, list) else []):
+        value = term.get("coefficient") if isinstance(term, Mapping) else None
+        if isinstance(value, int | float) and value < 0:
+            under = at.under("damping", index, "coefficient")
+            _logger.warning(
+                "%s: problem.damping.%d.coefficient: %g is negative, it drives the motion; if that "
+                "is meant write allow_unstable: true",
+                under.node.place,
+                index,
+                value,
+            )
 
 
 def _methods_of(

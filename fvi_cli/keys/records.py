@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any
@@ -67,12 +68,15 @@ class Record:
         Keys of which one must be given and no other; the schema says so, who reads checks it.
     declares
         Key whose names the expressions under all keys may hold; empty: there is none.
+    of_word
+        What to write in place of a word where the mapping should stand; empty: nobody knows.
     """
 
     keys: tuple[Key, ...]
     refused: Mapping[str, Refusal] = field(default_factory=dict, hash=False)
     alternatives: tuple[str, ...] = ()
     declares: str = ""
+    of_word: Callable[[str], str] = field(default=lambda word: "", hash=False)
 
     @property
     def expected(self) -> str:
@@ -110,6 +114,8 @@ class Record:
 
     def _meant(self, at: Cursor) -> str:
         """How a number or word is written where it fits under the first key; else nothing."""
+        if isinstance(at.scalar, str) and (written := self.of_word(at.scalar)):
+            return f"; write {written}"
         first = self.keys[0]
         word = at.word_for(first.shape)
         return f"; write {{{first.name}: {word}}}" if word else ""
@@ -187,12 +193,15 @@ class ByKind:
     default
         The word where none stands; what is read then is without the key, as it is where this word
         stands.
+    meant
+        What to write in place of words that are not known here, in small letters.
     """
 
     kinds: Mapping[str, Record] = field(hash=False)
     word: str = "kind"
     meaning: str = "which equation"
     default: str = ""
+    meant: Mapping[str, str] = field(default_factory=dict, hash=False)
 
     @property
     def expected(self) -> str:
@@ -205,6 +214,11 @@ class ByKind:
             return at.needs(self.expected)
         choice = Choice(words=tuple(self.kinds))
         kind: Any = self.default
+        word = at.under(self.word).scalar if at.has(self.word) else None
+        plain = re.sub(r"[\s_]+", "-", word.lower()) if isinstance(word, str) else ""
+        if plain in self.meant:
+            # the keys beside it are those of what is not known
+            return at.refuse(f"{plain}: {self.meant[plain]}", self.word)
         if at.has(self.word):
             kind = choice.read(at.under(self.word))
         elif not self.default:

@@ -249,6 +249,17 @@ class Text:
         return {"type": "string" if given else ["number", "string"], **given}
 
 
+def _diagonal(texts: list[str]) -> str:
+    """How a diagonal matrix is written."""
+    if len(texts) > 4:
+        texts = ["m1", "m2", "m3"]
+    rows = [
+        "[" + ", ".join(text if i == j else "0" for j in range(len(texts))) + "]"
+        for i, text in enumerate(texts)
+    ]
+    return f"for a diagonal matrix write [{', '.join(rows)}]"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Matrix:
     """A symmetric matrix as a list of rows, positive definite if asked for."""
@@ -263,6 +274,12 @@ class Matrix:
 
     def read(self, at: Cursor) -> Any:
         """A list of lists of floats."""
+        numbers = [item.scalar for item in at.items()]
+        if len(numbers) > 1 and all(type(one) in (int, float) for one in numbers):
+            return at.refuse(
+                f"{len(numbers)} numbers where {len(numbers)} rows are needed; "
+                + _diagonal([item.node.text for item in at.items() if hasattr(item.node, "text")])
+            )
         rows = [self._row(row, len(at.items())) for row in at.items()]
         if not rows:
             return at.needs(self.expected)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fvi_cli.errors import RequestError
+from fvi_cli.keys.complaints import excerpt
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.cluster import DaskCluster
 from fvi_cli.runner.executors.executor import Executor, InProcess, Watch
@@ -16,6 +17,7 @@ from fvi_cli.runner.parts.shard import WHOLE, Shard
 from fvi_cli.runner.request import Request
 from fvi_cli.storage import PARTS_SUFFIX
 
+_SCHEMES = ("tcp", "tls", "ucx", "ws", "wss", "inproc")
 CHECKPOINT_SECONDS = 60.0
 """Between two checkpoints of a run, unless something else is said."""
 
@@ -72,6 +74,12 @@ class Settings:
     def __post_init__(self) -> None:
         if self.dask is not None and self.workers > 1:
             raise RequestError("--workers and --dask: give one of them; a scheduler has its own")
+        scheme, separator, _ = (self.dask or "").partition("://")
+        if separator and scheme not in _SCHEMES:
+            raise RequestError(
+                f"--dask {excerpt(str(self.dask))}: is not the address of a scheduler, such as "
+                "tcp://host:8786"
+            )
         if not self.checkpoint_seconds >= 0:
             raise RequestError(
                 f"--checkpoint-every: {self.checkpoint_seconds:g} is not allowed; it must be a "

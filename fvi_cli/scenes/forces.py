@@ -43,7 +43,12 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
     file, name = file_under(values, at)
     is_at2 = file.suffix.lower() == SUFFIX
     if is_at2 == ("column" in values):
-        wrong = "missing; it must be the name of a column"
+        if not is_at2 and not file.exists():
+            return at.refuse(f"{name}: cannot be read: no such file", "file")
+        wrong = (
+            "missing; it must be the name of a column (records in AT2 need none: their names end "
+            "in .at2)"
+        )
         return at.refuse("not for AT2, which has one column" if is_at2 else wrong, "column")
     columns = () if is_at2 else (values["time"], values["column"])
 
@@ -105,7 +110,10 @@ SAMPLES: Final = Checked(
                 Text(what="samples as fvi writes them"),
                 "Times and values in short; filled in, and used in place of the file.",
             ),
-        )
+        ),
+        refused=dict.fromkeys(
+            ("unit", "units"), "not a key: write scale, such as scale: 9.81 for a record in g"
+        ),
     ),
     check=_read_file,
     words="samples such as {file: quake.csv, column: a, time: t, interpolation: linear}",

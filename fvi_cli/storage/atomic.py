@@ -30,7 +30,7 @@ def replace_file(path: Path, content: bytes) -> None:
     OSError
         If the folder does not exist or cannot be written; nothing is left behind.
     """
-    _remove_abandoned(path)
+    _remove_abandoned(followed(path))
     with replacement(path, is_held=True) as handle, os.fdopen(os.dup(handle), "wb") as stream:
         stream.write(content)
 
@@ -80,6 +80,7 @@ def replacement(path: Path, *, is_held: bool = False) -> Iterator[int]:
     """Descriptor of a new file beside `path` that takes its place when the block has ended.
 
     It is open for reading and writing. On any failure `path` stays as it was, and nothing is left.
+    Where `path` is a link, what it leads to is replaced.
 
     Parameters
     ----------
@@ -91,8 +92,25 @@ def replacement(path: Path, *, is_held: bool = False) -> Iterator[int]:
     Raises
     ------
     OSError
-        If it cannot be written.
+        If it cannot be written; it names `path`.
     """
+    try:
+        with _replacement(followed(path), is_held=is_held) as handle:
+            yield handle
+    except OSError as error:
+        # of a full disk the system says no name, of a folder that of the unfinished file
+        if not error.filename or str(error.filename).endswith(UNFINISHED):
+            error.filename = str(path)
+        raise
+
+
+def followed(path: Path) -> Path:
+    """What a link leads to, whether that exists or not; any other path as it is."""
+    return path.resolve() if path.is_symlink() else path
+
+
+@contextlib.contextmanager
+def _replacement(path: Path, *, is_held: bool) -> Iterator[int]:
     handle, name = _held_file(path) if is_held else _new_file(path)
     temporary = Path(name)
     try:
@@ -164,8 +182,10 @@ def file_lock(path: Path, *, waits: bool = False) -> Iterator[None]:
 
     with told(path.parent):
         path.parent.mkdir(parents=True, exist_ok=True)
+    # links to one file share its lock
+    place = followed(path)
     # a lock that is a mere file, as is done where there are no others, would outlive a death
-    lock = FileLock(path.with_name(f".{path.name}.lock"), timeout=0, fallback_to_soft=False)
+    lock = FileLock(place.with_name(f".{place.name}.lock"), timeout=0, fallback_to_soft=False)
     try:
         try:
             lock.acquire()

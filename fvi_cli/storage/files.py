@@ -13,7 +13,7 @@ from typing import Any
 import h5py
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.atomic import UNFINISHED, reason, replacement, told
+from fvi_cli.storage.atomic import UNFINISHED, followed, reason, replacement, told
 from fvi_cli.storage.provenance import CHECKSUM, FORMAT, checksum
 from fvi_cli.storage.stream import DAMAGED, SafeStream, SealedStream, append_seal
 
@@ -260,9 +260,9 @@ def remove_checkpoints(parts: Path, identities: Iterable[str]) -> None:
 
 def remove_unfinished(path: Path) -> None:
     """Remove what a crash has left half written; the lock says that nobody is writing it."""
-    parts = path.with_suffix(PARTS_SUFFIX)
+    parts, place = path.with_suffix(PARTS_SUFFIX), followed(path)
     for leftover in itertools.chain(
-        path.parent.glob(f".{path.name}.*{UNFINISHED}"), parts.glob(f".*{UNFINISHED}")
+        place.parent.glob(f".{place.name}.*{UNFINISHED}"), parts.glob(f".*{UNFINISHED}")
     ):
         with told(leftover):
             leftover.unlink(missing_ok=True)

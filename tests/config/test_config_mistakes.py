@@ -139,7 +139,7 @@ MISTAKES = [
     ("mass: 1.0", "mass: [[1, 2], [»3, 4]]", "problem.mass.1.0: 3 is not", "symmetric"),
     ("mass: 1.0", "mass: »[[1, 0], [0, 0]]", "problem.mass: the smallest", "positive"),
     ("mass: 1.0", "mass: [[1, 0], »[0]]", "problem.mass.1: 1 entries", "2 numbers"),
-    ("mass: 1.0", "mass: [»1, 2]", "problem.mass.0: 1 where a row", "2 numbers"),
+    ("mass: 1.0", "mass: »[1, 2]", "problem.mass: 2 numbers where 2", "[[1, 0], [0, 2]]"),
     ("expect: {bdf2", "expect: {»bdf3", "expect.bdf3: no method here", "bdf1-nodes"),
     ("{bdf2: unstable}", "{bdf2: »bad}", "expect.bdf2: the text 'bad'", "diverged"),
     # methods

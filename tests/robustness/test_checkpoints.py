@@ -2,6 +2,7 @@
 
 import errno
 import logging
+import os
 import signal
 import time
 from pathlib import Path
@@ -134,6 +135,21 @@ def test_what_cannot_be_believed_is_ignored_with_a_line(monkeypatch, spoil, reas
     assert line.startswith(f"long gauss-s2-none N={N}: checkpoint {path} is ignored: {reason}")
     assert digests() == digests(Path("straight/long.h5"))
     assert not PARTS.exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names")
+def test_a_pipe_is_not_read_for_ever(monkeypatch):
+    run("-o", "straight")
+    with monkeypatch.context() as patch:
+        interrupt_after(patch, 3)
+        run(code=130)
+    (path,) = PARTS.glob("*.checkpoint")
+    path.unlink()
+    os.mkfifo(path)
+    assert "resume" not in fvi("run", "long.yaml", "--dry-run").stdout
+    told = run().stderr
+    assert f"checkpoint {path} is ignored: it is not a file; the run begins at its start" in told
+    assert digests() == digests(Path("straight/long.h5"))
 
 
 def test_a_full_disk_is_told_once_and_the_run_goes_on(monkeypatch):

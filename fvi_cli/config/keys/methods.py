@@ -35,6 +35,10 @@ _LEADING_FIELD: Final = re.compile(r"([a-z_]+): (.*)", re.DOTALL)
 # Fields of Method under the names that a configuration has for them.
 _KEY_OF_FIELD: Final = {"start_exponents": "start"}
 
+_FAMILIES: Final = {"gauss": "gauss", "radau": "radau-iia", "lobatto": "lobatto-iiic"}
+_NAME: Final = re.compile(
+    r"bdf-?(?P<bdf>[1-6])|(?P<family>gauss|radau|lobatto)(-?[i]+[ac])?-?(?P<degree>[1-9]?)"
+)
 _RULE: Final = Record(
     keys=(
         Key("rule", Choice(words=("gauss", "lobatto")), "Family of the rule."),
@@ -58,6 +62,19 @@ _WEIGHTS: Final = Record(
 
 def _several(name: str, shape: Shape, meaning: str) -> Key:
     return optional(name, OneOrMany(shape=shape, most=100), meaning)
+
+
+def _of_name(name: str) -> str:
+    """How a method is written of which the name stands there."""
+    plain = re.sub(r"[\s_]", "", name.lower())
+    if plain in BASELINE_NAMES:
+        return f"{{baseline: {plain}}}"
+    found = _NAME.fullmatch(plain)
+    if found is None:
+        return ""
+    if found["bdf"]:
+        return f"{{bdf: {found['bdf']}}}"
+    return f"{{rk: {_FAMILIES[found['family']]}, degree: {found['degree'] or 3}}}"
 
 
 _ENTRY: Final = Record(
@@ -134,6 +151,7 @@ _ENTRY: Final = Record(
         "gauss": "not a key: write rk: gauss, degree: 3",
         "cq": "not a key: write bdf: 1 to 6, or rk: gauss",
     },
+    of_word=_of_name,
 )
 
 METHODS: Final = OneOrMany(shape=_ENTRY)

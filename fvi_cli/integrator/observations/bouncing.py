@@ -69,7 +69,9 @@ class Bouncing:
         self.contacts: dict[str, Contact] = {}
         self._passed, self._behind, self._begin = 0, START, 0.0
         asked = (setup.method.case, n_steps, self._step)
-        self.keeper = CourseKeeper(checkpoints, self.marker, self.course, asked)
+        given = (setup.scene, setup.method, tuple(surfaces.items()), shortest)
+        needs = tuple(self._state())
+        self.keeper = CourseKeeper(checkpoints, self.marker, self.course, asked, given, needs)
         if self.keeper.found:
             self._restore(self.keeper.found)
 

@@ -138,7 +138,8 @@ def replayed(
     marker = first_marker(setup)
     course = Course.begun(marker)
     asked = (setup.method.case, steps.n_steps, float(steps.time[-1]) / steps.n_steps)
-    keeper = CourseKeeper(checkpoints, marker, course, asked)
+    given = (setup.scene, setup.method, steps.time, steps.step_size, steps.jump)
+    keeper = CourseKeeper(checkpoints, marker, course, asked, given, ("velocities",))
     velocities = list(keeper.found.get("velocities", ()))
     jumps = steps.jump if steps.jump is not None else np.zeros_like(steps.momentum)
 

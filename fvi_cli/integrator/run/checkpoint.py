@@ -2,16 +2,65 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import zipfile
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
 
+from fvi_cli.effects.matrices import as_csr, is_sparse
 from fvi_cli.integrator.compensated import CompensatedSum
+from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.run.loop import Marker
 from fvi_cli.mathematics.arrays import Array
+
+RunKey = tuple[str, int, float, str]
+"""Method, number of reported steps, their size or the tolerance of theirs, and `fingerprint`."""
+
+
+def fingerprint(*values: object) -> str:
+    """SHA-256 of what determines the numbers of a run: its scene, method, and mesh or tolerance.
+
+    Arrays count by their bytes, what is described by its fields, functions by their names only.
+    """
+    digest = hashlib.sha256()
+    for part in _parts(values):
+        digest.update(part + b";")
+    return digest.hexdigest()
+
+
+def _parts(value: object) -> Iterator[bytes]:
+    """What is told apart of a value."""
+    yield type(value).__name__.encode()
+    if isinstance(value, Mesh):
+        yield np.array(
+            [
+                (s.begin, s.end, s.n_steps, s.step_size, s.reported_every, s.is_fresh)
+                for s in value.stretches
+            ]
+        ).tobytes()
+    elif is_sparse(value):
+        matrix: Any = as_csr(value)  # type: ignore[arg-type]
+        yield from _parts((matrix.shape, matrix.indptr, matrix.indices, matrix.data))
+    elif isinstance(value, np.ndarray):
+        yield f"{value.dtype.str} {value.shape}".encode()
+        yield value.tobytes()
+    elif is_dataclass(value):
+        for field in fields(value):
+            yield field.name.encode()
+            yield from _parts(getattr(value, field.name))
+    elif isinstance(value, Mapping):
+        yield from _parts(list(value.items()))
+    elif isinstance(value, list | tuple):
+        for one in value:
+            yield from _parts(one)
+    elif value is None or isinstance(value, str | bool | int | float):
+        yield repr(value).encode()
+    else:
+        yield getattr(value, "__qualname__", "").encode()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -20,8 +69,8 @@ class Checkpoint:
 
     Parameters
     ----------
-    case, n_steps, step_size
-        Method, number of reported steps, and T / N.
+    case, n_steps, step_size, fingerprint
+        The `RunKey` of the run.
     stretch, step
         Place in the mesh: stretch, and finished steps of it.
     done, reported
@@ -37,6 +86,7 @@ class Checkpoint:
     case: str
     n_steps: int
     step_size: float
+    fingerprint: str
     stretch: int
     step: int
     done: int
@@ -54,21 +104,19 @@ class Checkpoint:
     def taken(
         cls,
         marker: Marker,
-        run: tuple[str, int, float],
+        run: RunKey,
         *,
         place: tuple[int, int] = (0, 0),
         done: int,
         reported: int,
     ) -> Checkpoint:
-        """Of a run that stands at `marker`, at a stretch and so many finished steps of it.
-
-        The run is told by `case`, `n_steps` and `step_size`.
-        """
-        unknowns, (case, n_steps, step_size) = marker.unknowns, run
+        """Of a run that stands at `marker`, at a stretch and so many finished steps of it."""
+        unknowns, (case, n_steps, step_size, key) = marker.unknowns, run
         return cls(
             case=case,
             n_steps=n_steps,
             step_size=step_size,
+            fingerprint=key,
             stretch=place[0],
             step=place[1],
             done=done,
@@ -86,9 +134,9 @@ class Checkpoint:
         )
 
     @property
-    def run(self) -> tuple[str, int, float]:
-        """What tells the run: method, number of reported steps, and T / N."""
-        return self.case, self.n_steps, self.step_size
+    def run(self) -> RunKey:
+        """What tells the run."""
+        return self.case, self.n_steps, self.step_size, self.fingerprint
 
     def marker(self) -> Marker:
         """The state from which the steps go on."""

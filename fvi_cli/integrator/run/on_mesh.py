@@ -271,7 +271,9 @@ def _adaptive(
     sink.begin(0.0, marker.position.value, marker.momentum.value)
     course = Course.begun(marker)
     asked = (setup.method.case, 0, steps.tolerance)
-    keeper = CourseKeeper(checkpoints, marker, course, asked)
+    keeper = CourseKeeper(
+        checkpoints, marker, course, asked, (scene, setup.method, steps), ("state",)
+    )
 
     def state() -> dict[str, Array]:
         return {"state": np.array([*examiner.state, *controller.state], dtype=float)}

@@ -9,7 +9,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING
 from fvi_cli.integrator.growth_bound import scene_bound
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.checkpoint import Checkpoint
+from fvi_cli.integrator.run.checkpoint import Checkpoint, fingerprint
 from fvi_cli.integrator.run.march import March
 from fvi_cli.integrator.run.on_mesh import end_of, mesh_for, trajectory_of
 from fvi_cli.integrator.run.setup import first_marker, ready_on_mesh
@@ -66,9 +66,13 @@ def integrate_part(
     began = clock.perf_counter()
     mesh = mesh_for(scene, method, n_steps)
     step_size = scene.final_time / n_steps
-    asked = (method.case, n_steps, step_size)
+    asked = (method.case, n_steps, step_size, fingerprint(scene, method, mesh))
     if checkpoint is not None and checkpoint.run != asked:
-        raise ValueError(f"checkpoint: it belongs to the run {checkpoint.run}, not to {asked}")
+        own = f"{checkpoint.case} N={checkpoint.n_steps}"
+        raise ValueError(
+            f"checkpoint: it belongs to a run {own} of another scene, method or mesh, not to "
+            f"{method.case} N={n_steps}"
+        )
     done = 0 if checkpoint is None else checkpoint.done
     if until is not None and not done < until <= mesh.n_steps:
         raise ValueError(f"until: {until} is not allowed; it must be {done + 1} to {mesh.n_steps}")

@@ -62,7 +62,7 @@ class Sink:
         self._reported = reported
         for name, pieces in self._lists().items():
             pieces[:] = [kept[name]] if name in kept else []
-        if _LAST[0] in kept:
+        if all(name in kept for name in _LAST):
             time, position, momentum = (kept[name] for name in _LAST)
             self._last = (time, position, momentum)
             self._is_last_kept = bool(self._times) and bool(self._times[-1][-1] == time[0])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.meshes.mesh import Mesh
-from fvi_cli.integrator.run.checkpoint import Checkpoint
+from fvi_cli.integrator.run.checkpoint import Checkpoint, RunKey, fingerprint
 from fvi_cli.integrator.run.loop import Course, Marker
 from fvi_cli.integrator.run.march import March
 from fvi_cli.integrator.run.setup import RunSetup, first_marker
@@ -24,6 +24,8 @@ OF_ANOTHER_RUN = "it belongs to another run, or to another version of the solver
 
 _KEPT = "kept_"
 _NEWTON = ("iterations", "largest", "worst_step", "worst_residuals")
+_FIELDS = ("checkpoint", "operations", "seconds")
+_POINTS = tuple(f"{_KEPT}{name}" for name in ("times", "positions", "momenta"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,8 +96,11 @@ class UnfinishedRun:
         digest = str(arrays.pop("digest", ""))
         if _digest(arrays) != digest:
             raise ValueError("it is damaged (its checksum is not that of its content)")
-        if str(arrays["label"]) != label:
+        if str(arrays.get("label")) != label:
             raise ValueError(OF_ANOTHER_RUN)
+        missing = [name for name in (*_FIELDS, *_NEWTON, *_POINTS) if name not in arrays]
+        if missing:
+            raise ValueError(f"it is of another version ({missing[0]} is missing)")
         iterations, largest, worst, residuals = (arrays[name] for name in _NEWTON)
         return cls(
             checkpoint=Checkpoint.from_bytes(arrays["checkpoint"].tobytes()),
@@ -153,6 +158,10 @@ class CourseKeeper:
         The run at its start; they are brought to where it was stopped.
     asked
         Method, number of steps that are asked for, and their size, or the tolerance of theirs.
+    determined_by
+        What determines the numbers of the run beside these.
+    needs
+        Names of what else is kept.
 
     Attributes
     ----------
@@ -168,12 +177,16 @@ class CourseKeeper:
         marker: Marker,
         course: Course,
         asked: tuple[str, int, float],
+        determined_by: tuple[object, ...],
+        needs: tuple[str, ...],
     ) -> None:
         self._keeper, self._marker, self._course = keeper, marker, course
-        self._asked = asked
+        # a run without a keeper needs none
+        self._asked = (*asked, "" if keeper is None else fingerprint(*determined_by))
         self.found: Mapping[str, Array] = {}
         self.earlier_seconds = 0.0
-        found = None if keeper is None else _believed(keeper, asked, marker)
+        needs = ("sizes", "unknowns", "infinite", *needs)
+        found = None if keeper is None else _believed(keeper, self._asked, marker, needs)
         if found is not None:
             self.found, self.earlier_seconds = found.kept, found.seconds
             vars(marker).update(vars(found.checkpoint.marker()))
@@ -189,7 +202,7 @@ class CourseKeeper:
         seconds = self.earlier_seconds + clock.perf_counter() - self._began
         if not (keeper.is_kept_whole(seconds) if has_ended else keeper.is_due()):
             return
-        _, n_steps, step_size = self._asked
+        _, n_steps, step_size, _ = self._asked
         reported = int(self._marker.time / step_size) if n_steps else done
         keeper.save(
             UnfinishedRun(
@@ -205,13 +218,17 @@ class CourseKeeper:
 
 
 def _believed(
-    keeper: RunKeeper, asked: tuple[str, int, float], start: Marker
+    keeper: RunKeeper, asked: RunKey, start: Marker, needs: tuple[str, ...] = ()
 ) -> UnfinishedRun | None:
     """What was kept of the run that is asked for; None otherwise."""
     found = keeper.load()
     if found is not None:
         at = found.checkpoint
-        if at.run == asked and at.states.shape == start.states.shape:
+        begin = start.position.value
+        kept = (at.states, at.position, at.momentum, at.position_lost, at.momentum_lost)
+        shapes = [start.states.shape, *(4 * [begin.shape])]
+        is_whole = found.kept.keys() >= set(needs)
+        if is_whole and at.run == asked and [one.shape for one in kept] == shapes:
             return found
         keeper.reject(OF_ANOTHER_RUN)
     return None
@@ -237,7 +254,8 @@ def march_with_checkpoints(
         Where the run is after its steps, and the seconds that steps took before the checkpoint.
     """
     n_steps, earlier = mesh.n_reported, 0.0
-    asked = (setup.method.case, n_steps, setup.scene.final_time / max(n_steps, 1))
+    key = fingerprint(setup.scene, setup.method, mesh)
+    asked = (setup.method.case, n_steps, setup.scene.final_time / max(n_steps, 1), key)
     marker = first_marker(setup)
     following: tuple[int, int] | None = (0, 0)
     end = (len(mesh.stretches), 0)

@@ -138,6 +138,9 @@ class CheckpointFile:
             return None
 
     def _read(self) -> UnfinishedRun:
+        # a pipe would be read for ever
+        if self.path.exists() and not self.path.is_file():
+            raise ValueError("it is not a file")
         with self.path.open("rb") as stream:
             return UnfinishedRun.read(stream, self.label)
 

@@ -134,6 +134,25 @@ _MAKE: Final[Mapping[str, Callable[..., Law]]] = {
     "tempered": tempered,
 }
 SPRINGPOT: Final = "springpot"
+_DASHPOT: Final = "{order: 1, coefficient: c}"
+_MEANT: Final[Mapping[str, str]] = {
+    **dict.fromkeys(
+        ("kelvin-voigt", "voigt", "kelvin"),
+        "a spring and a springpot of order 1: add the spring to the stiffness of the scene, and "
+        f"write {_DASHPOT} for the springpot, with another order for the fractional law",
+    ),
+    **dict.fromkeys(
+        ("dashpot", "viscous", "newton", "linear"), f"a springpot of order 1: write {_DASHPOT}"
+    ),
+    **dict.fromkeys(
+        ("fractional", "scott-blair", "abel"), "write law: springpot, with order and coefficient"
+    ),
+    **dict.fromkeys(
+        ("standard-linear-solid", "sls", "standard-solid", "cole-cole"),
+        "write law: zener, or law: prony with moduli, times and relaxed",
+    ),
+    "rayleigh": "write proportional: {mass: a, stiffness: b} beside damping, where the kind has it",
+}
 
 
 def damping_key(default_order: float) -> Key:
@@ -159,6 +178,7 @@ def damping_key(default_order: float) -> Key:
         word="law",
         meaning="which law: a springpot mu D^gamma q, or one that relaxes",
         default=SPRINGPOT,
+        meant=_MEANT,
     )
     return Key(
         "damping",

@@ -155,9 +155,9 @@ def test_a_checkpoint_is_small_and_belongs_to_one_run():
         (GRADED, n_steps),
         (replace(GAUSS2, degree=3, quadrature=None), n_steps),
     ):
-        with pytest.raises(ValueError, match="checkpoint: it belongs to the run"):
+        with pytest.raises(ValueError, match="checkpoint: it belongs to a run"):
             integrate_part(scene, other, steps, checkpoint=checkpoint)
-    with pytest.raises(ValueError, match="checkpoint: it belongs to the run"):
+    with pytest.raises(ValueError, match="checkpoint: it belongs to a run"):
         integrate_part(replace(scene, final_time=9.0), GAUSS2, n_steps, checkpoint=checkpoint)
     for until in (64, CHUNK, N + 1):
         with pytest.raises(ValueError, match=f"{until} is not allowed; it must be {CHUNK + 1}"):

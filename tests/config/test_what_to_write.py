@@ -1,0 +1,104 @@
+"""Complaints say what to write, and what they say is understood."""
+
+import logging
+import re
+
+import pytest
+from command_line import configuration, fvi
+
+from fvi_cli.config import parse_config
+from fvi_cli.errors import ConfigError
+from fvi_cli.integrator.method import BASELINE_NAMES
+
+SPRING = "kind: damped-oscillator, final_time: 1.0, initial: {position: 1.0}, exact: none"
+SHAKEN = "kind: frame, storeys: 3, stiffness: 40.0, final_time: 2.0, exact: none"
+
+
+def refused(problem, folder=None, **more):
+    with pytest.raises(ConfigError) as caught:
+        parse_config(configuration(problem, **more), "f.yaml", base=folder)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("gauss3", "Gauss3", "gauss", "Gauss 2", "radau2", "radau-iia3", "Radau IIA 2"),
+        *("lobatto2", "lobatto-iiic3", "bdf1", "BDF2", "bdf-6", *BASELINE_NAMES),
+    ],
+)
+def test_a_method_by_its_name(name):
+    told = refused(SPRING, method=name)
+    (written,) = re.findall(r"; write (\{.*\})$", told)
+    (experiment,) = parse_config(configuration(SPRING, method=written), "f.yaml").experiments
+    case = experiment.methods[0].case
+    family = re.match(r"[a-z]+", name.lower())[0]
+    assert case.startswith(family)
+    digits = re.findall(r"\d", name)
+    assert not digits or digits[0] in case
+
+
+@pytest.mark.parametrize("name", ["gaus3", "bdf7", "gauss0", "gauss33", "runge"])
+def test_what_is_no_name_of_a_method_gets_no_advice(name):
+    assert "write" not in refused(SPRING, method=name)
+
+
+def test_numbers_in_place_of_a_matrix():
+    rest = "initial: {}, final_time: 1.0, exact: none"
+    told = refused(f"kind: structure, mass: [1, 2.5, 3e-1], stiffness: 1, {rest}")
+    assert told.count("\n") == 0
+    (written,) = re.findall(r"for a diagonal matrix write (\[\[.*\]\])$", told)
+    text = configuration(f"kind: structure, mass: {written}, stiffness: 1, {rest}")
+    (experiment,) = parse_config(text, "f.yaml").experiments
+    assert experiment.problem.scene.inertia.mass.diagonal().tolist() == [1.0, 2.5, 0.3]
+    long = refused(f"kind: structure, mass: {[1] * 20}, stiffness: 1, {rest}")
+    assert "20 numbers where 20 rows are needed; for a diagonal matrix write [[m1, 0, 0]," in long
+
+
+@pytest.mark.parametrize("law", ["kelvin-voigt", "Kelvin Voigt", "kelvin_voigt", "dashpot"])
+def test_laws_that_are_springpots(law):
+    told = refused(f"{SPRING}, damping: [{{law: {law}, stiffness: 2.0, viscosity: 0.1}}]")
+    assert told.startswith("f.yaml:2:")
+    assert told.count("\n") == 0
+    (written,) = re.findall(r"write (\{.*?\})", told)
+    text = configuration(f"{SPRING}, damping: [{written.replace('c}', '0.1}')}]")
+    (experiment,) = parse_config(text, "f.yaml").experiments
+    (term,) = experiment.problem.scene.damping
+    assert term.order == 1.0
+
+
+def test_a_record_that_is_missing_or_has_another_ending(tmp_path):
+    (tmp_path / "quake.txt").write_text("t,a\n0,1\n2,1\n")
+    for file in ("none.xyz", "none.csv", "none.at3", "none"):
+        told = refused(f"{SHAKEN}, ground_acceleration: {{file: {file}}}", tmp_path)
+        assert f"ground_acceleration.file: {file}: cannot be read: no such file" in told
+        assert "column" not in told
+    told = refused(f"{SHAKEN}, ground_acceleration: {{file: quake.txt}}", tmp_path)
+    assert "column: missing; it must be the name of a column (records in AT2 need none" in told
+    for key in ("unit", "units"):
+        record = f"{{file: quake.txt, column: a, {key}: g}}"
+        told = refused(f"{SHAKEN}, ground_acceleration: {record}", tmp_path)
+        assert f"{key}: not a key: write scale, such as scale: 9.81 for a record in g" in told
+
+
+@pytest.mark.parametrize("coefficient", ["-0.1", "-1e-9", "-1e9"])
+def test_negative_damping_is_said(caplog, coefficient):
+    terms = f"[{{order: 0.5, coefficient: 0.2}}, {{order: 1.5, coefficient: {coefficient}}}]"
+    text = configuration(f"{SPRING}, damping: {terms}")
+    with caplog.at_level(logging.WARNING):
+        parse_config(text, "f.yaml")
+    (line,) = caplog.messages
+    told = f"problem.damping.1.coefficient: {float(coefficient):g} is negative, it drives the"
+    assert line.startswith(f"f.yaml:2:{text.splitlines()[1].index(coefficient) + 1}: {told}")
+    caplog.clear()
+    with caplog.at_level(logging.WARNING):
+        parse_config(f"{text}allow_unstable: true\n", "f.yaml")
+        parse_config(text.replace(coefficient, "0.0"), "f.yaml")
+    assert not caplog.messages
+
+
+def test_a_command_shows_the_warning(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = configuration(f"{SPRING}, damping: [{{order: 0.5, coefficient: -0.1}}]")
+    (tmp_path / "f.yaml").write_text(text)
+    assert "coefficient: -0.1 is negative" in fvi("check", "f.yaml", code=0).stderr

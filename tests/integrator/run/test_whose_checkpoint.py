@@ -1,0 +1,154 @@
+"""A checkpoint is that of one scene, method and mesh: every other run begins at its start."""
+
+import io
+
+import numpy as np
+import pytest
+from letters import spring, swing
+
+import fvi_cli as fvi
+from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.mesh import graded_mesh, mesh_of, uniform_mesh
+from fvi_cli.integrator.run import march
+from fvi_cli.integrator.run.checkpoint import fingerprint
+from fvi_cli.integrator.run.on_mesh import integrate_on_mesh
+from fvi_cli.integrator.run.parts import integrate_part
+from fvi_cli.integrator.run.unfinished import OF_ANOTHER_RUN, UnfinishedRun, _digest
+
+FIELDS = (
+    *("checkpoint", "operations", "seconds", "iterations", "largest", "worst_step"),
+    *("worst_residuals", "kept_times", "kept_positions", "kept_momenta"),
+)
+N, T = 96, 8.0
+METHOD = fvi.Method(cq="gauss", degree=2, start="none", history="exponentials")
+SCENE = spring((0.5, 0.7), T=T, k=2.0, x=1.0, v=0.5)
+MESH = graded_mesh(T, N, 3.0)
+TIMES = np.array([one.begin for one in MESH.stretches] + [T])
+
+
+class StoppedError(Exception):
+    """In place of a signal."""
+
+
+class Kept:
+    """A checkpoint in memory; the first one stops its run."""
+
+    def __init__(self, content=b""):
+        self.content, self.rejected, self.is_stopped = content, [], bool(content)
+
+    def load(self):
+        return UnfinishedRun.read(io.BytesIO(self.content), "a run") if self.content else None
+
+    def reject(self, reason):
+        self.rejected.append(reason)
+
+    def is_due(self):
+        return not self.is_stopped
+
+    def is_kept_whole(self, seconds):
+        return False
+
+    def save(self, unfinished):
+        stream = io.BytesIO()
+        unfinished.write(stream, "a run")
+        self.content, self.is_stopped = stream.getvalue(), True
+        raise StoppedError
+
+    def part(self, name):
+        return self
+
+
+@pytest.fixture(autouse=True)
+def short_chunks(monkeypatch):
+    monkeypatch.setattr(march, "CHUNK", 16)
+
+
+def kept_of(scene, method, mesh):
+    kept = Kept()
+    with pytest.raises(StoppedError):
+        integrate_on_mesh(scene, method, mesh, checkpoints=kept)
+    return kept.content
+
+
+def nudged(index, by):
+    times = TIMES.copy()
+    times[index] *= 1 + by
+    return mesh_of(times)
+
+
+MESHES = {
+    "grading 2": graded_mesh(T, N, 2.0),
+    "grading 3.0000001": graded_mesh(T, N, 3.0000001),
+    "equal steps": uniform_mesh(T, N),
+    "one point of the past": nudged(3, 1e-9),
+    "one point to come": nudged(N - 3, 1e-9),
+}
+SCENES = {
+    "order": spring((0.5 + 1e-12, 0.7), T=T, k=2.0, x=1.0, v=0.5),
+    "coefficient": spring((0.5, 0.7 + 1e-12), T=T, k=2.0, x=1.0, v=0.5),
+    "stiffness": spring((0.5, 0.7), T=T, k=2.0 + 1e-12, x=1.0, v=0.5),
+    "position": spring((0.5, 0.7), T=T, k=2.0, x=1.0 + 1e-12, v=0.5),
+    "velocity": spring((0.5, 0.7), T=T, k=2.0, x=1.0, v=0.5 + 1e-12),
+    "kind": swing((0.5, 0.7), T=T, x=1.0, v=0.5),
+    "other force": spring((0.5, 0.7), T=T, k=2.0, x=1.0, v=0.5, forcing="sin(2*t)"),
+    "force": spring((0.5, 0.7), T=T, k=2.0, x=1.0, v=0.5, forcing="sin(t)"),
+}
+
+
+@pytest.mark.parametrize(
+    ("scene", "method", "mesh"),
+    [
+        *(pytest.param(SCENE, METHOD, mesh, id=name) for name, mesh in MESHES.items()),
+        *(pytest.param(scene, METHOD, MESH, id=name) for name, scene in SCENES.items()),
+    ],
+)
+def test_a_checkpoint_of_another_run_is_left_alone(scene, method, mesh):
+    kept = Kept(kept_of(SCENE, METHOD, MESH))
+    found = integrate_on_mesh(scene, method, mesh, checkpoints=kept)
+    assert kept.rejected == [OF_ANOTHER_RUN]
+    assert np.array_equal(found.position, integrate_on_mesh(scene, method, mesh).position)
+
+
+def test_control_its_own_run_goes_on_from_it():
+    kept = Kept(kept_of(SCENE, METHOD, MESH))
+    # an equal scene and mesh, made anew, as another process would
+    scene = spring((0.5, 0.7), T=T, k=2.0, x=1.0, v=0.5)
+    found = integrate_on_mesh(scene, METHOD, graded_mesh(T, N, 3.0), checkpoints=kept)
+    assert not kept.rejected
+    assert np.array_equal(found.position, integrate_on_mesh(SCENE, METHOD, MESH).position)
+
+
+def test_what_determines_numbers_is_told_apart_and_nothing_else():
+    own = fingerprint(SCENE, METHOD, MESH)
+    variants = [
+        *((SCENE, METHOD, mesh) for mesh in MESHES.values()),
+        *((scene, METHOD, MESH) for scene in SCENES.values()),
+        (SCENE, METHOD, AdaptiveSteps(tolerance=1e-6)),
+        (SCENE, METHOD, AdaptiveSteps(tolerance=1e-6, first_step=1e-3)),
+    ]
+    assert len({own, *(fingerprint(*one) for one in variants)}) == 1 + len(variants)
+    assert fingerprint(SCENE, METHOD, graded_mesh(T, N, 3.0)) == own
+
+
+def test_a_run_in_parts_refuses_the_checkpoint_of_another():
+    part = integrate_part(SCENE, METHOD, N, until=32)
+    for scene in SCENES.values():
+        with pytest.raises(ValueError, match="of another scene, method or mesh"):
+            integrate_part(scene, METHOD, N, checkpoint=part.checkpoint)
+    assert integrate_part(SCENE, METHOD, N, checkpoint=part.checkpoint).checkpoint is None
+
+
+def test_a_checkpoint_that_lacks_something_says_so():
+    """With a checksum that holds: another version may have written other things."""
+    with np.load(io.BytesIO(kept_of(SCENE, METHOD, MESH))) as found:
+        arrays = {name: found[name] for name in found.files if name != "digest"}
+    for missing in arrays:
+        left = {name: values for name, values in arrays.items() if name != missing}
+        stream = io.BytesIO()
+        np.savez(stream, digest=np.array(_digest(left)), **left)
+        kept = Kept(stream.getvalue())
+        if missing in ("label", *FIELDS):
+            with pytest.raises(ValueError, match=r"another run|is of another version \("):
+                kept.load()
+        else:
+            integrate_on_mesh(SCENE, METHOD, MESH, checkpoints=kept)
