@@ -3,13 +3,15 @@ r"""A Lagrangian whose mass matrix is not constant, or whose energies do not sep
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 
 from fvi_cli.effects.potential import plus_linear
 from fvi_cli.mathematics.algebra.arithmetic import BESIDE_REAL, NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.derivatives import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 
@@ -45,9 +47,13 @@ class Derivatives:
     stiffness: Array
 
 
+def _along(system: FormulaSystem, names: Sequence[str]) -> FormulaSystem:
+    return derivatives(system, [{name: 1.0} for name in names])
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lagrangian:
-    r"""L(q, v, t) with its derivatives, as programs over q, v<q> and t.
+    r"""L(q, v, t), whose derivatives are programs over q, v<q>, t and parameters.
 
     Parameters
     ----------
@@ -55,28 +61,52 @@ class Lagrangian:
         Names of the d coordinates.
     value
         L.
-    first
-        :math:`\partial L/\partial v` (d values) and :math:`\partial L/\partial q` (d values).
-    second
-        The values of `first`, then the matrices of :class:`Derivatives` row by row.
-    drift
-        :math:`\partial^2 L / \partial v \partial t`, d values.
-    depends_on_time
-        Whether t occurs in L.
-    rate
-        :math:`\partial L/\partial t`; None where it is not at hand.
+    parameters
+        Values of the other names in it.
     stiffness
         A matrix K whose :math:`q^T K q / 2` is taken from L, shape ``(d, d)``; None: 0.
     """
 
     coordinates: tuple[str, ...]
     value: FormulaSystem
-    first: FormulaSystem
-    second: FormulaSystem
-    drift: FormulaSystem
-    depends_on_time: bool = False
-    rate: FormulaSystem | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
     stiffness: Array | None = None
+
+    @cached_property
+    def velocities(self) -> tuple[str, ...]:
+        """Names of the velocities."""
+        return tuple(map(velocity_name, self.coordinates))
+
+    @cached_property
+    def first(self) -> FormulaSystem:
+        r""":math:`\partial L/\partial v`, d values, and :math:`\partial L/\partial q`, d values."""
+        return _along(self.value, (*self.velocities, *self.coordinates))[1:]
+
+    @cached_property
+    def second(self) -> FormulaSystem:
+        """The values of `first`, then the matrices of :class:`Derivatives` row by row."""
+        d = self.dimension
+        found = _along(self.first, (*self.velocities, *self.coordinates))
+        # by direction, then momenta and forces
+        place = np.arange(4 * d * d).reshape(2, d, 2, d) + 2 * d
+        matrices = (place[0, :, 0].T, place[1, :, 0].T, place[1, :, 1].T)
+        chosen = [*range(2 * d), *(int(k) for one in matrices for k in one.ravel())]
+        return FormulaSystem(found.instructions, tuple(found.outputs[k] for k in chosen))
+
+    @cached_property
+    def drift(self) -> FormulaSystem:
+        r""":math:`\partial^2 L / \partial v \partial t`, d values."""
+        return _along(self.first[: self.dimension], (TIME,))[self.dimension :]
+
+    @cached_property
+    def rate(self) -> FormulaSystem:
+        r""":math:`\partial L/\partial t`."""
+        return _along(self.value, (TIME,))[1:]
+
+    @property
+    def depends_on_time(self) -> bool:
+        """Whether t occurs in L."""
+        return TIME in self.value.names
 
     @property
     def dimension(self) -> int:
@@ -91,7 +121,7 @@ class Lagrangian:
         functions: Mapping[str, Callable[..., Any]] = NUMPY_FUNCTIONS
         if kind.kind == "c":
             functions = BESIDE_REAL
-        names: dict[str, Array | float] = {TIME: np.asarray(time, dtype=float)}
+        names: dict[str, Array | float] = {**self.parameters, TIME: np.asarray(time, dtype=float)}
         for index, name in enumerate(self.coordinates):
             names[name] = position[..., index]
             names[velocity_name(name)] = velocity[..., index]
@@ -137,15 +167,7 @@ class Lagrangian:
         )
 
     def time_derivative(self, position: Array, velocity: Array, time: Array | float) -> Array:
-        """The partial derivative of L by t, shape ``(...)``.
-
-        Raises
-        ------
-        ValueError
-            If the program of it is not at hand.
-        """
-        if self.rate is None:
-            raise ValueError("lagrangian: its derivative by t is not at hand")
+        """The partial derivative of L by t, shape ``(...)``."""
         return np.asarray(self._evaluate(self.rate, position, velocity, time)[..., 0])
 
     def momentum_rate(
@@ -167,7 +189,7 @@ class Lagrangian:
         functions: Mapping[str, Callable[..., T]],
     ) -> tuple[list[T | float], list[T | float]]:
         """dL/dv and dL/dq on any algebra: d values each (numbers where one is constant)."""
-        names: dict[str, T | float] = {TIME: time}
+        names: dict[str, T | float] = {**self.parameters, TIME: time}
         for name, q, v in zip(self.coordinates, position, velocity, strict=True):
             names[name] = q
             names[velocity_name(name)] = v

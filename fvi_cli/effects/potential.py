@@ -20,8 +20,9 @@ from fvi_cli.effects.matrices import (
     times,
 )
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.builder import joined
 from fvi_cli.mathematics.algebra.derivatives import derivatives
-from fvi_cli.mathematics.algebra.formulas import FormulaSystem, joined, outputs_of
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
@@ -124,7 +125,7 @@ class ExpressionPotential:
         if self.gradient_expressions is not None:
             return joined(*(one.system for one in self.gradient_expressions))
         along = [{name: 1.0} for name in self.coordinates]
-        return outputs_of(derivatives(self.energy_expression.system, along), slice(1, None))
+        return derivatives(self.energy_expression.system, along)[1:]
 
     @cached_property
     def hessian_system(self) -> FormulaSystem:
@@ -132,9 +133,8 @@ class ExpressionPotential:
         if self.hessian_expressions is not None:
             return joined(*(one.system for row in self.hessian_expressions for one in row))
         along = [{name: 1.0} for name in self.coordinates]
-        found, d = derivatives(self.gradient_system, along), self.dimension
-        # derivatives stand direction by direction; second ones are symmetric
-        return outputs_of(found, slice(d, None))
+        # they stand direction by direction, and are symmetric
+        return derivatives(self.gradient_system, along)[self.dimension :]
 
     @cached_property
     def _all(self) -> FormulaSystem:

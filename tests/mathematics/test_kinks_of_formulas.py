@@ -1,4 +1,4 @@
-"""min, max, abs and sign as primitives: values, derivatives, ranges, series, and where they turn."""
+"""min, max, abs and sign as primitives: values, derivatives, ranges, series, steps."""
 
 import math
 import random
@@ -15,7 +15,7 @@ from fvi_cli.mathematics.algebra.arithmetic import BESIDE_REAL, NUMPY_FUNCTIONS
 from fvi_cli.mathematics.expressions import Expression, slopes_of
 from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
 from fvi_cli.mathematics.intervals.interval import Interval
-from fvi_cli.mathematics.series.power_series import SERIES_FUNCTIONS, SeriesError, expand
+from fvi_cli.mathematics.series.power_series import SeriesError, expand
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.named import linear_oscillator
@@ -85,9 +85,7 @@ def test_drawn_formulas_agree_with_50_digits(seed):
 
         exact = float(precise(mpmath.mpf(at)))
         h = mpmath.mpf(abs(at)) / 10**25
-        sides = [
-            float((precise(at + s * h) - precise(mpmath.mpf(at))) / (s * h)) for s in (1, -1)
-        ]
+        sides = [float((precise(at + s * h) - precise(mpmath.mpf(at))) / (s * h)) for s in (1, -1)]
     size = sum(abs(float(x)) for x in (exact, at)) + 1e-300
     assert value(text, at) == pytest.approx(exact, rel=1e-7, abs=1e-12 * size)
     found = slope(text, at)
@@ -163,7 +161,5 @@ def test_a_force_that_overflows_where_it_is_not_taken_ends_no_run():
 def test_no_order_is_promised_across_kinks():
     method = Method(cq="gauss", degree=2)
     for text, is_smooth in [("cos(t)", True), ("max(cos(t), 0)", False), ("abs(cos(t))", False)]:
-        scene = linear_oscillator(
-            forcing=Forcing.from_text(text), final_time=3.0
-        )
+        scene = linear_oscillator(forcing=Forcing.from_text(text), final_time=3.0)
         assert math.isfinite(expected_order(scene, method, "max", 64)) == is_smooth

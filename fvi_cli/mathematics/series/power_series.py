@@ -364,22 +364,9 @@ def _gamma(series: PowerSeries) -> PowerSeries:
     raise SeriesError("the Gamma function of something that varies is not expanded in powers of t")
 
 
-def _min(a: PowerSeries | float, b: PowerSeries | float) -> PowerSeries | float:
-    return _select(a, b, a, b)
-
-
-def _max(a: PowerSeries | float, b: PowerSeries | float) -> PowerSeries | float:
-    return _select(a, b, b, a)
-
-
-def _select(
-    a: PowerSeries | float,
-    b: PowerSeries | float,
-    below: PowerSeries | float,
-    above: PowerSeries | float,
-) -> PowerSeries | float:
+def _select(a: Any, b: Any, below: Any, above: Any) -> Any:
     """What is taken to the right of 0: the leading term of the difference decides."""
-    difference: PowerSeries = a - b  # type: ignore[assignment]
+    difference = a - b
     if not difference.coefficients.size:
         # equal as far as they are known, and so is what is made of them
         return (below + above) * 0.5 + difference * 0.0
@@ -407,8 +394,8 @@ SERIES_FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = MappingProxyType(
         "abs": _abs,
         "sign": _sign,
         "gamma": _gamma,
-        "min": _min,
-        "max": _max,
+        "min": lambda a, b: _select(a, b, a, b),
+        "max": lambda a, b: _select(a, b, b, a),
         "select": _select,
     }
 )
