@@ -113,15 +113,21 @@ class Lagrangian:
         """Number d of degrees of freedom."""
         return len(self.coordinates)
 
-    def _evaluate(
-        self, system: FormulaSystem, position: Array, velocity: Array, time: Array | float
+    def evaluate(
+        self,
+        system: FormulaSystem,
+        position: Array,
+        velocity: Array,
+        time: Array | float,
+        parameters: Mapping[str, float] | None = None,
     ) -> Array:
-        """Values of a program, shape ``(..., number of outputs)``."""
+        """Values of a program in q, v<q>, t and parameters, ``(..., number of outputs)``."""
         kind = np.result_type(position, velocity)
         functions: Mapping[str, Callable[..., Any]] = NUMPY_FUNCTIONS
         if kind.kind == "c":
             functions = BESIDE_REAL
-        names: dict[str, Array | float] = {**self.parameters, TIME: np.asarray(time, dtype=float)}
+        names: dict[str, Array | float] = {**(parameters or self.parameters)}
+        names[TIME] = np.asarray(time, dtype=float)
         for index, name in enumerate(self.coordinates):
             names[name] = position[..., index]
             names[velocity_name(name)] = velocity[..., index]
@@ -133,7 +139,7 @@ class Lagrangian:
 
     def lagrangian(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """L, shapes ``(..., d)``, ``(..., d)`` and ``(...)`` to ``(...)``."""
-        found = np.asarray(self._evaluate(self.value, position, velocity, time)[..., 0])
+        found = np.asarray(self.evaluate(self.value, position, velocity, time)[..., 0])
         if self.stiffness is None:
             return found
         pull = position @ self.stiffness
@@ -142,18 +148,18 @@ class Lagrangian:
     def momentum(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """dL/dv, shape ``(..., d)``."""
         d = self.dimension
-        return np.asarray(self._evaluate(self.first, position, velocity, time)[..., :d])
+        return np.asarray(self.evaluate(self.first, position, velocity, time)[..., :d])
 
     def force(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """dL/dq, shape ``(..., d)``."""
         d = self.dimension
-        found = np.asarray(self._evaluate(self.first, position, velocity, time)[..., d:])
+        found = np.asarray(self.evaluate(self.first, position, velocity, time)[..., d:])
         return found if self.stiffness is None else found - position @ self.stiffness
 
     def derivatives(self, position: Array, velocity: Array, time: Array | float) -> Derivatives:
         """All first and second derivatives in q and v."""
         d = self.dimension
-        values = self._evaluate(self.second, position, velocity, time)
+        values = self.evaluate(self.second, position, velocity, time)
         matrices = values[..., 2 * d :].reshape(*values.shape[:-1], 3, d, d)
         if self.stiffness is not None:
             values[..., d : 2 * d] -= position @ self.stiffness
@@ -168,7 +174,7 @@ class Lagrangian:
 
     def time_derivative(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """The partial derivative of L by t, shape ``(...)``."""
-        return np.asarray(self._evaluate(self.rate, position, velocity, time)[..., 0])
+        return np.asarray(self.evaluate(self.rate, position, velocity, time)[..., 0])
 
     def momentum_rate(
         self, position: Array, velocity: Array, acceleration: Array, time: Array | float
@@ -178,7 +184,7 @@ class Lagrangian:
         return np.asarray(
             np.einsum("...ab,...b->...a", at.mass, acceleration)
             + np.einsum("...ab,...b->...a", at.mixed, velocity)
-            + self._evaluate(self.drift, position, velocity, time)
+            + self.evaluate(self.drift, position, velocity, time)
         )
 
     def first_on(

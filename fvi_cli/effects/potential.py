@@ -144,27 +144,33 @@ class ExpressionPotential:
     def _stiffness(self) -> Array | None:
         return None if self.stiffness is None else dense(self.stiffness)
 
-    def _evaluate(self, system: FormulaSystem, position: Array) -> list[Array | float]:
-        names: dict[str, Array | float] = {**self.parameters}
+    def evaluate(
+        self,
+        system: FormulaSystem,
+        position: Array,
+        parameters: Mapping[str, float | Array] | None = None,
+    ) -> list[Array | float]:
+        """Values of a program in the coordinates and, if not these, other parameters."""
+        names: dict[str, Array | float] = {**(parameters or self.parameters)}
         for index, coordinate in enumerate(self.coordinates):
             names[coordinate] = position[..., index]
         return system.evaluate(names, NUMPY_FUNCTIONS)
 
     def energy(self, position: Array) -> Array:
         """V at `position`, shape ``(..., d)`` to ``(...)``."""
-        return self._energy(self._evaluate(self.energy_expression.system, position), position)
+        return self._energy(self.evaluate(self.energy_expression.system, position), position)
 
     def gradient(self, position: Array) -> Array:
         """dV/dq, shape ``(..., d)`` to ``(..., d)``."""
-        return self._gradient(self._evaluate(self.gradient_system, position), position)
+        return self._gradient(self.evaluate(self.gradient_system, position), position)
 
     def hessian(self, position: Array) -> Array:
         """Second derivatives, shape ``(..., d)`` to ``(..., d, d)``."""
-        return self._hessian(self._evaluate(self.hessian_system, position), position)
+        return self._hessian(self.evaluate(self.hessian_system, position), position)
 
     def derivatives(self, position: Array) -> tuple[Array, Array, Array]:
         """V, its gradient and its Hessian at `position`, by one program."""
-        values, d = self._evaluate(self._all, position), self.dimension
+        values, d = self.evaluate(self._all, position), self.dimension
         return (
             self._energy(values[:1], position),
             self._gradient(values[1 : d + 1], position),

@@ -367,17 +367,13 @@ def _gamma(series: PowerSeries) -> PowerSeries:
 def _select(a: Any, b: Any, below: Any, above: Any) -> Any:
     """What is taken to the right of 0: the leading term of the difference decides."""
     difference = a - b
-    if not difference.coefficients.size:
-        # equal as far as they are known, and so is what is made of them
+    if not difference.coefficients.size:  # equal as far as they are known
         return (below + above) * 0.5 + difference * 0.0
     return below if difference.coefficients[0] < 0 else above
 
 
 def _composed(name: str, coefficients_at: Taylor) -> Callable[[PowerSeries], PowerSeries]:
-    def function(series: PowerSeries) -> PowerSeries:
-        return _composition(series, name, coefficients_at)
-
-    return function
+    return lambda series: _composition(series, name, coefficients_at)
 
 
 _exp, _log = _composed("exp", taylor.exp), _composed("log", taylor.log)
