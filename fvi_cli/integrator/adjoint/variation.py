@@ -133,8 +133,9 @@ def differentiate(
     for attempt in range(ATTEMPTS):
         try:
             beside = {place: one.family(one.value + place * step) for place in (1, -1)}
-            straight = is_straight
-            if straight is None:
+            # over short differences everything is straight
+            straight = bool(is_straight)
+            if is_straight is None and attempt == 0:
                 straight = _is_affine(beside[-1], scene, beside[1])
             if not straight:
                 beside |= {place: one.family(one.value + place * step) for place in (2, -2)}
