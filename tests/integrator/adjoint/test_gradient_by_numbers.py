@@ -17,7 +17,7 @@ from fvi_cli.api.gradient import gradient
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.adjoint.quantity import position_at, quantity_at
+from fvi_cli.integrator.adjoint.quantity import Quantity, position_at, quantity_at
 from fvi_cli.integrator.adjoint.variation import Variation, differentiate
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.lagrangian import lagrangian_scene
@@ -195,3 +195,26 @@ def test_what_is_not_smooth_has_no_derivative():
         differentiate(smooth, scene, lambda beside, at: [np.sign([at]) * np.sqrt(np.abs([at]))])
     (found,) = differentiate(smooth, scene, lambda beside, at: [np.array([math.sin(5e3 * at)])])
     assert found[0] == pytest.approx(5e3, rel=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+def test_quantities_that_lose_complex_steps_are_refused(scale):
+    scene = linear_oscillator(
+        mass=np.eye(2),
+        stiffness=np.diag([1.0, 2.0]),
+        initial_position=[scale, 0.3 * scale],
+        final_time=3.0,
+    )
+    parameters = ["initial_position"]
+    for wrong in (
+        lambda x, v: np.linalg.norm(x),
+        lambda x, v: np.abs(x).sum(),
+        lambda x, v: np.real(x[0, 0]) * 2.0,
+    ):
+        quantity = Quantity(times=np.array([1.0, 2.0]), value=wrong)
+        with pytest.raises(ValueError, match="complex steps do not give its derivative"):
+            gradient(scene, "gauss3", 12, quantity, parameters)
+    right = Quantity(times=np.array([1.0, 2.0]), value=lambda x, v: np.sqrt((x**2).sum()))
+    found = gradient(scene, "gauss3", 12, right, parameters)
+    # |x| is homogeneous of degree one in the initial position
+    assert found["initial_position"] @ scene.initial_position == pytest.approx(found.value)
