@@ -16,6 +16,7 @@ from fvi_cli.effects.sampled import FunctionForce, Interpolation, SampledForce
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.mathematics.intervals.singularities import pole_inside
 
 ForceComponent = Expression | SampledForce | FunctionForce
 
@@ -118,7 +119,8 @@ class Forcing:
         interpolation
             ``linear`` or ``cubic``.
         beyond
-            What is behind the last sample: ``zero``, or nothing that a scene may ask for.
+            What is behind the last sample: ``zero``, or ``refuse``: a scene that goes on for
+            longer is refused.
         """
         components = tuple(
             SampledForce.through(time, one, interpolation, source=f"component {index}")
@@ -149,6 +151,38 @@ class Forcing:
         """Its components that are given by samples."""
         every = (c for piece in self.pieces for c in piece.components)
         return tuple(c for c in every if isinstance(c, SampledForce))
+
+    def objection(self, final_time: float) -> str:
+        """What speaks against the force up to a time; empty where nothing does.
+
+        Samples must reach to the end of their piece, and no formula may have an infinite integral
+        behind the beginning of its piece.
+        """
+        begin, slack = 0.0, 1e-9 * final_time
+        for piece in self.pieces:
+            end = min(piece.until, final_time)
+            if not begin < end:
+                break
+            for component, places in piece.distinct:
+                where = f"component {places[0] + 1}" if self.dimension > 1 else "it"
+                if isinstance(component, SampledForce):
+                    first, last = float(component.knots[0]), float(component.knots[-1])
+                    if first > begin + slack or last < end - slack:
+                        return (
+                            f"{component.source} has samples from {first:g} to {last:g}, but acts "
+                            f"from {begin:g} to {end:g}; give more of them, or beyond='zero' for "
+                            "no force behind the last"
+                        )
+                elif isinstance(component, Expression) and not component.is_constant:
+                    pole = pole_inside(component, begin, end)
+                    if pole is not None:
+                        return (
+                            f"{where} grows like |t - {pole[0]:.10g}|**{pole[1]:g} at t = "
+                            f"{pole[0]:.10g}, so that its integral is infinite; powers above -1 "
+                            "are allowed"
+                        )
+            begin = end
+        return ""
 
     def on_steps(self, start: Array, step_size: float, offsets: Array) -> Array:
         r"""One-sided values on steps that no break point cuts.

@@ -3,13 +3,15 @@ r"""A Lagrangian whose mass matrix is not constant, or whose energies do not sep
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 
 from fvi_cli.effects.potential import plus_linear
 from fvi_cli.mathematics.algebra.arithmetic import BESIDE_REAL, NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.derivatives import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.convergence import find_roots
@@ -45,9 +47,13 @@ class Derivatives:
     stiffness: Array
 
 
+def _along(system: FormulaSystem, names: Sequence[str]) -> FormulaSystem:
+    return derivatives(system, [{name: 1.0} for name in names])
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lagrangian:
-    r"""L(q, v, t) with its derivatives, as programs over q, v<q> and t.
+    r"""L(q, v, t), whose derivatives are programs over q, v<q>, t and parameters.
 
     Parameters
     ----------
@@ -55,43 +61,73 @@ class Lagrangian:
         Names of the d coordinates.
     value
         L.
-    first
-        :math:`\partial L/\partial v` (d values) and :math:`\partial L/\partial q` (d values).
-    second
-        The values of `first`, then the matrices of :class:`Derivatives` row by row.
-    drift
-        :math:`\partial^2 L / \partial v \partial t`, d values.
-    depends_on_time
-        Whether t occurs in L.
-    rate
-        :math:`\partial L/\partial t`; None where it is not at hand.
+    parameters
+        Values of the other names in it.
     stiffness
         A matrix K whose :math:`q^T K q / 2` is taken from L, shape ``(d, d)``; None: 0.
     """
 
     coordinates: tuple[str, ...]
     value: FormulaSystem
-    first: FormulaSystem
-    second: FormulaSystem
-    drift: FormulaSystem
-    depends_on_time: bool = False
-    rate: FormulaSystem | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
     stiffness: Array | None = None
+
+    @cached_property
+    def velocities(self) -> tuple[str, ...]:
+        """Names of the velocities."""
+        return tuple(map(velocity_name, self.coordinates))
+
+    @cached_property
+    def first(self) -> FormulaSystem:
+        r""":math:`\partial L/\partial v`, d values, and :math:`\partial L/\partial q`, d values."""
+        return _along(self.value, (*self.velocities, *self.coordinates))[1:]
+
+    @cached_property
+    def second(self) -> FormulaSystem:
+        """The values of `first`, then the matrices of :class:`Derivatives` row by row."""
+        d = self.dimension
+        found = _along(self.first, (*self.velocities, *self.coordinates))
+        # by direction, then momenta and forces
+        place = np.arange(4 * d * d).reshape(2, d, 2, d) + 2 * d
+        matrices = (place[0, :, 0].T, place[1, :, 0].T, place[1, :, 1].T)
+        chosen = [*range(2 * d), *(int(k) for one in matrices for k in one.ravel())]
+        return FormulaSystem(found.instructions, tuple(found.outputs[k] for k in chosen))
+
+    @cached_property
+    def drift(self) -> FormulaSystem:
+        r""":math:`\partial^2 L / \partial v \partial t`, d values."""
+        return _along(self.first[: self.dimension], (TIME,))[self.dimension :]
+
+    @cached_property
+    def rate(self) -> FormulaSystem:
+        r""":math:`\partial L/\partial t`."""
+        return _along(self.value, (TIME,))[1:]
+
+    @property
+    def depends_on_time(self) -> bool:
+        """Whether t occurs in L."""
+        return TIME in self.value.names
 
     @property
     def dimension(self) -> int:
         """Number d of degrees of freedom."""
         return len(self.coordinates)
 
-    def _evaluate(
-        self, system: FormulaSystem, position: Array, velocity: Array, time: Array | float
+    def evaluate(
+        self,
+        system: FormulaSystem,
+        position: Array,
+        velocity: Array,
+        time: Array | float,
+        parameters: Mapping[str, float] | None = None,
     ) -> Array:
-        """Values of a program, shape ``(..., number of outputs)``."""
+        """Values of a program in q, v<q>, t and parameters, ``(..., number of outputs)``."""
         kind = np.result_type(position, velocity)
         functions: Mapping[str, Callable[..., Any]] = NUMPY_FUNCTIONS
         if kind.kind == "c":
             functions = BESIDE_REAL
-        names: dict[str, Array | float] = {TIME: np.asarray(time, dtype=float)}
+        names: dict[str, Array | float] = {**(parameters or self.parameters)}
+        names[TIME] = np.asarray(time, dtype=float)
         for index, name in enumerate(self.coordinates):
             names[name] = position[..., index]
             names[velocity_name(name)] = velocity[..., index]
@@ -103,7 +139,7 @@ class Lagrangian:
 
     def lagrangian(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """L, shapes ``(..., d)``, ``(..., d)`` and ``(...)`` to ``(...)``."""
-        found = np.asarray(self._evaluate(self.value, position, velocity, time)[..., 0])
+        found = np.asarray(self.evaluate(self.value, position, velocity, time)[..., 0])
         if self.stiffness is None:
             return found
         pull = position @ self.stiffness
@@ -112,18 +148,18 @@ class Lagrangian:
     def momentum(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """dL/dv, shape ``(..., d)``."""
         d = self.dimension
-        return np.asarray(self._evaluate(self.first, position, velocity, time)[..., :d])
+        return np.asarray(self.evaluate(self.first, position, velocity, time)[..., :d])
 
     def force(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """dL/dq, shape ``(..., d)``."""
         d = self.dimension
-        found = np.asarray(self._evaluate(self.first, position, velocity, time)[..., d:])
+        found = np.asarray(self.evaluate(self.first, position, velocity, time)[..., d:])
         return found if self.stiffness is None else found - position @ self.stiffness
 
     def derivatives(self, position: Array, velocity: Array, time: Array | float) -> Derivatives:
         """All first and second derivatives in q and v."""
         d = self.dimension
-        values = self._evaluate(self.second, position, velocity, time)
+        values = self.evaluate(self.second, position, velocity, time)
         matrices = values[..., 2 * d :].reshape(*values.shape[:-1], 3, d, d)
         if self.stiffness is not None:
             values[..., d : 2 * d] -= position @ self.stiffness
@@ -137,16 +173,8 @@ class Lagrangian:
         )
 
     def time_derivative(self, position: Array, velocity: Array, time: Array | float) -> Array:
-        """The partial derivative of L by t, shape ``(...)``.
-
-        Raises
-        ------
-        ValueError
-            If the program of it is not at hand.
-        """
-        if self.rate is None:
-            raise ValueError("lagrangian: its derivative by t is not at hand")
-        return np.asarray(self._evaluate(self.rate, position, velocity, time)[..., 0])
+        """The partial derivative of L by t, shape ``(...)``."""
+        return np.asarray(self.evaluate(self.rate, position, velocity, time)[..., 0])
 
     def momentum_rate(
         self, position: Array, velocity: Array, acceleration: Array, time: Array | float
@@ -156,7 +184,7 @@ class Lagrangian:
         return np.asarray(
             np.einsum("...ab,...b->...a", at.mass, acceleration)
             + np.einsum("...ab,...b->...a", at.mixed, velocity)
-            + self._evaluate(self.drift, position, velocity, time)
+            + self.evaluate(self.drift, position, velocity, time)
         )
 
     def first_on(
@@ -167,7 +195,7 @@ class Lagrangian:
         functions: Mapping[str, Callable[..., T]],
     ) -> tuple[list[T | float], list[T | float]]:
         """dL/dv and dL/dq on any algebra: d values each (numbers where one is constant)."""
-        names: dict[str, T | float] = {TIME: time}
+        names: dict[str, T | float] = {**self.parameters, TIME: time}
         for name, q, v in zip(self.coordinates, position, velocity, strict=True):
             names[name] = q
             names[velocity_name(name)] = v

@@ -20,8 +20,9 @@ from fvi_cli.effects.matrices import (
     times,
 )
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.builder import joined
 from fvi_cli.mathematics.algebra.derivatives import derivatives
-from fvi_cli.mathematics.algebra.formulas import FormulaSystem, joined, outputs_of
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
@@ -124,7 +125,7 @@ class ExpressionPotential:
         if self.gradient_expressions is not None:
             return joined(*(one.system for one in self.gradient_expressions))
         along = [{name: 1.0} for name in self.coordinates]
-        return outputs_of(derivatives(self.energy_expression.system, along), slice(1, None))
+        return derivatives(self.energy_expression.system, along)[1:]
 
     @cached_property
     def hessian_system(self) -> FormulaSystem:
@@ -132,9 +133,8 @@ class ExpressionPotential:
         if self.hessian_expressions is not None:
             return joined(*(one.system for row in self.hessian_expressions for one in row))
         along = [{name: 1.0} for name in self.coordinates]
-        found, d = derivatives(self.gradient_system, along), self.dimension
-        # derivatives stand direction by direction; second ones are symmetric
-        return outputs_of(found, slice(d, None))
+        # they stand direction by direction, and are symmetric
+        return derivatives(self.gradient_system, along)[self.dimension :]
 
     @cached_property
     def _all(self) -> FormulaSystem:
@@ -144,27 +144,33 @@ class ExpressionPotential:
     def _stiffness(self) -> Array | None:
         return None if self.stiffness is None else dense(self.stiffness)
 
-    def _evaluate(self, system: FormulaSystem, position: Array) -> list[Array | float]:
-        names: dict[str, Array | float] = {**self.parameters}
+    def evaluate(
+        self,
+        system: FormulaSystem,
+        position: Array,
+        parameters: Mapping[str, float | Array] | None = None,
+    ) -> list[Array | float]:
+        """Values of a program in the coordinates and, if not these, other parameters."""
+        names: dict[str, Array | float] = {**(parameters or self.parameters)}
         for index, coordinate in enumerate(self.coordinates):
             names[coordinate] = position[..., index]
         return system.evaluate(names, NUMPY_FUNCTIONS)
 
     def energy(self, position: Array) -> Array:
         """V at `position`, shape ``(..., d)`` to ``(...)``."""
-        return self._energy(self._evaluate(self.energy_expression.system, position), position)
+        return self._energy(self.evaluate(self.energy_expression.system, position), position)
 
     def gradient(self, position: Array) -> Array:
         """dV/dq, shape ``(..., d)`` to ``(..., d)``."""
-        return self._gradient(self._evaluate(self.gradient_system, position), position)
+        return self._gradient(self.evaluate(self.gradient_system, position), position)
 
     def hessian(self, position: Array) -> Array:
         """Second derivatives, shape ``(..., d)`` to ``(..., d, d)``."""
-        return self._hessian(self._evaluate(self.hessian_system, position), position)
+        return self._hessian(self.evaluate(self.hessian_system, position), position)
 
     def derivatives(self, position: Array) -> tuple[Array, Array, Array]:
         """V, its gradient and its Hessian at `position`, by one program."""
-        values, d = self._evaluate(self._all, position), self.dimension
+        values, d = self.evaluate(self._all, position), self.dimension
         return (
             self._energy(values[:1], position),
             self._gradient(values[1 : d + 1], position),

@@ -86,6 +86,8 @@ class Scene:
                 raise ValueError(
                     f"{type(effect).__name__} has {effect.dimension} components, the mass {d}"
                 )
+        if self.forcing is not None and (wrong := self.forcing.objection(self.final_time)):
+            raise ValueError(f"forcing: {wrong}")
         if self.derivative not in ("caputo", "riemann-liouville"):
             raise ValueError(
                 f"derivative: {self.derivative!r} is not one of caputo, riemann-liouville"

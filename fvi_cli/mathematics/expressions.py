@@ -22,8 +22,9 @@ from typing import Final, TypeVar
 import numpy as np
 
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.algebra.builder import Builder, Term
 from fvi_cli.mathematics.algebra.derivatives import derivatives
-from fvi_cli.mathematics.algebra.formulas import Builder, FormulaSystem, Term, compute
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem, compute
 from fvi_cli.mathematics.algebra.syntax import syntax_tree
 from fvi_cli.mathematics.arrays import Array
 
@@ -344,6 +345,8 @@ def _emit(done: list[tuple[Term, float | None]], node: ast.expr) -> None:
             terms = [term for term, _ in pair]
             numbers = [value for _, value in pair if value is not None]
             value = compute(kind, numbers) if len(numbers) == len(pair) else None
+            if kind == "/" and value is None and other[1] == 0:
+                raise ExpressionError("it divides by zero")
             if value is not None:
                 # what is made of constants must be finite for their values
                 terms[0].builder.number(value)

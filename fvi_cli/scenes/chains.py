@@ -132,7 +132,9 @@ def ground_force(acceleration: Forcing, masses: Array) -> Forcing:
 
 
 def _times(component: ForceComponent, factor: float) -> ForceComponent:
-    return component.times(factor) if isinstance(component, Expression) else component.scaled(factor)
+    return (
+        component.times(factor) if isinstance(component, Expression) else component.scaled(factor)
+    )
 
 
 def frame(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,8 +20,11 @@ from fvi_cli.effects.potential import (
     with_stiffness,
 )
 from fvi_cli.effects.scene import Scene
-from fvi_cli.mathematics import symbolic
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.mathematics.algebra.builder import bound, negative, terms_with
+from fvi_cli.mathematics.algebra.dependence import constant_values, kinks_of
+from fvi_cli.mathematics.algebra.derivatives import derivatives
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import Damper, SceneData, make_scene, per_coordinate, with_dampers
@@ -194,46 +196,27 @@ def _check_name(name: str, place: str) -> None:
 def _recognise(
     names: tuple[str, ...], velocities: tuple[str, ...], expression: Expression
 ) -> _Recognised:
-    formula = symbolic.symbolic(expression)
-    q = [symbolic.symbol(name) for name in names]
-    v = [symbolic.symbol(name) for name in velocities]
-    t = symbolic.symbol(TIME)
-    momenta = [formula.diff(one) for one in v]
-    rows = [[symbolic.settled(p.diff(one)) for one in v] for p in momenta]
-    mass = _matrix(rows)
-    if mass is not None:
-        _check_mass(mass, velocities, "")
-    at_rest = dict.fromkeys(v, 0)
-    moves_apart = mass is not None and all(symbolic.settled(p.subs(at_rest)) == 0 for p in momenta)
-    if mass is not None and moves_apart:
-        separated = _separate(names, q, t, -formula.subs(at_rest))
-        if separated is not None:
-            potential, force = separated
-            return _Recognised(mass=mass, potential=potential, forcing=force)
-    return _Recognised(general=compiled_lagrangian(names, formula))
-
-
-def compiled_lagrangian(names: tuple[str, ...], formula: symbolic.Symbolic) -> Lagrangian:
-    """The effect with all derivatives of `formula`."""
-    q = [symbolic.symbol(name) for name in names]
-    v = [symbolic.symbol(velocity_name(name)) for name in names]
-    t = symbolic.symbol(TIME)
-    momenta = [formula.diff(one) for one in v]
-    forces = [formula.diff(one) for one in q]
-    second = [
-        [p.diff(one) for p in momenta for one in v],
-        [p.diff(one) for p in momenta for one in q],
-        [f.diff(one) for f in forces for one in q],
-    ]
-    return Lagrangian(
-        coordinates=names,
-        value=symbolic.compile_formulas([formula]),
-        first=symbolic.compile_formulas([*momenta, *forces]),
-        second=symbolic.compile_formulas([*momenta, *forces, *itertools.chain(*second)]),
-        drift=symbolic.compile_formulas([p.diff(t) for p in momenta]),
-        depends_on_time=bool(formula.has(t)),
-        rate=symbolic.compile_formulas([formula.diff(t)]),
-    )
+    parameters = dict(expression.constants)
+    general = Lagrangian(coordinates=names, value=expression.system, parameters=parameters)
+    d, every = len(names), (*names, *velocities, TIME)
+    kinks = kinks_of(expression.system)
+    masses = general.second[2 * d : 2 * d + d * d]
+    mass = None if kinks & set(velocities) else _matrix(masses, parameters, every)
+    if mass is None:
+        return _Recognised(general=general)
+    _check_mass(mass, velocities, "")
+    at_rest = dict.fromkeys(velocities, 0.0)
+    try:
+        momenta = constant_values(bound(general.first[:d], at_rest), parameters, every)
+        if momenta is None or any(momenta):
+            return _Recognised(general=general)
+        separated = _separate(general, at_rest, is_smooth=not kinks & set(names))
+    except ExpressionError:
+        # what has no value at rest
+        separated = None
+    if separated is None:
+        return _Recognised(general=general)
+    return _Recognised(mass=mass, potential=separated[0], forcing=separated[1])
 
 
 def _with_stiffness(found: _Recognised, stiffness: Form) -> _Recognised:
@@ -246,48 +229,57 @@ def _with_stiffness(found: _Recognised, stiffness: Form) -> _Recognised:
 
 
 def _separate(
-    names: tuple[str, ...],
-    q: list[symbolic.Symbolic],
-    t: symbolic.Symbolic,
-    potential: symbolic.Symbolic,
+    general: Lagrangian, at_rest: Mapping[str, float], *, is_smooth: bool
 ) -> tuple[Potential | None, tuple[Expression, ...] | None] | None:
-    """V(q) and f(t) with V(q) - f(t) q = `potential`; None where there are no such two."""
-    if potential.has(t):
-        potential = symbolic.multiplied_out(potential)
-    timed, static = symbolic.terms_with(potential, t)
-    force = [symbolic.settled(-timed.diff(one)) for one in q]
-    if any(f.has(*q) for f in force):
-        return None
-    gradient = [static.diff(one) for one in q]
-    hessian = [[symbolic.settled(g.diff(one)) for one in q] for g in gradient]
-    stiffness = _matrix(hessian)
-    result: Potential | None
+    """V(q) and f(t) with V(q) - f(t) q = -L at rest; None where there are no such two."""
+    names, parameters = general.coordinates, general.parameters
+    lagrangian, forces = bound(general.value, at_rest), bound(general.first[len(names) :], at_rest)
+    origin = dict.fromkeys(names, 0.0)
+    along = [{name: 1.0} for name in names]
+    hessian = derivatives(forces, along)[len(names) :]
+    stiffness = _matrix(hessian, parameters, (*names, TIME)) if is_smooth else None
     if stiffness is not None:
-        origin = dict.fromkeys(q, 0)
-        # what is linear in q is a constant force
-        force = [f - symbolic.settled(g.subs(origin)) for f, g in zip(force, gradient, strict=True)]
-        result = QuadraticPotential(stiffness=stiffness) if np.any(stiffness) else None
-    else:
-        result = ExpressionPotential(
-            coordinates=names,
-            energy_expression=symbolic.as_expression(static, names),
-            gradient_expressions=tuple(symbolic.as_expression(one, names) for one in gradient),
-            hessian_expressions=tuple(
-                tuple(symbolic.as_expression(one, names) for one in row) for row in hessian
-            ),
-        )
-    if all(f == 0 for f in force):
-        return result, None
-    return result, tuple(symbolic.as_expression(f, (TIME,)) for f in force)
-
-
-def _matrix(rows: list[list[symbolic.Symbolic]]) -> Array | None:
-    """The matrix of numbers, None if a variable is left in an entry."""
-    values = [[symbolic.constant(entry) for entry in row] for row in rows]
-    if any(value is None for row in values for value in row):
+        # what is linear in q is a force, be it constant
+        potential = QuadraticPotential(stiffness=-stiffness) if np.any(stiffness) else None
+        return potential, _forces(bound(forces, origin), parameters)
+    timed, static = terms_with(lagrangian, TIME)
+    moving = derivatives(timed, along)[1:]
+    rest = constant_values(derivatives(moving, along)[len(names) :], parameters, (*names, TIME))
+    if rest is None or any(rest) or kinks_of(timed) & set(names):
         return None
-    matrix = np.array(values, dtype=float)
-    # mixed derivatives may differ by round-off in the order of their factors
+    own = _forces(bound(moving, origin), parameters)
+    energy = Expression(
+        "the potential energy",
+        (*names, *parameters),
+        system=negative(static),
+    )
+    return ExpressionPotential(
+        coordinates=names, energy_expression=energy, parameters=parameters
+    ), own
+
+
+def _forces(
+    system: FormulaSystem, parameters: Mapping[str, float]
+) -> tuple[Expression, ...] | None:
+    """Forces in t; None where all are 0."""
+    if constant_values(system, parameters, (TIME,)) == [0.0] * len(system.outputs):
+        return None
+    constants = tuple(sorted(parameters.items()))
+    return tuple(
+        Expression("the force in the Lagrangian", (TIME,), constants, system[k : k + 1])
+        for k in range(len(system.outputs))
+    )
+
+
+def _matrix(
+    entries: FormulaSystem, parameters: Mapping[str, float], names: Sequence[str]
+) -> Array | None:
+    """The matrix of numbers, None if a variable is left in an entry."""
+    values = constant_values(entries, parameters, names)
+    if values is None:
+        return None
+    size = math.isqrt(len(values))
+    matrix = np.array(values).reshape(size, size)
     return np.asarray(0.5 * (matrix + matrix.T))
 
 
@@ -328,11 +320,6 @@ def _with(forcing: Forcing | None, own: tuple[Expression, ...] | None) -> Forcin
         return Forcing(pieces=(ForcingPiece(components=own, until=math.inf),))
     pieces = []
     for piece in forcing.pieces:
-        total = tuple(
-            a.plus(b)
-            if not isinstance(a, Expression)
-            else a.plus(b)
-            for a, b in zip(piece.components, own, strict=True)
-        )
+        total = tuple(a.plus(b) for a, b in zip(piece.components, own, strict=True))
         pieces.append(ForcingPiece(components=total, until=piece.until))
     return Forcing(pieces=tuple(pieces))

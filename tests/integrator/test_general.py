@@ -9,15 +9,15 @@ from spread import spread
 
 from fvi_cli.config import parse_config
 from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import RequestError
 from fvi_cli.integrator.expansions.motion import solution_expansion
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.mathematics import symbolic
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.planning.expected_order import expected_order
-from fvi_cli.scenes.lagrangian import compiled_lagrangian, double_pendulum, lagrangian_scene
+from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
 from fvi_cli.scenes.nonlinear import kepler
 
 GAUSS2 = Method(cq="gauss", degree=2)
@@ -26,8 +26,8 @@ GAUSS3 = Method(cq="gauss", degree=3)
 
 def as_general(scene: Scene, text: str) -> Scene:
     """The same scene, its energies taken through the general Lagrangian."""
-    formula = symbolic.symbolic(Expression.parse(text, variables=("x", "vx", "t")))
-    return replace(scene, potential=None, lagrangian=compiled_lagrangian(("x",), formula))
+    formula = Expression.parse(text, variables=("x", "vx", "t")).system
+    return replace(scene, potential=None, lagrangian=Lagrangian(coordinates=("x",), value=formula))
 
 
 def damped_pendulum(order: float, derivative: str = "caputo") -> Scene:

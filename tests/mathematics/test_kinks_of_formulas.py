@@ -1,4 +1,4 @@
-"""min, max, abs and sign as primitives: values, derivatives, ranges, series, and where they turn."""
+"""min, max, abs and sign as primitives: values, derivatives, ranges, series, steps."""
 
 import math
 import random

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.linearised import LinearisedRun
 from fvi_cli.integrator.adjoint.observation import Observation
-from fvi_cli.integrator.adjoint.variation import Variation, differences
+from fvi_cli.integrator.adjoint.variation import Variation, differentiate
 from fvi_cli.integrator.observations.asked import Observations
 from fvi_cli.integrator.observations.dense_motion import DenseMotion
 from fvi_cli.integrator.observations.observe import along_motion, variables_at
@@ -96,11 +97,13 @@ class Formula:
         if self.is_of_motion:
             return found
         for index, one in enumerate(variations):
-            for beside, factor, number in differences(one, self._scene, is_straight=False):
-                motion = replace(self._motion, scene=beside)
-                along = along_motion(motion, self._asked(index, number), self._expression)
-                found[:, index] += factor * along(*self._places)
+            values = partial(self._beside, index)
+            (found[:, index],) = differentiate(one, self._scene, values, is_straight=False)
         return found
+
+    def _beside(self, index: int, scene: Scene, number: float) -> list[Array]:
+        motion = replace(self._motion, scene=scene)
+        return [along_motion(motion, self._asked(index, number), self._expression)(*self._places)]
 
 
 def _through_accelerations(

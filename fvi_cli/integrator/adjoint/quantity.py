@@ -15,6 +15,9 @@ from fvi_cli.integrator.observations.damper_work import work_names
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import COMPLEX_STEP, Expression
 
+DIFFERENCE = 1e-5
+"""Relative step of the difference that complex steps are held against."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quantity:
@@ -99,7 +102,22 @@ class Quantity:
             found[index] = complex(self.value(*beside)).imag / COMPLEX_STEP
         if not np.isfinite(found).all():
             raise ValueError("quantity: its derivatives by complex steps are not finite")
+        self._check(point.real, found)
         return list(found)
+
+    def _check(self, point: Array, found: Array) -> None:
+        """Hold derivatives by complex steps against a difference in one direction."""
+        # unrelated to anything that a quantity may be symmetric in
+        along = np.cos(1.0 + np.arange(point.size) ** 2).reshape(point.shape)
+        step = DIFFERENCE * (float(np.abs(point).max()) or 1.0)
+        after, before = (float(self.value(*(point + s * step * along))) for s in (1.0, -1.0))
+        expected, size = (after - before) / (2.0 * step), float(np.abs(found * along).sum())
+        noise = 1e-13 * max(abs(after), abs(before)) / step
+        if abs(float((found * along).sum()) - expected) > 1e-3 * max(abs(expected), size) + noise:
+            raise ValueError(
+                "quantity: complex steps do not give its derivative: abs, max, np.linalg.norm and "
+                "the like lose it; write np.sqrt((x**2).sum()) for a norm, or give slopes"
+            )
 
 
 def position_at(time: float, component: int = 0) -> Quantity:

@@ -1,20 +1,28 @@
 r"""What a parameter does to the effects of a scene, with the motion held fixed.
 
-Effects are smooth in their numbers and mostly linear, so fourth-order central differences of them
-are exact to about :math:`10^{-13}` (for linear ones by construction). What the parameter does to
-the motion is left to the linearised run.
+Formulas are differentiated as formulas (`formula_rates`). All other numbers of a scene are smooth
+in the parameter, most of them linear: there central differences of order four are taken, for linear
+ones they are exact. Their steps are shortened until the differences of order two agree with them.
+What the parameter does to the motion is left to the linearised run.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from fvi_cli.effects.matrices import entries
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.adjoint.formula_rates import (
+    SceneRates,
+    numbers_of,
+    structure_of,
+    with_formulas_of,
+)
 from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun
 from fvi_cli.integrator.balances.mesh_balance import loads_along
 from fvi_cli.integrator.loads.step_loads import StepLoads
@@ -24,12 +32,21 @@ from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.mathematics.arrays import Array
 
 DIFFERENCE = 1e-3
-"""Difference of a parameter, relative to its size."""
-ATTEMPTS = 4
-"""Differences that are tried, each a tenth of the one before, where a value may not be left far."""
+"""First difference of a parameter, relative to its size."""
+ATTEMPTS = 6
+"""Differences that are tried, each a tenth of the one before."""
+AGREEMENT = 1e-5
+"""Relative difference of both orders at which that of order four is right to some 1e-10."""
+SMOOTH = 1e-3
+"""Relative difference of both orders above which nothing was found."""
+ROUND_OFF = 1e-14
+"""Of values of which differences are taken, relative."""
 STRAIGHT = 1e-14
 """Round-off of numbers on a straight line, relative."""
 FACTORS = {1: 2.0 / 3.0, -1: -2.0 / 3.0, 2: -1.0 / 12.0, -2: 1.0 / 12.0}
+
+Values = Callable[[Scene, float], Sequence[Any]]
+"""Arrays that are differentiated, by the scene and the value of the parameter."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,22 +84,19 @@ def disturbance(run: LinearisedRun, method: Method, variations: Sequence[Variati
     points = (steps.stage_position, steps.velocity, steps.stage_time)
     forces: tuple[Array, Array] | None = None
     for column, one in enumerate(variations):
-        total = _Rates(run, method, points)
-        for scene, factor, _ in differences(one, run.scene):
-            total.add(scene, factor)
-        momentum[..., column], damping[..., column] = total.momentum, total.damping
-        loads[..., column] = total.loads
-        starts[..., column] = total.starts
-        if np.any(total.orders) or np.any(total.coefficients):
+        rates = _rates(one, run, method, points)
+        momentum[..., column], loads[..., column] = rates.momentum, rates.loads
+        damping[..., column], starts[..., column] = rates.damping, rates.starts
+        if np.any(rates.orders) or np.any(rates.coefficients):
             if forces is None:
                 forces = run.damping_forces
             k = run.memory.n_damping
             plain, slopes = forces[0][:k], forces[1][:k]
-            damping[..., column] += np.einsum("knia,kab->nib", plain, total.coefficients)
+            damping[..., column] += np.einsum("knia,kab->nib", plain, rates.coefficients)
             damping[..., column] += np.einsum(
-                "k,knia,kab->nib", total.orders, slopes, run.memory.matrices[:k]
+                "k,knia,kab->nib", rates.orders, slopes, run.memory.matrices[:k]
             )
-        force[..., column] = total.force - damping[..., column]
+        force[..., column] = rates.force - damping[..., column]
     return Disturbance(
         momentum=momentum,
         force=force,
@@ -94,48 +108,77 @@ def disturbance(run: LinearisedRun, method: Method, variations: Sequence[Variati
     )
 
 
-def differences(
-    one: Variation, scene: Scene, *, is_straight: bool | None = None
-) -> list[tuple[Scene, float, float]]:
-    """Scenes beside a value, their factors in the derivative by it, and the values.
+def differentiate(
+    one: Variation, scene: Scene, values: Values, *, is_straight: bool | None = None
+) -> list[Any]:
+    """Derivatives of values by a parameter.
 
     Parameters
     ----------
     one, scene
         The parameter, and the scene at its value.
+    values
+        What is differentiated.
     is_straight
-        Whether what is differentiated is linear in the parameter; None: if the numbers of the
-        scene are.
+        Whether it is linear in the parameter; None: if the numbers of the scene are.
 
     Raises
     ------
     ValueError
-        If the scene is not there, or another one, close beside the value.
+        If the scene is not there, or another one, close beside the value, or what is
+        differentiated is not smooth there.
     """
     step = DIFFERENCE * (abs(one.value) or 1.0)
+    best: tuple[float, list[Any]] | None = None
     for attempt in range(ATTEMPTS):
         try:
-            near = {place: one.family(one.value + place * step) for place in (1, -1)}
-            if is_straight is None and _is_affine(near[-1], scene, near[1]):
-                factors = {1: 0.5, -1: -0.5}
-                beside = near
-            else:
-                factors = FACTORS
-                far = {place: one.family(one.value + place * step) for place in (2, -2)}
-                beside = {**near, **far}
-            break
+            beside = {place: one.family(one.value + place * step) for place in (1, -1)}
+            # over short differences everything is straight
+            straight = bool(is_straight)
+            if is_straight is None and attempt == 0:
+                straight = _is_affine(beside[-1], scene, beside[1])
+            if not straight:
+                beside |= {place: one.family(one.value + place * step) for place in (2, -2)}
+            for found in beside.values():
+                if (len(found.damping), found.dimension) != (len(scene.damping), scene.dimension):
+                    raise ValueError(f"{one.name}: beside {one.value:g} the scene is another one")
+            at = {place: values(found, one.value + place * step) for place, found in beside.items()}
         except ValueError:
             # an order beside 0 or 2
-            if attempt == ATTEMPTS - 1:
+            if attempt == ATTEMPTS - 1 and best is None:
                 raise
             step *= 0.1
-    for found in beside.values():
-        if (len(found.damping), found.dimension) != (len(scene.damping), scene.dimension):
-            raise ValueError(f"{one.name}: beside {one.value:g} the scene is another one")
-    return [
-        (beside[place], factor / step, one.value + place * step)
-        for place, factor in factors.items()
-    ]
+            continue
+        second = [(high - low) / (2.0 * step) for low, high in zip(at[-1], at[1], strict=True)]
+        if straight:
+            return second
+        fourth = [
+            np.asarray(sum(FACTORS[place] * at[place][index] for place in FACTORS) / step)
+            for index in range(len(second))
+        ]
+        noise = [ROUND_OFF * np.abs(one).max(initial=0.0) / step for one in at[1]]
+        doubt = max(_doubt(*three) for three in zip(second, fourth, noise, strict=True))
+        if best is None or doubt < best[0]:
+            best = (doubt, fourth)
+        if doubt <= AGREEMENT:
+            break
+        step *= 0.1
+    assert best is not None
+    if best[0] > SMOOTH:
+        raise ValueError(
+            f"{one.name}: what it changes is not smooth at {one.value:g}, and has no derivative; "
+            "take another value"
+        )
+    return best[1]
+
+
+def _doubt(second: Array, fourth: Array, noise: float) -> float:
+    """Relative difference of two derivatives, beyond round-off."""
+    left = float(np.abs(second - fourth).max(initial=0.0))
+    if not np.isfinite(left):
+        return 0.0
+    size = float(np.abs(fourth).max(initial=0.0))
+    return left / size if left > noise else 0.0
 
 
 def _is_affine(low: Scene, middle: Scene, high: Scene) -> bool:
@@ -161,39 +204,76 @@ def _numbers(scene: Scene) -> Array:
     return np.concatenate([entries(scene.inertia.form), stiffness, *damping, *start])
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Rates:
-    """Sums of the effects of scenes at the stages of one run."""
+    """Derivatives of effects at the stages of one run."""
 
-    def __init__(
-        self, run: LinearisedRun, method: Method, points: tuple[Array, Array, Array]
-    ) -> None:
-        steps, d = run.steps, run.scene.dimension
-        self._run, self._method, self._points = run, method, points
-        n, r = steps.velocity.shape[:2]
-        self.momentum, self.force, self.damping = np.zeros((3, n, r, d))
-        self.loads = np.zeros((n, steps.tables.degree + 1, d))
-        self.starts = np.zeros((3, d))
-        self.orders = np.zeros(run.memory.n_damping)
-        self.coefficients = np.zeros((run.memory.n_damping, d, d))
+    momentum: Array
+    force: Array
+    damping: Array
+    loads: Array
+    starts: Array
+    orders: Array
+    coefficients: Array
 
-    def add(self, scene: Scene, factor: float) -> None:
-        """Add what a scene has at the stages, times a factor."""
-        dynamics = dynamics_of(scene)
+
+def _rates(
+    one: Variation, run: LinearisedRun, method: Method, points: tuple[Array, Array, Array]
+) -> _Rates:
+    scene, steps = run.scene, run.steps
+    nothing = np.zeros((steps.n_steps, steps.tables.degree + 1, scene.dimension))
+    k, own = run.memory.n_damping, structure_of(scene)
+    size = 1e-3 * DIFFERENCE * (abs(one.value) or 1.0)
+    try:
+        near = one.family(one.value + size)
+    except ValueError:
+        near = one.family(one.value - size)
+    by_formula = structure_of(near) == own
+
+    def values(beside: Scene, _: float) -> list[Array]:
+        numbers: list[Array] = []
+        if by_formula:
+            if structure_of(beside) != own:
+                raise ValueError(f"{one.name}: beside {one.value:g} the scene is another one")
+            numbers = numbers_of(beside)
+            beside = with_formulas_of(beside, scene)
+        dynamics = dynamics_of(beside)
         with np.errstate(all="ignore"):
-            momentum, force = dynamics.forces(*self._points)
-            start = dynamics.momentum(scene.initial_position, scene.initial_velocity, 0.0)
-        self.momentum += factor * momentum
-        self.force += factor * force
-        self.starts[0] += factor * scene.initial_position
-        self.starts[1] += factor * scene.initial_velocity
-        self.starts[2] += factor * start
-        for index, term in enumerate(scene.damping):
-            self.orders[index] += factor * term.order
-            self.coefficients[index] += factor * term.coefficient
-        if not _have_same_laws(scene, self._run.scene):
-            self.damping += factor * self._run.law_forces(scene)
-        if not _have_same_loads(scene, self._run.scene):
-            self.loads += factor * loads_of(scene, self._method, self._run.steps)
+            momentum, force = dynamics.forces(*points)
+            start = dynamics.momentum(beside.initial_position, beside.initial_velocity, 0.0)
+        law = np.zeros_like(force)
+        if not _have_same_laws(beside, scene):
+            law = run.law_forces(beside)
+        loads = nothing
+        if not _have_same_loads(beside, scene):
+            loads = loads_of(beside, method, steps)
+        starts = np.stack([beside.initial_position, beside.initial_velocity, start])
+        orders = np.array([term.order for term in beside.damping][:k])
+        coefficients = np.array([term.coefficient for term in beside.damping][:k])
+        return [momentum, force, law, loads, starts, orders, coefficients, *numbers]
+
+    found = differentiate(one, scene, values)
+    momentum, force, damping, loads, starts, orders, coefficients, *numbers = found
+    if by_formula and any(one.any() for one in numbers):
+        rates = SceneRates(scene=scene, rates=numbers)
+        with np.errstate(all="ignore"):
+            of_points = rates.forces(*points)
+            of_start = rates.forces(scene.initial_position, scene.initial_velocity, 0.0)
+        momentum, force = momentum + of_points[0], force + of_points[1]
+        starts = starts + np.stack([np.zeros_like(of_start[0])] * 2 + [of_start[0]])
+        if (forcing := rates.forcing()) is not None:
+            still = np.zeros(scene.dimension)
+            moved = replace(scene, forcing=forcing, initial_position=still, initial_velocity=still)
+            loads = loads + loads_of(moved, method, steps)
+    return _Rates(
+        momentum=momentum,
+        force=force,
+        damping=damping,
+        loads=loads,
+        starts=starts,
+        orders=orders,
+        coefficients=coefficients.reshape(k, scene.dimension, scene.dimension),
+    )
 
 
 def loads_of(scene: Scene, method: Method, steps: RunSteps) -> Array:

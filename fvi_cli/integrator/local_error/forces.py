@@ -14,15 +14,13 @@ from fvi_cli.effects.matrices import diagonal
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.effects.scene import Scene
-from fvi_cli.mathematics.algebra.arithmetic import INNER_FUNCTIONS, NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.arithmetic import INNER_FUNCTIONS, KINKED, NUMPY_FUNCTIONS
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
 from fvi_cli.mathematics.intervals.interval import Interval
 
-KINKED: Final = ("abs", "sign", "min", "max", "select")
-"""Functions that are not smooth where their argument is zero, or two arguments are equal."""
 LARGEST_DIFFERENCE: Final = 1e300
 GENTLE_FUNCTIONS: Final = frozenset({"sin", "cos"})
 """What cannot rise and fall between two samples that see nothing of it."""

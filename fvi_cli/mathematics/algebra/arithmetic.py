@@ -65,6 +65,9 @@ def _log_times(factor: Array, argument: Array) -> Array:
     return np.asarray(np.where(factor == 0, 0.0, factor * np.log(argument)))
 
 
+KINKED: Final = ("abs", "sign", "min", "max", "select")
+"""What is not smooth where its argument is zero, or its first two arguments are equal."""
+
 INNER_FUNCTIONS: Final[Mapping[str, Callable[..., Array]]] = MappingProxyType(
     {
         "square": np.square,

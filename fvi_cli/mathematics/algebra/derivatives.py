@@ -14,7 +14,8 @@ from types import MappingProxyType
 from typing import Final
 
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
-from fvi_cli.mathematics.algebra.formulas import Builder, FormulaSystem, Term, operands
+from fvi_cli.mathematics.algebra.builder import Builder, Term
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem, operands
 
 _RULES: Final[Mapping[str, Callable[[Term, Term], Term | float]]] = MappingProxyType(
     {
@@ -114,6 +115,8 @@ def _rate(kind: str, terms: Sequence[Term], rates: Sequence[Term], value: Term) 
         return chosen[0]("select", chosen[1], *rates)
     if kind == "select":
         return terms[0]("select", terms[1], rates[2], rates[3])
+    if kind == "digamma":
+        raise ExpressionError("the function 'gamma' cannot be differentiated twice here")
     (a, b), (da, db) = terms, rates
     if kind == "+":
         return da + db
@@ -123,6 +126,5 @@ def _rate(kind: str, terms: Sequence[Term], rates: Sequence[Term], value: Term) 
         return da * b + a * db
     if kind == "/":
         return (da - value * db) / b
-    if kind == "log_times":
-        return da * b("log") + a / b * db
-    raise ExpressionError(f"the function {kind!r} cannot be differentiated here")
+    # what is left is log_times
+    return da * b("log") + a / b * db

@@ -9,8 +9,7 @@ its algebra and nothing else.
 from __future__ import annotations
 
 import functools
-import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import CodeType, FunctionType
@@ -36,7 +35,7 @@ LARGEST_WHOLE_POWER: Final = 1e9
 _EVERY: Final = {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class FormulaSystem:
     """Several values computed by one program, in which equal parts occur once.
 
@@ -76,11 +75,9 @@ class FormulaSystem:
         """Functions that occur, those of derivatives among them."""
         return frozenset(str(self.instructions[place][0]) for place in self.needed) & _EVERY.keys()
 
-    @cached_property
-    def numbers(self) -> dict[int, float]:
-        """Values of the outputs that are numbers, by their index."""
-        every = enumerate(self.instructions[place] for place in self.outputs)
-        return {index: float(one[1]) for index, one in every if one[0] == "number"}
+    def __getitem__(self, which: slice) -> FormulaSystem:
+        """The program of some outputs."""
+        return FormulaSystem(self.instructions, self.outputs[which])
 
     def evaluate(
         self, values: Mapping[str, T | float], functions: Mapping[str, Callable[..., T]]
@@ -213,96 +210,6 @@ def _compiled(source: str) -> CodeType:
     return next(one for one in module.co_consts if isinstance(one, CodeType))
 
 
-class Builder:
-    """A program that grows: equal parts are one, numbers are computed at once."""
-
-    def __init__(self) -> None:
-        self.instructions: list[Instruction] = []
-        self._places: dict[object, int] = {}
-
-    def _add(self, *instruction: str | float | int) -> Term:
-        # 0.0 and -0.0 are equal, but not the same
-        key = repr(instruction) if instruction[0] == "number" else instruction
-        if key not in self._places:
-            self._places[key] = len(self.instructions)
-            self.instructions.append(instruction)
-        return Term(self, self._places[key])
-
-    def number(self, value: float) -> Term:
-        """A number.
-
-        Raises
-        ------
-        ExpressionError
-            If it is not finite.
-        """
-        if math.isnan(value):
-            raise ExpressionError("this constant is not a real number")
-        if math.isinf(value):
-            raise ExpressionError("this constant is infinite or larger than 1.8e308")
-        return self._add("number", float(value))
-
-    def variable(self, name: str) -> Term:
-        """A variable."""
-        return self._add("variable", name)
-
-    def apply(self, kind: str, *terms: Term) -> Term:
-        """An operator, ``negate``, ``**`` or a function of terms, as it stands.
-
-        Raises
-        ------
-        ExpressionError
-            If it is a number that is not finite.
-        """
-        values = [one.value for one in terms]
-        if all(value is not None for value in values):
-            return self.number(compute(kind, cast(list[float], values)))
-        if kind == "**" and values[1] is not None:
-            return self._add(kind, terms[0].place, values[1])
-        return self._add("power" if kind == "**" else kind, *(one.place for one in terms))
-
-    def terms(
-        self, system: FormulaSystem, bound: Mapping[str, float] | None = None
-    ) -> dict[int, Term]:
-        """Another program in this one, by its places; numbers may take the place of variables."""
-        found: dict[int, Term] = {}
-        for place in system.needed:
-            kind, *rest = system.instructions[place]
-            if kind == "number" or (kind == "variable" and rest[0] in (bound or {})):
-                value = rest[0] if kind == "number" else (bound or {})[str(rest[0])]
-                found[place] = self.number(float(value))
-            elif kind == "variable":
-                found[place] = self.variable(str(rest[0]))
-            else:
-                used = [found[one] for one in operands(system.instructions[place])]
-                exponent = [self.number(float(rest[1]))] if kind == "**" else []
-                found[place] = self.apply(str(kind), *used, *exponent)
-        return found
-
-    def include(
-        self, system: FormulaSystem, bound: Mapping[str, float] | None = None
-    ) -> list[Term]:
-        """The outputs of another program; numbers may take the place of its variables."""
-        found = self.terms(system, bound)
-        return [found[place] for place in system.outputs]
-
-    def system(self, terms: Iterable[Term]) -> FormulaSystem:
-        """The program of some terms."""
-        outputs = tuple(one.place for one in terms)
-        return FormulaSystem(instructions=tuple(self.instructions), outputs=outputs)
-
-
-def outputs_of(system: FormulaSystem, which: slice) -> FormulaSystem:
-    """The program of some outputs of another."""
-    return FormulaSystem(instructions=system.instructions, outputs=system.outputs[which])
-
-
-def joined(*systems: FormulaSystem) -> FormulaSystem:
-    """One program for the outputs of several."""
-    builder = Builder()
-    return builder.system([term for one in systems for term in builder.include(one)])
-
-
 def compute(kind: str, values: Sequence[float]) -> float:
     """What an operator or function makes of numbers; it may not be finite."""
     # NumPy's numbers never raise and never turn complex; 9**9**9 overflows at once
@@ -317,70 +224,3 @@ def compute(kind: str, values: Sequence[float]) -> float:
             found = {"+": left + right, "-": left - right, "*": left * right}
             return float(left / right if kind == "/" else found[kind])
         return float(_EVERY[kind](*numbers))
-
-
-@dataclass(frozen=True)
-class Term:
-    """One place of a growing program; operators leave out zeros and ones."""
-
-    builder: Builder
-    place: int
-
-    @property
-    def value(self) -> float | None:
-        """The number that it is; None: it is none."""
-        kind, *rest = self.builder.instructions[self.place]
-        return float(rest[0]) if kind == "number" else None
-
-    def _lift(self, other: Term | float) -> Term:
-        return other if isinstance(other, Term) else self.builder.number(other)
-
-    def __neg__(self) -> Term:
-        return self.builder.apply("negate", self)
-
-    def __add__(self, other: Term | float) -> Term:
-        other = self._lift(other)
-        if self.value == 0 or other.value == 0:
-            return self if other.value == 0 else other
-        return self.builder.apply("+", self, other)
-
-    def __sub__(self, other: Term | float) -> Term:
-        other = self._lift(other)
-        if self.value == 0 or other.value == 0:
-            return self if other.value == 0 else -other
-        if self.builder.instructions[other.place][0] == "negate":
-            return self + Term(self.builder, *operands(self.builder.instructions[other.place]))
-        return self.builder.apply("-", self, other)
-
-    def __mul__(self, other: Term | float) -> Term:
-        other = self._lift(other)
-        for one, rest in ((self, other), (other, self)):
-            if one.value in (0.0, 1.0):
-                return one if one.value == 0 else rest
-        return self.builder.apply("*", self, other)
-
-    def __truediv__(self, other: Term | float) -> Term:
-        other = self._lift(other)
-        return self if self.value == 0 or other.value == 1 else self.builder.apply("/", self, other)
-
-    def __pow__(self, other: Term | float) -> Term:
-        other = self._lift(other)
-        if other.value in (0.0, 1.0):
-            return self if other.value == 1 else self.builder.number(1.0)
-        return self.builder.apply("**", self, other)
-
-    def __radd__(self, other: float) -> Term:
-        return self._lift(other) + self
-
-    def __rsub__(self, other: float) -> Term:
-        return self._lift(other) - self
-
-    def __rmul__(self, other: float) -> Term:
-        return self._lift(other) * self
-
-    def __rtruediv__(self, other: float) -> Term:
-        return self._lift(other) / self
-
-    def __call__(self, name: str, *others: Term) -> Term:
-        """A function of it."""
-        return self.builder.apply(name, self, *others)

@@ -364,33 +364,16 @@ def _gamma(series: PowerSeries) -> PowerSeries:
     raise SeriesError("the Gamma function of something that varies is not expanded in powers of t")
 
 
-def _min(a: PowerSeries | float, b: PowerSeries | float) -> PowerSeries | float:
-    return _select(a, b, a, b)
-
-
-def _max(a: PowerSeries | float, b: PowerSeries | float) -> PowerSeries | float:
-    return _select(a, b, b, a)
-
-
-def _select(
-    a: PowerSeries | float,
-    b: PowerSeries | float,
-    below: PowerSeries | float,
-    above: PowerSeries | float,
-) -> PowerSeries | float:
+def _select(a: Any, b: Any, below: Any, above: Any) -> Any:
     """What is taken to the right of 0: the leading term of the difference decides."""
-    difference: PowerSeries = a - b  # type: ignore[assignment]
-    if not difference.coefficients.size:
-        # equal as far as they are known, and so is what is made of them
+    difference = a - b
+    if not difference.coefficients.size:  # equal as far as they are known
         return (below + above) * 0.5 + difference * 0.0
     return below if difference.coefficients[0] < 0 else above
 
 
 def _composed(name: str, coefficients_at: Taylor) -> Callable[[PowerSeries], PowerSeries]:
-    def function(series: PowerSeries) -> PowerSeries:
-        return _composition(series, name, coefficients_at)
-
-    return function
+    return lambda series: _composition(series, name, coefficients_at)
 
 
 _exp, _log = _composed("exp", taylor.exp), _composed("log", taylor.log)
@@ -407,8 +390,8 @@ SERIES_FUNCTIONS: Final[Mapping[str, Callable[..., Any]]] = MappingProxyType(
         "abs": _abs,
         "sign": _sign,
         "gamma": _gamma,
-        "min": _min,
-        "max": _max,
+        "min": lambda a, b: _select(a, b, a, b),
+        "max": lambda a, b: _select(a, b, b, a),
         "select": _select,
     }
 )

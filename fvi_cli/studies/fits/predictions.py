@@ -12,7 +12,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.formula import Asked, Formula
 from fvi_cli.integrator.adjoint.gradient import run_steps, sensitivities
 from fvi_cli.integrator.adjoint.observation import Observation
-from fvi_cli.integrator.adjoint.variation import Variation, differences
+from fvi_cli.integrator.adjoint.variation import Variation, differentiate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Observations, known_names
 from fvi_cli.integrator.run.on_mesh import AnySteps
@@ -124,10 +124,12 @@ def predict_response(
     load = np.broadcast_to(force(scene)[:, None], (hertz.size, scene.dimension, 1))
     response = solve(load.astype(complex))[..., 0]
     left = np.zeros((*response.shape, len(variations)), dtype=complex)
+
+    def unbalanced(beside: Scene, _: float) -> list[ComplexArray]:
+        return [force(beside) - _applied(DynamicStiffness(beside), s, response)]
+
     for column, one in enumerate(variations):
-        for beside, factor, _ in differences(one, scene, is_straight=False):
-            pull = _applied(DynamicStiffness(beside), s, response)
-            left[..., column] += factor * (force(beside) - pull)
+        (left[..., column],) = differentiate(one, scene, unbalanced, is_straight=False)
     slopes = solve(left) if variations else left
     predicted = []
     for series in data.series:
