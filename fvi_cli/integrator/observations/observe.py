@@ -288,16 +288,13 @@ def extent_of(motion: DenseMotion, along: Along, end: float) -> Extent:
     last_place = 1.0
     if count and motion.steps.time[count] > end:
         last_place = float((end - motion.steps.time[count - 1]) / size[count - 1])
-    for found in pieces_of(along, count):
-        kept = (found.step < count - 1) | (found.end <= last_place)
-        square += float((size[found.step] * square_of(found))[kept].sum())
-        length += float((size[found.step] * (found.end - found.begin))[kept].sum())
+    for found in pieces_of(along, count, last_place):
+        square += float((size[found.step] * square_of(found)).sum())
+        length += float((size[found.step] * (found.end - found.begin)).sum())
         seen = found.values[np.isfinite(found.values)]
         low = min(least, float(seen.min(initial=math.inf)))
         high = max(greatest, float(seen.max(initial=-math.inf)))
         step, place = stations(found, may_exceed(found, low, high))
-        kept = (step < count - 1) | (place <= last_place)
-        step, place = np.append(step[kept], count - 1), np.append(place[kept], last_place)
         values = along(step, place)
         finite = np.isfinite(values)
         if not finite.any():

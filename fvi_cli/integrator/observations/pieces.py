@@ -65,11 +65,13 @@ _PRODUCTS = 0.5 * (
 )
 
 
-def pieces_of(along: Along, n_steps: int) -> Iterator[Pieces]:
-    """The pieces of all steps, some steps at a time."""
+def pieces_of(along: Along, n_steps: int, last_place: float = 1.0) -> Iterator[Pieces]:
+    """The pieces of all steps, of the last one up to a place in it, some steps at a time."""
     for first in range(0, n_steps, AT_A_TIME):
         step = np.arange(first, min(first + AT_A_TIME, n_steps))
         begin, end = np.zeros(step.size), np.ones(step.size)
+        if step[-1] == n_steps - 1:
+            end[-1] = last_place
         done: list[Columns] = []
         before = step.size
         for depth in range(MOST_HALVINGS + 1):
