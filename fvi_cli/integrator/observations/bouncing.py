@@ -10,7 +10,7 @@ import numpy as np
 
 from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.meshes.singular_start import start_power
-from fvi_cli.integrator.observations.pieces import Along, first_below
+from fvi_cli.integrator.observations.isolation import FormulaAlong, first_below
 from fvi_cli.integrator.observations.surface import (
     ROUND_OFF,
     Contact,
@@ -41,7 +41,7 @@ LEAST_IN_ULPS = 256
 
 
 _NO_CONTACT = Contact(math.nan, math.nan, math.nan, math.nan)
-_NO_STEPS = np.zeros(0, dtype=np.intp)
+_ONE_STEP = np.zeros(2, dtype=np.intp)
 _ENDS = np.array([0.5, 1.0])
 
 
@@ -184,15 +184,15 @@ class Bouncing:
         if not np.isfinite(marker.position.value).all():
             course.failure = Failure.not_finite(len(course.sizes) - 1, target)
 
-    def _along(self, surface: Surface, result: StepResult, size: float) -> Along:
+    def _along(self, surface: Surface, result: StepResult, size: float) -> FormulaAlong:
         """The gap along a step."""
         begin, start = self.marker.position.value, self.marker.time
 
-        def along(_: Places, tau: Array) -> Array:
+        def variables(_: Places, tau: Array) -> dict[str, Array | float]:
             way = self._basis.values(tau)[1:].T @ result.unknowns
-            return surface.gap(begin + size * way, start + tau * size)
+            return surface.values(begin + size * way, start + tau * size)
 
-        return along
+        return FormulaAlong(surface.impact.when, variables)
 
     def _tolerance(self, name: str, result: StepResult, size: float) -> float:
         """Gaps in a step smaller than this are not told from 0."""
@@ -208,7 +208,7 @@ class Bouncing:
     def _rises(self, name: str, result: StepResult, size: float) -> bool:
         """Whether a step leaves a surface that the motion was on."""
         along = self._along(self._surfaces[name], result, size)
-        return bool(max(along(_NO_STEPS, _ENDS)) > self._tolerance(name, result, size))
+        return bool(max(along(_ONE_STEP, _ENDS)) > self._tolerance(name, result, size))
 
     def _first_fall(self, result: StepResult, size: float) -> Fall | None:
         """Where a step first goes through a surface, by more than round-off."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -16,9 +17,9 @@ from fvi_cli.integrator.observations.asked import Event, Observations, check_obs
 from fvi_cli.integrator.observations.damper_work import work_names
 from fvi_cli.integrator.observations.dense_motion import DenseMotion, dense_motion
 from fvi_cli.integrator.observations.impacts import integrate_with_impacts
+from fvi_cli.integrator.observations.isolation import FormulaAlong, event_places
 from fvi_cli.integrator.observations.pieces import (
     Along,
-    event_places,
     may_exceed,
     pieces_of,
     square_of,
@@ -28,7 +29,6 @@ from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.expressions import Expression
 
@@ -192,7 +192,14 @@ def observe(
     if not steps.n_steps:
         return trajectory, replace(trajectory, observed=Observed(mesh=steps.time))
     motion = dense_motion(scene, method, steps, part_of(checkpoints, "between the points"))
-    events = {name: _occurrences(motion, asked, one) for name, one in (asked.events or {}).items()}
+    events, missing = {}, []
+    for name, one in (asked.events or {}).items():
+        events[name], since = _occurrences(motion, asked, one)
+        if since is not None:
+            missing.append(
+                f"events.{name}: {one.when.text} changes too fast to find every change of its sign "
+                f"from t = {since:.6g} on; some of these times may be missing"
+            )
     for name, found in (impacts or {}).items():
         at = motion.located(found)
         events[name] = Occurrences(
@@ -213,7 +220,7 @@ def observe(
         along = along_motion(motion, asked, expression)
         quantities[name] = along(*at)
         extents[name] = extent_of(motion, along, end)
-    remarks = (motion.remark,) if motion.remark else ()
+    remarks = (*((motion.remark,) if motion.remark else ()), *missing)
     if stopped_by:
         remarks = (*remarks, f"stopped by the event {stopped_by} at t = {end:.10g}")
     on_mesh = replace(trajectory, remarks=(*trajectory.remarks, *remarks))
@@ -240,15 +247,9 @@ def observe(
     return on_mesh, reported
 
 
-def along_motion(motion: DenseMotion, asked: Observations, expression: Expression) -> Along:
+def along_motion(motion: DenseMotion, asked: Observations, expression: Expression) -> FormulaAlong:
     """The value of an expression at places of a motion; only what occurs in it is worked out."""
-
-    def along(steps: Places, tau: Array) -> Array:
-        values = variables_at(motion, asked, expression, steps, tau)
-        found = expression.evaluate(values, NUMPY_FUNCTIONS)
-        return np.broadcast_to(np.asarray(found, dtype=float), steps.shape)
-
-    return along
+    return FormulaAlong(expression, partial(variables_at, motion, asked, expression))
 
 
 def variables_at(
@@ -287,16 +288,13 @@ def extent_of(motion: DenseMotion, along: Along, end: float) -> Extent:
     last_place = 1.0
     if count and motion.steps.time[count] > end:
         last_place = float((end - motion.steps.time[count - 1]) / size[count - 1])
-    for found in pieces_of(along, count):
-        kept = (found.step < count - 1) | (found.end <= last_place)
-        square += float((size[found.step] * square_of(found))[kept].sum())
-        length += float((size[found.step] * (found.end - found.begin))[kept].sum())
+    for found in pieces_of(along, count, last_place):
+        square += float((size[found.step] * square_of(found)).sum())
+        length += float((size[found.step] * (found.end - found.begin)).sum())
         seen = found.values[np.isfinite(found.values)]
         low = min(least, float(seen.min(initial=math.inf)))
         high = max(greatest, float(seen.max(initial=-math.inf)))
         step, place = stations(found, may_exceed(found, low, high))
-        kept = (step < count - 1) | (place <= last_place)
-        step, place = np.append(step[kept], count - 1), np.append(place[kept], last_place)
         values = along(step, place)
         finite = np.isfinite(values)
         if not finite.any():
@@ -327,14 +325,21 @@ def _steps_until(motion: DenseMotion, end: float) -> int:
     return int(np.searchsorted(motion.steps.time[:-1], end, side="left"))
 
 
-def _occurrences(motion: DenseMotion, asked: Observations, event: Event) -> Occurrences:
+def _occurrences(
+    motion: DenseMotion, asked: Observations, event: Event
+) -> tuple[Occurrences, float | None]:
+    """The times of an event, and the one from which on some may be missing."""
     along = along_motion(motion, asked, event.when)
-    step, place = event_places(along, motion.steps.n_steps, event.direction)
-    return Occurrences(
+    step, place, lost = event_places(along, motion.steps.n_steps, event.direction)
+    found = Occurrences(
         time=motion.time(step, place),
         position=motion.position(step, place),
         velocity=motion.velocity(step, place),
     )
+    if not math.isfinite(lost):
+        return found, None
+    at = motion.time(np.array([int(lost)]), np.array([lost % 1.0]))
+    return found, float(at[0])
 
 
 def _until(one: Occurrences, end: float) -> Occurrences:

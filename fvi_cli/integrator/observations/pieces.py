@@ -9,7 +9,6 @@ changes (Boyd, *Solving Transcendental Equations*, SIAM 2014, sections 2 and 3).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -21,6 +20,8 @@ from fvi_cli.mathematics.arrays import Array, Places
 
 Along = Callable[[Places, Array], Array]
 """Values at places of steps, shapes ``(n,)`` and ``(n,)`` to ``(n,)``."""
+
+Columns = tuple[NDArray[np.generic], ...]
 
 POINTS = 17
 """Chebyshev points of a piece."""
@@ -54,7 +55,7 @@ class Pieces:
 
 
 _NODES = -np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))
-_TO_COEFFICIENTS = np.linalg.inv(chebyshev.chebvander(_NODES, POINTS - 1)).T
+TO_COEFFICIENTS = np.linalg.inv(chebyshev.chebvander(_NODES, POINTS - 1)).T
 _SLOPES = chebyshev.chebder(np.eye(POINTS), axis=0).T
 _INTEGRALS = np.array([0.0 if k % 2 else 2.0 / (1.0 - k * k) for k in range(2 * POINTS)])
 _DEGREES = np.arange(POINTS)
@@ -64,19 +65,19 @@ _PRODUCTS = 0.5 * (
 )
 
 
-def pieces_of(along: Along, n_steps: int) -> Iterator[Pieces]:
-    """The pieces of all steps, some steps at a time."""
+def pieces_of(along: Along, n_steps: int, last_place: float = 1.0) -> Iterator[Pieces]:
+    """The pieces of all steps, of the last one up to a place in it, some steps at a time."""
     for first in range(0, n_steps, AT_A_TIME):
         step = np.arange(first, min(first + AT_A_TIME, n_steps))
         begin, end = np.zeros(step.size), np.ones(step.size)
-        done: list[tuple[Array, ...]] = []
+        if step[-1] == n_steps - 1:
+            end[-1] = last_place
+        done: list[Columns] = []
         before = step.size
         for depth in range(MOST_HALVINGS + 1):
-            tau = begin[:, None] + 0.5 * (_NODES + 1.0) * (end - begin)[:, None]
-            tau[:, -1] = end
+            tau = places_in(begin, end)
             values = along(np.repeat(step, POINTS), tau.ravel()).reshape(tau.shape)
-            # a single point without a value, such as t = 0, is no reason to halve
-            coefficients = np.where(np.isfinite(values), values, 0.0) @ _TO_COEFFICIENTS
+            coefficients = coefficients_of(values)
             size = np.abs(coefficients)
             rough = size[:, -2:].max(axis=1) > DECAY * size.max(axis=1)
             # where halving makes none smoother the function is round-off
@@ -85,23 +86,52 @@ def pieces_of(along: Along, n_steps: int) -> Iterator[Pieces]:
             if depth == MOST_HALVINGS or is_noise:
                 rough[:] = False
             smooth = ~rough
-            done.append(tuple(one[smooth] for one in (step, begin, end, values, coefficients)))
+            done.append(
+                (step[smooth], begin[smooth], end[smooth], values[smooth], coefficients[smooth])
+            )
             if not rough.any():
                 break
-            step, begin, end = step[rough], begin[rough], end[rough]
-            middle = 0.5 * (begin + end)
-            step = np.repeat(step, 2)
-            begin = np.stack([begin, middle], axis=1).ravel()
-            end = np.stack([middle, end], axis=1).ravel()
-        columns = [np.concatenate(one) for one in zip(*done, strict=True)]
-        order = np.lexsort((columns[1], columns[0]))
-        yield Pieces(
-            step=columns[0][order],
-            begin=columns[1][order],
-            end=columns[2][order],
-            values=columns[3][order],
-            coefficients=columns[4][order],
-        )
+            step, begin, end = halve(step, begin, end, rough)
+        yield join_in_order(done)
+
+
+def places_in(begin: Array, end: Array) -> Array:
+    """Chebyshev points of pieces, shape ``(n, POINTS)``."""
+    tau = begin[:, None] + 0.5 * (_NODES + 1.0) * (end - begin)[:, None]
+    tau[:, -1] = end
+    return np.asarray(tau)
+
+
+def coefficients_of(values: Array) -> Array:
+    """Chebyshev coefficients of values, both of shape ``(n, POINTS)``."""
+    # a single point without a value, such as t = 0, is no reason to halve
+    return np.asarray(np.where(np.isfinite(values), values, 0.0) @ TO_COEFFICIENTS)
+
+
+def halve(
+    step: Places, begin: Array, end: Array, chosen: NDArray[np.bool_]
+) -> tuple[Places, Array, Array]:
+    """Both halves of the chosen pieces."""
+    step, begin, end = step[chosen], begin[chosen], end[chosen]
+    middle = 0.5 * (begin + end)
+    return (
+        np.repeat(step, 2),
+        np.stack([begin, middle], axis=1).ravel(),
+        np.stack([middle, end], axis=1).ravel(),
+    )
+
+
+def join_in_order(done: list[Columns]) -> Pieces:
+    """Pieces from groups of their fields, in the order of time."""
+    columns = [np.concatenate(one) for one in zip(*done, strict=True)]
+    order = np.lexsort((columns[1], columns[0]))
+    return Pieces(
+        step=columns[0][order],
+        begin=columns[1][order],
+        end=columns[2][order],
+        values=columns[3][order],
+        coefficients=columns[4][order],
+    )
 
 
 def may_change_sign(found: Pieces) -> NDArray[np.bool_]:
@@ -204,69 +234,3 @@ def bracketed_roots(
         share = np.where(usable, share, 0.5)
         share = np.clip(share, np.minimum(limit, 0.5), np.maximum(1.0 - limit, 0.5))
     return np.asarray(best)
-
-
-def event_places(along: Along, n_steps: int, direction: str) -> tuple[Places, Array]:
-    """Step and place in it of every change of sign, in the order of time.
-
-    Between neighbours among ends and extremes there is one root at most, so none is lost where a
-    step has two. Where the value is zero at an end, or changes from one step to the next, the
-    root is there.
-    """
-    steps, places = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
-    carried: tuple[Places, Array, Array] = (steps[0], places[0], places[0])
-    for found in pieces_of(along, n_steps):
-        step, place = stations(found, may_change_sign(found))
-        own = (step, place, along(step, place))
-        step, place, value = (np.concatenate(pair) for pair in zip(carried, own, strict=True))
-        signed = np.flatnonzero(np.isfinite(value) & (value != 0.0))
-        first, second = signed[:-1], signed[1:]
-        sign = np.sign(value)
-        turns = sign[first] != sign[second]
-        if direction != "any":
-            turns &= sign[second] == (1.0 if direction == "rising" else -1.0)
-        first, second = first[turns], second[turns]
-        inside = (step[first] == step[second]) & (second == first + 1)
-        left, right = first[inside], second[inside]
-        root = place[first].copy()
-        at = step[first].copy()
-        if left.size:
-            root[inside] = bracketed_roots(
-                along, step[left], place[left], place[right], value[left], value[right]
-            )
-        # the value is zero there, or its sign changes by round-off between two steps
-        between = np.minimum(first + 1, second)[~inside]
-        at[~inside], root[~inside] = step[between], place[between]
-        steps.append(at)
-        places.append(root)
-        kept = signed[-1:]
-        carried = (step[kept], place[kept], value[kept])
-    return np.concatenate(steps), np.concatenate(places)
-
-
-def first_below(along: Along, level: float) -> tuple[float, float, float, float] | None:
-    """Where a function along one step first falls below a level -c under 0; None: nowhere.
-
-    Returns
-    -------
-    tuple or None
-        Places of the last value above c before it, of the value below -c, of the root between the
-        two; and that value. The first and the last place are 0 where no value before is above c.
-    """
-    for found in pieces_of(along, 1):
-        step, place = stations(found, may_exceed(found, level, math.inf))
-        value = along(step, place)
-        low = np.flatnonzero(value < level)
-        if not low.size:
-            return None
-        first = int(low[0])
-        high = np.flatnonzero(value[:first] > -level)
-        if not high.size:
-            return 0.0, float(place[first]), 0.0, float(value[first])
-        last = int(high[-1])
-        both = np.array([last]), np.array([first])
-        root = bracketed_roots(
-            along, step[:1], place[both[0]], place[both[1]], value[both[0]], value[both[1]]
-        )
-        return float(place[last]), float(place[first]), float(root[0]), float(value[first])
-    return None

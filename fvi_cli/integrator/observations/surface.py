@@ -39,12 +39,16 @@ class Surface:
     coordinates: Sequence[str]
     parameters: Mapping[str, float]
 
+    def values(self, position: Array, time: Array | float) -> dict[str, Array | float]:
+        """The variables of g by name."""
+        found: dict[str, Array | float] = {**self.parameters, "t": time}
+        for index, name in enumerate(self.coordinates):
+            found[name] = position[..., index]
+        return found
+
     def gap(self, position: Array, time: Array | float) -> Array:
         """The value of g, shapes ``(..., d)`` to ``(...)``."""
-        values: dict[str, Array | float] = {**self.parameters, "t": time}
-        for index, name in enumerate(self.coordinates):
-            values[name] = position[..., index]
-        found = self.impact.when.evaluate(values, NUMPY_FUNCTIONS)
+        found = self.impact.when.evaluate(self.values(position, time), NUMPY_FUNCTIONS)
         return np.broadcast_to(np.asarray(found), position.shape[:-1])
 
     def slopes(self, position: Array, time: float) -> tuple[Array, float]:

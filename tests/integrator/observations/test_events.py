@@ -5,8 +5,9 @@ import pytest
 from letters import spring
 
 import fvi_cli as fvi
-from fvi_cli.integrator.observations.observe import event_places
+from fvi_cli.integrator.observations.isolation import FormulaAlong, event_places
 from fvi_cli.integrator.observations.pieces import bracketed_roots
+from fvi_cli.mathematics.expressions import Expression
 
 SCENE = spring(T=20.0, m=1.0, k=1.0, x=1.0)
 """x = cos(t)."""
@@ -51,10 +52,12 @@ def test_places_are_roots_to_round_off_of_the_step():
     rng = np.random.default_rng(3)
     roots = np.sort(rng.uniform(0.0, 1.0, (200, 3)), axis=1)
 
-    def along(step: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        return np.prod(tau[:, None] - roots[step], axis=1)
+    def variables(step: np.ndarray, tau: np.ndarray) -> dict[str, np.ndarray]:
+        return {"t": tau, **{name: roots[step, k] for k, name in enumerate("abc")}}
 
-    step, place = event_places(along, 200, "any")
+    formula = Expression.parse("(t - a)*(t - b)*(t - c)", variables=("t", *"abc"))
+    step, place, lost = event_places(FormulaAlong(formula, variables), 200, "any")
+    assert lost == np.inf
     apart = np.diff(roots, axis=1).min(axis=1) > 1e-3
     for index in np.flatnonzero(apart):
         own = place[step == index]
