@@ -321,7 +321,6 @@ def test_a_dry_run_tells_half_runs_older_solvers_and_refusals(folder, monkeypatc
     [
         ({"numpy": "9.9"}, "numpy 9.9 in place of "),
         ({"scipy": "9.9"}, "scipy 9.9 in place of "),
-        ({"sympy": "9.9"}, "sympy 9.9 in place of "),
         ({"mpmath": "9.9"}, "mpmath 9.9 in place of "),
         ({"sources": "0" * 64}, "other source files of fvi "),
     ],
@@ -367,7 +366,7 @@ def test_a_file_of_other_code_is_refused_and_never_empties_a_table(
 
 def test_files_without_the_versions_of_all_libraries_say_so(folder, monkeypatch):
     """Files of earlier versions do not name all libraries."""
-    older = dataclasses.replace(own_code(), sympy="", mpmath="")
+    older = dataclasses.replace(own_code(), mpmath="")
     assert own_code().differences(older) == ""
 
 

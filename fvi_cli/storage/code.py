@@ -25,7 +25,7 @@ HASHED_PACKAGES = (
 """Where numbers come from, and what is stored of a run; configurations, tables and commands change
 neither."""
 
-LIBRARIES = ("numpy", "scipy", "sympy", "mpmath")
+LIBRARIES = ("numpy", "scipy", "mpmath")
 """Those that calculate."""
 
 
@@ -39,7 +39,7 @@ class Code:
         Version of the program.
     sources
         SHA-256 of the Python files of :data:`HASHED_PACKAGES`, names and contents.
-    numpy, scipy, sympy, mpmath
+    numpy, scipy, mpmath
         Versions of the libraries that calculate; empty where an older version did not store it.
     """
 
@@ -47,7 +47,6 @@ class Code:
     sources: str
     numpy: str
     scipy: str
-    sympy: str = ""
     mpmath: str = ""
 
     @property
