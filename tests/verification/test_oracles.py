@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -29,6 +31,12 @@ STEP_RESPONSES = {
     ],
 }
 """Of x'' + D^gamma x + x = 1 from rest at the times."""
+
+
+def test_nothing_of_the_package_is_used():
+    sources = list(Path(talbot.__file__).parent.glob("*.py"))
+    assert len(sources) >= 6
+    assert not any("fvi_cli" in source.read_text(encoding="utf-8") for source in sources)
 
 
 def linear(stiffness, **others):
