@@ -127,6 +127,8 @@ class Force:
     """A force on every component: texts for the configuration, values, break points."""
 
     pieces: tuple[tuple[float, tuple[str, ...], Callable[[Array], Array]], ...]
+    marks: tuple[float, ...]
+    """Beginning, middle and end of pulses: points of the reference's mesh."""
 
     def entry(self, units: Units) -> Any:
         """What stands under `forcing`."""
@@ -158,6 +160,7 @@ def draw_force(random: Random, units: Units, span: float) -> Force | None:
         return None
     d = units.lengths.size
     sizes = units.energy / units.lengths
+    marks: list[float] = []
 
     def piece() -> tuple[tuple[str, ...], Callable[[Array], Array]]:
         amplitude = random.normal(size=d) * (random.random(d) < 0.8)
@@ -169,7 +172,8 @@ def draw_force(random: Random, units: Units, span: float) -> Force | None:
                 return np.multiply.outer(np.sin(frequency * times + phase), amplitude)
         else:
             center = float(random.uniform(0.2, 0.8) * span)
-            width = float(10 ** random.uniform(-1.3, 0.3))
+            width = float(10 ** random.uniform(-1.3 if random.random() < 0.7 else -4, 0.3))
+            marks.extend(center + k * width for k in (-6, 0, 6))
             inner = f"exp(-((t - {center * units.time!r})/{width * units.time!r})**2)"
 
             def values(times: Array) -> Array:
@@ -179,7 +183,7 @@ def draw_force(random: Random, units: Units, span: float) -> Force | None:
 
     many = 1 if random.random() < 0.5 else int(random.integers(2, 4))
     ends = [*np.sort(random.uniform(0.05, 0.95, many - 1)) * span, math.inf]
-    return Force(tuple((float(end), *piece()) for end in ends))
+    return Force(tuple((float(end), *piece()) for end in ends), tuple(marks))
 
 
 def draw_damping(
@@ -280,7 +284,7 @@ def _scene(
             v0,
             span,
             derivative=derivative,
-            breaks=force.breaks if force else (),
+            breaks=(*force.breaks, *force.marks) if force else (),
             tolerance=ORACLE_TOLERANCE,
             n_nodes=9,
             longest_step=span / 20,

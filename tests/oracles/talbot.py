@@ -132,26 +132,29 @@ def linear_response(
     if bound is None:
         bound = _largest_root(m, k, fractional, laws)
 
+    exact_m, exact_k = _exact(m), _exact(k)
+    exact_x, exact_v = _exact(x[:, None]), _exact(v[:, None])
+    springpots = [(mpmath.mpf(order), _exact(matrix)) for order, matrix in fractional]
+    places = [(law, _exact(_matrix(law.matrix, d))) for law in laws]
+
     def dynamic(s: Any) -> Any:
-        total = _exact(m) * s * s + _exact(k)
-        for order, matrix in fractional:
-            total += _exact(matrix) * s ** mpmath.mpf(order)
-        for law in laws:
-            total += _exact(_matrix(law.matrix, d)) * law.modulus(s)
+        total = exact_m * (s * s) + exact_k
+        for order, matrix in springpots:
+            total += matrix * s**order
+        for law, matrix in places:
+            total += matrix * law.modulus(s)
         return total
 
     def free(s: Any) -> Any:
-        load = _exact(m) * (_exact(x[:, None]) * s + _exact(v[:, None]))
+        load = exact_m * (exact_x * s + exact_v)
         if derivative == "caputo":
-            for order, matrix in fractional:
-                g = mpmath.mpf(order)
-                data = _exact(x[:, None]) * s ** (g - 1)
+            for order, matrix in springpots:
+                data = exact_x * s ** (order - 1)
                 if order > 1:
-                    data += _exact(v[:, None]) * s ** (g - 2)
-                load += _exact(matrix) * data
-        for law in laws:
-            weight = (law.modulus(s) - law.relaxed) / s
-            load += _exact(_matrix(law.matrix, d)) * _exact(x[:, None]) * weight
+                    data += exact_v * s ** (order - 2)
+                load += matrix * data
+        for law, matrix in places:
+            load += matrix * exact_x * ((law.modulus(s) - law.relaxed) / s)
         return load
 
     found = np.zeros((2, len(times), d))
@@ -168,7 +171,8 @@ def linear_response(
 
 def _forced(load: Load, d: int) -> Transform:
     vector = np.broadcast_to(np.asarray(load.vector, dtype=float), (d,))[:, None]
-    return lambda s: _exact(vector) * load.transform(s)
+    exact = _exact(vector)
+    return lambda s: exact * load.transform(s)
 
 
 def _invert(

@@ -139,7 +139,7 @@ def solve_volterra(
         force=force or (lambda times: np.zeros((times.size, d))),
         position=x,
         velocity=v,
-        ends=(*sorted(t for t in breaks if 0 < t < final_time), final_time),
+        ends=(*sorted({t for t in breaks if 0 < t < final_time}), final_time),
         powers=tuple((p, np.broadcast_to(np.asarray(c, dtype=float), (d,))) for p, c in powers),
         is_caputo={"caputo": True, "riemann-liouville": False}[derivative],
         longest_step=longest_step,
