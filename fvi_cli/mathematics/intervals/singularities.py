@@ -1,4 +1,4 @@
-"""Where a formula in one variable grows beyond all bounds, by halving ranges that are not bounded."""
+"""Where a formula in one variable grows beyond all bounds: ranges that stay unbounded."""
 
 from __future__ import annotations
 
