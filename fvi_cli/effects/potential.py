@@ -178,7 +178,9 @@ class ExpressionPotential:
         )
 
     def _energy(self, values: Sequence[Array | float], position: Array) -> Array:
-        found = np.broadcast_to(np.asarray(values[0]), position.shape[:-1])
+        found = np.asarray(values[0])
+        if found.shape != position.shape[:-1]:
+            found = np.broadcast_to(found, position.shape[:-1])
         if self.stiffness is None:
             return found
         pull = times(position, self.stiffness)

@@ -11,6 +11,7 @@ from fvi_cli.keys.complaints import listed, suggestion
 from fvi_cli.keys.cursor import INVALID, OPTIONAL, REQUIRED, Cursor, Missing
 from fvi_cli.keys.nodes import MappingNode, ScalarNode
 from fvi_cli.keys.scalars import Choice, Schema, Shape
+from fvi_cli.mathematics.algebra.syntax import difference_of_sides
 
 Refusal = str | Callable[[Cursor], str]
 
@@ -118,6 +119,8 @@ class Record:
             return f"; write {written}"
         first = self.keys[0]
         word = at.word_for(first.shape)
+        # an equation is refused there: an expression that is 0 says the same
+        word = difference_of_sides(word) or word
         return f"; write {{{first.name}: {word}}}" if word else ""
 
     def filled(self, values: Mapping[str, Any]) -> dict[str, Any]:

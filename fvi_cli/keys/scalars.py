@@ -192,9 +192,14 @@ class Formula:
             return Expression.parse(value, variables=(*self.variables, *at.names)).text
         except ExpressionError as error:
             exact = node.text_place if node.text == value else None
+            hint = ""
+            if error.unknown and at.path[:1] in (("problem",), ("quantities",), ("events",)):
+                known = (*self.variables, *at.names)
+                if not suggestion(error.unknown, known):
+                    hint = f"; a number of your own: problem.parameters: {{{error.unknown}: 1.0}}"
             if error.column is None or exact is None or not exact.line:
-                return at.refuse(str(error))
-            at.complaints.add(exact.shifted(error.column - 1), at.path, error.message)
+                return at.refuse(str(error) + hint)
+            at.complaints.add(exact.shifted(error.column - 1), at.path, error.message + hint)
             return INVALID
 
     def schema(self) -> Schema:

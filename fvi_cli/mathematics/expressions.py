@@ -287,15 +287,34 @@ def _literal(node: ast.Constant) -> float:
     raise ExpressionError("the number is larger than 1.8e308", node.col_offset)
 
 
+_LIBRARIES: Final = ("np", "numpy", "math", "cmath", "mpmath", "sp", "scipy")
+_THEIR_NAMES: Final[Mapping[str, str]] = MappingProxyType(
+    {"minimum": "min", "maximum": "max", "absolute": "abs", "fabs": "abs", "power": "**"}
+)
+
+
+def _of_library(node: ast.expr) -> str:
+    """What to write for a function or number of a library, such as ``np.sin``; else nothing."""
+    target = node.func if isinstance(node, ast.Call) else node
+    if not (isinstance(target, ast.Attribute) and isinstance(target.value, ast.Name)):
+        return ""
+    name = _THEIR_NAMES.get(target.attr, target.attr)
+    if target.value.id not in _LIBRARIES or name not in {*FUNCTION_NAMES, *CONSTANTS, "**"}:
+        return ""
+    written = name if name in CONSTANTS else "a**b" if name == "**" else f"{name}(...)"
+    return f"write {written} without '{target.value.id}.'"
+
+
 def _unknown_name(node: ast.Name, known: Sequence[str]) -> ExpressionError:
     name = node.id
     if name in FUNCTION_NAMES:
         return ExpressionError(f"the function {name!r} needs an argument: {name}(...)", _col(node))
-    return ExpressionError(_unknown("name", name, known), _col(node))
+    return ExpressionError(_unknown("name", name, known), _col(node), unknown=name)
 
 
 def _unknown(what: str, name: str, known: Sequence[str]) -> str:
-    nearest = difflib.get_close_matches(name, known, n=1)
+    begins = sorted((one for one in known if len(one) > 2 and name.startswith(one)), key=len)
+    nearest = begins[-1:] or difflib.get_close_matches(name, known, n=1)
     guess = f"; did you mean {nearest[0]!r}?" if nearest else ""
     return f"unknown {what} {name!r}{_ADVICE.get(name, guess)} (known: {', '.join(sorted(known))})"
 
@@ -320,6 +339,8 @@ def _operands(node: ast.expr) -> list[ast.expr]:
         if name not in EXTREMA and (len(node.args) != 1 or not is_plain):
             raise ExpressionError(f"{name} takes exactly one argument", _col(node))
         return node.args
+    if instead := _of_library(node):
+        raise ExpressionError(instead, _col(node))
     raise ExpressionError(
         "only numbers, names, + - * / **, parentheses and functions are allowed", _col(node)
     )

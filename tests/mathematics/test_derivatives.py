@@ -4,6 +4,7 @@ import mpmath
 import numpy as np
 import pytest
 
+from fvi_cli.mathematics.algebra import builder
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
 from fvi_cli.mathematics.algebra.builder import Builder, joined
 from fvi_cli.mathematics.algebra.dependence import constant_values
@@ -111,8 +112,8 @@ def test_gamma_has_one_derivative():
 
 def test_only_nodes_of_the_list_become_source():
     """The control of what is compiled: whatever else stands in a program is refused."""
-    builder = Builder()
-    x = builder.variable("x")
+    own = Builder()
+    x = own.variable("x")
     for kind in ("__import__", "eval", "x); import os; (", "lambda", "globals"):
         crafted = FormulaSystem((("variable", "x"), (kind, 0)), (1,))
         with pytest.raises(ExpressionError, match="no node of a formula"):
@@ -120,7 +121,7 @@ def test_only_nodes_of_the_list_become_source():
     # names of variables are places in a list of arguments, whatever they look like
     odd = FormulaSystem((("variable", "__import__('os')"), ("sin", 0)), (1,))
     assert odd.evaluate({"__import__('os')": 0.5}, NUMPY_FUNCTIONS) == [np.sin(0.5)]
-    assert builder.system([x("sin")]).evaluate({"x": 0.5}, NUMPY_FUNCTIONS) == [np.sin(0.5)]
+    assert own.system([x("sin")]).evaluate({"x": 0.5}, NUMPY_FUNCTIONS) == [np.sin(0.5)]
 
 
 def test_hundreds_of_terms_are_differentiated_twice():
@@ -136,3 +137,14 @@ def test_hundreds_of_terms_are_differentiated_twice():
     assert matrix[7, 7] == pytest.approx(2 * (1 + 3 * 0.25))
     assert matrix[7, 8] == pytest.approx(-(1 + 3 * 0.25))
     assert matrix[20, 20] == 2.0
+
+
+def test_derivatives_that_would_explode_are_refused(monkeypatch):
+    names = [f"x{k}" for k in range(12)]
+    text = " + ".join(f"sin({' + '.join(f'{j + k}*x{k}' for k in range(12))})" for j in range(9))
+    along = [{name: 1.0} for name in names]
+    formula = Expression.parse(text, variables=names).system
+    assert len(derivatives(derivatives(formula, along)[1:], along).outputs) == 12 * 13
+    monkeypatch.setattr(builder, "MOST_INSTRUCTIONS", 1_000)
+    with pytest.raises(ExpressionError, match="too long: with its derivatives more than 1000 op"):
+        derivatives(derivatives(formula, along)[1:], along)

@@ -6,6 +6,8 @@ from command_line import fvi as command
 from scipy.special import roots_jacobi
 from spread import spread
 
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes import exact_check
 from fvi_cli.scenes.exact_check import objection
 from fvi_cli.scenes.problem import Problem
@@ -103,3 +105,57 @@ def test_the_rule_for_singular_weights_is_that_of_scipy(points, power):
     known_nodes, known_weights = roots_jacobi(points, power, 0.0)
     assert nodes == pytest.approx(known_nodes, abs=1e-14)
     assert weights == pytest.approx(known_weights, rel=3e-11)
+
+
+SIN = {"forcing": "sin(t)", "initial": {"position": 0.0, "velocity": 0.0}}
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    ["0", "t**2*sin(t)*0", "t**3/6", "sin(t) - t", "t - t"],
+)
+def test_a_wrong_solution_that_begins_like_the_right_one(wrong):
+    """From rest everything begins with 0, and so does a formula that is 0 for ever."""
+    scene = problem_of(**SIN).scene
+    formula = Expression.parse(wrong, ("t",))
+
+    def given(t: np.ndarray) -> np.ndarray:
+        return np.broadcast_to(formula.evaluate({"t": t}, NUMPY_FUNCTIONS), t.shape)[:, None]
+
+    assert "does not solve the equation" in objection(given, scene)
+
+
+@spread(
+    time=[1e-6, 1.0, 1e6],
+    length=[3.0, 40.0, 900.0],
+    kind=["phase", "late", "bump", "amplitude", "slow"],
+)
+def test_wrong_solutions_of_many_kinds_over_long_times(time, length, kind):
+    r"""x'' + w^2 x = w^2 from rest: 1 - cos(w t); its double integral grows like t^2."""
+    w = 1.0 / time
+    scene = build_problem(
+        {
+            "kind": "damped-oscillator",
+            "stiffness": w * w,
+            "forcing": repr(w * w),
+            "final_time": length * time,
+        }
+    ).scene
+    end = scene.final_time
+
+    def right(t: np.ndarray) -> np.ndarray:
+        return 1 - np.cos(w * t)[:, None]
+
+    def excess(t: np.ndarray) -> np.ndarray:
+        tau = (t / end)[:, None]
+        rise = np.where(tau > 0.5, (2 * tau - 1) ** 4, 0.0)
+        return {
+            "phase": 1e-2 * tau * np.sin(w * t)[:, None] * tau**2,
+            "late": 1e-2 * rise,
+            "bump": 1e-2 * np.exp(-(((tau - 0.55) / 0.05) ** 2)),
+            "amplitude": -1e-2 * tau**4 * np.cos(w * t)[:, None],
+            "slow": 1e-2 * tau**3,
+        }[kind]
+
+    assert objection(right, scene) == ""
+    assert "does not solve" in objection(lambda t: right(t) + excess(t), scene)

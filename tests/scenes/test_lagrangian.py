@@ -7,6 +7,7 @@ from letters import spring, swing
 from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.laws.cole_cole import fractional_zener
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import RequestError
@@ -170,3 +171,76 @@ def test_mistakes_in_a_configuration(old, new, messages):
         parse_config(CASE.replace(old, new), "a.yaml")
     for message in messages:
         assert message in str(caught.value)
+
+
+def test_a_dense_relaxed_stiffness_beside_a_formula():
+    """40 coordinates, 1,600 stiffnesses: the matrix stays one; V and -K q against NumPy."""
+    n = 40
+    random = np.random.default_rng(5)
+    rows = random.normal(size=(n, n))
+    coefficient = rows @ rows.T
+    names = [f"x{k}" for k in range(n)]
+    velocities = " + ".join(f"v{name}**2/2" for name in names)
+    law = fractional_zener(order=0.5, relaxed=2.0, unrelaxed=3.0, time=0.7, coefficient=coefficient)
+    place = random.normal(size=n)
+    for text, general in [
+        (f"{velocities} + cos(x0)", False),
+        (f"{velocities} + cos(x0)*vx1**2/9 + cos(x0)", True),
+    ]:
+        made = lagrangian_scene(
+            coordinates=names,
+            lagrangian=text,
+            laws=[law],
+            initial_position=place,
+            final_time=1.0,
+        )
+        stiffness = law.stiffness
+        expected = -stiffness @ place
+        expected[0] -= np.sin(place[0])
+        if general:
+            assert made.lagrangian is not None
+            at = made.lagrangian.derivatives(place, np.zeros(n), 0.0)
+            force, curvature = at.force, -at.stiffness
+            energy = made.lagrangian.energy(place, np.zeros(n), 0.0)
+        else:
+            assert isinstance(made.potential, ExpressionPotential)
+            energy, gradient, curvature = made.potential.derivatives(place)
+            force = -gradient
+            assert made.potential.gradient(place) == pytest.approx(gradient, abs=0)
+            components = made.potential.gradient_components(list(place), {})
+            assert np.array(components) == pytest.approx(gradient, rel=1e-12, abs=1e-10)
+        assert force == pytest.approx(expected, rel=1e-12, abs=1e-10)
+        exact = 0.5 * place @ stiffness @ place - np.cos(place[0])
+        assert float(energy) == pytest.approx(exact, rel=1e-12)
+        own = np.zeros((n, n))
+        own[0, 0] = np.cos(place[0])
+        assert curvature == pytest.approx(stiffness + own, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        # piecewise linear, piecewise constant in time, and a pulse that is 0 almost everywhere
+        ("vx**2/2 - max(x - 1e6, 0) - max(-x, 0)", ExpressionPotential),
+        ("vx**2/2 - x**2 - exp(-((x - 2)/1e-3)**2)", ExpressionPotential),
+        ("vx**2/2 + min(vx, 0)", None),
+        ("vx**2/2 - x**2*(2 + sign(t - 100))", None),
+        ("vx**2/2 - x**2 + x*max(t - 100, 0)", QuadraticPotential),
+    ],
+)
+def test_kinks_and_pulses_are_not_taken_for_constants(text, kind):
+    made = single(text)
+    assert (made.lagrangian is not None) == (kind is None)
+    if kind is not None:
+        assert isinstance(made.potential, kind)
+    if kind is QuadraticPotential:
+        assert made.forcing is not None
+        assert made.forcing(np.array([3.0, 103.0]))[:, 0].tolist() == [0.0, 3.0]
+
+
+def test_walls_far_from_zero_are_not_lost():
+    """exp(200 (x - 4)) is not exp(-800) times anything: the gradient is 200 e^2 at 4.01."""
+    made = single("vx**2/2 - exp(200*(x - 4))", initial_position=4.01)
+    assert isinstance(made.potential, ExpressionPotential)
+    found = made.potential.gradient(np.array([4.01]))
+    assert found == pytest.approx([200 * np.exp(200 * (4.01 - 4))], rel=1e-12)

@@ -53,9 +53,9 @@ class NumberedFormula:
     @property
     def shape(self) -> tuple[object, ...]:
         """What it has in common with the same formula of other numbers."""
-        numbered = set(_numbered(self.system))
-        every = enumerate(self.system.instructions)
-        masked = tuple(one[:-1] if place in numbered else one for place, one in every)
+        masked = tuple(
+            one[:-1] if one[0] in ("number", "**") else one for one in self.system.instructions
+        )
         return masked, self.system.outputs, tuple(self._names)
 
     def rate(self, rates: Array) -> tuple[FormulaSystem, dict[str, float]]:

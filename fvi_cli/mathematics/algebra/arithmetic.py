@@ -118,12 +118,15 @@ class ExpressionError(ValueError):
         What is wrong and what is allowed.
     column
         Where in the text, counted from 1; None when it concerns the whole text.
+    unknown
+        The name that is not known, where that is wrong.
     """
 
-    def __init__(self, message: str, column: int | None = None) -> None:
-        super().__init__(message, column)
+    def __init__(self, message: str, column: int | None = None, unknown: str = "") -> None:
+        super().__init__(message, column, unknown)
         self.message = message
         self.column = column
+        self.unknown = unknown
 
     def __str__(self) -> str:
         return self.message if self.column is None else f"column {self.column}: {self.message}"

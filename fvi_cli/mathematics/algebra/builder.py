@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import cast
+from typing import Final, cast
 
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, Instruction, compute, operands
+
+MOST_INSTRUCTIONS: Final = 100_000
+"""Of a program; second derivatives of a long formula grow with the square of its variables."""
 
 
 class Builder:
@@ -22,6 +25,10 @@ class Builder:
         # 0.0 and -0.0 are equal, but not the same
         key = repr(instruction) if instruction[0] == "number" else instruction
         if key not in self._places:
+            if len(self.instructions) >= MOST_INSTRUCTIONS:
+                raise ExpressionError(
+                    f"too long: with its derivatives more than {MOST_INSTRUCTIONS} operations"
+                )
             self._places[key] = len(self.instructions)
             self.instructions.append(instruction)
         return Term(self, self._places[key])
@@ -143,6 +150,8 @@ class Term:
         return other if isinstance(other, Term) else self.builder.number(other)
 
     def __neg__(self) -> Term:
+        if self.builder.instructions[self.place][0] == "negate":
+            return Term(self.builder, *operands(self.builder.instructions[self.place]))
         return self.builder.apply("negate", self)
 
     def __add__(self, other: Term | float) -> Term:
@@ -156,7 +165,7 @@ class Term:
         if self.value == 0 or other.value == 0:
             return self if other.value == 0 else -other
         if self.builder.instructions[other.place][0] == "negate":
-            return self + Term(self.builder, *operands(self.builder.instructions[other.place]))
+            return self + -other
         return self.builder.apply("-", self, other)
 
     def __mul__(self, other: Term | float) -> Term:

@@ -35,6 +35,8 @@ def syntax_tree(text: str) -> ast.expr:
         raise ExpressionError("empty; give a number or an expression")
     if forbidden := re.search(r"[^0-9A-Za-z_.+\-*/(),\s]", text, re.ASCII):
         advice = next((says for signs, says in _ADVICE.items() if forbidden[0] in signs), "")
+        if forbidden[0] == "=" and (instead := difference_of_sides(text)):
+            advice += f": {instead}"
         raise ExpressionError(f"{forbidden[0]!r} is not allowed{advice}", forbidden.start() + 1)
     nesting = 0
     for position, character in enumerate(text):
@@ -68,6 +70,17 @@ def syntax_tree(text: str) -> ast.expr:
     if (missing := _without_factor(text)) and missing.message.endswith("("):
         raise missing
     return tree
+
+
+def difference_of_sides(text: str) -> str:
+    """What an equation ``a = b`` is as an expression that is 0; empty for any other text."""
+    sides = [side.strip() for side in text.split("=")]
+    if len(sides) != 2 or not all(sides):
+        return ""
+    left, right = sides
+    if right.replace(".", "").strip("0") == "":
+        return left
+    return f"{left} - {right}" if re.fullmatch(r"[\w.*/]+", right) else f"{left} - ({right})"
 
 
 def _without_factor(text: str) -> ExpressionError | None:

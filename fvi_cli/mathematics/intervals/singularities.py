@@ -1,4 +1,4 @@
-"""Where a formula in one variable grows beyond all bounds, by halving ranges that are not bounded."""
+"""Where a formula in one variable grows beyond all bounds: ranges that stay unbounded."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
@@ -35,7 +35,11 @@ def pole_inside(formula: Expression, begin: float, end: float) -> tuple[float, f
     least = 4 * np.spacing(max(abs(begin), abs(end)))
     with np.errstate(all="ignore"):
         for _ in range(MOST_HALVINGS):
-            found = formula.evaluate({name: Interval(low, high)}, INTERVAL_FUNCTIONS)
+            try:
+                found = formula.evaluate({name: Interval(low, high)}, INTERVAL_FUNCTIONS)
+            except ExpressionError:
+                # of some functions of derivatives no range is known
+                return None
             if not isinstance(found, Interval):
                 return None
             bounded = np.isfinite(found.low) & np.isfinite(found.high)

@@ -17,6 +17,7 @@ from fvi_cli.api.gradient import gradient
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.adjoint.formula_rates import structure_of
 from fvi_cli.integrator.adjoint.quantity import Quantity, position_at, quantity_at
 from fvi_cli.integrator.adjoint.variation import Variation, differentiate
 from fvi_cli.mathematics.expressions import Expression
@@ -218,3 +219,15 @@ def test_quantities_that_lose_complex_steps_are_refused(scale):
     found = gradient(scene, "gauss3", 12, right, parameters)
     # |x| is homogeneous of degree one in the initial position
     assert found["initial_position"] @ scene.initial_position == pytest.approx(found.value)
+
+
+@pytest.mark.parametrize("text", sorted(FORCES))
+def test_formulas_of_other_numbers_are_the_same_formulas(text):
+    """What is differentiated as a formula, and not by differences of its values."""
+    made = [
+        linear_oscillator(forcing=Forcing.from_text(written(text, a=a, w=w, p=p)), final_time=1.0)
+        for a, w, p in ((0.7, 5.0, 1.3), (0.71, 5.1, 1.4), (1.0, 2.0, 0.5))
+    ]
+    assert structure_of(made[0]) == structure_of(made[1])
+    other = linear_oscillator(forcing=Forcing.from_text("sin(t)"), final_time=1.0)
+    assert structure_of(made[0]) != structure_of(other)
