@@ -19,6 +19,7 @@ from fvi_cli.effects.matrices import (
     symmetric_form,
 )
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.matrices.definite import singular_words
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
@@ -39,7 +40,7 @@ class Inertia:
     Raises
     ------
     ValueError
-        If the matrix is not symmetric positive definite.
+        If the matrix is not symmetric positive definite beyond round-off.
     """
 
     form: Form
@@ -47,11 +48,9 @@ class Inertia:
     def __init__(self, *, mass: ArrayLike | SparseMatrix) -> None:
         form = symmetric_form(mass, "mass")
         if isinstance(form, np.ndarray):
-            smallest = float(np.linalg.eigvalsh(form)[0])
-            if not smallest > 0:
-                raise ValueError(
-                    f"mass: smallest eigenvalue is {smallest:g}; a mass must be positive definite"
-                )
+            wrong = singular_words(form)
+            if wrong:
+                raise ValueError(f"mass: {wrong}")
         elif not is_definite(form):
             raise ValueError(
                 "mass: an eigenvalue is zero or negative; a mass must be positive definite"

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.expansions.interpolation_limit import interpolation_limit
 from fvi_cli.integrator.expansions.motion import forcing_powers, solution_expansion
-from fvi_cli.integrator.local_error.forces import SceneForces
-from fvi_cli.integrator.meshes.singular_start import start_power
+from fvi_cli.integrator.meshes.singular_start import powers_behind, start_power
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.series.power_series import SeriesError
+from fvi_cli.planning.kinks import has_kinks
 
 Norm = Literal["max", "final", "l2"]
 
@@ -52,15 +52,16 @@ def expected_order(
     forces that start like :math:`t^{-\gamma}` and :math:`t^{1 - \gamma}`; on the nodes the first
     costs :math:`h^{1 - \gamma}`, the kick at 0 being left out, the second :math:`h^{3 - \gamma}`.
     A jump of the force counts with the power t**2 of its response.
-    Samples of the force set a limit of their own (`interpolation_limit`). None is stated where a
-    formula has kinks (``abs``, ``sign``, ``min``, ``max``): it depends on where a step meets them.
+    Samples of the force set a limit of their own (`interpolation_limit`). Forces that begin with a
+    fractional power behind a break point count as at the start. None is stated where forces have
+    kinks in which no step need end (`has_kinks`).
 
     Meshes with halved steps behind singular points (``start: graded``) keep the order on smooth
     data. On graded meshes, :math:`t_k = T (k / N)^r`, the limit of a singular start is r times that
     on equal steps in the maximum norm; in other norms none is stated where it is below the order on
     smooth data.
     """
-    if SceneForces(scene).has_kinks:
+    if has_kinks(scene):
         return math.nan
     if isinstance(method, Baseline):
         return _baseline_order(scene, method)
@@ -71,7 +72,7 @@ def expected_order(
     if grading != 1.0:
         order = float(np.minimum(smooth, grading * _singular_order(scene, method, "max")))
         return order if norm == "max" or order == smooth else math.nan
-    if method.start == "weights":
+    if method.start == "weights" and not _leaves_out_weights(scene, method):
         # an exact fractional derivative is a singular force, whose moments the points see wrong;
         # on the nodes the kick at 0 that the scheme leaves out comes to light
         return _weighted_order(scene, method, smooth)
@@ -97,7 +98,7 @@ def _baseline_order(scene: Scene, method: Baseline) -> float:
     if abrupt > 1:
         order = min(order, 5.0 - 2.0 * abrupt)
     try:
-        forcing = forcing_powers(scene)
+        forcing = np.append(forcing_powers(scene), _powers_behind_breaks(scene))
     except SeriesError:
         return math.nan
     return min([order, *(float(e) + 1.0 for e in forcing[~_is_integer(forcing)])])
@@ -136,7 +137,8 @@ def _singular_order(scene: Scene, method: Method, norm: Norm) -> float:
         return least if norm == "max" or math.isinf(least) else math.nan
     try:
         solution = _solution_powers(scene)
-        forcing = forcing_powers(scene)
+        behind = _powers_behind_breaks(scene)
+        forcing = np.append(forcing_powers(scene), behind)
     except SeriesError:
         return math.nan
     limit = math.inf
@@ -147,7 +149,7 @@ def _singular_order(scene: Scene, method: Method, norm: Norm) -> float:
     if method.sampling == "nodes":
         return min([limit, *((3.0 if order > 1 else 1.0) - order for order in abrupt)])
     if scene.break_points:
-        solution = np.append(solution, 2.0)
+        solution = np.concatenate([solution, [2.0], behind + 2.0])
     moving, derivative = _damping_powers(scene, solution)
     if method.is_runge_kutta:
         derivative = derivative[~(_is_integer(moving) & _is_integer(derivative))]
@@ -159,6 +161,15 @@ def _singular_order(scene: Scene, method: Method, norm: Norm) -> float:
     free = forcing.size == 0 and not scene.break_points
     twice = norm == "final" and method.cq == "gauss" and free
     return min(limit, 2 * on_grid if twice else on_grid)
+
+
+def _leaves_out_weights(scene: Scene, method: Method) -> bool:
+    """Whether the systems for starting weights are too ill-conditioned."""
+    if not scene.active_damping:
+        return False
+    from fvi_cli.integrator.expansions.starting_weights import leaves_out
+
+    return leaves_out(scene, method)
 
 
 def _weighted_order(scene: Scene, method: Method, smooth: float) -> float:
@@ -191,6 +202,12 @@ def _damping_powers(scene: Scene, solution: Array) -> tuple[Array, Array]:
 def _potential_powers(scene: Scene, solution: Array) -> Array:
     conservative = scene.potential is not None or scene.lagrangian is not None
     return solution[~_is_integer(solution)] if conservative else np.empty(0)
+
+
+def _powers_behind_breaks(scene: Scene) -> Array:
+    """Fractional powers with which the force begins behind its break points."""
+    found = [powers_behind(scene, at) for at in scene.break_points]
+    return np.concatenate([[], *found])
 
 
 def _abrupt_orders(scene: Scene) -> tuple[float, ...]:

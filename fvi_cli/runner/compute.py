@@ -10,7 +10,7 @@ import math
 import time
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 
-from fvi_cli.runner.executors.batches import batches_of, execute_batch
+from fvi_cli.runner.executors.batches import batches_of, execute_batch, one_by_one_words
 from fvi_cli.runner.executors.checkpoints import CheckpointFolder
 from fvi_cli.runner.executors.executor import Batch, ComputeBatch, FinishedBatch, Watch
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure, without_motion
@@ -75,6 +75,8 @@ def compute_runs(
     if why is not None:
         _tell_reasons(title, waiting, why)
     batches = batches_of(waiting)
+    for words in {one_by_one_words(run.experiment) for run in waiting} - {""}:
+        _logger.warning("%s: %s", title, words)
     steps = sum(run.n_steps for run in waiting)
     begun: dict[Hashable, int] = {}
     if checkpoints is not None:

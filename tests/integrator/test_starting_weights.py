@@ -1,11 +1,15 @@
 """Starting weights: exact on powers, and what they do to the order."""
 
+from dataclasses import replace
+from unittest.mock import patch
+
 import numpy as np
 import pytest
-from letters import spring
+from letters import spring, swing
 from scipy.special import gamma as gamma_function
 from spread import spread
 
+from fvi_cli.integrator.expansions import starting_weights as starting_weights_module
 from fvi_cli.integrator.expansions.starting_weights import starting_weights
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
@@ -90,3 +94,30 @@ def test_weights_are_left_out_where_there_are_too_few_steps():
     scene, _ = oscillator(0.5)
     trajectory = integrate(scene, Method(cq="bdf6", degree=3, start="weights"), 4)
     assert "too few" in trajectory.remarks[0]
+
+
+@spread(order=[0.4, 1.5, 1.7, 1.8, 1.9, 1.95, 1.99], bdf_order=[2, 3])
+def test_weights_never_cost_the_first_digit(order, bdf_order):
+    """Near order 2 the powers are too close to each other: they are left out, which is said."""
+    scene = swing((order, 0.3), T=4.0, x=1.0, v=0.3)
+    degree = (bdf_order + 1) // 2
+    method = Method(cq=f"bdf{bdf_order}", degree=degree, start="weights")
+    exact = integrate(scene, Method(cq="gauss", degree=4, start="graded"), 100).position
+    found = integrate(scene, method, 100)
+    assert np.abs(found.position - exact).max() < 2e-2
+    plain = replace(method, start="none")
+    if "left out" in found.remarks[0]:
+        assert "condition" in found.remarks[0]
+        assert np.array_equal(found.position, integrate(scene, plain, 100).position)
+        stated = [expected_order(scene, one, "max", 100) for one in (method, plain)]
+        assert np.array_equal(*stated, equal_nan=True)
+    else:
+        assert order < 1.9
+
+
+def test_without_the_limit_the_weights_ruin_the_motion():
+    scene = swing((1.9, 0.3), T=4.0, x=1.0, v=0.3)
+    method = Method(cq="bdf2", degree=1, start="weights")
+    with patch.object(starting_weights_module, "CONDITION_LIMIT", np.inf):
+        ruined = integrate(scene, method, 100)
+    assert np.abs(ruined.position).max() > 10

@@ -7,6 +7,7 @@ import pytest
 from letters import in_pieces
 from spread import spread
 
+import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
@@ -157,3 +158,20 @@ def test_what_cannot_be_reached_is_refused_with_what_was_reached():
         assert run.assessment.outcome == "refused"
         assert words in run.assessment.reason
         assert run.assessment.estimate > 0
+
+
+@pytest.mark.parametrize("kind", ["rest", "line"])
+def test_a_run_without_any_error_meets_every_tolerance(tmp_path, monkeypatch, kind):
+    """Nothing pulls: equal steps are exact, and their error is 0."""
+    monkeypatch.chdir(tmp_path)
+    start = {"rest": (1.0, 0.0), "line": (0.25, 0.5)}[kind]
+    (tmp_path / "exact.yaml").write_text(
+        "name: exact\nexperiments:\n  - name: a\n    problem: {kind: damped-oscillator, "
+        f"stiffness: 0, initial: {{position: {start[0]}, velocity: {start[1]}}}, final_time: 4}}\n"
+        "    accuracy: {tolerance: 1.0e-6, mesh: uniform}\n",
+        encoding="utf-8",
+    )
+    (outcome,) = fvi.run("exact.yaml")
+    (finished,) = outcome.finished
+    assert finished.status in ("ok", "floor")
+    assert finished.trajectory.outcome == "met"

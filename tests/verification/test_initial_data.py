@@ -1,15 +1,19 @@
 """Initial data and conventions: values from outside, and what must be refused."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from letters import spring
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.convolution.lags import LagDamping
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.planning.expected_order import expected_order
 from fvi_cli.scenes.linear_response import match_scene
@@ -33,19 +37,57 @@ def test_polynomial_solution(method):
     assert np.abs(integrate(wrong, method, 64).position - trajectory.position).max() > 1e-6
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="order 1 begins with a step from 0 as well, whose push never vanishes where p > 1",
+@spread(
+    bdf=[1, 2, 3, 4, 5, 6],
+    start=[(1.0, 0.3), (-1e6, 0.0), (1e-6, 2.0)],
+    n_steps=[7, 60, 600],
+    history=["direct", "auto"],
+    size=[1, 2],
 )
-@pytest.mark.parametrize("bdf", [2, 3])
-def test_order_1_of_riemann_liouville_is_the_rate_at_nodes_too(bdf):
-    caputo = spring((1.0, 0.4), T=4.0, x=1.0, v=0.3)
-    method = Method(cq=f"bdf{bdf}", degree=1, sampling="nodes")
+def test_order_1_of_riemann_liouville_is_the_rate_at_nodes_too(bdf, start, n_steps, history, size):
+    """Riemann-Liouville and Caputo are the same operator for the order 1."""
+    position, velocity = (value * np.array([1.0, -0.5])[:size] for value in start)
+    coefficient = np.array([[0.4, 0.1], [0.1, 0.3]])[:size, :size]
+    caputo = spring(
+        (1.0, coefficient), T=0.4, m=np.eye(size), k=np.eye(size), x=position, v=velocity
+    )
+    method = Method(cq=f"bdf{bdf}", degree=1, sampling="nodes", history=history)
     one, other = (
-        integrate(replace(caputo, derivative=kind), method, 320).position
+        integrate(replace(caputo, derivative=kind), method, n_steps).position
         for kind in ("caputo", "riemann-liouville")
     )
-    assert np.abs(one - other).max() < 1e-2
+    assert np.abs(one - other).max() < 1e-12 * np.abs(one).max()
+    members = integrate_members([replace(caputo, derivative="riemann-liouville")] * 5, method, 60)
+    alone = integrate(replace(caputo, derivative="riemann-liouville"), method, 60)
+    assert np.abs(members[3].position - alone.position).max() < 1e-12 * np.abs(one).max()
+
+
+@spread(bdf=[2, 4, 6], order=[0.3, 0.7], n_steps=[160, 640])
+def test_order_1_beside_a_fractional_one_of_riemann_liouville(bdf, order, n_steps):
+    """Against the closed form: at the nodes the fractional term costs h^(1 - gamma), order 1 none.
+
+    The control is the same scene with both terms as Riemann-Liouville steps from 0.
+    """
+    scene = spring((order, 0.2), (1.0, 0.4), T=2.0, x=1.0, v=0.3, derivative="riemann-liouville")
+    method = Method(cq=f"bdf{bdf}", degree=1, sampling="nodes")
+    alone = replace(scene, damping=scene.damping[:1])
+
+    def error(one: Scene) -> float:
+        found = integrate(one, method, n_steps)
+        exact = match_scene(one).position(found.time)
+        return float(np.abs(found.position - exact).max())
+
+    assert error(scene) < 1.5 * error(alone)
+    whole = LagDamping.force_of_jump
+
+    def first_point(damping: LagDamping) -> np.ndarray:
+        force = whole(damping)
+        force[0, 1:] = force[1:] = 0.0
+        return force
+
+    with patch.object(LagDamping, "force_of_jump", first_point):
+        pushed = error(scene)
+    assert pushed > error(scene) + 0.02
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,8 @@ def side_by_side(scene: Scene, method: Method, n_steps: int) -> Hashable | None:
         is_corrected = method.start == "weights" and scene.active_damping
         if scene.active_laws or is_corrected or writes_out(method, n_steps):
             return None
+        if _drops_the_jump(scene, method):
+            return None
         shared = (frozenset(term.order for term in scene.active_damping), scene.derivative)
     width, formulas = 1, None
     if isinstance(scene.potential, ExpressionPotential):
@@ -54,6 +56,16 @@ def side_by_side(scene: Scene, method: Method, n_steps: int) -> Hashable | None:
     return (
         *(scene.dimension, width, scene.final_time, scene.break_points),
         *(formulas, powers, slots, has_memory, rates, shared),
+    )
+
+
+def _drops_the_jump(scene: Scene, method: Method) -> bool:
+    """Whether terms of order 1 leave out the jump to the initial position that others see."""
+    jumps = scene.derivative == "riemann-liouville" and method.sampling == "nodes"
+    return (
+        jumps
+        and bool(scene.initial_position.any())
+        and any(term.order == 1 for term in scene.active_damping)
     )
 
 

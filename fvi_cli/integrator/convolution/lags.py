@@ -42,6 +42,8 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.bdf import difference_weights
 
 MANY_STATES = 300
+ORDER_ONE = 0.0
+"""1 minus the order of a term of order 1."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -316,12 +318,23 @@ class LagDamping(Damping):
             states = self._step.over(1).after(states, first)
         return states
 
-    def first_force(self) -> Array:
-        """Force of a jump to the initial position at the first sampling point, shape ``(d,)``."""
+    def force_of_jump(self) -> Array:
+        """Force of the jump to the initial position that is left out, ``(n, m, d)``.
+
+        That of the first point, as in the paper. A derivative of order 1 of a jump is zero behind
+        it: its backward differences, which come to an end, are left out at all points.
+        """
         if not self._first.any():
-            return np.zeros(self.dimension)
-        at = self.tables(self._h)
-        return np.asarray(self.history_force(at, self.initial_states())[0])
+            return np.zeros((0, self._stages, self.dimension))
+        kernels = self._step.kernel_at(np.arange(1, self._method.bdf_order + 2))
+        total = np.zeros((*kernels.shape[1:3], self.n_remembered))
+        for one in self.directions:
+            for term, factor in zip(one.terms, one.factors, strict=True):
+                if term == ORDER_ONE:
+                    total += factor * times(kernels[self._index[term]] @ self._first, one.inner)
+        force = self.spread(total)
+        force[0, 0] = self.history_force(self.tables(self._h), self.initial_states())[0]
+        return force
 
     def tables(self, step_size: float) -> DampingTables:
         """Numbers of a step; all are equal."""
@@ -356,4 +369,4 @@ class LagDamping(Damping):
 def _with_order_one(one: Direction) -> Direction:
     if one.rate == 0.0:
         return one
-    return replace(one, terms=(*one.terms, 0.0), factors=(*one.factors, one.rate), rate=0.0)
+    return replace(one, terms=(*one.terms, ORDER_ONE), factors=(*one.factors, one.rate), rate=0.0)

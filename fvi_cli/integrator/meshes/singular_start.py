@@ -16,6 +16,7 @@ from fvi_cli.effects.forcing import ForceComponent, ForcingPiece
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import ForcingQuadrature
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.series.power_series import SeriesError, expand
 
 UNKNOWN_FORCE = 0.5
@@ -35,7 +36,7 @@ def start_power(
         What moves.
     at_start
         At t = 0, or behind a break point of the force, where the acceleration jumps:
-        :math:`4 - \gamma`.
+        :math:`4 - \gamma`, and the force may begin with a fractional power as at the start.
     forcing_quadrature
         The rule of the action errs on a force :math:`t^e` like :math:`t^{e + 1}` in the momentum,
         an exact one only through the motion, :math:`t^{e + 2}`.
@@ -51,13 +52,16 @@ def start_power(
     orders = [term.order for term in scene.active_damping if not term.is_integer_order]
     begins = [law.kernel.start_order for law in scene.active_laws]
     orders += [order for order in begins if order is not None]
+    more = 1.0 if forcing_quadrature == "galerkin" else 2.0
     if not at_start:
-        return min((4.0 - order for order in orders), default=None)
+        powers = [4.0 - order for order in orders]
+        powers += [e + more for at in scene.break_points for e in powers_behind(scene, at)]
+        return min(powers, default=None)
     powers = []
     if scene.forcing is not None:
         own = fractional_power(scene.forcing.pieces[0])
         if own is not None:
-            powers.append(own + (1.0 if forcing_quadrature == "galerkin" else 2.0))
+            powers.append(own + more)
     moving = bool(np.any(scene.initial_velocity != 0))
     displaced = bool(np.any(scene.initial_position != 0))
     for order in orders:
@@ -72,14 +76,24 @@ def start_power(
 
 def fractional_power(piece: ForcingPiece) -> float | None:
     """Least fractional power of t with which a force begins; None where it begins smoothly."""
-    found = [power for one, _ in piece.distinct for power in _fractional_powers(one)]
+    found = [power for one, _ in piece.distinct for power in _fractional_powers(one, 0.0)]
     return min(found, default=None)
 
 
-@lru_cache(maxsize=64)
-def _fractional_powers(component: ForceComponent) -> tuple[float, ...]:
+def powers_behind(scene: Scene, break_point: float) -> tuple[float, ...]:
+    """Fractional powers of t - b with which the force begins behind a break point b."""
+    if scene.forcing is None:
+        return ()
+    ends = [piece.until for piece in scene.forcing.pieces]
+    piece = scene.forcing.pieces[ends.index(break_point) + 1]
+    formulas = [one for one, _ in piece.distinct if isinstance(one, Expression)]
+    return tuple(e for one in formulas for e in _fractional_powers(one, break_point))
+
+
+@lru_cache(maxsize=256)
+def _fractional_powers(component: ForceComponent, at: float) -> tuple[float, ...]:
     try:
-        series = expand(component, LARGEST_POWER)
+        series = expand(component, LARGEST_POWER, at)
     except (SeriesError, ExpressionError):
         return (UNKNOWN_FORCE,)
     powers = series.exponents[series.coefficients != 0].tolist()

@@ -136,11 +136,10 @@ def prepare_equal_steps(
     if scene.active_damping:
         reach = None if direct else _reach(scene, tables.degree, decoupling)
         damping = LagDamping(scene, method, tables, n_steps, writes_out=direct, reach=reach)
-        first = damping.first_force()
-        if first.any():
-            # the paper's first step is without the force of the initial position
+        left_out = damping.force_of_jump()[:n_steps]
+        if left_out.any():
             h = scene.final_time / n_steps
-            loads.add(h * np.outer(tables.sample_test_weights[:, 0], first)[None])
+            loads.add(h * np.einsum("vm,kmd->kvd", tables.sample_test_weights, left_out))
     solver = StepSolver(dynamics_of(scene), damping, tables, sampling_of(method, tables))
     return RunSetup(
         scene=scene,

@@ -236,7 +236,8 @@ def _impulses(
         if index == 0:
             change += units[: s + 1].sum(axis=0)
         samples[:, index] = sample
-        np.add(moved[:, None], basis @ unknowns, out=ways[:, index])
+        # no `out=`: NumPy 2.4 may write wrong numbers where it has gaps in memory
+        ways[:, index] = moved[:, None] + basis @ unknowns
         moved = moved + h * unknowns[:, -1]
         gained = gained + change
         ends[:, index, 0], ends[:, index, 1] = moved, gained

@@ -65,7 +65,7 @@ def pack_size(experiment: Experiment) -> int:
 
     Also 1 where quantities or events are asked for: these members share nothing.
     """
-    if not experiment.observations.is_empty:
+    if one_by_one_words(experiment):
         return 1
     problem = experiment.problem
     dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
@@ -73,6 +73,24 @@ def pack_size(experiment: Experiment) -> int:
     shared = max(LEAST_PACK, -(-members // PACKS))
     together = members_at_a_time(max(experiment.steps, default=1), dimension)
     return min(members, shared, LARGEST_PACK, together)
+
+
+def one_by_one_words(experiment: Experiment) -> str:
+    """Why members of a sweep share nothing; empty where they may."""
+    asked = experiment.observations
+    keys = {
+        "output": asked.times is not None,
+        "quantities": asked.quantities,
+        "events": asked.events,
+        "impacts": asked.impacts,
+    }
+    found = " and ".join(key for key, value in keys.items() if value)
+    if not (experiment.members and found):
+        return ""
+    return (
+        f"the {len(experiment.members)} members are integrated one by one, because `{found}` is "
+        "asked for; without it they would be integrated in batches"
+    )
 
 
 def execute_batch(
