@@ -249,6 +249,11 @@ def _character(scene: Scene) -> tuple[set[str], bool]:
     return called, hides
 
 
+def may_hide_in(expression: Expression) -> bool:
+    """Whether a formula may be large where no sample lies, see :class:`SceneForces`."""
+    return _of_expression(expression)[1]
+
+
 def _of_expression(expression: Expression) -> tuple[set[str], bool]:
     called, hides = set(expression.functions), False
     before: tuple[str, float | str] = ("", 0.0)
