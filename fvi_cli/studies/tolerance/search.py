@@ -199,7 +199,7 @@ class _Search:
             if run.status != "ok" or run.steps is None:
                 self._note(Round(run=run, line=f"{words}; {run.status}: {run.message}"))
                 failed += 1
-                if failed > 2 or "most steps" in run.message:
+                if failed > 2 or run.n_steps >= most_steps:
                     break
                 local *= 0.03
                 continue
