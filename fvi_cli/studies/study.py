@@ -24,6 +24,7 @@ from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.operators import left_operator
 from fvi_cli.planning.expected_order import expected_order
+from fvi_cli.planning.resolution import resolution_remarks
 from fvi_cli.planning.round_off import relative_round_off
 from fvi_cli.scenes.problem import DerivativeProblem, Problem
 from fvi_cli.studies.experiment import (
@@ -137,6 +138,7 @@ def assessed(
     remarks = trajectory.remarks
     if isinstance(run.problem, Problem):
         remarks += interpolation_remarks(run.problem.scene, run.n_steps, grading=experiment.grading)
+        remarks += _resolved(run, run.problem)
     remarks += stability_remarks(run, trajectory, prediction)
     exact = reference.values(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
@@ -170,6 +172,14 @@ def assessed(
         expected_order=_expected_order(run),
         reference=reference.source,
     )
+
+
+def _resolved(run: Run, problem: Problem) -> tuple[str, ...]:
+    """A warning where even the finest steps of a ladder are too long for what they meet."""
+    experiment = run.experiment
+    if run.n_steps < max(experiment.steps) or getattr(run.method, "name", "") == "dop853":
+        return ()
+    return resolution_remarks(problem.scene, run.n_steps, grading=experiment.grading)
 
 
 def stability_remarks(
