@@ -20,7 +20,7 @@ from fvi_cli.scenes.linear_response import ExactSolution, match_scene
 from fvi_cli.scenes.named import linear_oscillator
 
 TIMES = 60
-NODES = 12
+NODES = 14
 LEAST_WIDTH, MOST_WIDTH = -5.0, -2.0
 """Decades of the widths of pulses, relative to T."""
 SLOPED = 0.7
@@ -129,11 +129,11 @@ def _pushed(
         end = min(time, middle + reach * width)
         if end <= begin:
             continue
-        # parts of half a width, the last of them halved towards a time inside of the pulse
-        edges = np.linspace(begin, end, max(2, math.ceil((end - begin) / (0.5 * width))))
+        # parts of two widths, the last of them halved towards a time inside of the pulse
+        edges = np.linspace(begin, end, max(2, math.ceil((end - begin) / (2.0 * width))))
         if time - end < width:
             last = edges[-1] - edges[-2]
-            edges = np.concatenate([edges[:-1], end - last * 0.5 ** np.arange(1, 14), [end]])
+            edges = np.concatenate([edges[:-1], end - last * 0.5 ** np.arange(1, 18), [end]])
         half = 0.5 * np.diff(edges)
         at = (edges[:-1] + half)[:, None] + half[:, None] * points
         force = shape((at - middle) / width)
