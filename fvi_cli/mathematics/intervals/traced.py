@@ -21,7 +21,11 @@ from fvi_cli.mathematics.intervals.interval import Interval
 
 BEYOND_SEEN = 4.0
 """Ranges up to so many times what samples span are their overestimate."""
-LARGEST = 1e300
+STEEPEST = 0.25
+"""Samples that lie farther from their neighbours' mean, relative to their span, are not smooth."""
+MARGIN = 0.25
+"""How far values may go beyond smooth samples, relative to their span."""
+LARGEST, LEAST = 1e300, 1e-290
 ROUND_OFF = 1e-13
 """Ranges below this share of their values are round-off."""
 
@@ -46,58 +50,85 @@ class Traced:
 
     __array_ufunc__ = None
 
+    @property
+    def hull(self) -> Interval:
+        """What the samples span."""
+        return Interval(self.seen.min(axis=1), self.seen.max(axis=1))
+
     def _with(self, box: Interval, seen: Array) -> Traced:
         return Traced(box, seen, self.doubtful)
 
-    def _compared(self, box: Interval, seen: Array) -> Traced:
-        # where both have overflowed nothing hides
+    def _compared(
+        self, box: Interval, seen: Array, spanned: Interval, *, of: object = 0.0
+    ) -> Traced:
+        """A value whose range is believed, and tightened, where samples of it are smooth.
+
+        `spanned`: the range if the operands were no larger than their samples; `of`: the other one.
+        """
+        # where all have overflowed nothing hides
         low, high = np.clip(box.low, -LARGEST, LARGEST), np.clip(box.high, -LARGEST, LARGEST)
         values = np.clip(seen, -LARGEST, LARGEST)
         least, most = values.min(axis=1), values.max(axis=1)
-        largest = np.maximum(np.abs(least), np.abs(most))
-        spanned = BEYOND_SEEN * (most - least) + ROUND_OFF * largest
-        self.doubtful[~(high - low <= spanned)] = True
-        return self._with(box, seen)
+        span = most - least
+        noise = ROUND_OFF * np.maximum(np.abs(least), np.abs(most)) + LEAST
+        usual = np.clip(spanned.high, -LARGEST, LARGEST) - np.clip(spanned.low, -LARGEST, LARGEST)
+        between = 0.5 * (values[:, :-2:2] + values[:, 2::2])
+        turns = np.abs(values[:, 1:-1:2] - between).max(axis=1)
+        believed = (high - low <= BEYOND_SEEN * np.maximum(usual, span) + noise) & (
+            turns <= STEEPEST * span + noise
+        )
+        self.doubtful[~believed] = True
+        if not isinstance(of, Traced):
+            return self._with(box, seen)
+        # ranges of two operands that depend on each other are larger than need be
+        believed = ~self.doubtful
+        low = np.where(believed, np.maximum(low, least - MARGIN * span - noise), box.low)
+        high = np.where(believed, np.minimum(high, most + MARGIN * span + noise), box.high)
+        return self._with(Interval(low, high), seen)
 
     def __neg__(self) -> Traced:
         return self._with(-self.box, -self.seen)
 
     def __add__(self, other: Traced | float) -> Traced:
-        box, seen = _parts(other)
-        return self._with(self.box + box, self.seen + seen)
+        box, seen, hull = _parts(other)
+        return self._compared(self.box + box, self.seen + seen, self.hull + hull, of=other)
 
     __radd__ = __add__
 
     def __sub__(self, other: Traced | float) -> Traced:
-        box, seen = _parts(other)
-        return self._with(self.box - box, self.seen - seen)
+        box, seen, hull = _parts(other)
+        return self._compared(self.box - box, self.seen - seen, self.hull - hull, of=other)
 
     def __rsub__(self, other: float) -> Traced:
         return -self + other
 
     def __mul__(self, other: Traced | float) -> Traced:
-        box, seen = _parts(other)
-        return self._with(self.box * box, self.seen * seen)
+        box, seen, hull = _parts(other)
+        return self._compared(self.box * box, self.seen * seen, self.hull * hull, of=other)
 
     __rmul__ = __mul__
 
     def __truediv__(self, other: Traced | float) -> Traced:
-        box, seen = _parts(other)
-        return self._compared(self.box / box, self.seen / seen)
+        box, seen, hull = _parts(other)
+        return self._compared(self.box / box, self.seen / seen, self.hull / hull, of=other)
 
     def __rtruediv__(self, other: float) -> Traced:
-        return self._compared(other / self.box, other / self.seen)
+        return self._compared(other / self.box, other / self.seen, other / self.hull)
 
     def __pow__(self, other: Traced | float) -> Traced:
-        box, seen = _parts(other)
-        return self._compared(self.box**box, self.seen**seen)
+        box, seen, hull = _parts(other)
+        return self._compared(self.box**box, self.seen**seen, self.hull**hull, of=other)
 
     def __rpow__(self, other: float) -> Traced:
-        return self._compared(other**self.box, other**self.seen)
+        return self._compared(other**self.box, other**self.seen, other**self.hull)
 
 
-def _parts(value: Traced | float) -> tuple[Interval | float, Array | float]:
-    return (value.box, value.seen) if isinstance(value, Traced) else (value, value)
+def _parts(
+    value: Traced | float,
+) -> tuple[Interval | float, Array | float, Interval | float]:
+    if isinstance(value, Traced):
+        return value.box, value.seen, value.hull
+    return value, value, value
 
 
 def _traced(name: str) -> Callable[..., Traced]:
@@ -105,8 +136,10 @@ def _traced(name: str) -> Callable[..., Traced]:
 
     def function(*arguments: Traced | float) -> Traced:
         one = next(value for value in arguments if isinstance(value, Traced))
-        boxes, samples = zip(*map(_parts, arguments), strict=True)
-        return one._compared(on_interval(*boxes), np.asarray(on_array(*samples)))
+        boxes, samples, hulls = zip(*map(_parts, arguments), strict=True)
+        return one._compared(
+            on_interval(*boxes), np.asarray(on_array(*samples)), on_interval(*hulls)
+        )
 
     return function
 

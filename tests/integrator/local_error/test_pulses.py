@@ -48,7 +48,18 @@ def test_steps_have_to_end_inside_of_every_pulse(seed):
 
 @pytest.mark.parametrize(
     "text",
-    ["exp(-t)", "t**(-0.5)", "sqrt(t)", "tanh(t - 4)", "1/(2 + cos(t))", "exp(cos(3*t))/(1 + t)"],
+    [
+        "exp(-t)",
+        "t**(-0.5)",
+        "sqrt(t)",
+        "tanh(t - 4)",
+        "1/(2 + cos(t))",
+        "exp(cos(3*t))/(1 + t)",
+        "sin(t)/t",
+        "exp(t)/(1 + exp(t))",
+        "t**3/(exp(t) - 1)",
+        "(arctan(t) - arctan(t - 1))**2",
+    ],
 )
 def test_a_force_without_pulses_asks_for_no_points(text):
     """The control."""
