@@ -21,7 +21,7 @@ from benchmarks.robustness import robustness_table, run_robustness
 from benchmarks.startup import run_startup, startup_table
 from benchmarks.stepping import run_stepping, stepping_table
 from benchmarks.structures import run_structures, structures_table
-from benchmarks.tolerances import run_tolerances, tolerance_table
+from benchmarks.tolerances import PULSE_REMARK, run_tolerances, tolerance_table
 from benchmarks.truth import run_truth, truth_table
 from fvi_cli.storage.provenance import package_versions, platform_name
 
@@ -41,6 +41,19 @@ PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     "parts": (
         "What a sweep in parts takes",
         lambda asked: parts_page(asked.members, computed=not asked.made_up),
+    ),
+    "pulses": (
+        "Whether tolerances are kept where forces are narrow pulses",
+        lambda asked: tolerance_table(
+            run_tolerances(
+                asked.per_kind,
+                by_hand_every=0,
+                kept=asked.output / "pulses.csv",
+                seconds=asked.seconds,
+                with_pulses=True,
+            ),
+            PULSE_REMARK,
+        ),
     ),
     "robustness": (
         "What attacks leave",
@@ -90,7 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="linear scenes take 2^E steps (default 20); fewer than 2^20 are a trial",
     )
     parser.add_argument(
-        "--per-kind", type=int, default=40, metavar="N", help="tolerances: scenes of every kind"
+        "--per-kind", type=int, default=40, metavar="N", help="tolerances, pulses: scenes"
     )
     parser.add_argument(
         "--by-hand-every",
@@ -117,8 +130,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=float,
         default=math.inf,
         metavar="S",
-        help="tolerances: begin no more scenes after this time; the same command goes on from "
-        "tolerances.csv, which is to be removed where the program has changed",
+        help="tolerances, pulses: begin no more scenes after this time; the same command goes on "
+        "from tolerances.csv or pulses.csv, which is to be removed where the program has changed",
     )
     parser.add_argument(
         "--per-mille",
@@ -162,6 +175,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             command += f" --seed {asked.seed}"
         if name == "parts":
             command += f" --members {asked.members}{' --made-up' if asked.made_up else ''}"
+        if name == "pulses":
+            command += f" --per-kind {asked.per_kind}"
         if name == "tolerances":
             command += f" --per-kind {asked.per_kind} --by-hand-every {asked.by_hand_every}"
         _write_page(asked.output / f"{name}.md", title, command, measure(asked))

@@ -199,7 +199,7 @@ def _tell_reasons(title: str, waiting: Sequence[Run], why: Why) -> None:
 def _report(finished: FinishedRun) -> None:
     """One line for a run; loud when it failed unexpectedly, or may be about to."""
     for remark in finished.trajectory.remarks:
-        if remark.startswith("stability:"):
+        if remark.startswith(("stability:", "steps:")):
             _logger.warning("%s: %s", finished.run.title, remark)
     level = logging.WARNING if is_unexpected_failure(finished) else logging.DEBUG
     message = finished.trajectory.message

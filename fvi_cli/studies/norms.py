@@ -11,6 +11,24 @@ from fvi_cli.mathematics.arrays import Array
 Norm = Literal["max", "final", "l2"]
 
 
+def point_weights(time: Array, step_size: float, every: int, grading: float) -> float | Array:
+    """Lengths of time that points stand for in l2; kept ones reach half-way to their neighbours.
+
+    Parameters
+    ----------
+    time
+        Of the points, shape ``(n,)``.
+    step_size, every, grading
+        h, which points are kept, and how steps are graded.
+    """
+    if every > 1:
+        gaps = np.diff(time, prepend=time[0] - step_size, append=time[-1] + step_size)
+        return np.asarray(0.5 * (gaps[:-1] + gaps[1:]))
+    if grading != 1.0:
+        return np.diff(time, prepend=0.0)
+    return step_size
+
+
 def error_norm(position: Array, exact: Array, step_size: float | Array, norm: Norm) -> float:
     r"""Norm of position - exact, both of shape ``(n, d)``.
 

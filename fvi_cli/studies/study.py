@@ -21,9 +21,9 @@ from fvi_cli.integrator.stability.prediction import (
     stability_along,
 )
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.operators import left_operator
 from fvi_cli.planning.expected_order import expected_order
+from fvi_cli.planning.resolution import resolution_remarks
 from fvi_cli.planning.round_off import relative_round_off
 from fvi_cli.scenes.problem import DerivativeProblem, Problem
 from fvi_cli.studies.experiment import (
@@ -34,10 +34,13 @@ from fvi_cli.studies.experiment import (
     Run,
 )
 from fvi_cli.studies.members import Member
-from fvi_cli.studies.norms import error_norm
+from fvi_cli.studies.norms import error_norm, point_weights
 from fvi_cli.studies.reference import Reference, find_reference, find_references, unknown_reference
 
 DIVERGED_RATIO = 10.0
+
+KEPT_BYTES = 2**25
+"""Runs whose points take no more are kept whole until their error is measured."""
 
 UNRELIABLE = 0.01
 """A floor above this part of the largest value leaves no error to speak of."""
@@ -137,6 +140,7 @@ def assessed(
     remarks = trajectory.remarks
     if isinstance(run.problem, Problem):
         remarks += interpolation_remarks(run.problem.scene, run.n_steps, grading=experiment.grading)
+        remarks += _resolved(run, run.problem)
     remarks += stability_remarks(run, trajectory, prediction)
     exact = reference.values(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
@@ -154,9 +158,7 @@ def assessed(
         )
     names = run.problem.coordinates if isinstance(run.problem, Problem) else ()
     trajectory = dataclasses.replace(trajectory, remarks=remarks, coordinates=names)
-    spacing: float | Array = trajectory.every * run.step_size
-    if experiment.grading != 1.0:
-        spacing = np.diff(trajectory.time, prepend=0.0)
+    spacing = point_weights(trajectory.time, run.step_size, trajectory.every, experiment.grading)
     error = error_norm(trajectory.position, exact, spacing, experiment.norm)
     return FinishedRun(
         run=run,
@@ -170,6 +172,14 @@ def assessed(
         expected_order=_expected_order(run),
         reference=reference.source,
     )
+
+
+def _resolved(run: Run, problem: Problem) -> tuple[str, ...]:
+    """A warning where even the finest steps of a ladder are too long for what they meet."""
+    experiment = run.experiment
+    if run.n_steps < max(experiment.steps) or getattr(run.method, "name", "") == "dop853":
+        return ()
+    return resolution_remarks(problem.scene, run.n_steps, grading=experiment.grading)
 
 
 def stability_remarks(
@@ -211,10 +221,15 @@ def _integrated(problem: Problem, run: Run, checkpoints: RunKeeper | None) -> Tr
 
 
 def kept_on_the_way(run: Run) -> int:
-    """n: every n-th point is in memory; 1 unless the method can do without the others."""
-    method = run.method
+    """n: every n-th point is in memory; 1 unless there is no room for all and the method can.
+
+    Errors are those of all points wherever these are in memory.
+    """
+    method, problem = run.method, run.problem
     is_memory_free = isinstance(method, Method) and method.history == "exponentials"
-    return run.experiment.store_every if is_memory_free else 1
+    dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
+    fits = 8 * (run.n_steps + 1) * (2 * dimension + 2) <= KEPT_BYTES
+    return run.experiment.store_every if is_memory_free and not fits else 1
 
 
 def with_remark_on_thinning(trajectory: Trajectory) -> Trajectory:

@@ -6,6 +6,8 @@ from spread import spread
 
 from fvi_cli.config import load_config
 from fvi_cli.storage.records import finished_of, record_of
+from fvi_cli.studies import study
+from fvi_cli.studies.norms import point_weights
 from fvi_cli.studies.study import execute
 
 CONFIG = """\
@@ -25,16 +27,27 @@ report: {norm: NORM}
 """
 
 
-@pytest.mark.parametrize("norm", ["max", "final", "l2"])
-def test_errors_are_those_of_the_kept_points(tmp_path, norm):
+@pytest.fixture
+def no_room(monkeypatch):
+    """Nothing is kept but what is stored, as in runs of more than 32 MB."""
+    monkeypatch.setattr(study, "KEPT_BYTES", 0)
+
+
+def runs_of(tmp_path, norm, every=100, steps="[250]", more=""):
     path = tmp_path / "thinned.yaml"
-    path.write_text(CONFIG.replace("NORM", norm))
-    experiment = load_config(path).experiments[0]
-    whole, thin = (execute(run) for run in experiment.runs())
+    text = CONFIG.replace("NORM", norm).replace("every: 100", f"every: {every}")
+    path.write_text(text.replace("[250]", f"{steps}{more}"))
+    return load_config(path).experiments[0].runs()
+
+
+@pytest.mark.parametrize("norm", ["max", "final", "l2"])
+def test_long_runs_have_the_errors_of_the_kept_points(tmp_path, norm, no_room):
+    whole, thin = (execute(run) for run in runs_of(tmp_path, norm))
     assert whole.trajectory.time.size == 251
     assert np.allclose(thin.trajectory.time, [0.0, 0.4, 0.8, 1.0])
     error = np.abs(thin.trajectory.position[:, 0] - thin.trajectory.time**4)
-    expected = {"max": error.max(), "final": error[-1], "l2": np.sqrt(0.4 * (error**2).sum())}
+    weights = np.array([0.202, 0.4, 0.3, 0.102])
+    expected = {"max": error.max(), "final": error[-1], "l2": np.sqrt((weights * error**2).sum())}
     assert thin.error == pytest.approx(expected[norm], rel=1e-12)
     assert any("every 100th" in remark for remark in thin.trajectory.remarks)
     assert not any("every 100th" in remark for remark in whole.trajectory.remarks)
@@ -46,6 +59,56 @@ def test_errors_are_those_of_the_kept_points(tmp_path, norm):
     assert thin.run.method.case == "gauss-s1-none-exponentials"
     again = record_of(finished_of(records[1], thin.run))
     assert np.array_equal(again.datasets["time"], records[1].datasets["time"])
+
+
+@spread(norm=["max", "final", "l2"], every=[7, 100, 1000], steps=["[30]", "[250]", "[999]"])
+def test_errors_do_not_depend_on_what_is_stored(tmp_path, norm, every, steps):
+    whole = [execute(run).error for run in runs_of(tmp_path, norm, 1, steps)]
+    thin = [execute(run) for run in runs_of(tmp_path, norm, every, steps)]
+    assert [one.error for one in thin] == pytest.approx(whole, rel=1e-12)
+    count = thin[0].run.n_steps
+    assert record_of(thin[1]).datasets["time"].size == 1 + -(-count // every)
+
+
+MEMBERS = """\
+name: members
+problem:
+  kind: damped-oscillator
+  damping: [{order: 0.5, coefficient: 0.3}]
+  stiffness: 1.0
+  initial: {position: 1.0}
+  final_time: 2.0
+method: {rk: gauss, degree: 2, start: none, history: [auto, exponentials]}
+ladder: {steps: [120]GRADED}
+store: {every: EVERY}
+report: {norm: NORM}
+SWEEP
+"""
+
+
+@spread(
+    norm=["max", "l2"], graded=["", ", grading: 2"], sweep=["", "problem.stiffness: [1.0, 2.0]"]
+)
+def test_graded_meshes_and_sweeps_too(tmp_path, norm, graded, sweep):
+    found = []
+    for every in (1, 50):
+        text = MEMBERS.replace("NORM", norm).replace("EVERY", str(every))
+        text = text.replace("GRADED", graded)
+        path = tmp_path / "members.yaml"
+        path.write_text(text.replace("SWEEP", f"sweep: {{{sweep}}}" if sweep else ""))
+        found.append([execute(run).error for run in load_config(path).experiments[0].runs()])
+    assert found[1] == pytest.approx(found[0], rel=1e-12)
+    assert min(found[0]) > 0
+
+
+def test_weights_of_kept_points_are_the_integral_of_all(tmp_path, no_room):
+    """The control: to their own accuracy; with weights of every h each it was 15 times as large."""
+    whole, thin = (execute(run).error for run in runs_of(tmp_path, "l2", 5))
+    assert thin == pytest.approx(whole, rel=0.02)
+    time = np.linspace(0.0, 1.0, 31)
+    kept = time[[0, 30]]
+    assert point_weights(kept, 1 / 30, 1000, 1.0).sum() == pytest.approx(1 + 1 / 30)
+    assert point_weights(time, 1 / 30, 1, 1.0) == 1 / 30
 
 
 @spread(norm=["max", "final", "l2"], second=[1.0, 1e8, 1e-12])

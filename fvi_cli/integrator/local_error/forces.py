@@ -249,6 +249,11 @@ def _character(scene: Scene) -> tuple[set[str], bool]:
     return called, hides
 
 
+def may_hide_in(expression: Expression) -> bool:
+    """Whether a formula may be large where no sample lies, see :class:`SceneForces`."""
+    return _may_hide(expression.system)
+
+
 def _may_hide(system: FormulaSystem) -> bool:
     """Whether anything occurs in a program but sines and polynomials of low degree."""
     for place in system.needed:

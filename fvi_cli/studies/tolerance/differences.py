@@ -111,11 +111,19 @@ def local_errors(steps: RunSteps) -> float:
 
 
 def shifted(scene: Scene, run: Trajectory) -> Scene:
-    """The scene with a start that is a little off: by :data:`SHIFT` of what the run reaches."""
+    """The scene with a start that is a little off: by :data:`SHIFT` of what the run reaches.
+
+    With Riemann-Liouville derivatives of orders above 1 the position has to begin at 0.
+    """
     speed = 0.0 if run.steps is None else float(np.abs(run.steps.velocity).max())
+    way = SHIFT * float(np.abs(run.position).max())
+    if scene.derivative == "riemann-liouville" and any(
+        term.order > 1 for term in scene.active_damping
+    ):
+        way = 0.0
     return replace(
         scene,
-        initial_position=scene.initial_position + SHIFT * float(np.abs(run.position).max()),
+        initial_position=scene.initial_position + way,
         initial_velocity=scene.initial_velocity + SHIFT * speed,
     )
 

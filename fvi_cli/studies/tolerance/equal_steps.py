@@ -232,9 +232,8 @@ class _Search:
             if not order > 0:
                 order = 1.0
             wanted = (one.error / (AIMED_AT * self.target)) ** (1 / order)
-            factor = 1 << max(
-                1, min(math.ceil(math.log2(max(wanted, 1.0))), int(math.log2(FARTHEST)))
-            )
+            doublings = math.ceil(math.log2(max(wanted, 1.0)))
+            factor = 1 << max(1, min(doublings, int(math.log2(FARTHEST))))
         one.next_steps = 0 if one.stalled > 1 else factor * n_steps
 
     def _ended(self, run: Trajectory, outcome: Outcome, estimate: float, reason: str) -> Trajectory:

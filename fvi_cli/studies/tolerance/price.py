@@ -8,7 +8,7 @@ from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.cost import ToleranceRow, timed_run
 from fvi_cli.studies.experiment import Experiment
-from fvi_cli.studies.norms import error_norm
+from fvi_cli.studies.norms import error_norm, point_weights
 from fvi_cli.studies.study import reference_of
 from fvi_cli.studies.tolerance.search import solve
 
@@ -49,7 +49,8 @@ def measure_tolerance(experiment: Experiment, tolerance: float) -> ToleranceRow:
     error = math.nan
     if run.status == "ok":
         times, exact = finest.times, reference_of(finest).values(finest.times)
-        error = error_norm(run.steps(times), exact, finest.step_size, experiment.norm)
+        weights = point_weights(times, finest.step_size, 1, experiment.grading)
+        error = error_norm(run.steps(times), exact, weights, experiment.norm)
     return ToleranceRow(
         tolerance=tolerance,
         outcome=run.assessment.outcome,

@@ -53,5 +53,7 @@ def first_local(target: float, amplitude: float) -> float:
         return 1.0
     if amplitude <= 0:
         return target
+    # of less than the tolerance nothing is known
+    amplitude = max(amplitude, target)
     share = (LOOSE * target / amplitude) ** (1 / POWER)
     return float(amplitude * min(COARSEST, share))

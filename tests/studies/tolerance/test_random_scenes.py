@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.pulse_scenes import PULSE_KINDS
 from benchmarks.tolerances import (
     ToleranceRow,
     read_rows,
@@ -28,6 +29,25 @@ def test_nothing_is_met_and_wrong(rows):
     # most of them are judged by their references
     judged = [row for row in rows if row.outcome == "met" and row.is_judged]
     assert len(judged) >= 0.7 * len(rows)
+
+
+def test_narrow_pulses_and_singular_starts_are_not_met_and_wrong():
+    rows = run_index(5, kinds=PULSE_KINDS)
+    assert [row.kind for row in rows if row.is_judged] == [
+        "pulses at rest",
+        "pulses in motion",
+        "pulses on a slope",
+        "Riemann-Liouville",
+    ]
+    assert [row.outcome for row in rows] == 4 * ["met"]
+    assert not [row for row in rows if row.is_wrong]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("index", range(100, 110))
+def test_more_pulses(index):
+    rows = run_index(index, kinds=PULSE_KINDS)
+    assert not [row for row in rows if row.is_wrong]
 
 
 def test_smooth_scenes_are_not_refused(rows):

@@ -1,0 +1,208 @@
+"""Pulses in forces of the time, found before a run by the ranges of formulas.
+
+Every piece of a force is halved until nothing can hide in any part: the range of each function
+that occurs is at most a few times what 17 samples of it span, and a polynomial through 9 of them
+meets the others; or all that the formula could do there has an impulse that does not matter. Where
+parts have become far shorter than they usually are, steps have to end at their ends.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.forcing import ForceComponent, Forcing
+from fvi_cli.effects.sampled import SampledForce
+from fvi_cli.integrator.local_error.forces import may_hide_in
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.mathematics.intervals.traced import trace
+from fvi_cli.mathematics.lagrange import LagrangeBasis
+
+FIRST_PARTS = 16
+MOST_PARTS = 40_000
+"""Parts of one level; with more the search is given up."""
+SHORTEST = 2.0**-46
+"""Parts are not halved below this share of their piece."""
+NARROW = 0.25
+"""Parts shorter than this share of the median, by time, are held by the mesh."""
+ROUND_OFF = 1e-14
+"""Of the largest force times the length of the run; impulses below it are none."""
+
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pulses:
+    """What a search for pulses found.
+
+    Parameters
+    ----------
+    points
+        Times at which steps have to end, ascending.
+    unresolved_at
+        Time near which something may hide; None: nowhere.
+    """
+
+    points: tuple[float, ...] = ()
+    unresolved_at: float | None = None
+
+
+def find_pulses(forcing: Forcing | None, final_time: float, negligible: float) -> Pulses:
+    """Look for pulses of a force in [0, T].
+
+    Parameters
+    ----------
+    forcing
+        The force; its samples have points of their own.
+    final_time
+        T.
+    negligible
+        Impulse that does not matter, a force times a time.
+    """
+    points: set[float] = set()
+    unresolved: list[float] = []
+    begin = 0.0
+    for piece in () if forcing is None else forcing.pieces:
+        end = min(piece.until, final_time)
+        if begin >= end:
+            break
+        for component, _ in piece.distinct:
+            formula = _formula_of(component)
+            if formula is not None and may_hide_in(formula):
+                found = _Search(formula, begin, end, negligible).result()
+                points.update(found.points)
+                unresolved += [] if found.unresolved_at is None else [found.unresolved_at]
+        begin = end
+    return Pulses(points=tuple(sorted(points)), unresolved_at=min(unresolved, default=None))
+
+
+def _formula_of(component: ForceComponent) -> Expression | None:
+    if isinstance(component, Expression):
+        return component
+    return None if isinstance(component, SampledForce) else component.formula
+
+
+@functools.cache
+def _nodes() -> tuple[Array, Array, Array, Array]:
+    """17 points of [0, 1]; what 9 of them say of the others, 17 of those of both halves."""
+    points = 0.5 - 0.5 * np.cos(np.pi * np.arange(17) / 16)
+    coarse, fine = (LagrangeBasis(control_points=one) for one in (points[::2], points))
+    return (
+        points,
+        coarse.values(points[1::2]).T,
+        fine.values(0.5 * points).T,
+        fine.values(0.5 + 0.5 * points).T,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Level:
+    """Parts of one length; `children`: place of the first half in the next level, or -1."""
+
+    begin: Array
+    values: Array
+    children: NDArray[np.int_]
+    is_smooth: Flags
+
+
+class _Search:
+    """The search of one formula in one piece."""
+
+    def __init__(self, formula: Expression, begin: float, end: float, negligible: float) -> None:
+        self._formula, self._begin, self._end = formula, begin, end
+        self._negligible = negligible
+        self._unresolved: float | None = None
+        self._levels: list[_Level] = []
+
+    def _length(self, level: int) -> float:
+        return (self._end - self._begin) / FIRST_PARTS * 0.5**level
+
+    def result(self) -> Pulses:
+        self._divide()
+        panels = self._panels()
+        lengths = panels[:, 1] - panels[:, 0]
+        order = np.argsort(lengths)
+        by_time = np.cumsum(lengths[order])
+        median = lengths[order][np.searchsorted(by_time, 0.5 * by_time[-1])]
+        narrow = (lengths < NARROW * median) & (panels[:, 2] > 0)
+        ends = np.unique(panels[narrow, :2])
+        inside = ends[(ends > self._begin) & (ends < self._end)]
+        return Pulses(points=tuple(inside.tolist()), unresolved_at=self._unresolved)
+
+    def _divide(self) -> None:
+        """Halve parts until nothing can hide in them."""
+        points, coarse, _, _ = _nodes()
+        length = self._length(0)
+        begin: Array = self._begin + length * np.arange(FIRST_PARTS, dtype=float)
+        level = 0
+        while begin.size:
+            length = self._length(level)
+            times = begin[:, None] + length * points
+            box, values, doubtful = trace(self._formula, begin, begin + length, times)
+            if level == 0:
+                reach = np.maximum(np.abs(box.low), np.abs(box.high)).max()
+                if math.isfinite(reach):
+                    least = ROUND_OFF * reach * (self._end - self._begin)
+                    self._negligible = max(self._negligible, least)
+            with np.errstate(all="ignore"):
+                missed = np.abs(values[:, ::2] @ coarse.T - values[:, 1::2]).max(axis=1)
+                is_rough = ~(missed * length <= self._negligible)
+                matters = ~(box.width * length <= self._negligible)
+            halved = matters & (doubtful | is_rough)
+            too_short = length <= SHORTEST * (self._end - self._begin) or (
+                halved.sum() > MOST_PARTS
+            )
+            if too_short:
+                self._give_up(begin[halved])
+                halved = np.zeros_like(halved)
+            children = np.where(halved, 2 * (np.cumsum(halved) - 1), -1)
+            self._levels.append(
+                _Level(begin=begin, values=values, children=children, is_smooth=~halved)
+            )
+            first = begin[halved]
+            begin = np.stack([first, first + 0.5 * length], axis=1).ravel()
+            level += 1
+
+    def _give_up(self, begin: Array) -> None:
+        """Something may hide here; at the beginning of the piece the force may be singular."""
+        inside = begin[begin > self._begin]
+        if inside.size:
+            self._unresolved = float(inside.min())
+
+    def _panels(self) -> Array:
+        """Largest parts in which a polynomial meets all that was seen: begin, end, by a pulse."""
+        _, _, left, right = _nodes()
+        smooth = self._levels[-1].is_smooth
+        kept = [smooth]
+        for level in range(len(self._levels) - 2, -1, -1):
+            one, finer = self._levels[level], self._levels[level + 1]
+            halved = np.flatnonzero(one.children >= 0)
+            first = one.children[halved]
+            is_smooth = one.is_smooth.copy()
+            with np.errstate(all="ignore"):
+                missed = sum(
+                    np.abs(one.values[halved] @ half.T - finer.values[first + side]).max(axis=1)
+                    for side, half in enumerate((left, right))
+                )
+                is_met = 0.5 * self._length(level) * missed <= self._negligible
+            is_smooth[halved] = is_met & smooth[first] & smooth[first + 1]
+            smooth = is_smooth
+            kept.append(smooth)
+        panels: list[Array] = []
+        place = np.arange(FIRST_PARTS)
+        by_pulse = np.zeros(FIRST_PARTS, dtype=bool)
+        for level, is_smooth in enumerate(reversed(kept)):
+            one, length = self._levels[level], self._length(level)
+            done = is_smooth[place] | (one.children[place] < 0)
+            begin = one.begin[place]
+            panels.append(np.stack([begin, begin + length, by_pulse], axis=1)[done])
+            # towards the beginning of a piece parts are halved where a power is singular there
+            by_pulse = np.repeat((by_pulse | (begin > self._begin))[~done], 2)
+            first = one.children[place[~done]]
+            place = np.stack([first, first + 1], axis=1).ravel()
+        return np.concatenate(panels)

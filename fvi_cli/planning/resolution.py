@@ -1,0 +1,154 @@
+"""Whether steps are short enough for records and for the shortest period that takes part."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy.linalg import LinAlgError, eigh
+
+from fvi_cli.effects.forcing import ForcingPiece
+from fvi_cli.effects.matrices import dense
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.sampled import SampledForce
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.growth_bound import PROBED_FRACTIONS
+from fvi_cli.integrator.stability.linearisation import linearised_at_start
+from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.expressions import Expression
+
+STEPS_PER_PERIOD = 4.0
+"""With fewer steps a period is not resolved."""
+TAKES_PART = 1e-3
+"""Modes that move less than this share of the largest one do not count (guessed)."""
+MOST_MODES = 400
+"""Degrees of freedom up to which periods are looked at."""
+SLACK = 1.0 + 1e-9
+DIFFERENCE = 1e-6
+"""Times by which rates of arguments are found lie so far apart, relative to T."""
+
+
+def longest_step(final_time: float, n_steps: int, grading: float = 1.0) -> float:
+    """The longest one of N steps with ends T (k/N)^r."""
+    return float(final_time * (1.0 - (1.0 - 1.0 / n_steps) ** grading))
+
+
+def resolution_remarks(scene: Scene, n_steps: int, *, grading: float = 1.0) -> tuple[str, ...]:
+    """What steps are too long for, with both numbers and what to write; empty: nothing.
+
+    Parameters
+    ----------
+    scene
+        What is integrated; nonlinear ones are linearised at the start.
+    n_steps, grading
+        The mesh.
+    """
+    step = longest_step(scene.final_time, n_steps, grading)
+    found: list[str] = []
+    for component in () if scene.forcing is None else scene.forcing.samples:
+        spacing = _spacing(component, scene.final_time)
+        if step > SLACK * spacing:
+            found.append(
+                f"steps: h = {step:.4g} is longer than the spacing {spacing:.4g} of "
+                f"{component.source}; {_advice(scene, spacing)}"
+            )
+    for period, whose in ((_own_period(scene), "motion"), (_forced_period(scene), "force")):
+        if step > SLACK * period / STEPS_PER_PERIOD:
+            found.append(
+                f"steps: h = {step:.4g} is longer than a quarter of the shortest period "
+                f"{period:.4g} of the {whose}; "
+                f"{_advice(scene, period / STEPS_PER_PERIOD)}"
+            )
+    return tuple(dict.fromkeys(found))
+
+
+def _advice(scene: Scene, wanted: float) -> str:
+    least = math.ceil(scene.final_time / wanted * (1.0 - 1e-9))
+    return f"take {least} steps or more, or `accuracy: {{tolerance: ...}}`"
+
+
+def _spacing(component: SampledForce, final_time: float) -> float:
+    knots = component.knots[(component.knots >= 0) & (component.knots <= final_time)]
+    return float(np.median(np.diff(knots))) if knots.size > 1 else math.inf
+
+
+def _own_period(scene: Scene) -> float:
+    """Shortest period of the modes that take part; infinite where none is known."""
+    if scene.is_sparse or scene.dimension > MOST_MODES:
+        return math.inf
+    try:
+        near = linearised_at_start(scene)
+        if not isinstance(near.potential, QuadraticPotential):
+            return math.inf
+        squares, modes = eigh(dense(near.potential.form), dense(near.inertia.form))
+    except (ValueError, LinAlgError):
+        return math.inf
+    oscillates = squares > 1e-12 * np.abs(squares).max(initial=0.0)
+    squares, modes = squares[oscillates], modes[:, oscillates]
+    rates = np.sqrt(squares)
+    size = np.abs(modes).max(axis=0, initial=0.0)
+    mass = dense(near.inertia.form)
+    with np.errstate(all="ignore"):
+        moved = np.abs(modes.T @ (mass @ scene.initial_velocity)) / rates
+        if scene.is_linear:
+            moved = moved + np.abs(modes.T @ (mass @ scene.initial_position))
+        moved = moved + _pushed(scene, modes) / squares
+        damped = sum(
+            np.abs(np.einsum("im,ij,jm->m", modes, dense(term.form), modes)) * rates**term.order
+            for term in scene.active_damping
+        )
+    takes_part = (size * moved >= TAKES_PART * (size * moved).max(initial=0.0)) & (moved > 0)
+    takes_part &= damped < 2.0 * squares
+    return 2.0 * math.pi / float(rates[takes_part].max()) if takes_part.any() else math.inf
+
+
+def _pushed(scene: Scene, modes: Array) -> Array:
+    """Largest forces on modes that are probed, with those of a potential at the start."""
+    found = np.zeros(modes.shape[1])
+    if scene.forcing is not None:
+        values = scene.forcing(scene.final_time * PROBED_FRACTIONS)
+        values = np.where(np.isfinite(values), values, 0.0)
+        found = np.abs(values @ modes).max(axis=0, initial=0.0)
+    if scene.potential is not None and not scene.is_linear:
+        found = found + np.abs(scene.potential.gradient(scene.initial_position) @ modes)
+    if scene.lagrangian is not None:
+        at = scene.lagrangian.derivatives(scene.initial_position, scene.initial_velocity, 0.0)
+        found = found + np.abs(at.force @ modes)
+    return np.asarray(found)
+
+
+def _forced_period(scene: Scene) -> float:
+    """Shortest period of the sines and cosines in formulas of the force."""
+    rate, begin = 0.0, 0.0
+    for piece in () if scene.forcing is None else scene.forcing.pieces:
+        end = min(piece.until, scene.final_time)
+        rate = max(rate, _largest_rate(piece, begin, end, scene.final_time))
+        begin = end
+    return 2.0 * math.pi / rate if rate > 0 else math.inf
+
+
+def _largest_rate(piece: ForcingPiece, begin: float, end: float, final_time: float) -> float:
+    """Largest rate of an argument of ``sin`` or ``cos`` at probed times."""
+    if begin >= end:
+        return 0.0
+    times = begin + (end - begin) * PROBED_FRACTIONS
+    apart = DIFFERENCE * final_time
+    both = np.stack([times, times + apart])
+    rates = [0.0]
+
+    def noting(name: str) -> Callable[[Array], Array]:
+        def noted(argument: Array) -> Array:
+            values = np.broadcast_to(argument, both.shape)
+            slopes = np.abs(values[1] - values[0]) / apart
+            rates.append(float(slopes[np.isfinite(slopes)].max(initial=0.0)))
+            return np.asarray(NUMPY_FUNCTIONS[name](argument))
+
+        return noted
+
+    functions = {**NUMPY_FUNCTIONS, "sin": noting("sin"), "cos": noting("cos")}
+    for component, _ in piece.distinct:
+        if isinstance(component, Expression) and not component.is_constant:
+            component.evaluate({"t": both}, functions)
+    return max(rates)

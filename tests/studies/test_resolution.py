@@ -1,0 +1,114 @@
+"""Ladders whose finest steps are too long for records or periods say so, with both numbers."""
+
+import json
+from pathlib import Path
+
+import command_line
+import numpy as np
+import pytest
+from letters import spring
+
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.sampled import SampledForce
+from fvi_cli.planning.resolution import resolution_remarks
+from fvi_cli.scenes.named import linear_oscillator, pendulum
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_records_of_any_spacing(seed: int) -> None:
+    random = np.random.default_rng([25, seed])
+    final_time = float(10 ** random.uniform(-3, 4))
+    count = int(random.integers(20, 2000))
+    knots = np.linspace(0.0, final_time, count + 1)
+    force = SampledForce.through(knots, random.standard_normal(knots.size), "linear")
+    scene = spring(
+        (0.5, 0.1),
+        k=(0.1 / final_time) ** 2,
+        T=final_time,
+        forcing=Forcing(pieces=(ForcingPiece(components=(force,)),)),
+    )
+    assert resolution_remarks(scene, count) == ()
+    assert resolution_remarks(scene, 3 * count) == ()
+    (said,) = resolution_remarks(scene, count - 1)
+    assert f"h = {final_time / (count - 1):.4g} " in said
+    assert f"spacing {final_time / count:.4g} of" in said
+    assert f"take {count} steps or more" in said
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_periods_that_take_part(seed: int) -> None:
+    random = np.random.default_rng([26, seed])
+    d = int(random.integers(1, 6))
+    root = random.standard_normal((d, d))
+    mass = root @ root.T + d * np.eye(d)
+    stiffness = np.diag(10 ** random.uniform(-3, 3, d))
+    start = {"initial_position": random.standard_normal(d), "initial_velocity": np.zeros(d)}
+    rates = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real)
+    shortest = 2 * np.pi / rates.max()
+    final_time = 20.0 * float(shortest)
+    scene = linear_oscillator(
+        mass=mass, stiffness=stiffness, damping=[], final_time=final_time, **start
+    )
+    said = resolution_remarks(scene, 79)
+    assert len(said) == 1
+    assert f"shortest period {shortest:.4g} of the motion" in said[0]
+    assert "take 80 steps or more" in said[0]
+    assert resolution_remarks(scene, 81) == ()
+    # a graded mesh has longer steps
+    assert resolution_remarks(scene, 81, grading=2.0)
+
+
+def test_modes_that_rest_or_do_not_oscillate_do_not_count() -> None:
+    data = {"mass": np.eye(2), "stiffness": np.diag([1.0, 1e6]), "final_time": 10.0}
+    still = linear_oscillator(damping=[], initial_position=[1.0, 0.0], **data)
+    assert resolution_remarks(still, 64) == ()
+    moving = linear_oscillator(damping=[], initial_position=[1.0, 0.1], **data)
+    assert resolution_remarks(moving, 64)
+    pushed = linear_oscillator(damping=[], forcing=Forcing.from_text("0", "5"), **data)
+    assert resolution_remarks(pushed, 64)
+    assert resolution_remarks(spring((0.5, 1e6), k=1e4, T=10.0, x=1.0), 64) == ()
+    assert resolution_remarks(spring((0.5, 0.1), k=1e4, T=10.0, x=1.0), 64)
+
+
+def test_sines_of_formulas_and_nonlinear_motions() -> None:
+    for text, period in (
+        ("3*sin(40*t)", 2 * np.pi / 40),
+        ("exp(-t)*cos(2*pi*t/0.1 + 1)", 0.1),
+        ("sin(t)*cos(100*t)", 2 * np.pi / 100),
+    ):
+        scene = spring((0.5, 0.1), k=1.0, T=10.0, forcing=text)
+        (said,) = resolution_remarks(scene, 100)
+        assert f"shortest period {period:.4g} of the force" in said
+        assert resolution_remarks(scene, 1000) == ()
+    fast = pendulum(final_time=10.0, omega=20.0, initial_position=0.5)
+    slow = pendulum(final_time=10.0, initial_position=0.5)
+    assert "of the motion" in resolution_remarks(fast, 60)[0]
+    assert resolution_remarks(slow, 60) == ()
+
+
+CONFIG = """\
+name: coarse
+problem:
+  kind: damped-oscillator
+  stiffness: 100
+  damping: [{order: 0.5, coefficient: 0.1}]
+  initial: {position: 1.0}
+  final_time: 8.0
+method:
+  - {rk: gauss, degree: 2}
+  - {baseline: product-integration}
+ladder: {steps: [STEPS]}
+"""
+
+
+@pytest.mark.parametrize(("steps", "is_said"), [(32, True), (512, False)])
+def test_runs_and_baselines_say_so_and_keep_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: int, is_said: bool
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("coarse.yaml").write_text(CONFIG.replace("STEPS", str(steps)))
+    result = command_line.fvi("run", "coarse.yaml", code=0)
+    words = "h = 0.25 is longer than a quarter of the shortest period 0.6283 of the motion"
+    assert result.stderr.count(words) == (2 if is_said else 0)
+    recalled = json.loads(command_line.fvi("run", "coarse.yaml", "--json", code=0).stdout)
+    assert json.dumps(recalled).count(words) == (2 if is_said else 0)

@@ -1,0 +1,76 @@
+"""Searches end where nothing moves, where steps run out, and where round-off has to be probed."""
+
+import numpy as np
+import pytest
+from letters import spring
+from oracles.volterra import solve_volterra
+
+import fvi_cli as fvi
+from fvi_cli.scenes.nonlinear import duffing
+from fvi_cli.studies.accuracy_settings import USUAL_CANDIDATES
+from fvi_cli.studies.tolerance import search
+from fvi_cli.studies.tolerance.differences import shifted
+from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
+
+
+@pytest.mark.parametrize("order", [1.1, 1.6, 1.95])
+def test_round_off_is_probed_with_riemann_liouville_derivatives(order: float) -> None:
+    scene = duffing(
+        stiffness=1.0,
+        cubic_stiffness=1.0,
+        damping=[fvi.FractionalDamping(order=order, coefficient=0.3)],
+        initial_position=0.0,
+        initial_velocity=1.0,
+        final_time=2.0,
+        derivative="riemann-liouville",
+    )
+    run = fvi.solve(scene, tolerance=1e-10)
+    known = solve_volterra(
+        1.0,
+        [(order, 0.3)],
+        lambda x: x + x**3,
+        lambda x: 1.0 + 3.0 * x[:, :, None] ** 2,
+        None,
+        [0.0],
+        [1.0],
+        2.0,
+        derivative="riemann-liouville",
+    )
+    times = np.linspace(0.01, 2.0, 60)
+    assert run.outcome == "met"
+    assert np.abs(run(times) - known.position(times)).max() <= 1e-10
+    # the probe moves what may move
+    moved = shifted(scene, run)
+    assert moved.initial_velocity != scene.initial_velocity
+    assert moved.initial_position == 0.0
+
+
+def test_the_position_is_probed_where_it_may_begin_anywhere() -> None:
+    """The control."""
+    for order, derivative in ((0.5, "riemann-liouville"), (1.5, "caputo")):
+        scene = spring((order, 0.3), k=1.0, T=2.0, v=1.0, derivative=derivative)
+        assert shifted(scene, fvi.solve(scene, tolerance=1e-6)).initial_position != 0.0
+
+
+@pytest.mark.parametrize("order", [0.3, 1.0, 1.7])
+@pytest.mark.parametrize("position", [1.0, -3e-9, 7e8])
+def test_equal_steps_for_what_does_not_move(order: float, position: float) -> None:
+    scene = spring((order, 0.3), k=0.0, T=4.0, x=position, v=0.0)
+    for methods in (USUAL_CANDIDATES, USUAL_CANDIDATES[-1:]):
+        _, run = solve_on_equal_steps(scene, methods, tolerance=1e-6 * abs(position))
+        assert run.assessment is not None
+        assert run.assessment.outcome == "met"
+        assert (run.position == position).all()
+
+
+def test_a_search_whose_steps_run_out_makes_no_further_runs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = spring((0.5, 0.01), k=1.0, T=50.0, x=1.0)
+    assert fvi.solve(scene, tolerance=1e-8).outcome == "met"
+    monkeypatch.setattr(search, "MOST_STEPS", 12)
+    run = fvi.solve(scene, tolerance=1e-8)
+    assert run.outcome == "refused"
+    assert run.assessment is not None
+    assert len(run.assessment.attempts) == 1
+    assert "the most steps are done" in run.assessment.reason
