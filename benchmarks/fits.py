@@ -9,6 +9,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,9 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.fit_coverage import coverage_lines
+from benchmarks.fit_coverage import covered as covered_kind
+from benchmarks.fit_kinds import KINDS, kind_named
 from benchmarks.measuring import yardstick_seconds
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.fits.fitting import fit_model
@@ -287,6 +291,7 @@ def fits_page(
     theory: Array,
     failed: Sequence[tuple[bool, ...]],
     timed: Sequence[TimedFit],
+    by_kind: Sequence[str] = (),
 ) -> str:
     """The page in Markdown."""
     share = 100 * np.mean(np.array(held), axis=0)
@@ -318,16 +323,28 @@ def fits_page(
             f"| {o.name} | {o.seconds:.1f} | {o.transform:.3f} | {o.runs} | {o.worst:.1f} |"
             for o in timed
         ),
+        *by_kind,
     ]
     return "\n".join(lines)
 
 
 def run_fits(folder: Path, fits: int = N_FITS, starts: int = N_STARTS) -> str:
     """Measure everything."""
+    per_kind = math.ceil(fits / len(KINDS))
+    held = {
+        name: kept(
+            folder / ROWS,
+            name.replace(",", ";"),
+            per_kind,
+            partial(covered_kind, kind_named(name)),
+        )
+        for name in KINDS
+    }
     return fits_page(
         clean_errors(),
         kept(folder / ROWS, "interval", fits, covered),
         covered_in_theory(fits),
         kept(folder / ROWS, "start", starts, failed_starts),
         [three_parameters(), ten_parameters()],
+        coverage_lines(held),
     )

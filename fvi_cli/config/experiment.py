@@ -98,7 +98,9 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
     fit = None
     if problem is not None and isinstance(values.get("fit"), Mapping):
         quantities = observed.quantities or {}
-        fit = fit_settings(values["fit"], described, problem, quantities, at.under("fit"))
+        fit = fit_settings(
+            values["fit"], described, problem, quantities, at.under("fit"), at.under("problem")
+        )
     resolved = {
         # runs do not depend on what was measured
         **{key: value for key, value in values.items() if key != "fit"},

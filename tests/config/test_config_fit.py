@@ -68,7 +68,7 @@ def test_what_is_read(folder):
     assert (stiffness.start, stiffness.low) == (4.0, 0.0)
     assert (order.start, order.low, order.high) == (0.6, 1e-3, 1.999)
     assert (tied.tied_to, tied.factor) == ("problem.stiffness", 0.1)
-    assert settings.deviations == {"x": 0.01, "vx": 0.02}
+    assert settings.deviations == {("decay", "x"): 0.01, ("decay", "v"): 0.02}
 
 
 def test_values_are_changed_by_set(folder):
@@ -81,7 +81,7 @@ def test_values_are_changed_by_set(folder):
     found = {one.key: one for one in settings.models[0].parameters}
     assert found["problem.stiffness"].start == 3.5
     assert found["problem.initial.position"].low == 0.5
-    assert settings.deviations == {"x": 0.1, "vx": 0.1}
+    assert settings.deviations == {("decay", "x"): 0.1, ("decay", "v"): 0.1}
 
 
 def test_runs_do_not_depend_on_measurements(folder):
@@ -108,7 +108,7 @@ WRONG = {
     "is fitted",
     "parameters: {problem.stiffness: {fixed: 5}}": "nothing is fitted",
     "parameters: {problem.mass: {start: -1}}": "there is no such problem",
-    "models: {other: {set: {problem.damping: 5}}}": "there is no such problem",
+    "models: {other: {set: {problem.damping: 5}}}": "problem.damping: 5 is not allowed",
     "data: [{file: decay.csv, columns: {x: x}}, {file: decay.csv, columns: {x: x}}]": "'decay' is "
     "the name of another motion",
     "data: {file: decay.csv, columns: {x: x}, set: {problem.m: 2}}": "fit.data.set.problem.m: no "

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Final
 
 from fvi_cli.config.fits.data import (
-    changed_problem,
     is_possible,
     may_change,
     read_data,
@@ -15,7 +15,9 @@ from fvi_cli.config.fits.data import (
 )
 from fvi_cli.keys.complaints import excerpt, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
+from fvi_cli.keys.nodes import NowhereError, with_node
 from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.kinds import KINDS
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.fits.settings import (
     DataSet,
@@ -37,6 +39,7 @@ def fit_settings(
     problem: AnyProblem,
     quantities: Mapping[str, Expression],
     at: Cursor,
+    tree: Cursor,
 ) -> FitSettings | None:
     """The settings that a mapping read by FIT describes; None with complaints.
 
@@ -50,8 +53,8 @@ def fit_settings(
         What it makes.
     quantities
         Those of the experiment.
-    at
-        Where ``fit`` stands.
+    at, tree
+        Where ``fit`` stands, and where the problem does.
     """
     before = len(at.complaints)
     if not isinstance(problem, Problem):
@@ -66,7 +69,7 @@ def fit_settings(
         under = at.under("models", name) if name else at
         specification: Mapping[str, Any] | None = described
         if model["set"]:
-            specification = changed_problem(described, model["set"], under.under("set"))
+            specification = _changed(described, model["set"], under.under("set"), tree)
         own = model.get("parameters")
         chosen = own if own is not None else _without(common, model["set"])
         where = under.under("parameters") if own is not None or not name else at.under("parameters")
@@ -99,6 +102,34 @@ def fit_settings(
     if len(at.complaints) > before:
         return None
     return FitSettings(data=tuple(data), models=tuple(models), deviations=deviations)
+
+
+def _changed(
+    described: Mapping[str, Any], changes: Mapping[str, Any], at: Cursor, tree: Cursor
+) -> Mapping[str, Any] | None:
+    """The problem with the values of a model, read like those of the file; None with complaints."""
+    node, before = tree.node, len(at.complaints)
+    for key in changes:
+        if not may_change(described, key):
+            refuse_path(described, key, at)
+            return None
+        try:
+            place = at.under(key).node
+            node = with_node(node, tuple(key.split(".")[1:]), place, place.place)
+        except NowhereError as error:
+            at.refuse_key(key, error.reason)
+            return None
+    names = tuple(described.get("parameters", ()))
+    whole = replace(tree, node=node, names=names)
+    shapes = {one.name: one.shape for one in KINDS[described["kind"]].record.keys}
+    read = {
+        outer: shapes[outer].read(whole.under(outer))
+        for outer in dict.fromkeys(key.split(".")[1] for key in changes)
+    }
+    if len(at.complaints) > before or not is_complete(read):
+        return None
+    full = {**described, **read}
+    return full if is_possible(full, at) else None
 
 
 def _without(parameters: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

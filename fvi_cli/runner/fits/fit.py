@@ -62,15 +62,16 @@ def write_fitted(request: Request, results: list[FitResult], output: Path) -> li
         best = result.best
         if not best.is_converged:
             continue
-        text = fitted_text(
-            request.loaded,
-            names.index(result.name),
-            best.model.specification,
-            [
-                (data.name, values)
-                for data, values in zip(result.settings.data, best.assignments, strict=True)
-            ],
-        )
+        motions = [
+            (data.name, values)
+            for data, values in zip(result.settings.data, best.assignments, strict=True)
+        ]
+        number = names.index(result.name)
+        try:
+            text = fitted_text(request.loaded, number, best.model.specification, motions)
+        except RequestError as error:
+            _logger.error("%s", error)
+            continue
         path = output / f"{result.name}-fitted.yaml"
         output.mkdir(parents=True, exist_ok=True)
         replace_file(path, text.encode())

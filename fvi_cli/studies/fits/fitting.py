@@ -167,8 +167,9 @@ def _polished(
             fresh, lacking = _estimated(model, at_best)
             if lacking is not None:
                 message = (
-                    f"the noise of column {lacking.column} cannot be estimated: its "
-                    f"{lacking.values.size} values are used up by the parameters; give noise"
+                    f"the noise of column {lacking.column} cannot be estimated: the "
+                    f"parameters use up its values ({lacking.values.size}); write noise: with a "
+                    "standard deviation"
                 )
                 return best, at_best, math.inf, message
             change = max(abs(a / b - 1.0) for a, b in zip(fresh, deviations, strict=True))

@@ -107,8 +107,10 @@ def _check_minimum(model: MotionModel, best: Minimum, variance: float) -> None:
 
 
 def _by_curvature(best: Minimum, index: int, step: float) -> Side:
-    reach = (best.bounds[0][index], best.bounds[1][index])
-    return Side(end=float(np.clip(best.point[index] + step, *reach)))
+    bound = float(best.bounds[int(step > 0)][index])
+    end = float(best.point[index] + step)
+    is_bound = math.copysign(1.0, step) * (end - bound) >= 0
+    return Side(end=bound if is_bound else end, is_bound=is_bound)
 
 
 def _farthest(

@@ -73,7 +73,8 @@ class Estimate:
             if math.isinf(end):
                 found.append(f"{self.name}: the data set no limit to it {word}")
             elif math.isnan(end):
-                known = f"; it reaches to {reached:.6g} at least" if reached != self.value else ""
+                is_told = not math.isnan(reached) and reached != self.value
+                known = f"; it reaches to {reached:.6g} at least" if is_told else ""
                 found.append(f"{self.name}: the end of the interval {word} was not found{known}")
         return tuple(found)
 
@@ -185,12 +186,34 @@ class ModelFit:
                 for one, value in zip(self.estimates, values, strict=True)
             )
             found.append(f"another minimum fits alike: {shown}")
+        found += self._of_noise()
         if self.whiteness < 0.001:
             found.append(
                 f"what is left is no noise (probability {self.whiteness:.1e}): the model misses "
                 "something"
             )
         return tuple(found)
+
+    def _of_noise(self) -> list[str]:
+        """What is to be said of a given noise that what is left does not have."""
+        from scipy.special import chdtr, chdtrc
+
+        freedom = self.n_values - len(self.estimates)
+        # where the noise is estimated the misfit is the number of degrees of freedom
+        if freedom < 1 or not math.isfinite(self.misfit) or self.misfit == freedom:
+            return []
+        ratio = math.sqrt(self.misfit / freedom)
+        if chdtrc(freedom, self.misfit) < 0.001:
+            return [
+                f"what is left is {ratio:.3g} times as large as the noise that was given: the "
+                "intervals are too short; write noise: auto, or another model"
+            ]
+        if chdtr(freedom, self.misfit) < 0.001:
+            return [
+                f"what is left is {ratio:.3g} times the noise that was given: the intervals are "
+                "too long; write noise: auto"
+            ]
+        return []
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

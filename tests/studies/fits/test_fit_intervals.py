@@ -171,6 +171,15 @@ def test_removal_is_refused_where_a_term_matters_and_parts_of_a_spectrum_are_ter
     assert needless.words in found.warnings
 
 
+@pytest.mark.parametrize(("given", "said"), [(1e-5, "too short"), (10.0, "too long"), (0.01, "")])
+def test_a_given_noise_that_the_data_do_not_have_is_told(given, said):
+    data, _ = responses(springpot_response(HERTZ, 5.0, (0.6, 0.5)), 0.01, 0)
+    keys = {"stiffness": (4.9, 0.0, np.inf), "damping.0.coefficient": (0.5, 0.0, np.inf)}
+    found = [one for one in fitted(data, [SPRINGPOT], keys, given).warnings if "was given" in one]
+    assert len(found) == bool(said)
+    assert all(f"the intervals are {said}" in one for one in found)
+
+
 def settings_of_motion(times: Any, values: Any, noise: float) -> FitSettings:
     series = Series(name="x", column="x", times=times, values=values)
     data = DataSet(name="a", series=(series,))

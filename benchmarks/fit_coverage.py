@@ -1,0 +1,141 @@
+"""How often 95 % intervals of fits hold the truth, for data of many kinds.
+
+The same noise is given to the linear problem (the derivatives at the truth, the true noise of every
+column, numbers that are not negative): what it does to exact intervals is no property of fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from benchmarks.fit_kinds import KINDS, Array, Kind, kind_named
+from fvi_cli.studies.fits.fitting import fit_model
+from fvi_cli.studies.fits.model import MotionModel
+from fvi_cli.studies.fits.profile import CONFIDENCE, quantile
+from fvi_cli.studies.fits.result import ModelFit
+from fvi_cli.studies.fits.settings import DataSet, FitSettings, Series
+
+ROUND_OFF = 1e-9
+"""Of the truth, which may lie on a bound."""
+
+
+def noise_of(kind: Kind, number: int) -> list[Array]:
+    """The noise of every series."""
+    generator = np.random.default_rng([5, len(kind.name), number])
+    return [
+        deviation * generator.standard_normal(one.values.size)
+        for one, deviation in zip(kind.series, kind.deviations, strict=True)
+    ]
+
+
+def fitted(kind: Kind, number: int) -> ModelFit:
+    """A fit of noisy data, the noise estimated."""
+    noise, data = iter(noise_of(kind, number)), []
+    for each in kind.data:
+        series = [
+            Series(**{**vars(one), "values": one.values + next(noise)}) for one in each.series
+        ]
+        data.append(DataSet(**{**vars(each), "series": tuple(series)}))
+    settings = FitSettings(data=tuple(data), models=())
+    return fit_model(settings, kind.model, with_scan=False)
+
+
+def holds_truth(kind: Kind, found: ModelFit) -> tuple[bool, ...]:
+    """Which intervals hold the truth; an open end holds all."""
+    return tuple(
+        not (one.low > true * (1 + ROUND_OFF) or one.high < true * (1 - ROUND_OFF))
+        for one, true in zip(found.estimates, kind.truth, strict=True)
+    )
+
+
+@cache
+def _derivatives(kind: Kind) -> Array:
+    """Of all values, over the true noise, by the numbers themselves at the truth."""
+    model = MotionModel(kind.model, kind.data, [[1.0] * len(one.series) for one in kind.data])
+    # where a number is 0, its logarithm has no derivative
+    point = np.array([one.inner(v or 1e-6) for one, v in zip(model.free, kind.truth, strict=True)])
+    model.remesh(point, 1e-9)
+    jacobian = model.evaluate(point).jacobian
+    if jacobian is None:
+        raise ValueError("no derivatives")
+    sizes = np.repeat(kind.deviations, [one.values.size for one in kind.series])
+    return np.asarray(jacobian / model.slopes(point) / sizes[:, None])
+
+
+def holds_in_theory(kind: Kind, number: int) -> tuple[bool, ...]:
+    """The same for the linear problem with this noise."""
+    jacobian, truth = _derivatives(kind), kind.truth
+    noise = np.concatenate(
+        [n / d for n, d in zip(noise_of(kind, number), kind.deviations, strict=True)]
+    )
+    sizes = np.linalg.norm(jacobian, axis=0)
+    low = np.where(truth == 0.0, 0.0, -np.inf)
+    freedom = noise.size - truth.size
+
+    def least(columns: NDArray[np.intp]) -> float:
+        if np.isinf(low[columns]).all():
+            rest = noise - jacobian[:, columns] @ np.linalg.pinv(jacobian[:, columns]) @ noise
+            return float(rest @ rest)
+        bounds = (low[columns], np.inf)
+        return 2.0 * float(lsq_linear(jacobian[:, columns] / sizes[columns], noise, bounds).cost)
+
+    every = np.arange(truth.size)
+    cost = least(every)
+    rise = quantile(freedom, is_known=False) ** 2 * cost / freedom
+    return tuple(bool(least(np.delete(every, index)) - cost <= rise) for index in every)
+
+
+def covered(kind: Kind, numbers: Iterable[int]) -> Iterator[tuple[bool, ...]]:
+    """For every noisy fit which intervals hold the truth, whether it converged and ends are open.
+
+    The last two digits: not converged; an end that was not found.
+    """
+    for number in numbers:
+        found = fitted(kind, number)
+        ends = [end for one in found.estimates for end in (one.low, one.high)]
+        yield (
+            *holds_truth(kind, found),
+            not found.is_converged,
+            found.is_converged and bool(np.isnan(ends).any()),
+        )
+
+
+def coverage_lines(held: Mapping[str, list[tuple[bool, ...]]]) -> list[str]:
+    """The table in Markdown, from the answers of every kind."""
+    lines = [
+        "",
+        f"**Intervals by kind.** Shares of {CONFIDENCE:.0%} intervals, of all parameters, that "
+        "hold the truth, and those of the exact intervals of the linear problem with this noise.",
+        "",
+        "| kind | fits | fits hold, % | linear problem, % | difference, % | to within, % "
+        "| not converged | open ends |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    differences: list[float] = []
+    for name in KINDS:
+        rows = np.array(held.get(name, []), dtype=bool)
+        if not rows.size:
+            continue
+        kind = kind_named(name)
+        able = ~rows[:, -2]
+        theory = np.array([holds_in_theory(kind, number) for number in range(len(rows))])
+        differing = (rows[:, :-2].astype(float) - theory)[able].mean(axis=1)
+        differences += differing.tolist()
+        spread = 100 * float(np.std(differing)) / max(len(differing), 1) ** 0.5
+        lines.append(
+            f"| {kind.name} | {len(rows)} | {100 * rows[able, :-2].mean():.1f} | "
+            f"{100 * theory[able].mean():.1f} | {100 * float(differing.mean()):+.1f} | "
+            f"{spread:.1f} | {int(rows[:, -2].sum())} | {int(rows[:, -1].sum())} |"
+        )
+    spread = 100 * float(np.std(differences)) / max(len(differences), 1) ** 0.5
+    lines += [
+        "",
+        f"Of {len(differences)} fits of all kinds the difference is "
+        f"{100 * float(np.mean(differences)):+.2f} %, to within {spread:.2f} %.",
+    ]
+    return lines
