@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.stability.determinant import (
@@ -39,6 +40,8 @@ WIDE_SPACING = 0.05
 
 _BLOCK = 2.0
 """Ratio of the numbers of steps that are looked at together."""
+_FASTEST = 300.0
+"""Growth per step, as a logarithm, that nothing exceeds which is counted."""
 _MOST_ENTRIES = 2_000_000
 
 
@@ -77,16 +80,28 @@ def suspects(
         begin = int(np.searchsorted(numbers, numbers[end - 1] / _BLOCK))
         some = numbers[begin:end]
         # one circle for all: that of the slowest growth
-        radius = math.exp(-float((growth[begin:end] / some).min()))
-        grows = np.zeros(some.size, dtype=bool)
-        for system in systems:
-            left = np.flatnonzero(~grows)
-            if left.size:
-                family = _family(system, method, final_time / some[left])
-                degree = number_of_unknowns(system, method)
-                grows[left] = count_zeros_of_many(family, left.size, radius, degree) != 0
+        slowest = float((growth[begin:end] / some).min())
+        if slowest > _FASTEST:
+            end = begin
+            continue
+        grows = grow_faster(systems, method, final_time / some, slowest)
         yield from some[grows][::-1].tolist()
         end = begin
+
+
+def grow_faster(
+    systems: Sequence[MatrixPencil], method: AnyMethod, step_sizes: Array, growth: float
+) -> NDArray[np.bool_]:
+    """At which step sizes a mode grows by more than this in a step, or may, a logarithm."""
+    grows = np.zeros(step_sizes.size, dtype=bool)
+    for system in systems:
+        left = np.flatnonzero(~grows)
+        if left.size:
+            family = _family(system, method, step_sizes[left])
+            degree = number_of_unknowns(system, method)
+            counts = count_zeros_of_many(family, left.size, math.exp(-growth), degree)
+            grows[left] = counts != 0
+    return grows
 
 
 def _family(system: MatrixPencil, method: AnyMethod, step_sizes: Array) -> Family:
