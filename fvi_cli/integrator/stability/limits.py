@@ -20,7 +20,7 @@ from fvi_cli.integrator.stability.prediction import (
     growing_frequencies,
     predict_stability,
 )
-from fvi_cli.integrator.stability.scan import grow_faster, numbers_of_steps, suspects
+from fvi_cli.integrator.stability.scan import FEW, grow_faster, numbers_of_steps, suspects
 from fvi_cli.mathematics.arrays import Array, Integers
 
 LARGEST_N_STEPS = 1 << 30
@@ -34,9 +34,9 @@ def least_stable_n_steps(scene: Scene, method: AnyMethod, *, fewest: int = 1) ->
 
     Looked at are all numbers of steps up to 200, and beyond such that their steps are half a per
     cent apart, until nothing but inertia matters in a step: windows of instability that are
-    narrower may be missed, and, of a scene that grows itself, such that outgrow it by less than a
-    quarter: those are looked for at halved steps. Of more than 8 independent systems it is up to
-    50, and 5 per cent. The last change of the verdict is closed in by bisection to a thousandth.
+    narrower may be missed. Of scenes that are fed, and of more than 8 independent systems, it is up
+    to 50, and 5 per cent. Modes that outgrow a growing scene by less than a quarter are looked for
+    at halved steps only. The last change of the verdict is closed in by bisection to a thousandth.
 
     Parameters
     ----------
@@ -68,7 +68,8 @@ def least_stable_n_steps(scene: Scene, method: AnyMethod, *, fewest: int = 1) ->
     sizes = [pair for system in systems for pair in system.sizes]
     while most < LARGEST_N_STEPS and _largest_force(sizes, scene.final_time / most) >= NEGLIGIBLE:
         most *= 2
-    numbers = numbers_of_steps(fewest, most, len(systems))
+    # each step of a scene that is fed is predicted by itself
+    numbers = numbers_of_steps(fewest, most, is_wide=is_fed or len(systems) > FEW)
     growth = _permitted_growth(systems, scene.final_time, numbers)
     last = None
     candidates: Iterator[int] = suspects(systems, method, scene.final_time, numbers, growth)

@@ -36,7 +36,7 @@ FEW = 8
 """Independent systems of a scene up to which that is so."""
 
 WIDE_SPACING = 0.05
-"""The same of more systems."""
+"""The same of more systems, and of scenes that are fed."""
 
 _BLOCK = 2.0
 """Ratio of the numbers of steps that are looked at together."""
@@ -45,10 +45,9 @@ _FASTEST = 300.0
 _MOST_ENTRIES = 2_000_000
 
 
-def numbers_of_steps(fewest: int, most: int, number_of_systems: int = 1) -> Integers:
+def numbers_of_steps(fewest: int, most: int, *, is_wide: bool = False) -> Integers:
     """Those that are looked at, increasing."""
-    is_few = number_of_systems <= FEW
-    spacing, every = (SPACING, EVERY_UP_TO) if is_few else (WIDE_SPACING, EVERY_UP_TO // 4)
+    spacing, every = (WIDE_SPACING, EVERY_UP_TO // 4) if is_wide else (SPACING, EVERY_UP_TO)
     each = np.arange(fewest, min(most, every) + 1)
     if most <= every:
         return each
