@@ -85,9 +85,14 @@ def least_stable_n_steps(scene: Scene, method: AnyMethod, *, fewest: int = 1) ->
             break
     if last is None:
         return fewest
-    if last == numbers[-1]:
-        return None
-    low, high = last, int(numbers[np.searchsorted(numbers, last) + 1])
+    if last < numbers[-1]:
+        low, high = last, int(numbers[np.searchsorted(numbers, last) + 1])
+    else:
+        low, high = last, 2 * last
+        while high <= LARGEST_N_STEPS and not is_stable(high):
+            low, high = high, 2 * high
+        if high > LARGEST_N_STEPS:
+            return None
     while high - low > max(1, low // 1024):
         middle = (low + high) // 2
         if is_stable(middle):
