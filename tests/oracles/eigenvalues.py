@@ -40,8 +40,24 @@ def oscillating_modes(
     terms
         Orders in [0, 2), 0 for the stiffness, or laws (one at most), with their matrices.
     """
+    found: list[complex] = []
+    whole, unit = _in_units_of_mass(mass, terms), np.eye(len(mass))
+    for start in unpolished_modes(mass, terms):
+        s = _polished(unit, whole, start)
+        if s is None or s.imag <= 1e-6 * abs(s) or abs(s.real) > largest_ratio * abs(s):
+            continue
+        found.append(s)
+    return sorted(found, key=abs)
+
+
+def _in_units_of_mass(mass: Matrix, terms: Sequence[Term]) -> list[Term]:
     root = np.linalg.inv(np.linalg.cholesky(mass))
-    whole = [(order, root @ matrix @ root.T) for order, matrix in terms if np.any(matrix)]
+    return [(order, root @ matrix @ root.T) for order, matrix in terms if np.any(matrix)]
+
+
+def unpolished_modes(mass: Matrix, terms: Sequence[Term]) -> list[complex]:
+    """All zeros on the principal sheet to the accuracy of the companion matrix."""
+    whole = _in_units_of_mass(mass, terms)
     mass = np.eye(len(mass))
     orders = [one.order if isinstance(one, Zener) else one for one, _ in whole]
     q = int(np.lcm.reduce([one.denominator for one in orders], initial=1))
@@ -79,13 +95,7 @@ def oscillating_modes(
     values = eig(left, right, right=False)
     z = values[np.isfinite(values) & (np.abs(values) > 1e-12)]
     z = z[np.abs(np.angle(z)) < np.pi / q]
-    found: list[complex] = []
-    for start in rate * z**q:
-        s = _polished(mass, whole, complex(start))
-        if s is None or s.imag <= 1e-6 * abs(s) or abs(s.real) > largest_ratio * abs(s):
-            continue
-        found.append(s)
-    return sorted(found, key=abs)
+    return [complex(s) for s in rate * z**q]
 
 
 def _usual_rate(mass: Matrix, terms: Sequence[Term]) -> float:

@@ -1,10 +1,12 @@
 """No mode is lost: random structures against all eigenvalues of a polynomial in a root of s."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 import pytest
-from oracles.eigenvalues import Term, Zener, oscillating_modes
+from oracles.eigenvalues import Term, Zener, oscillating_modes, unpolished_modes
+from scipy.sparse import csr_array
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
@@ -13,7 +15,7 @@ from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.studies.vibration import modes
+from fvi_cli.studies.vibration import modes, sector
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.modes import ModeTable, find_modes
 from fvi_cli.studies.vibration.region import region_of_all_modes
@@ -104,10 +106,10 @@ def found_modes(scene: Scene) -> ModeTable | None:
 
 
 @pytest.mark.parametrize(
-    "block", [0, *(pytest.param(block, marks=pytest.mark.slow) for block in range(1, 10))]
+    "block", [0, *(pytest.param(block, marks=pytest.mark.slow) for block in range(1, 20))]
 )
 def test_all_modes_of_random_structures_are_found(block):
-    for seed in range(40 * block, 40 * block + 40):
+    for seed in range(20 * block, 20 * block + 20):
         mass, terms = drawn(seed)
         expected = expected_modes(mass, terms)
         table = found_modes(structure(mass, terms))
@@ -119,18 +121,18 @@ def test_starts_without_damping_lose_modes_and_the_count_says_so(monkeypatch):
     monkeypatch.setattr(modes, "_search", lambda *_: None)
     monkeypatch.setattr(modes, "_stiffened", lambda *_: [])
     lost = 0
-    for seed in range(40):
+    for seed in range(20):
         mass, terms = drawn(seed)
         expected = expected_modes(mass, terms)
         table = found_modes(structure(mass, terms))
         if table is not None and len(table.modes) < len(expected):
             lost += 1
             assert not table.is_complete
-    assert lost >= 3
+    assert lost >= 2
 
 
 def test_the_region_holds_all_modes_whatever_is_found():
-    for seed in range(40):
+    for seed in range(20):
         mass, terms = drawn(seed)
         stiffness = DynamicStiffness(structure(mass, terms))
         region, _ = region_of_all_modes(stiffness, largest_ratio=0.995)
@@ -155,3 +157,59 @@ def test_strongly_damped_modes_are_found(stiffness, damping, order, expected):
     table = find_modes(structure(mass, terms), 4)
     assert table.is_complete
     assert [mode.frequency for mode in table.modes] == pytest.approx(expected, abs=1e-4)
+
+
+def sparse_chain(seed: int) -> tuple[Array, list[Term]]:
+    """A chain of more bodies than are looked at as a whole, with dampers between some of them."""
+    rng = np.random.default_rng(seed)
+    d = int(rng.integers(42, 62))
+    springs = 10.0 ** rng.uniform(-1, 1, d + 1)
+    if rng.random() < 0.2:
+        springs[[0, -1]] = 0.0
+    stiffness = np.diag(springs[:-1] + springs[1:])
+    stiffness -= np.diag(springs[1:-1], 1) + np.diag(springs[1:-1], -1)
+    damping, sign = np.zeros((d, d)), -1.0 if rng.random() < 0.2 else 1.0
+    for place in rng.integers(0, d - 1, rng.integers(1, 6)).tolist():
+        pair = np.ix_((place, place + 1), (place, place + 1))
+        damping[pair] += sign * 10.0 ** rng.uniform(-2, 2.5) * np.array([[1, -1], [-1, 1]])
+    order = (Fraction(1, 2), Fraction(1), Fraction(3, 2))[seed % 3]
+    return np.diag(rng.uniform(0.5, 2.0, d)), [(Fraction(0), stiffness), (order, damping)]
+
+
+def missing_in_chain(seed: int) -> list[complex]:
+    """Modes nearest to a frequency, or lowest, that are not found though none is said to miss."""
+    mass, terms = sparse_chain(seed)
+    near = None if seed % 2 else 0.3
+    scene = structure(mass, terms)
+    scene = replace(
+        scene,
+        inertia=Inertia(mass=csr_array(mass)),
+        potential=QuadraticPotential(stiffness=csr_array(terms[0][1])),
+    )
+    table = find_modes(scene, 8, near=near)
+    centre = 2 * np.pi * (near or 0.0)
+    every = [
+        s
+        for s in unpolished_modes(mass, terms)
+        if s.imag > 1e-4 * abs(s) > 1e-8 and abs(s.real) < 0.995 * abs(s)
+    ]
+    nearest = sorted(every, key=lambda s: abs(abs(s) - centre))[:8]
+    found = [mode.frequency for mode in table.modes]
+    lost = [s for s in nearest if min(abs(s - one) for one in found) > 1e-3 * abs(s)]
+    assert table.counted is None or table.reach == "around"
+    return lost if table.is_complete else [*lost, complex("nan")]
+
+
+@pytest.mark.parametrize(
+    "block", [0, *(pytest.param(block, marks=pytest.mark.slow) for block in range(1, 10))]
+)
+def test_modes_of_large_structures_are_found_where_they_are_asked_for(block):
+    for seed in range(6 * block, 6 * block + 6):
+        assert not missing_in_chain(seed), seed
+
+
+def test_whole_turns_of_slower_modes_would_pass_unseen(monkeypatch):
+    # the control: few steps around an arc that many slower modes lie within
+    monkeypatch.setattr(sector, "_first_parts", lambda *_: np.linspace(0.0, 1.0, 9))
+    monkeypatch.setattr(DynamicStiffness, "number_below", lambda *_: 0)
+    assert any(missing_in_chain(seed) for seed in (0, 2, 6, 8, 10))

@@ -85,7 +85,7 @@ def test_windows_of_instability_are_not_jumped_over(scene, steps, growing, large
     assert claimed_limit(scene, steps, largest) < growing
     # the control: halves of one step alone
     halves = np.array([STEPS * 2**k for k in range(12)])
-    monkeypatch.setattr(limits, "numbers_of_steps", lambda *_: halves)
+    monkeypatch.setattr(limits, "numbers_of_steps", lambda *_, **__: halves)
     assert claimed_limit(scene, steps, largest) > growing
 
 

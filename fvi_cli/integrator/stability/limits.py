@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import heapq
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,13 +13,14 @@ from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.stability.determinant import MatrixPencil, independent_systems
 from fvi_cli.integrator.stability.linearisation import linearised_at_start
 from fvi_cli.integrator.stability.prediction import (
+    RESOLVED,
     TOLERATED_GROWTH,
     StabilityPrediction,
     gains_no_energy,
     growing_frequencies,
     predict_stability,
 )
-from fvi_cli.integrator.stability.scan import numbers_of_steps, suspects
+from fvi_cli.integrator.stability.scan import FEW, grow_faster, numbers_of_steps, suspects
 from fvi_cli.mathematics.arrays import Array, Integers
 
 LARGEST_N_STEPS = 1 << 30
@@ -32,9 +34,9 @@ def least_stable_n_steps(scene: Scene, method: AnyMethod, *, fewest: int = 1) ->
 
     Looked at are all numbers of steps up to 200, and beyond such that their steps are half a per
     cent apart, until nothing but inertia matters in a step: windows of instability that are
-    narrower may be missed. Of more than 8 independent systems it is up to 50, and 5 per cent. The
-    last change of the verdict is closed in by bisection to a
-    thousandth.
+    narrower may be missed. Of scenes that are fed, and of more than 8 independent systems, it is up
+    to 50, and 5 per cent. Modes that outgrow a growing scene by less than a quarter are looked for
+    at halved steps only. The last change of the verdict is closed in by bisection to a thousandth.
 
     Parameters
     ----------
@@ -50,28 +52,47 @@ def least_stable_n_steps(scene: Scene, method: AnyMethod, *, fewest: int = 1) ->
     """
     linear = linearised_at_start(scene)
     systems = independent_systems(linear)
-    if gains_no_energy(method) and all(system.is_dissipative for system in systems):
+    is_fed = not all(system.is_dissipative for system in systems)
+    if gains_no_energy(method) and not is_fed:
         return fewest
 
     def is_stable(n_steps: int) -> bool:
+        if not is_fed:
+            # the prediction, without the modes themselves
+            step_size = np.array([scene.final_time / n_steps])
+            tolerated = math.log(TOLERATED_GROWTH) / n_steps
+            return not grow_faster(systems, method, step_size, tolerated).any()
         return predict_stability(linear, method, n_steps).verdict == "stable"
 
     most = fewest
     sizes = [pair for system in systems for pair in system.sizes]
     while most < LARGEST_N_STEPS and _largest_force(sizes, scene.final_time / most) >= NEGLIGIBLE:
         most *= 2
-    numbers = numbers_of_steps(fewest, most, len(systems))
+    # each step of a scene that is fed is predicted by itself
+    numbers = numbers_of_steps(fewest, most, is_wide=is_fed or len(systems) > FEW)
     growth = _permitted_growth(systems, scene.final_time, numbers)
     last = None
-    for n_steps in suspects(systems, method, scene.final_time, numbers, growth):
+    candidates: Iterator[int] = suspects(systems, method, scene.final_time, numbers, growth)
+    if is_fed:
+        # also what outgrows the exact scene by less than a mode of it may be resolved
+        doubled = numbers[
+            np.searchsorted(numbers, fewest * 2.0 ** np.arange(32)).clip(max=numbers.size - 1)
+        ]
+        candidates = heapq.merge(candidates, np.unique(doubled)[::-1].tolist(), reverse=True)
+    for n_steps in candidates:
         if not is_stable(n_steps):
             last = n_steps
             break
     if last is None:
         return fewest
-    if last == numbers[-1]:
-        return None
-    low, high = last, int(numbers[np.searchsorted(numbers, last) + 1])
+    if last < numbers[-1]:
+        low, high = last, int(numbers[np.searchsorted(numbers, last) + 1])
+    else:
+        low, high = last, 2 * last
+        while high <= LARGEST_N_STEPS and not is_stable(high):
+            low, high = high, 2 * high
+        if high > LARGEST_N_STEPS:
+            return None
     while high - low > max(1, low // 1024):
         middle = (low + high) // 2
         if is_stable(middle):
@@ -89,16 +110,19 @@ def _largest_force(sizes: Sequence[tuple[float, float]], step_size: float) -> fl
 def _permitted_growth(
     systems: Sequence[MatrixPencil], final_time: float, numbers: Integers
 ) -> Array:
-    """Logarithm of the growth over the run that is the exact scene's or tolerated."""
+    """Logarithm of the growth over the run that is the exact scene's, resolved or tolerated."""
     finest = final_time / int(numbers[-1])
     found = [growing_frequencies(system, final_time, finest) for system in systems]
     rates = np.zeros(numbers.size)
     for frequencies in found:
-        # where they are not known none is granted, and every step is predicted by itself
-        for s in [] if frequencies is None else frequencies.tolist():
+        if frequencies is None:
+            # as in the prediction, what cannot be told apart is not held against the method
+            rates[:] = np.inf
+            continue
+        for s in frequencies.tolist():
             is_seen = abs(s.imag) * final_time / numbers < math.pi
             rates = np.maximum(rates, np.where(is_seen, s.real, 0.0))
-    return np.asarray(final_time * rates + math.log(TOLERATED_GROWTH))
+    return np.asarray((1.0 + RESOLVED) * final_time * rates + math.log(TOLERATED_GROWTH))
 
 
 def largest_stable_step(scene: Scene, method: AnyMethod, *, fewest: int = 1) -> float | None:

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.stability.determinant import (
@@ -35,17 +36,18 @@ FEW = 8
 """Independent systems of a scene up to which that is so."""
 
 WIDE_SPACING = 0.05
-"""The same of more systems."""
+"""The same of more systems, and of scenes that are fed."""
 
 _BLOCK = 2.0
 """Ratio of the numbers of steps that are looked at together."""
+_FASTEST = 300.0
+"""Growth per step, as a logarithm, that nothing exceeds which is counted."""
 _MOST_ENTRIES = 2_000_000
 
 
-def numbers_of_steps(fewest: int, most: int, number_of_systems: int = 1) -> Integers:
+def numbers_of_steps(fewest: int, most: int, *, is_wide: bool = False) -> Integers:
     """Those that are looked at, increasing."""
-    is_few = number_of_systems <= FEW
-    spacing, every = (SPACING, EVERY_UP_TO) if is_few else (WIDE_SPACING, EVERY_UP_TO // 4)
+    spacing, every = (WIDE_SPACING, EVERY_UP_TO // 4) if is_wide else (SPACING, EVERY_UP_TO)
     each = np.arange(fewest, min(most, every) + 1)
     if most <= every:
         return each
@@ -77,16 +79,28 @@ def suspects(
         begin = int(np.searchsorted(numbers, numbers[end - 1] / _BLOCK))
         some = numbers[begin:end]
         # one circle for all: that of the slowest growth
-        radius = math.exp(-float((growth[begin:end] / some).min()))
-        grows = np.zeros(some.size, dtype=bool)
-        for system in systems:
-            left = np.flatnonzero(~grows)
-            if left.size:
-                family = _family(system, method, final_time / some[left])
-                degree = number_of_unknowns(system, method)
-                grows[left] = count_zeros_of_many(family, left.size, radius, degree) != 0
+        slowest = float((growth[begin:end] / some).min())
+        if slowest > _FASTEST:
+            end = begin
+            continue
+        grows = grow_faster(systems, method, final_time / some, slowest)
         yield from some[grows][::-1].tolist()
         end = begin
+
+
+def grow_faster(
+    systems: Sequence[MatrixPencil], method: AnyMethod, step_sizes: Array, growth: float
+) -> NDArray[np.bool_]:
+    """At which step sizes a mode grows by more than this in a step, or may, a logarithm."""
+    grows = np.zeros(step_sizes.size, dtype=bool)
+    for system in systems:
+        left = np.flatnonzero(~grows)
+        if left.size:
+            family = _family(system, method, step_sizes[left])
+            degree = number_of_unknowns(system, method)
+            counts = count_zeros_of_many(family, left.size, math.exp(-growth), degree)
+            grows[left] = counts != 0
+    return grows
 
 
 def _family(system: MatrixPencil, method: AnyMethod, step_sizes: Array) -> Family:

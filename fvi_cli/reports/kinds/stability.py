@@ -119,7 +119,8 @@ def _words(name: str, tables: Sequence[StabilityTable]) -> list[Block]:
             "lasting h also those over a thousand times this time: looked at are all steps T/N up "
             f"to N = {EVERY_UP_TO} and shorter ones that are {100 * SPACING:g} % apart, so that "
             "windows of instability narrower than that may be missed "
-            f"({100 * WIDE_SPACING:g} % for scenes of more than {FEW} independent systems)."
+            f"({100 * WIDE_SPACING:g} % for scenes of more than {FEW} independent systems or with "
+            "negative damping or stiffness)."
         ),
     ]
     for table in tables:

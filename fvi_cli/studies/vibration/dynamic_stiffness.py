@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.matrices import Form, SparseMatrix, as_csr, is_zero
+from fvi_cli.effects.matrices import Form, SparseMatrix, as_csr, is_zero, negative_pivots
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.stability.determinant import log_determinants
@@ -146,6 +146,19 @@ class DynamicStiffness:
             return self.factors(s).log_determinant
         except np.linalg.LinAlgError:
             return complex(-np.inf)
+
+    def number_below(self, rate: float) -> int:
+        """Number of modes without damping that are slower than s = i `rate`.
+
+        All of them where an elimination breaks down.
+        """
+        real = self.symbols(1j * rate).real.astype(complex)
+        matrix = self.combined(real)
+        if isinstance(matrix, np.ndarray):
+            return int((np.linalg.eigvalsh(matrix.real) < 0).sum())
+        # sparse arrays have a real part, their common type of the stubs does not
+        real_part: SparseMatrix = matrix.real  # type: ignore[attr-defined]
+        return negative_pivots(cast(SparseMatrix, as_csr(real_part)))
 
     def size(self, s: complex) -> float:
         """Sum of the sizes of the terms of T(s)."""

@@ -20,8 +20,11 @@ from fvi_cli.mathematics.transforms.argument import PathError, follow
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 
 FIRST_STEPS = 4
-STEPS_PER_FOLD = 2
+FIRST_STEPS_AROUND = 16
+STEPS_PER_FOLD = 4
 """Steps of an edge at first: at least so many, and for each e-fold of the modulus or radian."""
+NEAR_AXIS = np.array([0.002, 0.006, 0.02, 0.05, 0.1])
+"""Arguments beside that of the imaginary axis, where lightly damped modes are."""
 INTEGRATION_POINTS = 24
 """Gauss points of each edge of a contour integral."""
 RANK_TOLERANCE = 1e-9
@@ -88,13 +91,20 @@ def count_modes(stiffness: DynamicStiffness, sector: Sector, known: Sequence[com
         If a mode lies on the edge.
     """
     zeros = np.array([*known, *np.conj(known)], dtype=complex)
+    # slower modes turn the argument evenly around a sector that does not hold 0
+    below = 0 if stiffness.is_small else stiffness.number_below(sector.least)
+    if below >= stiffness.dimension:
+        raise CountError("how many modes are slower than those of the region is not known")
 
     def log_rest(s: ComplexArray) -> ComplexArray:
         """Logarithm of det T without the zeros that are known."""
         with np.errstate(divide="ignore"):
             divided = np.log(s[:, None] - zeros).sum(axis=1)
+            divided += 2 * below * np.log(s)
             return np.asarray(stiffness.log_determinants(s) - divided)
 
+    # s^2d turns by less than half around in a step, lest whole turns pass unseen
+    density = STEPS_PER_FOLD + (stiffness.dimension if stiffness.is_small else 0)
     corners = sector.corners()
     total = 0.0
     for begin, end in zip(corners, [*corners[1:], corners[0]], strict=True):
@@ -103,12 +113,22 @@ def count_modes(stiffness: DynamicStiffness, sector: Sector, known: Sequence[com
         def edge(part: Array, first: complex = first, last: complex = last) -> ComplexArray:
             return np.exp((1.0 - part) * first + part * last)
 
-        steps = FIRST_STEPS + math.ceil(STEPS_PER_FOLD * abs(last - first))
         try:
-            total += follow(log_rest, edge, np.linspace(0.0, 1.0, steps + 1)).turn
+            total += follow(log_rest, edge, _first_parts(first, last, density)).turn
         except PathError as error:
             raise CountError("a mode lies on the edge of the region that is counted") from error
     return round(total / (2.0 * math.pi)) + sum(sector.holds(s) for s in known)
+
+
+def _first_parts(first: complex, last: complex, density: float) -> Array:
+    """Parts of an edge at first, more of them where it crosses the imaginary axis."""
+    around = last.imag - first.imag
+    steps = math.ceil(density * abs(last - first)) + (FIRST_STEPS_AROUND if around else FIRST_STEPS)
+    parts = np.linspace(0.0, 1.0, steps + 1)
+    if around:
+        near = (0.5 * math.pi + np.array([-1.0, 1.0])[:, None] * NEAR_AXIS - first.imag) / around
+        parts = np.concatenate([parts, near[(near > 0) & (near < 1)]])
+    return np.unique(parts)
 
 
 def modes_by_integrals(
