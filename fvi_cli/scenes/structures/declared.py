@@ -70,7 +70,7 @@ def sparse_matrix(
     rows = int(shape[0])
     size = (rows, rows)
     data = _part(parts, "data", _NUMBERS, {"bsr": 3, "dia": 2}.get(kind, 1))
-    with np.errstate(over="ignore"):
+    with np.errstate(all="ignore"):
         data = data.astype(complex if data.dtype.kind == "c" else float)
     if kind == "coo":
         row, column = (_indices(parts, name, 0, rows, len(data)) for name in ("row", "col"))
