@@ -14,8 +14,8 @@ MOST_ROWS: Final = 300_000
 """Rows of a sparse matrix, at most."""
 MOST_DENSE_ROWS: Final = 2000
 """Rows of a dense matrix, at most: larger ones are rarely short enough to travel as text."""
-LARGEST_ARRAY: Final = 8 * MOST_DENSE_ROWS**2
-"""Bytes of one array of a compressed file, unless the file itself is large."""
+LARGEST_ARRAY: Final = 8 * MOST_DENSE_ROWS**2 + 2**16
+"""Bytes of one array of a compressed file with its head, unless the file itself is large."""
 
 
 class DeclaredError(ValueError):
