@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import contextlib
 import io
+import math
 import os
 import random
 import resource
@@ -41,12 +42,23 @@ MOST_BYTES: Final = 500_000_000
 
 N: Final = 36
 FULL: Final = 2.0 * np.eye(N) - np.eye(N, k=1) - np.eye(N, k=-1)
-TIMES: Final = np.arange(9) * 0.25
-VALUES: Final = np.round(np.sin(TIMES), 6)
+TIMES: Final = np.array([0.25 * k for k in range(9)], dtype=np.float64)
+VALUES: Final = np.array([round(math.sin(0.25 * k), 6) for k in range(9)], dtype=np.float64)
 _NUMBERS: Final = (0, 1, -1, -5, 2, N, N + 1, 127, 255, 65_535, 10**9, 2**31 - 1, -(2**31))
 _WORDS: Final = (
     *(b"1e999", b"nan", b"-inf", b"1_0", b"1,5", b"1D5", b"9" * 30, b"9" * 5000, b"-1", b"0", b""),
-    *(b"1000000000", b"\n" * 999, b" " * 999, b"%", b"#", b'"', b"\x00", b"\xff", b"NPTS", b"=" * 99),
+    *(
+        b"1000000000",
+        b"\n" * 999,
+        b" " * 999,
+        b"%",
+        b"#",
+        b'"',
+        b"\x00",
+        b"\xff",
+        b"NPTS",
+        b"=" * 99,
+    ),
 )
 MATRIX: Final = """\
 name: hostile
@@ -121,6 +133,11 @@ def _spoilt_array(values: NDArray[Any], chance: random.Random) -> NDArray[Any]:
     return changed
 
 
+def _bomb(chance: random.Random) -> bytes:
+    """Zeros behind what is compressed, seldom many."""
+    return bytes(chance.choices((0, 10**5, 4 * 10**7), (197, 2, 1))[0])
+
+
 # --- files of every kind ----------------------------------------------------------------------
 
 
@@ -149,8 +166,8 @@ def _npz(chance: random.Random) -> tuple[str, bytes]:
             content = array.getvalue()
             if one == name and chance.random() < 0.3:
                 content = spoilt(content, chance)
-            if one == name and chance.random() < 0.02:
-                content += bytes(chance.choice((10**6, 2 * 10**8)))
+            if one == name and how != zipfile.ZIP_LZMA:
+                content += _bomb(chance)
             members.writestr(f"{one}.npy", content)
     return MATRIX.format(source="{file: K.npz}"), archive.getvalue()
 
@@ -168,13 +185,17 @@ def _mat(chance: random.Random) -> tuple[str, bytes]:
     if chance.random() < 0.1:
         held |= {"cells": np.array([1, "a"], dtype=object), "words": "abc", "deep": {"a": FULL}}
     form = chance.choice(("5", "5", "5", "4"))
-    savemat(buffer, held if form == "5" else {"K": matrix}, format=form)
+    kept: Any = buffer
+    if form == "5":
+        savemat(kept, held)
+    else:
+        savemat(kept, {"K": matrix}, format="4")
     content = buffer.getvalue()
     # the beginning is where sizes and indices are
     short = chance.choice((60, 400, len(content)))
     content = content[:128] + spoilt(content[128 : 128 + short], chance) + content[128 + short :]
     if form == "5" and chance.random() < 0.4:
-        packed = zlib.compress(content[128:] + bytes(chance.choice((0, 0, 0, 10**8))))
+        packed = zlib.compress(content[128:] + _bomb(chance))
         content = content[:128] + struct.pack("<II", 15, len(packed)) + packed
     return MATRIX.format(source="{file: K.mat, variable: K}"), content
 
@@ -205,7 +226,7 @@ def _at2(chance: random.Random) -> tuple[str, bytes]:
 
 def _contents(chance: random.Random) -> tuple[str, bytes]:
     if chance.random() < 0.5:
-        matrix = chance.choice((FULL, csr_array(FULL)))
+        matrix: Any = chance.choice((FULL, csr_array(FULL)))
         text = matrix_as_text(matrix)
         template, head = MATRIX, text.rpartition(" ")[0] + " "
     else:
@@ -213,7 +234,7 @@ def _contents(chance: random.Random) -> tuple[str, bytes]:
     packed = text.removeprefix(head)
     if chance.random() < 0.7:
         inner = spoilt(zlib.decompress(base64.b64decode(packed)), chance)
-        inner += bytes(chance.choice((0, 0, 0, 0, 10**6, 10**8)))
+        inner += _bomb(chance)
         packed = base64.b64encode(zlib.compress(inner, 9)).decode()
     else:
         packed = spoilt(packed.encode(), chance).decode("latin-1")
@@ -268,15 +289,16 @@ def _in_a_process(folder: Path, kind: str, numbers: range, seed: int, found: Rea
     ended = os.waitstatus_to_exitcode(status)
     lines = log.read_text(encoding="utf-8").splitlines()
     for line in lines:
-        number, verdict, seconds, said = line.split("\t", 3)
+        label, verdict, seconds, said = line.split("\t", 3)
         found.count += 1
         found.refused += verdict == "refused"
         found.slowest = max(found.slowest, float(seconds))
         if verdict == "wrong":
-            found.wrong.append(f"{kind} {number} of seed {seed}: {said}")
+            found.wrong.append(f"{kind} {label} of seed {seed}: {said}")
     if len(lines) < len(numbers):
-        number = numbers[len(lines)]
-        found.wrong.append(f"{kind} {number} of seed {seed}: the process ended with {ended}")
+        found.wrong.append(
+            f"{kind} {numbers[len(lines)]} of seed {seed}: the process ended with {ended}"
+        )
         found.count += 1
 
 
@@ -324,7 +346,7 @@ def _verdicts(folder: Path, kind: str, numbers: range, seed: int) -> Iterator[st
         if seconds > MOST_SECONDS or taken > MOST_BYTES:
             said = f"{seconds:.1f} s, {taken / 1e6:.0f} MB; {verdict}: {said}"
             verdict = "wrong"
-        yield f"{number}\t{verdict}\t{seconds:.3f}\t{said[:300].encode('ascii', 'backslashreplace').decode()!r}"
+        yield f"{number}\t{verdict}\t{seconds:.3f}\t{said[:300]!a}"
 
 
 def reproduced(kind: str, number: int, seed: int) -> Mapping[str, bytes]:

@@ -26,6 +26,7 @@ from pathlib import Path
 
 import h5py
 
+from benchmarks.hostile_files import KINDS, try_kind
 from benchmarks.measuring import table
 from fvi_cli.__main__ import INTERRUPTED, main
 from fvi_cli.config import parse_config
@@ -262,6 +263,7 @@ def run_robustness(count: int, seed: int = 0) -> list[Tally]:
             functools.partial(try_reads, folder, share(1000)),
             functools.partial(try_configurations, share(20_000), seed),
             functools.partial(try_files, folder, share(2000), seed),
+            *(functools.partial(try_strangers, kind, share(2500), seed) for kind in KINDS),
         ]
         for trial in trials:
             try:
@@ -540,6 +542,17 @@ def try_files(folder: Path, times: int, seed: int) -> Tally:
         f"{codes.count(2)} refused; the slowest, {name}, took {seconds:.1f} s of processor time"
     )
     return tally
+
+
+def try_strangers(kind: str, times: int, seed: int) -> Tally:
+    """Read files of matrices, samples and contents that declare what they like."""
+    found = try_kind(kind, times, seed)
+    return Tally(
+        name=f"hostile {kind}",
+        count=found.count,
+        wrong=found.wrong,
+        remark=f"{found.refused} refused; the slowest took {found.slowest:.1f} s of processor time",
+    )
 
 
 def _damaged(content: bytes, chance: random.Random) -> bytes:

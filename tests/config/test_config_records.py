@@ -92,6 +92,7 @@ def test_columns_are_for_csv(tmp_path):
     _write(tmp_path)
     with pytest.raises(fvi.ConfigError, match="not for AT2, which has one column"):
         _load(tmp_path, "{file: quake.AT2, column: a}")
+    (tmp_path / "quake.csv").write_text("t,a\n0,1\n")
     with pytest.raises(fvi.ConfigError, match="missing; it must be the name of a column"):
         _load(tmp_path, "{file: quake.csv}")
 

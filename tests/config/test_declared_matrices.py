@@ -14,7 +14,7 @@ from scipy.sparse import save_npz as save
 
 from fvi_cli.scenes.records.data_files import DataFileError
 from fvi_cli.scenes.structures import archives
-from fvi_cli.scenes.structures.declared import MOST_ROWS
+from fvi_cli.scenes.structures.declared import MOST_DENSE_ROWS, MOST_ROWS
 from fvi_cli.scenes.structures.matrix_files import read_matrix
 from fvi_cli.scenes.structures.matrix_text import matrix_from_text
 
@@ -195,6 +195,14 @@ def test_a_large_dense_file_of_few_entries_is_taken_as_sparse(tmp_path):
     np.save(path, np.ones((rows, rows), dtype=np.int8))
     with pytest.raises(DataFileError, match="has 2100 rows; a dense matrix may have 2000; save"):
         read_matrix(path, "K")
+
+
+def test_the_largest_dense_matrix_may_be_compressed(tmp_path):
+    path, largest = tmp_path / "K.npz", np.eye(MOST_DENSE_ROWS)
+    np.savez_compressed(path, K=largest)
+    assert read_matrix(path, "K").form.shape == largest.shape
+    savemat(tmp_path / "K.mat", {"K": largest}, do_compression=True)
+    assert read_matrix(tmp_path / "K.mat", "K").form.shape == largest.shape
 
 
 def test_a_large_file_may_unpack_to_what_is_in_proportion():

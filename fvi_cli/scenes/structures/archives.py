@@ -21,6 +21,7 @@ from fvi_cli.scenes.structures.declared import (
     checked_sparse,
     sparse_matrix,
 )
+from fvi_cli.scenes.structures.mat_file import HEADER, mat_variables
 
 _ENDING: Final = ".npy"
 _HEADERS: Final = {
@@ -29,12 +30,7 @@ _HEADERS: Final = {
 }
 _KINDS: Final = "biufcSU"
 _SPARSE_PARTS: Final = ("data", "indices", "indptr", "row", "col", "offsets")
-_MAT_HEADER: Final = 128
 _COMPRESSED: Final = 15
-_MAT_NUMBERS: Final = (
-    *("double", "single", "sparse"),
-    *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
-)
 
 
 def read_npy(content: bytes) -> NDArray[Any]:
@@ -124,40 +120,45 @@ def read_mat(content: bytes, name: str, variable: str | None) -> Any:
     DataFileError, ValueError
         If there is none of that name, or it is no matrix of numbers, or too large.
     """
-    from scipy.io import loadmat, whosmat
-
-    plain = _plain_mat(content)
-    try:
-        known = whosmat(io.BytesIO(plain))  # type: ignore[arg-type]
-    except NotImplementedError:
-        # what SciPy says of files that are HDF5
+    if len(content) < HEADER or 0 in content[:4]:
+        return _mat_4(content, name, variable)
+    if content[125 if content[126:127] == b"I" else 124] != 1:
         raise DataFileError(
-            f"{name}: of MATLAB's version 7.3; save it with -v7, or as Matrix Market"
-        ) from None
-    known = [one for one in known if not one[0].startswith("__")]
-    which = chosen([one[0] for one in known], name, variable)
-    found = [one for one in known if one[0] == which]
+            f"{name}: of MATLAB's version 7.3, or no .mat file; save it with -v7, or as Matrix "
+            "Market"
+        )
+    variables = mat_variables(_plain_mat(content))
+    which = chosen([one.name for one in variables], name, variable)
+    found = [one for one in variables if one.name == which]
     if len(found) > 1:
         raise ValueError(f"{excerpt(which)} stands in it {len(found)} times")
-    _, shape, kind = found[0]
-    if kind not in _MAT_NUMBERS:
-        raise ValueError(f"{excerpt(which)} is {kind}; it must be a matrix of real numbers")
+    if not found[0].is_matrix_of_numbers:
+        raise ValueError(
+            f"{excerpt(which)} is {found[0].kind}; it must be a matrix of real numbers"
+        )
+    return found[0].value()
+
+
+def _mat_4(content: bytes, name: str, variable: str | None) -> Any:
+    """A matrix of a file of MATLAB's version 4, which SciPy reads without compiled code."""
+    from scipy.io import loadmat, whosmat
+
+    known = whosmat(io.BytesIO(content))  # type: ignore[arg-type]
+    which = chosen([one[0] for one in known], name, variable)
+    shapes = [(shape, kind) for found, shape, kind in known if found == which]
+    if len(shapes) > 1:
+        raise ValueError(f"{excerpt(which)} stands in it {len(shapes)} times")
+    shape, kind = shapes[0]
     if kind == "sparse":
         check_rows(shape, sparse=True)
-    read = loadmat(io.BytesIO(plain), variable_names=[which], spmatrix=False)  # type: ignore[arg-type]
-    value = read[which]
-    return checked_sparse(value) if hasattr(value, "toarray") else np.asarray(value)
+    value = loadmat(io.BytesIO(content), variable_names=[which], spmatrix=False)[which]  # type: ignore[arg-type]
+    return checked_sparse(value) if kind == "sparse" else np.asarray(value)
 
 
 def _plain_mat(content: bytes) -> bytes:
     """The file with every compressed element unpacked: then nothing in it is larger than it is."""
-    if len(content) < _MAT_HEADER or 0 in content[:4]:
-        return content
-    # as the library finds the version; those that are HDF5 say 2
-    if content[125 if content[126:127] == b"I" else 124] != 1:
-        return content
     order = "<" if content[126:128] == b"IM" else ">"
-    plain, place = [content[:_MAT_HEADER]], _MAT_HEADER
+    plain, place = [content[:HEADER]], HEADER
     size = 0
     while place + 8 <= len(content):
         kind, length = struct.unpack(f"{order}II", content[place : place + 8])

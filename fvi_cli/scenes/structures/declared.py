@@ -14,8 +14,8 @@ MOST_ROWS: Final = 300_000
 """Rows of a sparse matrix, at most."""
 MOST_DENSE_ROWS: Final = 2000
 """Rows of a dense matrix, at most: larger ones are rarely short enough to travel as text."""
-LARGEST_ARRAY: Final = 8 * MOST_DENSE_ROWS**2
-"""Bytes of one array of a compressed file, unless the file itself is large."""
+LARGEST_ARRAY: Final = 8 * MOST_DENSE_ROWS**2 + 2**16
+"""Bytes of one array of a compressed file with its head, unless the file itself is large."""
 
 
 class DeclaredError(ValueError):
@@ -70,7 +70,7 @@ def sparse_matrix(
     rows = int(shape[0])
     size = (rows, rows)
     data = _part(parts, "data", _NUMBERS, {"bsr": 3, "dia": 2}.get(kind, 1))
-    with np.errstate(over="ignore"):
+    with np.errstate(all="ignore"):
         data = data.astype(complex if data.dtype.kind == "c" else float)
     if kind == "coo":
         row, column = (_indices(parts, name, 0, rows, len(data)) for name in ("row", "col"))

@@ -105,14 +105,15 @@ def read_matrix(path: Path, name: str, variable: str | None = None) -> MatrixFil
 
 def _symmetric(value: Any, name: str) -> Form:
     """A matrix of numbers, sparse where it is large and has few of them."""
-    if not is_sparse(value):
-        with np.errstate(over="ignore"):
+    # what is not finite, or too large for a double, is refused by its entry
+    with np.errstate(all="ignore"):
+        if not is_sparse(value):
             value = np.asarray(value, dtype=float)
-        if len(value) > MOST_DENSE_ROWS:
-            value = shortest(value)
+            if len(value) > MOST_DENSE_ROWS:
+                value = shortest(value)
         if not is_sparse(value):
             check_rows(value.shape, sparse=False)
-    return symmetric_form(value, name)
+        return symmetric_form(value, name)
 
 
 def _market(content: bytes, name: str, variable: str | None) -> Any:
