@@ -126,7 +126,13 @@ def typeset(name: str) -> str:
 
 
 def common_features(methods: Sequence[AnyMethod]) -> str:
-    """What all BDF methods of a figure have in common: degree, quadrature points, sampling."""
+    """What all BDF methods of a figure have in common: degree, quadrature points, sampling.
+
+    Where methods of other families are drawn as well, it says of which it speaks.
+    """
     plain = [m for m in methods if isinstance(m, Method) and not m.is_runge_kutta]
     described = {", ".join(describe_method(method)[:3]) for method in plain}
-    return described.pop() if len(described) == 1 else ""
+    if len(described) != 1:
+        return ""
+    whose = ", ".join(dict.fromkeys(method.label for method in plain))
+    return described.pop() if len(plain) == len(methods) else f"{whose}: {described.pop()}"

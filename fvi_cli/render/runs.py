@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 from fvi_cli.reports.document import Grid
+from fvi_cli.reports.kinds.quantities import ERROR_TITLE
 from fvi_cli.reports.writers.text import aligned as grid_as_text
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import Location, StoredFile
@@ -95,6 +96,7 @@ def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
         (
             (outcome.experiment.name, one.run.method.case, str(one.run.n_steps)),
             summary_of(one.trajectory.observed),
+            one.error,
         )
         for outcome in outcomes
         for one in outcome.finished
@@ -104,29 +106,31 @@ def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def observed_rows(
-    runs: Iterable[tuple[tuple[str, ...], ObservedSummary]],
+    runs: Iterable[tuple[tuple[str, ...], ObservedSummary, float]],
 ) -> list[list[tuple[str, ...]]]:
     """A table of the quantities and one of the events, as far as there are any.
 
     Parameters
     ----------
     runs
-        The words that name a run, and what was observed of it.
+        The words that name a run, what was observed of it, and the error of its position, which
+        stands beside the quantities where it is known of any run.
     """
     named = ("experiment", "case", "n_steps")
     quantities: list[tuple[str, ...]] = [
-        (*named, "quantity", "peak", "at t", "least", "greatest", "rms")
+        (*named, "quantity", "peak", "at t", ERROR_TITLE, "least", "greatest", "rms")
     ]
+    is_known = False
     events: list[tuple[str, ...]] = [(*named, "event", "times", "run")]
-    for words, observed in runs:
+    for words, observed, error in runs:
+        is_known = is_known or (bool(observed.extents) and math.isfinite(error))
         quantities += [
             (
                 *words,
                 name,
-                *(
-                    f"{value:.6g}"
-                    for value in (one.peak, one.peak_time, one.least, one.greatest, one.rms)
-                ),
+                *(f"{value:.6g}" for value in (one.peak, one.peak_time)),
+                f"{error:.1e}" if math.isfinite(error) else "-",
+                *(f"{value:.6g}" for value in (one.least, one.greatest, one.rms)),
             )
             for name, one in observed.extents.items()
         ]
@@ -139,6 +143,9 @@ def observed_rows(
             )
             for name, count in observed.counts.items()
         ]
+    if not is_known:
+        place = quantities[0].index(ERROR_TITLE)
+        quantities = [(*row[:place], *row[place + 1 :]) for row in quantities]
     return [rows for rows in (quantities, events) if len(rows) > 1]
 
 
@@ -196,7 +203,8 @@ def contents_as_text(stored: StoredFile) -> str:
         if run.members
     )
     observed = observed_rows(
-        ((run.experiment, run.case, str(run.n_steps)), run.observed) for run in stored.runs
+        ((run.experiment, run.case, str(run.n_steps)), run.observed, run.error)
+        for run in stored.runs
     )
     tables = [line for rows in observed for line in ("", aligned(rows))]
     return "\n".join([text, *tables, *(["", *swept] if swept else [])])

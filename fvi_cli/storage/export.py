@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
@@ -207,7 +208,12 @@ def _coordinates(run: StoredArrays, problem: Mapping[str, Any]) -> Sequence[str]
     """Names of the coordinates, as the configuration has them; else ``x``, or ``x1``, ``x2``."""
     size = run.arrays["dof"].size if "dof" in run.arrays else 0
     kind = KINDS.get(problem.get("kind", ""))
-    names = problem.get("coordinates", kind.coordinates if isinstance(kind, SceneKind) else ())
+    names: Sequence[str] = problem.get("coordinates", ())
+    if not names and isinstance(kind, SceneKind):
+        names = kind.coordinates
+        # what a sweep changes does not stand in the problem that its members share
+        with contextlib.suppress(KeyError):
+            names = names if kind.names is None else kind.names(problem)
     if len(names) == size:
         return [str(name) for name in names]
     return ["x"] if size == 1 else [f"x{k}" for k in range(1, size + 1)]

@@ -240,7 +240,8 @@ def _points_on_grid(run: Run, time: NDArray[Any]) -> int:
     if grid is None:
         grid = run.times[kept_points(run.n_steps + 1, run.experiment.store_every)]
     common = min(time.size, grid.size)
-    off = np.flatnonzero(np.abs(time[:common] - grid[:common]) > 1e-6 * np.diff(grid).min())
+    spacing = float(np.diff(grid).min(initial=grid[-1]))
+    off = np.flatnonzero(np.abs(time[:common] - grid[:common]) > 1e-6 * spacing)
     return int(off[0]) if off.size else common
 
 

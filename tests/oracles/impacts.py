@@ -113,7 +113,7 @@ def ordinary_bounces(
             rtol=1e-12,
             atol=1e-13,
             events=[event_of(wall) for wall in walls],
-            max_step=final_time / 100,
+            max_step=final_time / 200,
         )
         t, state = float(run.t[-1]), run.y[:, -1].copy()
         if run.status != 1:
@@ -127,6 +127,8 @@ def ordinary_bounces(
         speed = normal @ state[d:] + rate
         factor = 1.0 if forgets else wall.restitution
         state[d:] -= (1 + factor) * speed / (normal @ normal) * normal
+        # the solver sees a root only where the gap begins above 0
+        state[:d] += 1e-13 / (normal @ normal) * normal
         found.times[index].append(t)
     found.position, found.velocity = state[:d], state[d:]
     return found

@@ -20,7 +20,7 @@ from fvi_cli import plotting
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.plotting.ladders.saturation import leading_exponent
-from fvi_cli.plotting.methods import method_labels, series_styles
+from fvi_cli.plotting.methods import common_features, method_labels, series_styles
 from fvi_cli.plotting.motions.time_series import exact_energy
 from fvi_cli.plotting.style import COLUMN_WIDTH
 from fvi_cli.render.figures import compare_figures, write_figures
@@ -177,6 +177,14 @@ def test_convergence_draws_every_error_of_every_method():
     assert [text.get_text() for text in legend.get_texts()] == ["BDF1", "BDF2", "BDF3"]
     wanted = "degree 1, 1 Gauss point, damping sampled at the nodes"
     assert legend.get_title().get_text() == wanted
+
+
+def test_what_methods_have_in_common_is_said_of_those_alone():
+    plain, gauss = NODES[1], Method(cq="gauss", degree=3)
+    own = "degree 1, 1 Gauss point, damping sampled at the nodes"
+    assert common_features([plain]) == own
+    assert common_features([gauss, plain]) == f"BDF2: {own}"
+    assert common_features([gauss]) == ""
 
 
 def test_reference_slopes_have_the_slope_that_their_label_says():

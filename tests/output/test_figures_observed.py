@@ -102,6 +102,39 @@ def test_members_of_a_sweep(count):
         assert others[0].get_ylabel() == r"velocity $\dot x$ (mm/ms)"
 
 
+@pytest.mark.parametrize("count", [2, 8])
+@pytest.mark.parametrize("name", ["x", "phi", "r1"])
+def test_figures_of_sweeps_name_coordinates_and_events(count, name):
+    problem = {
+        "kind": "lagrangian",
+        "coordinates": [name],
+        "parameters": {"k": 1.0},
+        "lagrangian": f"v{name}**2/2 - k*{name}**2/2",
+        "initial": {"position": 1.0},
+        "final_time": 10.0,
+        "exact": "none",
+    }
+    config = {
+        "name": "named",
+        "problem": problem,
+        "method": {"rk": "gauss", "degree": 3},
+        "ladder": {"steps": [40]},
+        "sweep": {"problem.parameters.k": {"from": 0.5, "to": 1.0, "number": count}},
+        "events": {"zero": {"when": name}, "turn": {"when": f"v{name}"}},
+        "figures": ["trajectory", "section"],
+    }
+    figures = fvi.figures(fvi.run(config))
+    typeset = {"x": "x", "phi": r"\varphi", "r1": "r_{1}"}[name]
+    (axes,) = figures["named-trajectory"].axes
+    assert axes.get_ylabel() == f"position ${typeset}(t)$"
+    (legend,) = figures["named-section"].legends
+    words = [text.get_text() for text in legend.get_texts()]
+    if count == 2:
+        assert words == ["zero, 0.5", "turn, 0.5", "zero, 1", "turn, 1"]
+    else:
+        assert words == ["zero", "turn"]
+
+
 def test_units_are_labels_and_belong_to_something():
     (plain,) = fvi.run({**MEMBERS, "units": {}})
     (named,) = fvi.run({**MEMBERS, "figures": ["trajectory", "energy", "phase"]})

@@ -73,3 +73,34 @@ def test_sparse_matrices_stand_in_mappings():
     problem |= {"initial": {"position": [1.0, 0.0]}, "final_time": 1.0, "exact": "none"}
     config = fvi.load({"name": "sparse", "problem": problem, "ladder": {"steps": [4]}})
     assert config.resolved["experiments"][0]["problem"]["stiffness"] == [[2.0, -1.0], [-1.0, 2.0]]
+
+
+@pytest.mark.parametrize(
+    ("how", "is_known"),
+    [
+        ("ladder: {steps: [6, 12]}\n", True),
+        ("accuracy: {tolerance: 1.0e-5}\n", True),
+        ("ladder: {steps: [6, 12]}\nexact: none\n", False),
+    ],
+)
+def test_errors_stand_beside_peaks_wherever_they_are_known(tmp_path, how, is_known):
+    exact = "exact: none\n" in how
+    text = configuration(
+        "kind: pendulum, damping: [{order: 0.5, coefficient: 0.3}], initial: {position: 1.0}, "
+        f"final_time: 6.0{', exact: none' if exact else ''}",
+        name="known",
+        method="{rk: gauss, degree: 3}" if "ladder" in how else "",
+        more="quantities: {torque: dx}\n",
+    ).replace("ladder: {steps: [8, 16]}\n", how.replace("exact: none\n", ""))
+    (tmp_path / "known.yaml").write_text(text)
+    ran = command("run", tmp_path / "known.yaml", "-o", tmp_path, code=0).output
+    table = command("quantities", tmp_path / "known.yaml", "-o", tmp_path, code=0).output
+    shown = command("show", tmp_path / "known.h5", code=0).output
+    with (tmp_path / "tables/known-quantities.csv").open() as file:
+        errors = [float(row["error"]) for row in csv.DictReader(file)]
+    for words in (ran, table, shown, (tmp_path / "tables/known-quantities.md").read_text()):
+        lines = [line for line in words.splitlines() if "torque" in line]
+        assert len(lines) == len(errors)
+        assert ("error of position" in words) == is_known
+        for line, error in zip(lines, errors, strict=True):
+            assert (f"{error:.1e}" in line) == is_known

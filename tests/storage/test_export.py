@@ -145,6 +145,8 @@ def lines_of(run: StoredArrays) -> list[str]:
         ({"kind": "kepler"}, 2, "x,y,p_x,p_y"),
         ({"kind": "lagrangian", "coordinates": ["r", "energy"]}, 2,
          "r,position_energy,p_r,p_energy"),
+        ({"kind": "sandwich-beam", "elements": 1}, 4, "w1,r1,a1,b1,p_w1,p_r1,p_a1,p_b1"),
+        ({"kind": "sandwich-beam"}, 4, "x1,x2,x3,x4,p_x1,p_x2,p_x3,p_x4"),
     ],
 )  # fmt: skip
 def test_columns_are_called_as_the_coordinates(problem, size, names):

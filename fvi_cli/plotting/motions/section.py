@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from fvi_cli.integrator.observations.observe import Occurrences
 from fvi_cli.plotting.motions.labels import (
@@ -25,6 +26,7 @@ from fvi_cli.plotting.style import (
     MARKERS,
     journal_style,
     legend_above,
+    legend_of,
     new_figure,
     panel_grid,
 )
@@ -75,27 +77,33 @@ def sweep_section_figure(experiment: Experiment, finished: Sequence[FinishedRun]
     """
     having = finest_of_first([item for item in finished if has_events(item)])
     series = [
-        (item.run.member, one)
+        (item.run.member, event, one)
         for item in having
-        for one in observed_of(item).events.values()
+        for event, one in observed_of(item).events.items()
         if one.time.size and item.run.member is not None
     ]
+    events = dict.fromkeys(event for _, event, _ in series)
     name = coordinates_of(experiment)[0]
     with journal_style():
         if len(having) <= MOST_LINES:
             figure = new_figure(3.3)
             axes = figure.subplots()
-            for number, (member, one) in enumerate(series):
-                _draw_points(axes, one, 0, number, member_label(member))
+            for number, (member, event, one) in enumerate(series):
+                label = member_label(member)
+                _draw_points(
+                    axes, one, 0, number, label if len(events) == 1 else f"{event}, {label}"
+                )
             _name_axes(axes, experiment, name)
             legend_above(figure, axes)
             return figure
         figure = new_figure(4.6)
         above, below = figure.subplots(2, 1)
-        values = [_swept_number(member) for member, _ in series]
+        values = [_swept_number(member) for member, _, _ in series]
         shades = colormaps["viridis"](np.linspace(0.0, 0.9, len(experiment.members)))
-        for (member, one), value in zip(series, values, strict=True):
-            dots = {"color": shades[member.number], "marker": ".", "markersize": 2.5}
+        markers = dict(zip(events, (".", *MARKERS[: len(events) - 1]), strict=False))
+        for (member, event, one), value in zip(series, values, strict=True):
+            marker = markers.get(event, ".")
+            dots = {"color": shades[member.number], "marker": marker, "markersize": 2.5}
             x = one.position[:, 0]
             above.plot(np.full(x.size, value), x, linestyle="none", **dots)
             below.plot(x, one.velocity[:, 0], linestyle="none", **dots)
@@ -106,6 +114,12 @@ def sweep_section_figure(experiment: Experiment, finished: Sequence[FinishedRun]
         _name_axes(below, experiment, name)
         low, high = f"{min(values):.6g}", f"{max(values):.6g}"
         below.set_title(f"dark: {low}, light: {high}")
+        if len(events) > 1:
+            drawn = [
+                Line2D([], [], label=event, marker=marker, linestyle="none", color="black")
+                for event, marker in markers.items()
+            ]
+            legend_of(figure, drawn, above=True)
     return figure
 
 

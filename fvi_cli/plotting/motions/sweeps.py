@@ -14,9 +14,11 @@ from fvi_cli.plotting.ladders.convergence import NORM_LABELS
 from fvi_cli.plotting.methods import series_styles
 from fvi_cli.plotting.motions.labels import (
     MOST_LINES,
+    coordinates_of,
     finest_of_first,
     member_label,
     time_axis,
+    typeset_name,
     with_unit,
 )
 from fvi_cli.plotting.motions.time_series import (
@@ -83,7 +85,9 @@ def sweep_trajectory_figure(experiment: Experiment, finished: Sequence[FinishedR
             own = [one for one in moving if one.run.method == method]
             _draw_over_time(axes, own, [one.trajectory.position[:, 0] for one in own])
             time_axis(axes, experiment, ())
-        panels[0].set_ylabel(with_unit("position $x(t)$", experiment, "length"))
+        name = coordinates_of(experiment)[0]
+        label = f"position {typeset_name(name)[:-1]}(t)$"
+        panels[0].set_ylabel(with_unit(label, experiment, name, "length"))
         _finish(figure, panels[0], experiment)
     return figure
 

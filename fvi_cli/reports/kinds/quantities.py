@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from fvi_cli.reports.document import Block, Code, Heading, Paragraph
 from fvi_cli.reports.table import Column, Report, Row, Sheet, Value, Within, row_of
@@ -18,15 +20,22 @@ _RUN = (
     Column("n_steps", "number N of steps", title="N"),
 )
 _KEYS = ("experiment", "member", "case", "n_steps")
+ERROR_TITLE = "error of position"
 COLUMNS = (
     *_RUN,
     Column("quantity", "its name", title="quantity"),
     Column("peak", "largest absolute value", title="peak", form=".6g", compared=CLOSE),
     Column("peak_time", "when it is reached first", title="at t", form=".6g", compared=CLOSE),
+    Column(
+        "error",
+        "error of the position in the experiment's norm, or its estimate for a tolerance",
+        title=ERROR_TITLE,
+        form=".1e",
+        compared=None,
+    ),
     Column("least", "smallest value", title="least", form=".6g", compared=CLOSE),
     Column("greatest", "largest value", title="greatest", form=".6g", compared=CLOSE),
     Column("rms", "root of the mean square over the run", title="rms", form=".6g", compared=CLOSE),
-    Column("error", "error of the position in the experiment's norm", compared=None),
     Column("status", "what was observed of the run"),
 )
 EVENT_COLUMNS = (
@@ -62,8 +71,11 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
                     "ended_the_run": event == observed.stopped_by,
                 }
             )
+    columns: tuple[Column, ...] = COLUMNS
+    if not any(math.isfinite(one.error) for one in finished):
+        columns = tuple(replace(one, title="") if one.name == "error" else one for one in COLUMNS)
     sheets = (
-        Sheet(name="runs", columns=COLUMNS, rows=tuple(quantities), keys=(*_KEYS, "quantity")),
+        Sheet(name="runs", columns=columns, rows=tuple(quantities), keys=(*_KEYS, "quantity")),
         Sheet(name="events", columns=EVENT_COLUMNS, rows=tuple(events), keys=(*_KEYS, "event")),
     )
     blocks: list[Block] = [
