@@ -85,9 +85,12 @@ class Structure:
         """Newton's correction of roots of det Z."""
         change = 1e-6 * np.abs(s)
         slope = (self.dynamic(s + change) - self.dynamic(s - change)) / (2 * change)[:, None, None]
-        # at an exact root there is nothing to solve
-        matrix = self.dynamic(s) + 1e-15 * np.max(self.stiffness) * np.eye(self.dimension)
-        trace = np.trace(np.linalg.solve(matrix, slope), axis1=1, axis2=2)
+        # an exact root leaves nothing to solve; so close to one nothing is lost
+        matrix = self.dynamic(s * (1 + 1e-12 * np.exp(1j)))
+        try:
+            trace = np.trace(np.linalg.solve(matrix, slope), axis1=1, axis2=2)
+        except np.linalg.LinAlgError as error:
+            raise UnjudgedError("roots that are hard to tell apart") from error
         return np.asarray(1 / trace)
 
 
