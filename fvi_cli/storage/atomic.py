@@ -99,7 +99,7 @@ def replacement(path: Path, *, is_held: bool = False) -> Iterator[int]:
             yield handle
     except OSError as error:
         # of a full disk the system says no name, of a folder that of the unfinished file
-        if not error.filename or str(error.filename).endswith(UNFINISHED):
+        if error.errno and (not error.filename or str(error.filename).endswith(UNFINISHED)):
             error.filename = str(path)
         raise
 

@@ -133,7 +133,8 @@ class DenseMotion:
         """Velocities, shape ``(n, d)``."""
         h = self.steps.step_size[steps, None]
         found = self.shape.velocity_in(steps, tau) + self._correction_rate(steps, tau[:, None], h)
-        found[(steps == 0) & (tau == 0.0)] = self.scene.initial_velocity
+        if self.shape is not self.steps:
+            found[(steps == 0) & (tau == 0.0)] = self.scene.initial_velocity
         return np.asarray(found)
 
     def _correction(self, steps: Places, tau: Array, h: Array) -> Array:
