@@ -8,7 +8,7 @@ What the parameter does to the motion is left to the linearised run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -43,7 +43,21 @@ ROUND_OFF = 1e-14
 """Of values of which differences are taken, relative."""
 STRAIGHT = 1e-14
 """Round-off of numbers on a straight line, relative."""
-FACTORS = {1: 2.0 / 3.0, -1: -2.0 / 3.0, 2: -1.0 / 12.0, -2: 1.0 / 12.0}
+FELT = 1e-8
+"""Relative round-off of a derivative above which longer differences are tried."""
+GROWTHS = 12
+"""Differences that are tried then, each ten times the one before."""
+
+Stencils = tuple[Mapping[int, float], Mapping[int, float]]
+"""Factors of the values at multiples of a difference, of order two and of order four."""
+CENTRAL: Stencils = (
+    {1: 0.5, -1: -0.5},
+    {1: 2.0 / 3.0, -1: -2.0 / 3.0, 2: -1.0 / 12.0, -2: 1.0 / 12.0},
+)
+FORWARD: Stencils = (
+    {0: -1.5, 1: 2.0, 2: -0.5},
+    {0: -25.0 / 12.0, 1: 4.0, 2: -3.0, 3: 4.0 / 3.0, 4: -0.25},
+)
 
 Values = Callable[[Scene, float], Sequence[Any]]
 """Arrays that are differentiated, by the scene and the value of the parameter."""
@@ -129,47 +143,115 @@ def differentiate(
         differentiated is not smooth there.
     """
     step = DIFFERENCE * (abs(one.value) or 1.0)
-    best: tuple[float, list[Any]] | None = None
+    best: _Differences | None = None
     for attempt in range(ATTEMPTS):
         try:
-            beside = {place: one.family(one.value + place * step) for place in (1, -1)}
             # over short differences everything is straight
-            straight = bool(is_straight)
-            if is_straight is None and attempt == 0:
-                straight = _is_affine(beside[-1], scene, beside[1])
-            if not straight:
-                beside |= {place: one.family(one.value + place * step) for place in (2, -2)}
-            for found in beside.values():
-                if (len(found.damping), found.dimension) != (len(scene.damping), scene.dimension):
-                    raise ValueError(f"{one.name}: beside {one.value:g} the scene is another one")
-            at = {place: values(found, one.value + place * step) for place, found in beside.items()}
+            may_be_straight = is_straight is None and attempt == 0
+            found = _central(one, scene, values, step, is_straight, may_be_straight)
         except ValueError:
             # an order beside 0 or 2
             if attempt == ATTEMPTS - 1 and best is None:
                 raise
             step *= 0.1
             continue
-        second = [(high - low) / (2.0 * step) for low, high in zip(at[-1], at[1], strict=True)]
-        if straight:
-            return second
-        fourth = [
-            np.asarray(sum(FACTORS[place] * at[place][index] for place in FACTORS) / step)
-            for index in range(len(second))
-        ]
-        noise = [ROUND_OFF * np.abs(one).max(initial=0.0) / step for one in at[1]]
-        doubt = max(_doubt(*three) for three in zip(second, fourth, noise, strict=True))
-        if best is None or doubt < best[0]:
-            best = (doubt, fourth)
-        if doubt <= AGREEMENT:
+        if found.is_exact:
+            return found.derivatives
+        if best is None or found.doubt < best.doubt:
+            best = found
+        if found.doubt <= AGREEMENT:
             break
         step *= 0.1
     assert best is not None
-    if best[0] > SMOOTH:
+    if best.doubt > SMOOTH:
         raise ValueError(
             f"{one.name}: what it changes is not smooth at {one.value:g}, and has no derivative; "
             "take another value"
         )
-    return best[1]
+    return _beyond_round_off(one, scene, values, best).derivatives
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Differences:
+    """Derivatives by differences, their relative doubt and relative round-off."""
+
+    step: float
+    derivatives: list[Any]
+    doubt: float = 0.0
+    noise: float = 0.0
+    is_exact: bool = False
+
+
+def _values_beside(
+    one: Variation, scene: Scene, values: Values, step: float, places: Iterable[int]
+) -> dict[int, list[Any]]:
+    beside = {place: one.family(one.value + place * step) for place in places}
+    for found in beside.values():
+        if (len(found.damping), found.dimension) != (len(scene.damping), scene.dimension):
+            raise ValueError(f"{one.name}: beside {one.value:g} the scene is another one")
+    return {place: list(values(found, one.value + place * step)) for place, found in beside.items()}
+
+
+def _central(
+    one: Variation,
+    scene: Scene,
+    values: Values,
+    step: float,
+    is_straight: bool | None,
+    may_be_straight: bool,
+) -> _Differences:
+    straight = bool(is_straight)
+    if may_be_straight:
+        low, high = (one.family(one.value + place * step) for place in (-1, 1))
+        straight = _is_affine(low, scene, high)
+    if straight:
+        at = _values_beside(one, scene, values, step, CENTRAL[0])
+        return _Differences(step=step, derivatives=_sums(CENTRAL[0], at, step), is_exact=True)
+    return _by_stencils(one, scene, values, step, CENTRAL)
+
+
+def _by_stencils(
+    one: Variation, scene: Scene, values: Values, step: float, stencils: Stencils
+) -> _Differences:
+    at = _values_beside(one, scene, values, step, stencils[1])
+    second, fourth = (_sums(stencil, at, step) for stencil in stencils)
+    noise = [ROUND_OFF * np.abs(value).max(initial=0.0) / step for value in at[1]]
+    sizes = [np.abs(value).max(initial=0.0) for value in fourth]
+    doubt = max(_doubt(*three) for three in zip(second, fourth, noise, strict=True))
+    shares = [float(a / size) for a, size in zip(noise, sizes, strict=True) if size > 0]
+    return _Differences(step=step, derivatives=fourth, doubt=doubt, noise=max(shares, default=0.0))
+
+
+def _sums(stencil: Mapping[int, float], at: Mapping[int, list[Any]], step: float) -> list[Any]:
+    count = len(next(iter(at.values())))
+    return [
+        np.asarray(sum(factor * at[place][index] for place, factor in stencil.items()) / step)
+        for index in range(count)
+    ]
+
+
+def _beyond_round_off(
+    one: Variation, scene: Scene, values: Values, found: _Differences
+) -> _Differences:
+    """Longer differences, on one side where there is but one, while round-off is felt in them.
+
+    A difference relative to a value near 0 is round-off and little else.
+    """
+    step = found.step
+    for _ in range(GROWTHS):
+        if found.noise <= FELT:
+            break
+        step *= 10.0
+        for stencils in (CENTRAL, FORWARD):
+            try:
+                longer = _by_stencils(one, scene, values, step, stencils)
+            except ValueError:
+                continue
+            # the factors on one side are larger
+            if longer.noise < found.noise and longer.doubt <= max(AGREEMENT, 20.0 * longer.noise):
+                found = longer
+            break
+    return found
 
 
 def _doubt(second: Array, fourth: Array, noise: float) -> float:

@@ -126,10 +126,12 @@ def predict_response(
     left = np.zeros((*response.shape, len(variations)), dtype=complex)
 
     def unbalanced(beside: Scene, _: float) -> list[ComplexArray]:
-        return [force(beside) - _applied(DynamicStiffness(beside), s, response)]
+        # apart: of their difference nobody could say what is round-off
+        applied = _applied(DynamicStiffness(beside), s, response)
+        return [np.broadcast_to(force(beside), applied.shape), -applied]
 
     for column, one in enumerate(variations):
-        (left[..., column],) = differentiate(one, scene, unbalanced, is_straight=False)
+        left[..., column] = sum(differentiate(one, scene, unbalanced, is_straight=False))
     slopes = solve(left) if variations else left
     predicted = []
     for series in data.series:
