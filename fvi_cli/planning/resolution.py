@@ -14,6 +14,7 @@ from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.growth_bound import PROBED_FRACTIONS
+from fvi_cli.integrator.local_error.pulses import pulses_that_move
 from fvi_cli.integrator.stability.linearisation import linearised_at_start
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array
@@ -25,6 +26,10 @@ TAKES_PART = 1e-3
 """Modes that move less than this share of the largest one do not count (guessed)."""
 MOST_MODES = 400
 """Degrees of freedom up to which periods are looked at."""
+NEGLIGIBLE_MOTION = 1e-9
+"""Pulses that move a scene by less than this share of its start do not count (guessed)."""
+STEPS_PER_PULSE = 2.0
+"""Steps up to so many times the length in which a pulse is a polynomial see it (guessed)."""
 SLACK = 1.0 + 1e-9
 DIFFERENCE = 1e-6
 """Times by which rates of arguments are found lie so far apart, relative to T."""
@@ -54,6 +59,7 @@ def resolution_remarks(scene: Scene, n_steps: int, *, grading: float = 1.0) -> t
                 f"steps: h = {step:.4g} is longer than the spacing {spacing:.4g} of "
                 f"{component.source}; {_advice(scene, spacing)}"
             )
+    found += _pulse_remark(scene, step)
     for period, whose in ((_own_period(scene), "motion"), (_forced_period(scene), "force")):
         if step > SLACK * period / STEPS_PER_PERIOD:
             found.append(
@@ -62,6 +68,24 @@ def resolution_remarks(scene: Scene, n_steps: int, *, grading: float = 1.0) -> t
                 f"{_advice(scene, period / STEPS_PER_PERIOD)}"
             )
     return tuple(dict.fromkeys(found))
+
+
+def _pulse_remark(scene: Scene, step: float) -> list[str]:
+    """Of the narrowest pulse that steps may pass over."""
+    size = float(np.abs(scene.initial_position).max())
+    size += scene.final_time * float(np.abs(scene.initial_velocity).max())
+    points = np.array(pulses_that_move(scene, NEGLIGIBLE_MOTION * size).points)
+    if points.size < 2:
+        return []
+    narrowest = int(np.diff(points).argmin())
+    width = float(points[narrowest + 1] - points[narrowest])
+    if step <= STEPS_PER_PULSE * width:
+        return []
+    return [
+        f"steps: h = {step:.4g} may pass over the pulse of the force near t = "
+        f"{points[narrowest]:.6g}, which asks for steps of {width:.3g}; "
+        f"{_advice(scene, STEPS_PER_PULSE * width)}"
+    ]
 
 
 def _advice(scene: Scene, wanted: float) -> str:

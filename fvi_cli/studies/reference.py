@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.local_error.pulses import pulses_that_move
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array
@@ -62,9 +63,9 @@ def find_reference(
     value, or further than that no more, or N reaches 16384. The difference of the last two is
     stated as its error, although the finer one, which is used, is usually much better.
 
-    For graded meshes, and where the smallest common grid is larger than that, the steps of the
-    refined run are adaptive, and its polynomials give the values between them; its difference from
-    a run of another degree and tolerance is stated as its error.
+    For graded meshes, for forces with narrow pulses, and where the smallest common grid is larger
+    than that, the steps of the refined run are adaptive, and its polynomials give the values
+    between them; its difference from a run of another degree and tolerance is stated as its error.
 
     A refined run that does not reach the end leaves nothing to compare with; the source says why.
     """
@@ -78,10 +79,16 @@ def find_references(
     """What :func:`find_reference` finds for each problem; their refined runs are made together."""
     unknown = [_scene_of(one) for one in problems if one.exact is None and _is_wanted(one)]
     common = math.lcm(*steps)
-    if grading == 1.0 and common <= MOST_STEPS:
-        refined = iter(_refined_together(unknown, common))
-    else:
-        refined = iter([_refined_adaptively(scene) for scene in unknown])
+    has_grid = grading == 1.0 and common <= MOST_STEPS
+    pulses = [_pulses_of(scene) for scene in unknown]
+    gentle = [one for one, found in zip(unknown, pulses, strict=True) if has_grid and not found]
+    together = iter(_refined_together(gentle, common))
+    refined = iter(
+        [
+            next(together) if has_grid and not found else _refined_adaptively(scene, found)
+            for scene, found in zip(unknown, pulses, strict=True)
+        ]
+    )
     references = []
     for problem in problems:
         if problem.exact is not None:
@@ -99,12 +106,19 @@ def _is_wanted(problem: AnyProblem) -> bool:
     return problem.exact_source != "none"
 
 
-def _refined_adaptively(scene: Scene) -> Reference:
+def _pulses_of(scene: Scene) -> tuple[float, ...]:
+    """Times that steps have to end at, lest they pass over pulses of the force."""
+    return pulses_that_move(scene, SUFFICIENT * likely_amplitude(scene)).points
+
+
+def _refined_adaptively(scene: Scene, pulses: tuple[float, ...]) -> Reference:
     """Polynomials of a run with adaptive steps, whatever the times that are asked for."""
     told = ""
     scale = likely_amplitude(scene) or 1.0
     better, worse = (
-        AdaptiveRuns(scene, degree, points=knots_of(scene), most_steps=MOST_STEPS)
+        AdaptiveRuns(
+            scene, degree, points=tuple(sorted({*knots_of(scene), *pulses})), most_steps=MOST_STEPS
+        )
         for degree in (8, 10)
     )
     for tolerance in (ROUGH, *TOLERANCES):

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 from letters import spring
 
+import fvi_cli as fvi
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.planning.resolution import resolution_remarks
 from fvi_cli.scenes.named import linear_oscillator, pendulum
+from fvi_cli.studies.experiment import FinishedRun
+from fvi_cli.studies.study import _reference_of
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -112,3 +115,45 @@ def test_runs_and_baselines_say_so_and_keep_it(
     assert result.stderr.count(words) == (2 if is_said else 0)
     recalled = json.loads(command_line.fvi("run", "coarse.yaml", "--json", code=0).stdout)
     assert json.dumps(recalled).count(words) == (2 if is_said else 0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_errors_of_ladders_know_of_pulses_that_all_steps_pass_over(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After a short push J a pendulum at rest swings by J sin(w (t - t0)) / w."""
+    random = np.random.default_rng([27, seed])
+    final_time = float(10 ** random.uniform(-2, 3))
+    rate = 2 * np.pi * 1.5 / final_time
+    place = final_time * float(random.uniform(0.05, 0.3))
+    width = final_time * float(10 ** random.uniform(-6, -4))
+    shape, area = [
+        (f"exp(-((t - {place!r})/{width!r})**2)", float(np.sqrt(np.pi))),
+        (f"1/cosh((t - {place!r})/{width!r})**2", 2.0),
+    ][seed % 2]
+    swing = 1e-3
+    config = {
+        "name": "made",
+        "problem": {
+            "kind": "pendulum",
+            "omega": rate,
+            "damping": [{"order": 0.5, "coefficient": 1e-7 * rate**1.5}],
+            "forcing": f"{swing * rate / (area * width)!r}*{shape}",
+            "final_time": final_time,
+        },
+        "method": {"rk": "gauss", "degree": 2},
+        "ladder": {"steps": [16, 48]},
+    }
+
+    def run() -> FinishedRun:
+        _reference_of.cache_clear()
+        (outcome,) = fvi.run(config)
+        return outcome.finished[1]
+
+    found = run()
+    assert np.abs(found.trajectory.position).max() < 1e-6 * swing
+    assert found.error == pytest.approx(swing, rel=0.02)
+    assert any("pulse" in remark and "near t = " in remark for remark in found.trajectory.remarks)
+    # the control: refined runs on grids that agree in passing over it
+    monkeypatch.setattr("fvi_cli.studies.reference._pulses_of", lambda scene: ())
+    assert run().error < 0.5 * swing

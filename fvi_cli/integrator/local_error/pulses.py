@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.forcing import ForceComponent, Forcing
 from fvi_cli.effects.sampled import SampledForce
-from fvi_cli.integrator.local_error.forces import may_hide_in
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.local_error.forces import SceneForces, may_hide_in
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.intervals.traced import trace
@@ -52,6 +53,16 @@ class Pulses:
     unresolved_at: float | None = None
 
 
+def pulses_that_move(scene: Scene, length: float) -> Pulses:
+    """Pulses of the force of the time that may move a scene by more than `length` until its end."""
+    if scene.forcing is None:
+        return Pulses()
+    forces = SceneForces(scene)
+    mobility = forces.mobility(scene.initial_position, scene.initial_velocity, 0.0)
+    negligible = length / (mobility * scene.final_time) if mobility > 0 else math.inf
+    return find_pulses(scene.forcing, scene.final_time, negligible)
+
+
 def find_pulses(forcing: Forcing | None, final_time: float, negligible: float) -> Pulses:
     """Look for pulses of a force in [0, T].
 
@@ -78,7 +89,10 @@ def find_pulses(forcing: Forcing | None, final_time: float, negligible: float) -
                 points.update(found.points)
                 unresolved += [] if found.unresolved_at is None else [found.unresolved_at]
         begin = end
-    return Pulses(points=tuple(sorted(points)), unresolved_at=min(unresolved, default=None))
+    # ends of neighbouring parts are rounded apart
+    ends = np.array(sorted(points))
+    kept = ends[np.diff(ends, prepend=-math.inf) > 8 * np.spacing(final_time)]
+    return Pulses(points=tuple(kept.tolist()), unresolved_at=min(unresolved, default=None))
 
 
 def _formula_of(component: ForceComponent) -> Expression | None:

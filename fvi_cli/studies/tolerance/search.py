@@ -17,7 +17,7 @@ from typing import Final
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import SceneForces
-from fvi_cli.integrator.local_error.pulses import Pulses, find_pulses
+from fvi_cli.integrator.local_error.pulses import Pulses, pulses_that_move
 from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.mathematics.arrays import Array
@@ -145,7 +145,8 @@ class _Search:
     def result(self) -> Trajectory:
         forces = SceneForces(self.scene)
         knots = knots_of(self.scene)
-        self.pulses = self._find_pulses(forces)
+        wanted = NEGLIGIBLE * self.target(likely_amplitude(self.scene))
+        self.pulses = pulses_that_move(self.scene, wanted)
         if self.pulses.points:
             return self._adaptively(forces, tuple(sorted({*knots, *self.pulses.points})))
         if knots and not forces.has_kinks:
@@ -153,14 +154,6 @@ class _Search:
             if found is not None:
                 return found
         return self._adaptively(forces, knots)
-
-    def _find_pulses(self, forces: SceneForces) -> Pulses:
-        """Pulses whose impulse, for the rest of the run, matters beside the tolerance."""
-        scene = self.scene
-        mobility = forces.mobility(scene.initial_position, scene.initial_velocity, 0.0)
-        wanted = NEGLIGIBLE * self.target(likely_amplitude(scene))
-        negligible = wanted / (mobility * scene.final_time) if mobility > 0 else math.inf
-        return find_pulses(scene.forcing, scene.final_time, negligible)
 
     def target(self, amplitude: float) -> float:
         """The tolerance as a length, for a motion of this size."""
