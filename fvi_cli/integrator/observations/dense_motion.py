@@ -33,6 +33,7 @@ import numpy as np
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.mesh_balance import damping_along
+from fvi_cli.integrator.meshes.singular_start import rate_jumps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.damper_work import alone, running_work, work_at
 from fvi_cli.integrator.observations.impacts import replayed
@@ -197,11 +198,7 @@ class DenseMotion:
 
     @cached_property
     def _starts_with_a_jump(self) -> bool:
-        """Whether a damping force is like t**(1 - order) at the start: its rate jumps there."""
-        return self.scene.derivative == "riemann-liouville" and any(
-            term.order > 1 and np.any(times(self.scene.initial_velocity, term.form) != 0)
-            for term in self.scene.active_damping
-        )
+        return rate_jumps(self.scene)
 
     def _velocity_slope(self, steps: Places, tau: Array) -> Array:
         """Derivatives of the velocity polynomials, shape ``(n, d)``."""
