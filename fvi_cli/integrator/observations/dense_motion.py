@@ -138,7 +138,8 @@ class DenseMotion:
     def velocity(self, steps: Places, tau: Array) -> Array:
         """Velocities, shape ``(n, d)``."""
         found = self.shape.velocity_in(steps, tau) + self._correction_rate(steps, tau[:, None])
-        found[(steps == 0) & (tau == 0.0)] = self.scene.initial_velocity
+        if self.shape is not self.steps:  # derivatives of a run are those of its polynomials
+            found[(steps == 0) & (tau == 0.0)] = self.scene.initial_velocity
         return np.asarray(found)
 
     def _correction(self, steps: Places, tau: Array, h: Array) -> Array:
