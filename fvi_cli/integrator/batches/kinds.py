@@ -13,6 +13,7 @@ from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.on_mesh import mesh_for
+from fvi_cli.integrator.run.regular import has_rough_momenta
 from fvi_cli.integrator.run.setup import writes_out
 
 LARGEST_STEP = 24
@@ -26,7 +27,7 @@ how many steps one more is needed."""
 
 def side_by_side(scene: Scene, method: Method, n_steps: int) -> Hashable | None:
     """What scenes have in common that are taken side by side; None: this one stands alone."""
-    if scene.lagrangian is not None or scene.is_sparse:
+    if scene.lagrangian is not None or scene.is_sparse or has_rough_momenta(scene, method):
         return None
     shared: Hashable = None
     if not method.is_runge_kutta:

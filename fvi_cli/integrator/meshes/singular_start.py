@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from fvi_cli.effects.forcing import ForceComponent, ForcingPiece
+from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import ForcingQuadrature
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
@@ -72,6 +73,17 @@ def start_power(
         else:
             powers.append(4.0 - order)
     return min(powers, default=None)
+
+
+def rate_jumps(scene: Scene) -> bool:
+    """Whether a damping force is like t**(1 - order) at t = 0 with an order above 1.
+
+    So are Riemann-Liouville derivatives of a motion with an initial velocity.
+    """
+    return scene.derivative == "riemann-liouville" and any(
+        term.order > 1 and np.any(times(scene.initial_velocity, term.form) != 0)
+        for term in scene.active_damping
+    )
 
 
 def fractional_power(piece: ForcingPiece) -> float | None:

@@ -8,9 +8,10 @@ exactly, and between them nothing is lost. With damping of an order above 1 the 
 used: :math:`M v = p_0 - \mu I^{2 - \gamma} v - \dots` at the end of a step has an error of
 :math:`h_1^{2 - \gamma}` (Riemann-Liouville, :math:`v_0 \neq 0`) or :math:`h_1^{3 - \gamma}` of the
 first step that never decays, since the stability function of a Gauss method is +-1 at infinity;
-a straight line then takes the shape to the positions. The damping force at any time is the
-polynomial through its stage values in that second run, and the acceleration follows from the
-equation of motion,
+a straight line then takes the shape to the positions. The slopes are those of the increments of
+the steps: in the shortest ones the difference of two positions is round-off. The damping force at
+any time is the polynomial through its stage values in that second run, and the acceleration
+follows from the equation of motion,
 
 .. math:: M a = f(t) - \nabla V(x) - \sum_j \mu_j D^{\gamma_j} x, \qquad
    L_{vv} a = L_x - L_{vx} v - L_{vt} + f - \sum_j \mu_j D^{\gamma_j} x,
@@ -32,6 +33,7 @@ import numpy as np
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.mesh_balance import damping_along
+from fvi_cli.integrator.meshes.singular_start import rate_jumps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.damper_work import alone, running_work, work_at
 from fvi_cli.integrator.observations.impacts import replayed
@@ -75,24 +77,28 @@ class DenseMotion:
     force: Array | None = None
     remark: str = ""
     method: Method | None = None
-    _ends: tuple[Array, Array, Array, Array] = field(init=False, repr=False)
+    _ends: tuple[Array, Array, Array, Array, Array] = field(init=False, repr=False)
     _works: dict[str, Array] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_ends", self._gaps())
 
-    def _gaps(self) -> tuple[Array, Array, Array, Array]:
-        """Position and velocity that the shape lacks at the left and right ends of steps."""
+    def _gaps(self) -> tuple[Array, Array, Array, Array, Array]:
+        """What the shape lacks of positions and velocities at both ends, and of mean velocities.
+
+        Mean velocities are those of the increments, since in short steps the difference of two
+        positions is round-off.
+        """
         steps, shape = self.steps, self.shape
         if shape is steps:
             nothing = np.zeros_like(steps.position[:-1])
-            return nothing, nothing, nothing, nothing
+            return nothing, nothing, nothing, nothing, nothing
         way = shape.step_size[:, None] * shape.unknowns[:, -1]
         begin = steps.position[:-1] - shape.position[:-1]
         end = steps.position[1:] - shape.position[:-1] - way
+        mean = steps.unknowns[:, -1] - shape.unknowns[:, -1]
         if any(term.order > 1 for term in self.scene.active_damping):
-            slope = (end - begin) / shape.step_size[:, None]
-            return begin, slope, end, slope
+            return begin, mean, end, mean, mean
         dynamics = dynamics_of(self.scene)
         with np.errstate(all="ignore"):
             velocity = dynamics.velocity(steps.position, steps.momentum, steps.time)
@@ -102,7 +108,7 @@ class DenseMotion:
                 before = dynamics.velocity(steps.position, at_end, steps.time)
         slopes = lobatto_basis(shape.tables.degree).derivatives([0.0, 1.0])[1:]
         left, right = np.einsum("sk,nsd->knd", slopes, shape.unknowns)
-        return begin, velocity[:-1] - left, end, before[1:] - right
+        return begin, velocity[:-1] - left, end, before[1:] - right, mean
 
     @property
     def end(self) -> float:
@@ -131,24 +137,21 @@ class DenseMotion:
 
     def velocity(self, steps: Places, tau: Array) -> Array:
         """Velocities, shape ``(n, d)``."""
-        h = self.steps.step_size[steps, None]
-        found = self.shape.velocity_in(steps, tau) + self._correction_rate(steps, tau[:, None], h)
-        if self.shape is not self.steps:
+        found = self.shape.velocity_in(steps, tau) + self._correction_rate(steps, tau[:, None])
+        if self.shape is not self.steps:  # derivatives of a run are those of its polynomials
             found[(steps == 0) & (tau == 0.0)] = self.scene.initial_velocity
         return np.asarray(found)
 
     def _correction(self, steps: Places, tau: Array, h: Array) -> Array:
-        a, va, b, vb = (one[steps] for one in self._ends)
+        a, va, b, vb = (one[steps] for one in self._ends[:-1])
         rest, both = 1.0 - tau, tau**2 * (3.0 - 2.0 * tau)
         return np.asarray(a + (b - a) * both + h * tau * rest * (va * rest - vb * tau))
 
-    def _correction_rate(self, steps: Places, tau: Array, h: Array) -> Array:
-        a, va, b, vb = (one[steps] for one in self._ends)
+    def _correction_rate(self, steps: Places, tau: Array) -> Array:
+        _, va, _, vb, mean = (one[steps] for one in self._ends)
         rest = 1.0 - tau
         return np.asarray(
-            6.0 * tau * rest * (b - a) / h
-            + va * rest * (1.0 - 3.0 * tau)
-            + vb * tau * (3.0 * tau - 2.0)
+            6.0 * tau * rest * mean + va * rest * (1.0 - 3.0 * tau) + vb * tau * (3.0 * tau - 2.0)
         )
 
     def damping(self, steps: Places, tau: Array) -> Array:
@@ -196,11 +199,7 @@ class DenseMotion:
 
     @cached_property
     def _starts_with_a_jump(self) -> bool:
-        """Whether a damping force is like t**(1 - order) at the start: its rate jumps there."""
-        return self.scene.derivative == "riemann-liouville" and any(
-            term.order > 1 and np.any(times(self.scene.initial_velocity, term.form) != 0)
-            for term in self.scene.active_damping
-        )
+        return rate_jumps(self.scene)
 
     def _velocity_slope(self, steps: Places, tau: Array) -> Array:
         """Derivatives of the velocity polynomials, shape ``(n, d)``."""

@@ -28,13 +28,12 @@ from fvi_cli.integrator.observations.bouncing import Bouncing
 from fvi_cli.integrator.observations.surface import (
     Surface,
     is_rough_behind_impacts,
-    smooth_momenta,
     start_objection,
 )
 from fvi_cli.integrator.run.loop import Course
 from fvi_cli.integrator.run.on_mesh import MOST_SHORTEST
 from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_run
-from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.run.steps_of_run import RunSteps, smooth_momenta
 from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array

@@ -12,6 +12,7 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.singular_start import rate_jumps
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observations.asked import Event, Observations, check_observable
 from fvi_cli.integrator.observations.damper_work import work_names
@@ -26,6 +27,7 @@ from fvi_cli.integrator.observations.pieces import (
     stations,
 )
 from fvi_cli.integrator.run.on_mesh import AnySteps
+from fvi_cli.integrator.run.regular import rough_remark
 from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory
@@ -221,6 +223,7 @@ def observe(
         quantities[name] = along(*at)
         extents[name] = extent_of(motion, along, end)
     remarks = (*((motion.remark,) if motion.remark else ()), *missing)
+    remarks += _rough_works(scene, asked)
     if stopped_by:
         remarks = (*remarks, f"stopped by the event {stopped_by} at t = {end:.10g}")
     on_mesh = replace(trajectory, remarks=(*trajectory.remarks, *remarks))
@@ -245,6 +248,18 @@ def observe(
         observed=observed,
     )
     return on_mesh, reported
+
+
+def _rough_works(scene: Scene, asked: Observations) -> tuple[str, ...]:
+    """What is said of works on single dampers that keep the error of the first step."""
+    if not rate_jumps(scene):
+        return ()
+    formulas = [*(asked.quantities or {}).values()]
+    formulas += [one.when for one in (asked.events or {}).values()]
+    used = frozenset[str]().union(*(one.names for one in formulas))
+    pairs = zip(work_names(scene), scene.damping, strict=False)
+    found = [name for name, term in pairs if term.order > 1 and name in used]
+    return tuple(rough_remark(scene, f"{name} keeps") for name in found)
 
 
 def along_motion(motion: DenseMotion, asked: Observations, expression: Expression) -> FormulaAlong:

@@ -13,8 +13,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.observations.asked import Impact
-from fvi_cli.integrator.run.steps_of_run import RunSteps
-from fvi_cli.integrator.steps.dynamics import General, Separable
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import slopes_of
@@ -159,34 +157,6 @@ def velocity_at_end(
     np.fill_diagonal(apart, 1.0)
     weights = np.where(np.eye(places.size, dtype=bool), 1.0, -places / apart).prod(axis=1)
     return np.asarray(weights @ np.concatenate(list(stages)))
-
-
-def smooth_momenta(
-    steps: RunSteps, dynamics: Separable | General, breaks: Sequence[float]
-) -> Array:
-    """Momenta at the points of a mesh from the velocities at the stages, shape ``(n + 1, d)``."""
-    n, found = steps.n_steps, steps.momentum.copy()
-    jumps = np.zeros_like(found) if steps.jump is None else steps.jump
-    is_edge = np.any(jumps != 0.0, axis=1) | np.isin(steps.time, breaks)
-    is_edge[[0, n]] = True
-    for point in range(1, n + 1):
-        # the steps on both sides; at the end of a flight, and at its first point, on one
-        first, last = point - 1, point
-        if is_edge[point]:
-            first, last = (first if is_edge[first] else first - 1), first
-        elif is_edge[first]:
-            first, last = point, (point if is_edge[point + 1] else point + 1)
-        chosen = slice(first, last + 1)
-        velocity = velocity_at_end(
-            steps.time[1:][chosen].tolist(),
-            steps.step_size[chosen].tolist(),
-            list(steps.velocity[chosen]),
-            steps.tables.points,
-            float(steps.time[point]),
-        )
-        time = float(steps.time[point])
-        found[point] = dynamics.momentum(steps.position[point], velocity, time) + jumps[point]
-    return found
 
 
 def power_behind_impact(scene: Scene) -> float | None:

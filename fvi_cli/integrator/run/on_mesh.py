@@ -23,7 +23,12 @@ from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.loop import Course, march_adaptively
 from fvi_cli.integrator.run.march import March, MeshPlan
-from fvi_cli.integrator.run.regular import regular_until
+from fvi_cli.integrator.run.regular import (
+    has_rough_momenta,
+    keeps_for_momenta,
+    regular_until,
+    rough_remarks,
+)
 from fvi_cli.integrator.run.setup import (
     RunSetup,
     first_marker,
@@ -32,7 +37,7 @@ from fvi_cli.integrator.run.setup import (
     ready_on_mesh,
 )
 from fvi_cli.integrator.run.sink import Sink
-from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.run.steps_of_run import smooth_momenta
 from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper, march_with_checkpoints
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory, status_of
@@ -177,10 +182,10 @@ def integrate_on_mesh(
         If there is no room for the points that are kept.
     """
     began = clock.perf_counter()
-    keeps = with_steps or not diagnostics.is_empty
-    sink = Sink(every=every, with_steps=keeps)
+    sink = Sink(every=every, with_steps=with_steps or not diagnostics.is_empty)
     if isinstance(steps, AdaptiveSteps):
         setup = prepared or prepare_adaptive(scene, method, steps)
+        sink.with_steps |= has_rough_momenta(scene, method)
         ended, finished, count = _adaptive(setup, steps, sink, checkpoints)
         fresh_at = (0.0, *scene.break_points)
         ready = began
@@ -198,6 +203,7 @@ def integrate_on_mesh(
         bound = scene_bound(scene, scene.final_time / max(count, 1))
         setup = ready_on_mesh(scene, method, mesh, bound)
         ready = clock.perf_counter()
+        sink.with_steps |= keeps_for_momenta(scene, method, mesh.n_steps)
         ended = _given(setup, mesh, sink, checkpoints)
         finished = clock.perf_counter()
         fresh_at = tuple(one.begin for one in mesh.stretches if one.is_fresh)
@@ -333,7 +339,13 @@ def trajectory_of(
     """What is reported of a finished run."""
     scene, dynamics = setup.scene, setup.stepper.solver.dynamics
     time, position, momentum = sink.time, sink.position, sink.momentum
-    failure = ended.failure
+    failure, remarks = ended.failure, setup.remarks
+    steps = sink.steps(setup.stepper.solver.tables) if sink.with_steps else None
+    if has_rough_momenta(scene, setup.method):
+        if steps is not None:
+            every_momentum = smooth_momenta(steps, dynamics, scene.break_points)
+            momentum = every_momentum[np.searchsorted(steps.time, time)]
+        remarks += rough_remarks(scene, diagnostics, are_stored_smooth=steps is not None)
     with np.errstate(all="ignore"):
         energy = dynamics.energy(position, momentum, time)
     if isinstance(dynamics, General):
@@ -344,20 +356,9 @@ def trajectory_of(
             )
             failure = irregular
     finite = bool(np.isfinite(position).all() and np.isfinite(momentum).all())
-    steps = None
     found = None
-    if with_steps or not diagnostics.is_empty:
-        mesh, sizes, positions, momenta, velocity = sink.steps()
-        steps = RunSteps(
-            tables=setup.stepper.solver.tables,
-            time=mesh,
-            position=positions,
-            momentum=momenta,
-            step_size=sizes,
-            velocity=velocity,
-        )
     if steps is not None and not diagnostics.is_empty and steps.n_steps:
-        fresh = np.isin(mesh[:-1], np.array(fresh_at))
+        fresh = np.isin(steps.time[:-1], np.array(fresh_at))
         with np.errstate(all="ignore"):
             every_point = diagnose_run(
                 steps,
@@ -367,7 +368,7 @@ def trajectory_of(
                 diagnostics,
                 has_kicks=setup.method.sampling == "nodes",
             )
-        found = every_point.at(np.searchsorted(mesh, time))
+        found = every_point.at(np.searchsorted(steps.time, time))
     return Trajectory(
         time=time,
         position=position,
@@ -387,5 +388,5 @@ def trajectory_of(
         steps=steps if with_steps else None,
         rejected=ended.rejected,
         doubts=ended.doubts,
-        remarks=setup.remarks,
+        remarks=remarks,
     )

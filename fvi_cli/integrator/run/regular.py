@@ -1,12 +1,48 @@
-"""How far a motion is regular: where it has a positive mass matrix and an energy."""
+"""How far a motion is regular: where it has a mass matrix, an energy, and momenta to the order."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from fvi_cli.effects.lagrangian import Lagrangian
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.balances.diagnostics import Asked
 from fvi_cli.integrator.failure import Failure
+from fvi_cli.integrator.meshes.singular_start import rate_jumps
+from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array
+
+MOST_FOR_MOMENTA = 2**27
+"""Numbers that are kept of the steps for the sake of the momenta, at most."""
+
+
+def has_rough_momenta(scene: Scene, method: Method) -> bool:
+    """Whether momenta at mesh points keep an error of the first step, h**(2 - order), for good."""
+    return method.cq == "gauss" and rate_jumps(scene)
+
+
+def keeps_for_momenta(scene: Scene, method: Method, n_steps: int) -> bool:
+    """Whether all steps are kept since the momenta are told by their velocities."""
+    size = n_steps * scene.dimension * (method.degree + 2)
+    return has_rough_momenta(scene, method) and size <= MOST_FOR_MOMENTA
+
+
+def rough_remarks(scene: Scene, asked: Asked, *, are_stored_smooth: bool) -> tuple[str, ...]:
+    """What is known to the first step's error only, where the momenta of a method are rough."""
+    what = [] if are_stored_smooth else ["momenta and energies"]
+    what += ["dissipated work and energies of the balance"] if asked.energy_balance else []
+    what += ["momentum maps"] if asked.symmetries else []
+    more = "; positions do not, nor do velocities by quantities, such as vx"
+    return (rough_remark(scene, f"{' and '.join(what)} keep", more),) if what else ()
+
+
+def rough_remark(scene: Scene, what: str, more: str = "") -> str:
+    """Say what keeps the error of the first step."""
+    order = max(term.order for term in scene.active_damping)
+    return (
+        f"{what} an error like h**{2 - order:.4g} of the first step h (a Riemann-Liouville "
+        f"derivative of order {order:g} of a motion with an initial velocity){more}"
+    )
 
 
 def regular_until(

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.arrays import Array
 
 _LAST = ("last_time", "last_position", "last_momentum")
@@ -165,15 +167,16 @@ class Sink:
         """Momenta of the kept points, shape ``(n, d)``."""
         return _joined(self._momenta)
 
-    def steps(self) -> tuple[Array, Array, Array, Array, Array]:
-        """Mesh, step sizes, positions, momenta and stage velocities of all steps."""
+    def steps(self, tables: StepTables) -> RunSteps:
+        """All steps, of a method with these tables."""
         d = self._positions[0].shape[1]
-        return (
-            _joined(self._mesh),
-            _joined(self._sizes) if self._sizes else np.zeros(0),
-            _joined(self._mesh_positions),
-            _joined(self._mesh_momenta),
-            _joined(self._velocities) if self._velocities else np.zeros((0, 1, d)),
+        return RunSteps(
+            tables=tables,
+            time=_joined(self._mesh),
+            step_size=_joined(self._sizes) if self._sizes else np.zeros(0),
+            position=_joined(self._mesh_positions),
+            momentum=_joined(self._mesh_momenta),
+            velocity=_joined(self._velocities) if self._velocities else np.zeros((0, 1, d)),
         )
 
 

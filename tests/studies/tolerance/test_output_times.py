@@ -119,8 +119,8 @@ def spoil(monkeypatch: pytest.MonkeyPatch) -> None:
     gaps = dense_motion.DenseMotion._gaps
 
     def wrong(self):
-        begin, left, end, right = gaps(self)
-        return begin, left + 1e-3, end, right + 1e-3
+        begin, left, end, right, mean = gaps(self)
+        return begin, left + 1e-3, end, right + 1e-3, mean
 
     monkeypatch.setattr(dense_motion.DenseMotion, "_gaps", wrong)
 

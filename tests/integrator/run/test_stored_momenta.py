@@ -1,0 +1,128 @@
+"""Momenta and energies at mesh points against the motion, for all orders above 1: a class."""
+
+import numpy as np
+import pytest
+from letters import swing
+from numpy.typing import NDArray
+from oracles.volterra import solve_volterra
+
+import fvi_cli as fvi
+from fvi_cli.effects.diagnostics_request import Asked
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.mesh import uniform_mesh
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run import on_mesh, regular
+from fvi_cli.integrator.run.parts import integrate_part
+
+Array = NDArray[np.float64]
+
+FINAL_TIME, SPEED = 1.2, 0.3
+ORDERS = (1.05, 1.2, 1.4, 1.6, 1.75, 1.9, 1.99)
+DIAGONAL = [
+    order if n % 3 == 1 else pytest.param(order, marks=pytest.mark.slow)
+    for n, order in enumerate(ORDERS)
+]
+GRADED, EQUAL = "gauss4-graded", Method(cq="gauss", degree=4, start="none")
+
+
+def scene_of(derivative: str, *terms: tuple[float, float]) -> Scene:
+    place = -1.375 if derivative == "caputo" else 0.0
+    return swing(*terms, T=FINAL_TIME, x=place, v=SPEED, derivative=derivative)
+
+
+def errors(scene: Scene, terms: tuple[tuple[float, float], ...], run: fvi.Trajectory) -> Array:
+    """Of stored momenta and energies, relative, away from the start; shape ``(2,)``."""
+    late = run.time > 0.1 * FINAL_TIME
+    x0, v0 = scene.initial_position, scene.initial_velocity
+    known = solve_volterra(
+        1.0,
+        terms,
+        np.sin,
+        lambda x: np.cos(x)[..., None],
+        None,
+        x0,
+        v0,
+        FINAL_TIME,
+        derivative=scene.derivative,
+    )
+    x, v = known.position(run.time[late])[:, 0], known.velocity(run.time[late])[:, 0]
+    energy = v**2 / 2 + 1 - np.cos(x)
+    momentum = np.abs(run.momentum[late, 0] - v).max() / np.abs(v).max()
+    return np.array([momentum, np.abs(run.energy[late] - energy).max() / energy.max()])
+
+
+@pytest.mark.parametrize("derivative", ["caputo", "riemann-liouville"])
+@pytest.mark.parametrize("order", DIAGONAL)
+def test_stored_momenta_and_energies_are_those_of_the_motion(derivative, order):
+    terms = ((order, 0.4), (0.6, 0.1)) if order in ORDERS[::2] else ((order, 0.4),)
+    scene = scene_of(derivative, *terms)
+    assert errors(scene, terms, fvi.integrate(scene, GRADED, 64)).max() < 1e-10
+    thinned = fvi.integrate(scene, GRADED, 64, every=3)
+    assert errors(scene, terms, thinned).max() < 1e-10
+    adaptive = fvi.integrate(scene, "gauss4", fvi.AdaptiveSteps(tolerance=1e-9))
+    assert errors(scene, terms, adaptive).max() < 1e-7
+
+
+@pytest.mark.parametrize("order", [1.6, 1.9])
+def test_the_steps_stay_as_they_are_and_the_error_is_seen_without(order, monkeypatch):
+    terms = ((order, 0.4),)
+    scene = scene_of("riemann-liouville", *terms)
+    run = fvi.integrate(scene, GRADED, 64)
+    monkeypatch.setattr(on_mesh, "has_rough_momenta", lambda *_: False)
+    monkeypatch.setattr(regular, "has_rough_momenta", lambda *_: False)
+    before = fvi.integrate(scene, GRADED, 64)
+    assert np.array_equal(before.position, run.position)
+    # the control: the momenta of the recursion
+    assert errors(scene, terms, before).max() > 1e-8
+
+
+@pytest.mark.parametrize("order", [1.3, pytest.param(1.95, marks=pytest.mark.slow)])
+def test_members_of_a_sweep_have_the_momenta_of_single_runs(order):
+    scenes = [scene_of("riemann-liouville", (order, c)) for c in np.linspace(0.1, 0.5, 20)]
+    for scene, run in zip(scenes, fvi.integrate_members(scenes, GRADED, 32), strict=True):
+        alone = fvi.integrate(scene, GRADED, 32)
+        assert np.abs(run.momentum - alone.momentum).max() < 1e-13
+
+
+def test_other_motions_keep_the_momenta_of_the_recursion(monkeypatch):
+    rest = swing((1.75, 0.4), T=FINAL_TIME, derivative="riemann-liouville", forcing="sin(t)")
+    several = [scene_of("caputo", (1.75, 0.4)), scene_of("riemann-liouville", (0.7, 0.4)), rest]
+    runs = [fvi.integrate(scene, GRADED, 32) for scene in several]
+    monkeypatch.setattr(on_mesh, "has_rough_momenta", lambda *_: False)
+    for scene, run in zip(several, runs, strict=True):
+        assert np.array_equal(fvi.integrate(scene, GRADED, 32).momentum, run.momentum)
+        assert not run.remarks
+
+
+def test_what_keeps_the_error_is_said():
+    scene = scene_of("riemann-liouville", (1.75, 0.4))
+    asked = Asked(energy_balance=True)
+    (said,) = integrate(scene, EQUAL, 40, diagnostics=asked).remarks
+    assert said.startswith("dissipated work and energies of the balance keep an error")
+    assert "h**0.25 " in said
+    assert "order 1.75 " in said
+    part = integrate_part(scene, EQUAL, 40).trajectory
+    assert part.remarks[0].startswith("momenta and energies keep an error like h**0.25 of")
+    assert not fvi.integrate(scene, EQUAL, 40).remarks
+    both = scene_of("riemann-liouville", (1.75, 0.4), (0.6, 0.1))
+    works = {"w": "work_1 + work_2", "v": "vx"}
+    (said,) = fvi.integrate(both, EQUAL, 40, quantities=works).remarks
+    assert said.startswith("work_1 keeps an error like h**0.25 of the first step")
+    assert not integrate(scene_of("caputo", (1.75, 0.4)), EQUAL, 40, diagnostics=asked).remarks
+
+
+def test_runs_too_large_to_keep_their_steps_say_so(monkeypatch):
+    monkeypatch.setattr(regular, "MOST_FOR_MOMENTA", 100)
+    run = integrate(scene_of("riemann-liouville", (1.75, 0.4)), EQUAL, 40)
+    assert run.remarks[0].startswith("momenta and energies keep an error like h**0.25 of")
+
+
+def test_equal_steps_have_errors_of_their_order():
+    scene = scene_of("riemann-liouville", (1.5, 0.4))
+    found = [
+        errors(scene, ((1.5, 0.4),), integrate(scene, EQUAL, uniform_mesh(FINAL_TIME, n)))[0]
+        for n in (40, 80)
+    ]
+    # positions have h**(3 - order) of the first step; the recursion has h**(2 - order)
+    assert found[1] < 0.45 * found[0]
