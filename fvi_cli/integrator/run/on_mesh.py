@@ -339,6 +339,10 @@ def trajectory_of(
     if isinstance(dynamics, General):
         kept, irregular = regular_until(dynamics.lagrangian, position, momentum, energy, time)
         if irregular:
+            if kept == 0:
+                # no velocity was found from the momentum of the start, where it is given
+                kept, start = 1, (scene.initial_position, scene.initial_velocity)
+                energy[0] = dynamics.lagrangian.energy(*start, 0.0)
             time, position, momentum, energy = (
                 one[:kept] for one in (time, position, momentum, energy)
             )
