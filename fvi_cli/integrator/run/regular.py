@@ -7,6 +7,7 @@ import numpy as np
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.matrices.definite import least_scaled_eigenvalue
 
 
 def regular_until(
@@ -30,7 +31,8 @@ def regular_until(
         velocity = lagrangian.velocity(position, momentum, grid)
         mass = lagrangian.derivatives(position, velocity, grid).mass
     wrong = np.logical_not(np.isfinite(mass.reshape(grid.size, -1)).all(axis=1))
-    smallest = np.linalg.eigvalsh(np.where(np.expand_dims(wrong, (1, 2)), 0.0, mass)).min(axis=1)
+    mass = np.where(np.expand_dims(wrong, (1, 2)), 0.0, mass)
+    smallest = least_scaled_eigenvalue(mass)
     bad = np.flatnonzero(~(smallest > 0) | ~np.isfinite(energy))
     if not bad.size:
         return grid.size, None
@@ -44,6 +46,6 @@ def regular_until(
         return first, Failure(words, "irregular", step, time)
     words = (
         f"{place}the mass matrix d2L/dv2 is not positive definite any more "
-        f"(smallest eigenvalue {smallest[first]:.3g})"
+        f"(smallest eigenvalue {np.linalg.eigvalsh(mass[first])[0]:.3g})"
     )
     return first, Failure(words, "irregular", step, time)
