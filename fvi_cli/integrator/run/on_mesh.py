@@ -14,7 +14,7 @@ from fvi_cli.integrator.balances.mesh_balance import diagnose_run
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.failure import Failure
-from fvi_cli.integrator.growth_bound import scene_bound
+from fvi_cli.integrator.growth_bound import energy_remarks, scene_bound
 from fvi_cli.integrator.local_error.examine import Examiner
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
@@ -333,7 +333,7 @@ def trajectory_of(
     """What is reported of a finished run."""
     scene, dynamics = setup.scene, setup.stepper.solver.dynamics
     time, position, momentum = sink.time, sink.position, sink.momentum
-    failure = ended.failure
+    failure, force = ended.failure, setup.stepper.loads.largest_force
     with np.errstate(all="ignore"):
         energy = dynamics.energy(position, momentum, time)
     if isinstance(dynamics, General):
@@ -391,5 +391,7 @@ def trajectory_of(
         steps=steps if with_steps else None,
         rejected=ended.rejected,
         doubts=ended.doubts,
-        remarks=setup.remarks,
+        remarks=setup.remarks
+        if failure
+        else (*setup.remarks, *energy_remarks(scene, position, energy, force)),
     )

@@ -143,9 +143,8 @@ def frozen_law(
             velocity = dynamics.velocity(position, momentum, time)
             at = dynamics.lagrangian.derivatives(position, velocity, time)
         if np.isfinite(at.mass).all() and least_scaled_eigenvalue(at.mass) > 0:
-            mass = 0.5 * (at.mass + at.mass.T)
-            if np.isfinite(at.stiffness).all():
-                stiffness = -0.5 * (at.stiffness + at.stiffness.T)
+            mass, found = 0.5 * (at.mass + at.mass.T), at.stiffness
+            stiffness = -0.5 * (found + found.T) if np.isfinite(found).all() else stiffness
         return LagrangianLaw(lagrangian=dynamics.lagrangian, mass=mass, stiffness=stiffness)
     if dynamics.potential is None:
         raise ValueError("potential: a linear scene needs no iteration")
