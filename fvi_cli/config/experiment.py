@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any, Final
+
+import numpy as np
 
 from fvi_cli.config.fits.settings import fit_settings
 from fvi_cli.config.keys.accuracy import USUAL, accuracy_of, adaptive_methods, check_accuracy
@@ -26,6 +29,7 @@ from fvi_cli.config.members import ReadMembers, check_total_memory, make_members
 from fvi_cli.config.memory import bytes_at_most, derivative_bytes, in_gigabytes, machine_bytes
 from fvi_cli.config.problem import break_points, make_problem
 from fvi_cli.effects.diagnostics_request import NOTHING
+from fvi_cli.effects.matrices import is_semidefinite
 from fvi_cli.integrator.break_points import TOLERANCE
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.observations.asked import Observations
@@ -33,10 +37,13 @@ from fvi_cli.integrator.run.objections import law_objection
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
+from fvi_cli.scenes.structures.matrix_keys import file_form
 from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import Experiment
+from fvi_cli.studies.members import Member
 
 _logger = logging.getLogger(__name__)
+_FACTOR: Final = re.compile(r"problem\.damping\.\d+\.(coefficient|matrix)")
 
 # Break points are taken for fractions of the interval with denominators up to this.
 _LARGEST_DENOMINATOR: Final = 2**20
@@ -91,6 +98,8 @@ def make_experiment(values: Mapping[str, Any], name: str, at: Cursor) -> ReadExp
         check_units(values, problem, at)
         if at.has(SWEEP):
             members = _make_members(described, methods, steps, grading, at)
+            if members is not None and not values["allow_unstable"]:
+                _warn_of_negative_members(members[0], at.under(SWEEP))
             if members is not None and isinstance(every, int):
                 dimension = problem.scene.dimension if isinstance(problem, Problem) else 1
                 points = [n_steps // every + 2 for n_steps in steps]
@@ -140,16 +149,46 @@ def _warn_of_negative_damping(described: Mapping[str, Any], at: Cursor) -> None:
     """Say which factors of damping are negative: a sign is easily wrong."""
     terms = described.get("damping")
     for index, term in enumerate(terms if isinstance(terms, list) else []):
-        value = term.get("coefficient") if isinstance(term, Mapping) else None
-        if isinstance(value, int | float) and value < 0:
-            under = at.under("damping", index, "coefficient")
-            _logger.warning(
-                "%s: problem.damping.%d.coefficient: %g is negative, it drives the motion; if that "
-                "is meant write allow_unstable: true",
-                under.node.place,
-                index,
-                value,
-            )
+        for key in ("coefficient", "matrix"):
+            words = _driving(term.get(key)) if isinstance(term, Mapping) else ""
+            if words:
+                under = at.under("damping", index, key)
+                _warn(under, f"problem.damping.{index}.{key}", words)
+
+
+def _warn_of_negative_members(members: Sequence[Member], at: Cursor) -> None:
+    """The same of factors that a sweep goes through; the first of each."""
+    found: dict[str, str] = {}
+    for member in members:
+        for path, value in member.values.items():
+            if path not in found and _FACTOR.fullmatch(path) and (words := _driving(value)):
+                found[path] = words
+    for path, words in found.items():
+        _warn(at, path, words)
+
+
+def _warn(at: Cursor, path: str, words: str) -> None:
+    _logger.warning(
+        "%s: %s: %s, it drives the motion; if that is meant write allow_unstable: true",
+        at.node.place,
+        path,
+        words,
+    )
+
+
+def _driving(value: object) -> str:
+    """Why a factor of damping drives a motion in some direction; empty where it does not."""
+    if isinstance(value, int | float):
+        return f"{value:g} is negative" if value < 0 else ""
+    try:
+        form = np.array(value, dtype=float) if isinstance(value, list) else file_form(value)
+    except (TypeError, ValueError):
+        # what is wrong with it is said elsewhere
+        return ""
+    is_square = form is not None and len(form.shape) == 2 and form.shape[0] == form.shape[1]
+    if form is None or not is_square or is_semidefinite(form):
+        return ""
+    return "the matrix has a negative eigenvalue"
 
 
 def _methods_of(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.matrices.definite import singular_words
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array, csr_array
@@ -291,9 +292,9 @@ def negative_pivots(matrix: SparseMatrix) -> int:
 
 
 def is_definite(matrix: Form) -> bool:
-    """Whether a symmetric matrix is positive definite."""
+    """Whether a symmetric matrix is positive definite, a dense one beyond its round-off."""
     if isinstance(matrix, np.ndarray):
-        return bool(np.linalg.eigvalsh(matrix)[0] > 0)
+        return not singular_words(matrix)
     return negative_pivots(matrix) == 0
 
 

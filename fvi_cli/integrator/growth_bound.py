@@ -23,6 +23,9 @@ TOLERATED_FACTOR = 1e8
 TOLERATED_ENERGY = 1e12
 """How much more energy a nonlinear scene may gain than start values, forces and potential give."""
 
+PERMITTED_ENERGY = 1e4
+"""So many times the energy that a scene has, a run that is right cannot have: 100 times the way."""
+
 FLEXIBILITY_SWEEPS = 10
 
 ON_THE_WAY = np.concatenate([np.linspace(0.0, 1.0, 65), 2.0 ** -np.arange(7.0, 60.0)])
@@ -222,3 +225,37 @@ def scene_bound(scene: Scene, step_size: float) -> GrowthBound:
             values = np.abs(scene.forcing(inside))
         force = float(values[np.isfinite(values)].max(initial=0.0))
     return _bound(scene, step_size, force)
+
+
+def energy_remarks(
+    scene: Scene, position: Array, energy: Array, largest_force: float
+) -> tuple[str, ...]:
+    r"""Whether a run has far more energy than its scene permits, in words for its reader.
+
+    Forces of damping that only take energy leave
+
+    .. math:: \sqrt{E(t) - V_0} \le \sqrt{E(0) - V_0} + F t \sqrt{d / (2 m)}
+
+    with the least potential energy :math:`V_0` on the way, the largest entry F of the forcing and
+    the least eigenvalue m of the mass. Nothing is said of derivatives of order above 1 that begin
+    with a velocity, nor of Riemann-Liouville derivatives, whose start gives energy.
+    """
+    starts_free = scene.derivative == "caputo" and (
+        not scene.initial_velocity.any() or all(one.order <= 1 for one in scene.active_damping)
+    )
+    if scene.lagrangian is not None or not starts_free or not energy.size:
+        return ()
+    with np.errstate(all="ignore"):
+        least = 0.0 if scene.potential is None else float(scene.potential.energy(position).min())
+        push = largest_force * scene.final_time * math.sqrt(0.5 * scene.dimension)
+        push *= math.sqrt(_largest_flexibility(scene.inertia)) if push else 0.0
+        permitted = (math.sqrt(max(float(energy[0]) - least, 0.0)) + push) ** 2
+        reached = float(energy.max()) - least
+    if not 0 < PERMITTED_ENERGY * permitted < reached:
+        return ()
+    if not all(is_semidefinite(one.form) for one in scene.active_forces):
+        return ()
+    return (
+        f"unstable: its energy rises to {reached / permitted:.1e} times what the start and the "
+        "forces of the scene permit; take shorter steps, or rk: gauss",
+    )

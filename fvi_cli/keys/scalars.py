@@ -20,6 +20,7 @@ from fvi_cli.keys.cursor import INVALID, Cursor, is_complete, needed
 from fvi_cli.keys.nodes import ListNode, ScalarNode, describe
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.mathematics.matrices.definite import singular_words
 
 Schema = dict[str, Any]
 
@@ -310,11 +311,8 @@ class Matrix:
                 )
         if not self.positive:
             return rows
-        # scaled, so that the squares of huge entries stay finite
-        smallest = float(np.linalg.eigvalsh(matrix / scale)[0]) * scale if scale else 0.0
-        if smallest > 0:
-            return rows
-        return at.refuse(f"the smallest eigenvalue is {smallest:g}; it must be positive (definite)")
+        wrong = singular_words(matrix)
+        return at.refuse(f"the {wrong}") if wrong else rows
 
     def schema(self) -> Schema:
         """The shape in JSON schema."""

@@ -8,6 +8,8 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, TypeVar
 
+import numpy as np
+
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
@@ -20,17 +22,20 @@ from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.records.at2_samples import SUFFIX, read_at2_samples
 from fvi_cli.scenes.records.csv_samples import read_csv_samples
 from fvi_cli.scenes.records.data_files import (
+    CONTENT_SHA256,
     SHA256,
     DataFileError,
     file_under,
     read_once,
     with_content,
+    without_digest,
 )
 from fvi_cli.scenes.records.samples import (
     LARGEST_TEXT,
     end_of_samples,
     sampled_component,
     samples_as_text,
+    samples_from_text,
 )
 
 T = TypeVar("T")
@@ -38,10 +43,27 @@ T = TypeVar("T")
 
 def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
     """The keys of samples with ``sha256`` and ``content`` filled in from the file."""
-    if "content" in values:
-        return values
     file, name = file_under(values, at)
     is_at2 = file.suffix.lower() == SUFFIX
+    columns = () if is_at2 else (values["time"], values.get("column", ""))
+
+    def read() -> tuple[str, int, str]:
+        found = read_at2_samples(file, name) if is_at2 else read_csv_samples(file, name, *columns)
+        return found.sha256, found.time.size, samples_as_text(found.time, found.values)
+
+    def is_same() -> bool:
+        sha256, _, text = read_once(at, ("samples", file, *columns), read)
+        if sha256 != values["sha256"].lower():
+            return True
+        pairs = zip(samples_from_text(text), samples_from_text(values["content"]), strict=True)
+        return all(np.array_equal(*pair) for pair in pairs)
+
+    if "content" in values:
+        try:
+            samples_from_text(values["content"])
+        except ValueError as error:
+            return at.refuse(str(error))
+        return without_digest(values, at, is_same=is_same)
     if is_at2 == ("column" in values):
         if not is_at2 and not file.exists():
             return at.refuse(f"{name}: cannot be read: no such file", "file")
@@ -50,12 +72,6 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
             "in .at2)"
         )
         return at.refuse("not for AT2, which has one column" if is_at2 else wrong, "column")
-    columns = () if is_at2 else (values["time"], values["column"])
-
-    def read() -> tuple[str, int, str]:
-        found = read_at2_samples(file, name) if is_at2 else read_csv_samples(file, name, *columns)
-        return found.sha256, found.time.size, samples_as_text(found.time, found.values)
-
     try:
         sha256, count, text = read_once(at, ("samples", file, *columns), read)
     except DataFileError as error:
@@ -110,6 +126,7 @@ SAMPLES: Final = Checked(
                 Text(what="samples as fvi writes them"),
                 "Times and values in short; filled in, and used in place of the file.",
             ),
+            CONTENT_SHA256,
         ),
         refused=dict.fromkeys(
             ("unit", "units"), "not a key: write scale, such as scale: 9.81 for a record in g"

@@ -27,10 +27,8 @@ from fvi_cli.mathematics.algebra.derivatives import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.mathematics.matrices.definite import singular_words
 from fvi_cli.scenes.data import Damper, SceneData, make_scene, per_coordinate, with_dampers
-
-LEAST_MASS = 1e-12
-"""Smallest eigenvalue of a mass matrix that counts as positive, relative to the largest."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -285,12 +283,12 @@ def _matrix(
 
 def _check_mass(mass: Array, velocities: tuple[str, ...], where: str) -> None:
     missing = [v for v, row in zip(velocities, mass, strict=True) if not np.any(row)]
-    eigenvalues = np.linalg.eigvalsh(mass)
-    if not eigenvalues[0] > LEAST_MASS * max(abs(eigenvalues[-1]), 0.0):
+    if singular_words(mass):
+        smallest = float(np.linalg.eigvalsh(mass)[0])
         reason = f" ({', '.join(missing)} does not occur quadratically)" if missing else ""
         raise ValueError(
             f"lagrangian: the mass matrix d2L/dv2 is not positive definite{where}: its smallest "
-            f"eigenvalue is {eigenvalues[0]:g}{reason}"
+            f"eigenvalue is {smallest:g}{reason}"
         )
 
 

@@ -102,3 +102,44 @@ def test_a_command_shows_the_warning(tmp_path, monkeypatch):
     text = configuration(f"{SPRING}, damping: [{{order: 0.5, coefficient: -0.1}}]")
     (tmp_path / "f.yaml").write_text(text)
     assert "coefficient: -0.1 is negative" in fvi("check", "f.yaml", code=0).stderr
+
+
+@pytest.mark.parametrize("given", ["units: g", "units: {acceleration_of_ground: g}"])
+def test_units_of_a_record_are_a_scale(given, tmp_path):
+    text = configuration(SPRING) + given + "\n"
+    with pytest.raises(ConfigError, match=r"for a record in g write scale: 9\.81 beside its file"):
+        parse_config(text, "f.yaml")
+
+
+CHAIN = (
+    "kind: chain, masses: 3, stiffness: 1.0, final_time: 1.0, exact: none, "
+    "initial: {position: [1.0, 0.0, 0.0]}"
+)
+
+
+@pytest.mark.parametrize(
+    ("damping", "sweep", "told"),
+    [
+        # eigenvalues 3 and -1, and 0 and 2
+        ("[[1, 2, 0], [2, 1, 0], [0, 0, 1]]", "", "the matrix has a negative eigenvalue"),
+        ("[[1, 1, 0], [1, 1, 0], [0, 0, 1]]", "", ""),
+        ("[[-1e-9, 0, 0], [0, 1e-9, 0], [0, 0, 0]]", "", "the matrix has a negative eigenvalue"),
+        ("0.1", "[0.1, -0.2, -0.3]", "-0.2 is negative"),
+        ("0.1", "[0.1, 0.2, 0]", ""),
+        ("0.1", "{from: 0.5, to: -0.5, number: 5}", "-0.25 is negative"),
+    ],
+)
+def test_negative_matrices_and_members_are_said(caplog, damping, sweep, told):
+    text = configuration(f"{CHAIN}, damping: [{{order: 0.5, coefficient: {damping}}}]")
+    if sweep:
+        text += f"sweep: {{problem.damping.0.coefficient: {sweep}}}\n"
+    with caplog.at_level(logging.WARNING):
+        parse_config(text, "f.yaml")
+    # the control: positive ones, and what is meant
+    assert [one for one in caplog.messages if "drives" in one] == caplog.messages
+    assert len(caplog.messages) == bool(told)
+    assert all(f"problem.damping.0.coefficient: {told}, it drives" in m for m in caplog.messages)
+    caplog.clear()
+    with caplog.at_level(logging.WARNING):
+        parse_config(f"{text}allow_unstable: true\n", "f.yaml")
+    assert not caplog.messages

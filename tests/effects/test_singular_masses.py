@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from spread import spread
 
+import fvi_cli as fvi
 from fvi_cli.effects.inertia import Inertia
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method
+from fvi_cli.scenes.lagrangian import lagrangian_scene
 
 
 def test_the_round_off_of_a_singular_matrix_is_no_mass():
@@ -33,3 +37,48 @@ def test_masses_of_any_size_are_masses():
         Inertia(mass=[[1, 2], [2, 1]])
     with pytest.raises(ValueError, match="smallest eigenvalue is 0"):
         Inertia(mass=[[1, 0], [0, 0]])
+
+
+@spread(size=[2, 3, 5], units=[0.0, 6.0, 12.0], seed=[1, 2, 3], route=["lagrangian", "general"])
+def test_units_of_a_lagrangian_do_not_matter(size, units, seed, route):
+    """Masses of coordinates in units of 1e-12 to 1e12 are masses, in formulas as in matrices."""
+    rng = np.random.default_rng(seed)
+    factor = rng.standard_normal((size, size)) + 2 * np.eye(size)
+    scale = 10.0 ** rng.uniform(-units, units, size)
+    sound = (factor @ factor.T) * np.outer(scale, scale)
+    # the last coordinate is the first one once more: a motion without any mass
+    again = np.r_[np.arange(size - 1), 0]
+    singular = (factor @ factor.T)[np.ix_(again, again)] * np.outer(scale, scale)
+    names = [f"x{i}" for i in range(size)]
+
+    def scene(mass):
+        entries = enumerate(mass.tolist())
+        terms = [f"({m!r})*vx{i}*vx{j}" for i, row in entries for j, m in enumerate(row)]
+        kinetic = f"0.5*({' + '.join(terms)})"
+        if route == "general":
+            kinetic = f"(2 + cos(x0/{float(scale[0])!r}))*{kinetic}"
+        return lagrangian_scene(
+            coordinates=names,
+            lagrangian=kinetic,
+            initial_velocity=1.0 / scale,
+            final_time=1.0,
+        )
+
+    run = integrate(scene(sound), Method(cq="gauss", degree=2), 8)
+    assert run.status == "ok", run.message
+    with pytest.raises(ValueError, match="not positive definite"):
+        scene(singular)
+
+
+@spread(ratio=[1e-18, 1e-9, 1.0, 1e9, 1e18])
+def test_masses_of_a_configuration_have_any_ratio(ratio):
+    off = ratio**0.5
+    problem = {"kind": "structure", "mass": [[1.0, 0.5 * off], [0.5 * off, ratio]]}
+    problem |= {"stiffness": problem["mass"], "initial": {"position": [1.0, 1.0]}}
+    problem["final_time"] = 1.0
+    source = {"name": "masses", "problem": problem}
+    source |= {"method": {"rk": "gauss", "degree": 2}, "ladder": {"steps": [8]}}
+    fvi.load(source)
+    problem["mass"] = [[1.0, off], [off, ratio]]
+    with pytest.raises(fvi.ConfigError, match="a mass must be positive definite"):
+        fvi.load(source)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -50,7 +51,7 @@ def fitted_text(
         made.append({**kept, "name": label, "problem": problem})
     whole = made[0] if len(made) == 1 else {"name": name, "experiments": made}
     head = f"# {resolved['name']} with the numbers that were fitted to measurements\n"
-    text = head + _as_yaml(whole)
+    text = head + _as_yaml(_with_digests(whole))
     if len(text) > LARGEST_DOCUMENT:
         # files stay where they are; their sha256 is checked when they are read again
         text = head + _as_yaml(_by_reference(whole, loaded.path.parent))
@@ -66,6 +67,18 @@ def fitted_text(
 def _as_yaml(whole: Mapping[str, Any]) -> str:
     text: str = yaml.safe_dump(whole, sort_keys=False, default_flow_style=None, width=100)
     return text
+
+
+def _with_digests(node: Any) -> Any:
+    """The values with the sha256 of every content that stands in place of a file."""
+    if isinstance(node, list | tuple):
+        return [_with_digests(one) for one in node]
+    if not isinstance(node, Mapping):
+        return node
+    kept = {key: _with_digests(value) for key, value in node.items()}
+    if {"file", "content"} <= set(node):
+        kept["content_sha256"] = hashlib.sha256(str(node["content"]).encode()).hexdigest()
+    return kept
 
 
 def _by_reference(node: Any, folder: Path) -> Any:

@@ -123,9 +123,13 @@ IMPACTS: Final = optional(
 )
 
 
+IN_G: Final = "for a record in g write scale: 9.81 beside its file"
 UNITS_KEY: Final = optional(
     "units",
-    Named(shape=Text(what="the name of a unit", longest=40), example="{length: mm, time: s}"),
+    Named(
+        shape=Text(what="the name of a unit", longest=40),
+        example=f"{{length: mm, time: s}}; {IN_G}",
+    ),
     "Names of units that stand beside the axes of figures: of time, length, velocity, "
     "acceleration, momentum, energy, of coordinates and of quantities. Nothing is converted.",
 )
@@ -146,7 +150,7 @@ def check_units(values: Mapping[str, Any], problem: AnyProblem, at: Cursor) -> N
             at.under("units").refuse_key(
                 name,
                 f"has no unit of its own{suggestion(name, known)} "
-                f"(known here: {listed_words(known[:12])})",
+                f"(known here: {listed_words(known[:12])}); {IN_G}",
             )
 
 

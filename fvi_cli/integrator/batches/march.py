@@ -196,6 +196,7 @@ class SideMarch:
         damping = self._damping
         driving = np.zeros((count * rows, e, q))
         positions, momenta = np.empty((2, count, e, q))
+        path = [self.position[None]]
         block, past = self._past(at, count)
         for index in range(count):
             force = np.zeros((self._sampling.weights.size, e, q)) if past is None else past[index]
@@ -206,12 +207,16 @@ class SideMarch:
             unknowns = moved[:-e].reshape(self._s, e, q)
             own = on_first_axis(self._sampling.driving, unknowns)
             driving[index * rows : (index + 1) * rows] = own
+            path.append(self.position + at.step_size * unknowns)
             self.position = self._add(0, self.position, at.step_size * unknowns[-1])
             self.momentum = self._add(1, self.momentum, moved[-e:])
             self._unknowns = (unknowns, at.step_size)
             positions[index], momenta[index] = self.position, self.momentum
             self.done += 1
         self._end(block, driving, positions, momenta)
+        if self._systems.potential is not None:
+            # each of these is looked at more closely by itself
+            self._give_up(self._systems.potential.may_be_undefined(np.concatenate(path)))
         return positions, momenta
 
     def _add(self, which: int, value: Array, change: Array) -> Array:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import ExpressionPotential
+from fvi_cli.integrator.domain import is_unbounded
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array
 
@@ -78,6 +79,16 @@ class SidePotentials:
         if self.first.stiffness is not None:
             result += dense(self.first.stiffness)[:, :, None]
         return result
+
+    def may_be_undefined(self, position: Array) -> NDArray[np.bool_]:
+        """Whether V may be infinite or undefined on the way, ``(n, e, q)`` to ``(q,)``."""
+        system = self.first.energy_expression.system
+        value = np.asarray(system.evaluate(self._names(position), NUMPY_FUNCTIONS)[0])
+        places = np.moveaxis(position, 1, -1)
+        low, high = np.minimum(places[:-1], places[1:]), np.maximum(places[:-1], places[1:])
+        lost = np.broadcast_to(~np.isfinite(value), position[:, 0].shape).any(axis=0)
+        found = lost | is_unbounded(self.first, low, high, self.parameters).any(axis=0)
+        return np.asarray(found)
 
     def _names(self, position: Array) -> dict[str, Array]:
         names = dict(self.parameters)

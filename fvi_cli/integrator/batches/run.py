@@ -17,7 +17,7 @@ from fvi_cli.integrator.batches.plan import BLOCK, plan_side_by_side
 from fvi_cli.integrator.batches.systems import Systems, filled, joined
 from fvi_cli.integrator.convolution.stages import StageOperator
 from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.growth_bound import TOLERATED_FACTOR
+from fvi_cli.integrator.growth_bound import TOLERATED_FACTOR, energy_remarks
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
@@ -89,12 +89,14 @@ def _together(
             continue
         position = own.scene_positions(positions[part])
         momentum = own.scene_forces(momenta[part])
+        energy, alone = scene.energy(position, momentum), loads[index]
+        force = 0.0 if alone is None else alone.largest_force
         results.append(
             Trajectory(
                 time=times.copy(),
                 position=position,
                 momentum=momentum,
-                energy=scene.energy(position, momentum),
+                energy=energy,
                 n_steps=mesh.n_reported,
                 step_size=scene.final_time / mesh.n_reported,
                 history_operations=operations,
@@ -102,6 +104,7 @@ def _together(
                 setup_seconds=share * (ready - began),
                 stepping_seconds=share * (stepped - ready),
                 every=every,
+                remarks=energy_remarks(scene, position, energy, force),
             )
         )
     return results

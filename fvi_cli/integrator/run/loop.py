@@ -10,12 +10,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fvi_cli.integrator.compensated import CompensatedSum
+from fvi_cli.integrator.domain import first_undefined, undefined_near
 from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.growth_bound import GrowthBound, first_outside
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.local_error.defect import StepPath
 from fvi_cli.integrator.local_error.examine import Examiner, Finding
 from fvi_cli.integrator.meshes.adaptive import StepController
+from fvi_cli.integrator.steps.dynamics import Separable
 from fvi_cli.integrator.steps.step import StepMatrices, StepResult, StepSolver
 from fvi_cli.integrator.trajectory import NewtonRecord
 from fvi_cli.mathematics.arrays import Array
@@ -185,10 +187,18 @@ class Stepper:
         Raises
         ------
         StepFailedError
-            If its equations cannot be solved.
+            If its equations cannot be solved, or it leaves the domain of the potential energy.
         """
         every = self.loads.of_steps(marker.time, step_size, 1, is_fresh=fresh)
-        return self.solve(marker, step_size, None if every is None else every[0])
+        result = self.solve(marker, step_size, None if every is None else every[0])
+        dynamics, begin = self.solver.dynamics, marker.position.value
+        if isinstance(dynamics, Separable):
+            path = np.concatenate([begin[None], begin + step_size * result.unknowns])
+            outside = first_undefined(dynamics.potential, path)
+            if outside is not None:
+                words = undefined_near(path[outside])
+                raise StepFailedError(words, result.residuals, reason="irregular")
+        return result
 
     def velocity_of(self, unknowns: Array) -> Array:
         """Velocities at the stages from U, shape ``(s, d)`` to ``(r, d)``."""

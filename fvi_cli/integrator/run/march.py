@@ -11,6 +11,7 @@ from fvi_cli.integrator.advance import advanced
 from fvi_cli.integrator.convolution.damping import LONGEST_BLOCK
 from fvi_cli.integrator.convolution.step_group import GROUP, StepGroup
 from fvi_cli.integrator.decoupling import Decoupling
+from fvi_cli.integrator.domain import check_domain
 from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.growth_bound import first_outside
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
@@ -209,6 +210,7 @@ class March:
         h, is_fresh = one.step_size, one.is_fresh and first == 0
         if is_fresh:
             marker.unknowns = None
+        start, momentum_before = marker.position.value.copy(), marker.momentum.value.copy()
         loads = self._setup.stepper.loads.of_steps(
             one.begin + first * h, h, count, is_fresh=is_fresh
         )
@@ -240,6 +242,18 @@ class March:
         if not finite.all():
             n = int(np.argmin(finite)) + 1
             self.failure = Failure.not_finite(self.done + n - 1, float(times[n - 1]))
+        if isinstance(self._solver.dynamics, Separable) and not self._solver.dynamics.is_linear:
+            ways = np.einsum("sr,nrd->nsd", self._solver.tables.to_unknowns, velocity[:n])
+            ways = h * ways + np.concatenate([start[None], position[: max(n - 1, 0)]])[:n, None]
+            path = np.concatenate([start[None], ways.reshape(-1, start.size)])
+            left = check_domain(
+                self._solver.dynamics.potential, path, ways.shape[1], times, self.done
+            )
+            if left is not None:
+                n, self.failure = left
+                if n == 0:
+                    self._sink.finish(one.begin + first * h, start, momentum_before)
+                    return
         bound = self._setup.bound.with_force(self._setup.stepper.loads.largest_force)
         outside = first_outside(bound, position[:n], momentum[:n], times[:n], self.done)
         if outside is not None:

@@ -14,7 +14,7 @@ from fvi_cli.integrator.balances.mesh_balance import diagnose_run
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.failure import Failure
-from fvi_cli.integrator.growth_bound import scene_bound
+from fvi_cli.integrator.growth_bound import energy_remarks, scene_bound
 from fvi_cli.integrator.local_error.examine import Examiner
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
@@ -339,7 +339,8 @@ def trajectory_of(
     """What is reported of a finished run."""
     scene, dynamics = setup.scene, setup.stepper.solver.dynamics
     time, position, momentum = sink.time, sink.position, sink.momentum
-    failure, remarks = ended.failure, setup.remarks
+    failure, force = ended.failure, setup.stepper.loads.largest_force
+    remarks = setup.remarks
     steps = sink.steps(setup.stepper.solver.tables) if sink.with_steps else None
     if has_rough_momenta(scene, setup.method):
         if steps is not None:
@@ -351,6 +352,10 @@ def trajectory_of(
     if isinstance(dynamics, General):
         kept, irregular = regular_until(dynamics.lagrangian, position, momentum, energy, time)
         if irregular:
+            if kept == 0:
+                # no velocity was found from the momentum of the start, where it is given
+                kept, start = 1, (scene.initial_position, scene.initial_velocity)
+                energy[0] = dynamics.lagrangian.energy(*start, 0.0)
             time, position, momentum, energy = (
                 one[:kept] for one in (time, position, momentum, energy)
             )
@@ -388,5 +393,5 @@ def trajectory_of(
         steps=steps if with_steps else None,
         rejected=ended.rejected,
         doubts=ended.doubts,
-        remarks=remarks,
+        remarks=remarks if failure else (*remarks, *energy_remarks(scene, position, energy, force)),
     )

@@ -11,6 +11,7 @@ from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.matrices.definite import least_scaled_eigenvalue
 
 MOST_FOR_MOMENTA = 2**27
 """Numbers that are kept of the steps for the sake of the momenta, at most."""
@@ -66,7 +67,8 @@ def regular_until(
         velocity = lagrangian.velocity(position, momentum, grid)
         mass = lagrangian.derivatives(position, velocity, grid).mass
     wrong = np.logical_not(np.isfinite(mass.reshape(grid.size, -1)).all(axis=1))
-    smallest = np.linalg.eigvalsh(np.where(np.expand_dims(wrong, (1, 2)), 0.0, mass)).min(axis=1)
+    mass = np.where(np.expand_dims(wrong, (1, 2)), 0.0, mass)
+    smallest = least_scaled_eigenvalue(mass)
     bad = np.flatnonzero(~(smallest > 0) | ~np.isfinite(energy))
     if not bad.size:
         return grid.size, None
@@ -80,6 +82,6 @@ def regular_until(
         return first, Failure(words, "irregular", step, time)
     words = (
         f"{place}the mass matrix d2L/dv2 is not positive definite any more "
-        f"(smallest eigenvalue {smallest[first]:.3g})"
+        f"(smallest eigenvalue {np.linalg.eigvalsh(mass[first])[0]:.3g})"
     )
     return first, Failure(words, "irregular", step, time)

@@ -27,6 +27,7 @@ from fvi_cli.integrator.steps.block_response import LinearSystems, OwnDamping, b
 from fvi_cli.integrator.steps.dynamics import General, Separable
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.convergence import SMALLEST, UNIT, Mask, judge
+from fvi_cli.mathematics.matrices.definite import least_scaled_eigenvalue
 
 ITERATION_LIMIT = 40
 SLOW = 0.5
@@ -141,10 +142,9 @@ def frozen_law(
         with np.errstate(all="ignore"):
             velocity = dynamics.velocity(position, momentum, time)
             at = dynamics.lagrangian.derivatives(position, velocity, time)
-        if np.isfinite(at.mass).all() and np.linalg.eigvalsh(at.mass)[0] > 0:
-            mass = 0.5 * (at.mass + at.mass.T)
-            if np.isfinite(at.stiffness).all():
-                stiffness = -0.5 * (at.stiffness + at.stiffness.T)
+        if np.isfinite(at.mass).all() and least_scaled_eigenvalue(at.mass) > 0:
+            mass, found = 0.5 * (at.mass + at.mass.T), at.stiffness
+            stiffness = -0.5 * (found + found.T) if np.isfinite(found).all() else stiffness
         return LagrangianLaw(lagrangian=dynamics.lagrangian, mass=mass, stiffness=stiffness)
     if dynamics.potential is None:
         raise ValueError("potential: a linear scene needs no iteration")

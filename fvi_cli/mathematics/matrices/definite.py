@@ -11,24 +11,26 @@ LEAST = 1e-14
 round-off of a singular one."""
 
 
-def least_scaled_eigenvalue(matrix: Array) -> float:
-    """Least eigenvalue of a symmetric matrix whose rows and columns are scaled to a diagonal of 1.
+def least_scaled_eigenvalue(matrix: Array) -> Array:
+    """Least eigenvalues of symmetric matrices whose diagonals are scaled to 1, ``(..., d, d)``.
 
     The units of the coordinates do not count. Not positive where an entry of the diagonal is not.
     """
-    diagonal = np.diagonal(matrix)
-    if not (diagonal > 0).all():
-        return float(min(diagonal.min(), 0.0))
-    root = np.sqrt(diagonal)
-    return float(np.linalg.eigvalsh(matrix / root[:, None] / root)[0])
+    diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
+    least = diagonal.min(axis=-1)
+    root = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    scaled = matrix / root[..., :, None] / root[..., None, :]
+    return np.where(least > 0, np.linalg.eigvalsh(scaled)[..., 0], np.minimum(least, 0.0))
 
 
 def singular_words(matrix: Array) -> str:
     """Why a matrix is not positive definite beyond round-off; empty where it is."""
-    least, bound = least_scaled_eigenvalue(matrix), LEAST * len(matrix)
+    least, bound = float(least_scaled_eigenvalue(matrix)), LEAST * len(matrix)
     if least > bound:
         return ""
-    smallest = float(np.linalg.eigvalsh(matrix)[0])
+    # scaled, so that the squares of huge entries stay finite
+    size = float(np.abs(matrix).max()) or 1.0
+    smallest = float(np.linalg.eigvalsh(matrix / size)[0]) * size
     if least < -bound:
         return f"smallest eigenvalue is {smallest:g}; a mass must be positive definite"
     return (

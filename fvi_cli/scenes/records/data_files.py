@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
@@ -18,7 +19,12 @@ MOST_LINES: Final = 1_000_000
 SHA256: Final = optional(
     "sha256",
     Text(what="64 hexadecimal digits"),
-    "Of the file; filled in, and checked where it is given.",
+    "Of the file; filled in, and checked where it is given and the file is there.",
+)
+CONTENT_SHA256: Final = optional(
+    "content_sha256",
+    Text(what="64 hexadecimal digits"),
+    "Of the text under content; checked where it is given.",
 )
 
 
@@ -123,3 +129,32 @@ def with_content(
         told = f"{name}: {what} take {len(text)} characters in every result file"
         return at.refuse(f"{told}, more than {largest}; thin them out", "file")
     return {**values, "sha256": sha256, "content": text}
+
+
+def without_digest(values: Mapping[str, Any], at: Cursor, *, is_same: Callable[[], bool]) -> Any:
+    """The keys with a content that is what it was, without ``content_sha256``.
+
+    Parameters
+    ----------
+    values, at
+        The keys with ``content``, and where they stand.
+    is_same
+        Reads the file and tells whether it holds the content, or is another one by its sha256.
+    """
+    digest = hashlib.sha256(str(values["content"]).encode()).hexdigest()
+    if str(values.get("content_sha256", digest)).lower() != digest:
+        return at.refuse(
+            f"it has changed: its sha256 is {digest}, not content_sha256; leave both out to read "
+            "the file",
+            "content",
+        )
+    name = excerpt(values["file"], 200)
+    if "sha256" in values and file_under(values, at)[0].is_file():
+        try:
+            known = is_same()
+        except DataFileError:
+            # another file by this name says nothing of the content
+            known = True
+        if not known:
+            return at.refuse(f"not what {name} holds; leave it out to read the file", "content")
+    return {key: value for key, value in values.items() if key != "content_sha256"}

@@ -47,6 +47,9 @@ def samples_from_text(text: str) -> tuple[Array, Array]:
         content = unpacking.decompress(base64.b64decode(text, validate=True), limit)
         if unpacking.unconsumed_tail or content.count(b"\n") > MOST_SAMPLES:
             raise ValueError(f"more than {MOST_SAMPLES} samples")
+        if not unpacking.eof or unpacking.unused_data:
+            # only at its end is the checksum of what was compressed
+            raise ValueError("the text is cut off, or has something behind its end")
         rows = [line.split(",") for line in content.decode("ascii").removesuffix("\n").split("\n")]
         table = np.array([[float(cell) for cell in row] for row in rows])
     except (zlib.error, ValueError) as error:

@@ -7,17 +7,19 @@ from typing import Any, Final
 
 import numpy as np
 
-from fvi_cli.effects.matrices import Form, is_definite, scaled, sparse_unit
+from fvi_cli.effects.matrices import Form, added, entries, is_definite, scaled, sparse_unit
 from fvi_cli.keys.containers import Checked
 from fvi_cli.keys.cursor import INVALID, Cursor
 from fvi_cli.keys.records import Key, Record, optional
 from fvi_cli.keys.scalars import Text
 from fvi_cli.scenes.records.data_files import (
+    CONTENT_SHA256,
     SHA256,
     DataFileError,
     file_under,
     read_once,
     with_content,
+    without_digest,
 )
 from fvi_cli.scenes.structures.matrix_files import MatrixFile, read_matrix
 from fvi_cli.scenes.structures.matrix_text import (
@@ -36,7 +38,6 @@ def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
             check_text(values["content"])
         except ValueError as error:
             return at.refuse(str(error), "content")
-        return values
     file, name = file_under(values, at)
     variable = values.get("variable")
 
@@ -44,6 +45,18 @@ def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
         found = read_matrix(file, name, variable)
         return found, matrix_as_text(found.form)
 
+    def is_same() -> bool:
+        found, _ = read_once(at, ("matrix", file, variable), read)
+        if found.sha256 != values["sha256"].lower():
+            return True
+        given = matrix_from_text(values["content"])
+        return (
+            given.shape == found.form.shape
+            and not entries(added(given, scaled(found.form, -1.0))).any()
+        )
+
+    if "content" in values:
+        return without_digest(values, at, is_same=is_same)
     try:
         found, text = read_once(at, ("matrix", file, variable), read)
     except DataFileError as error:
@@ -82,6 +95,7 @@ _KEYS: Final = Record(
             Text(what="a matrix as fvi writes it"),
             "The matrix in short; filled in, and used in place of the file.",
         ),
+        CONTENT_SHA256,
     )
 )
 _WORDS: Final = "a matrix from a file, such as {file: K.mtx}"

@@ -110,7 +110,11 @@ def _packed(content: bytes) -> str:
 
 def _unpacked(packed: bytes, size: int, *, is_whole: bool = True) -> bytes:
     """The first bytes of what was compressed; `is_whole` says that there are no more."""
-    content = zlib.decompressobj().decompress(packed, size + 1)
+    unpacking = zlib.decompressobj()
+    content = unpacking.decompress(packed, size + 1)
+    if is_whole and (not unpacking.eof or unpacking.unused_data) and len(content) == size:
+        # only at its end is the checksum of what was compressed
+        raise ValueError("the text is cut off, or has something behind its end")
     if len(content) < size or (is_whole and len(content) > size):
         raise ValueError(f"{len(content)} bytes where there must be {size}")
     return content[:size]

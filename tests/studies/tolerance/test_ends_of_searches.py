@@ -74,3 +74,26 @@ def test_a_search_whose_steps_run_out_makes_no_further_runs(
     assert run.assessment is not None
     assert len(run.assessment.attempts) == 1
     assert "the most steps are done" in run.assessment.reason
+
+
+@pytest.mark.parametrize("speed", [200.0, 300.0, -300.0, 3.0, 0.3])
+@pytest.mark.parametrize("steps", [1, 8, fvi.AdaptiveSteps(tolerance=1e-4)])
+def test_a_run_that_fails_at_once_says_why(speed: float, steps: int | fvi.AdaptiveSteps) -> None:
+    """No velocity is found from the momentum of a start with a huge one; the start itself stays."""
+    scene = fvi.lagrangian_scene(
+        coordinates=("x",),
+        lagrangian="exp(vx) + exp(-vx) + vx**2/2",
+        initial_velocity=speed,
+        final_time=1.0,
+    )
+    run = fvi.integrate(scene, fvi.method_named("gauss3"), steps)
+    assert run.position.shape[0] == run.time.size >= 1
+    assert run.energy is not None
+    assert np.isfinite(run.energy).all()
+    # the control: a start from which the motion goes on
+    assert (run.status == "ok") == (abs(speed) < 100)
+    found = fvi.solve(scene, tolerance=1e-6)
+    if run.status != "ok":
+        assert found.outcome == "refused"
+        assert found.assessment is not None
+        assert "t = 0:" in found.assessment.reason

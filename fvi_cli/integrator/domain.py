@@ -1,0 +1,133 @@
+"""Where a motion leaves the places at which its potential energy is a finite number."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.potential import ExpressionPotential, Potential
+from fvi_cli.integrator.failure import Failure
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.intervals.functions import INTERVAL_FUNCTIONS
+from fvi_cli.mathematics.intervals.interval import Interval
+
+MOST_HALVINGS: Final = 48
+MOST_PARTS: Final = 1024
+BESIDE: Final = np.array([1e-2, 1e-4, 1e-6])
+"""Distances from a place, in lengths of a chord, at which V shows whether it is infinite there."""
+LEAST_GROWTH: Final = 0.01
+"""Growth of V on the way to a place, relative to V, that is no round-off (a guess)."""
+
+
+def first_undefined(potential: Potential | None, position: Array) -> int | None:
+    """Index of the first of successive positions, shape ``(n, d)``, that no motion reaches.
+
+    There V is not finite, or it is infinite at a place of the chord from the position before, as
+    where a long step jumps over the pole of ``1/(a - x)``. None: all are reached.
+    """
+    if not isinstance(potential, ExpressionPotential) or position.shape[0] < 2:
+        return None
+    with np.errstate(all="ignore"):
+        wrong = np.flatnonzero(~np.isfinite(potential.energy(position)))
+        first = int(wrong[0]) if wrong.size else position.shape[0]
+        # what begins where V is not finite never was at a place that counts
+        first = max(first, 1)
+        every = is_unbounded(potential, position[:first].min(axis=0), position[:first].max(axis=0))
+        if every.any():
+            jumped = _first_pole(potential, position[: first - 1], position[1:first])
+            first = first if jumped is None else jumped + 1
+    return first if first < position.shape[0] else None
+
+
+def check_domain(
+    potential: Potential | None, position: Array, per_step: int, times: Array, done: int
+) -> tuple[int, Failure] | None:
+    """The first step that leaves the domain of V, with the failure; None: all stay inside.
+
+    Parameters
+    ----------
+    potential
+        V.
+    position
+        The start and `per_step` positions of every step, shape ``(n per_step + 1, d)``.
+    times
+        Ends of the steps, shape ``(n,)``.
+    done
+        Number of steps before the first of them.
+    """
+    found = first_undefined(potential, position)
+    if found is None:
+        return None
+    index = (found - 1) // per_step
+    step, time = done + index, float(times[index])
+    words = f"step {step}, t = {time:.6g}: {undefined_near(position[found])}"
+    return index, Failure(words, "irregular", step, time)
+
+
+def undefined_near(position: Array) -> str:
+    """What is said of a step to a place that the motion cannot reach."""
+    near = ", ".join(f"{value:.4g}" for value in position)
+    return (
+        f"the potential energy is not finite on the way to q = [{near}]; take a smaller step if "
+        "the motion itself stays away from there"
+    )
+
+
+def is_unbounded(
+    potential: ExpressionPotential,
+    low: Array,
+    high: Array,
+    parameters: dict[str, Array] | None = None,
+) -> NDArray[np.bool_]:
+    """Whether no finite range of V is known on boxes, ``(..., d)`` to ``(...)``.
+
+    `parameters` of many potentials have the shape of the boxes.
+    """
+    names: dict[str, Interval | float | Array] = {**potential.parameters}
+    names.update({name: Interval(one, one) for name, one in (parameters or {}).items()})
+    for index, name in enumerate(potential.coordinates):
+        names[name] = Interval(low[..., index], high[..., index])
+    try:
+        found = potential.energy_expression.system.evaluate(names, INTERVAL_FUNCTIONS)[0]
+    except ExpressionError:
+        # of some functions no range is known
+        return np.zeros(low.shape[:-1], dtype=bool)
+    if not isinstance(found, Interval):
+        return np.zeros(low.shape[:-1], dtype=bool)
+    return np.asarray(~(np.isfinite(found.low) & np.isfinite(found.high)))
+
+
+def _first_pole(potential: ExpressionPotential, begin: Array, end: Array) -> int | None:
+    """The first of the chords, both ``(n, d)``, on which V is infinite somewhere."""
+    chords = np.arange(begin.shape[0])
+    low, high = np.zeros(chords.size), np.ones(chords.size)
+    for _ in range(MOST_HALVINGS):
+        ends = [_on(begin, end, chords, at) for at in (low, high)]
+        open_ = is_unbounded(potential, np.minimum(*ends), np.maximum(*ends))
+        chords, low, high = chords[open_], low[open_], high[open_]
+        if not chords.size:
+            return None
+        middle = 0.5 * (low + high)
+        chords = np.repeat(chords, 2)[:MOST_PARTS]
+        low, high = (
+            np.stack(pair, axis=1).ravel()[:MOST_PARTS] for pair in ((low, middle), (middle, high))
+        )
+    places = 0.5 * (low + high)
+    growing = np.zeros(chords.size, dtype=bool)
+    for side in (-1.0, 1.0):
+        at = places + side * BESIDE[:, None]
+        near = np.stack([_on(begin, end, chords, one) for one in at])
+        sizes = np.abs(potential.energy(near))
+        first, second = np.diff(sizes, axis=0)
+        grows = (second > 0.5 * np.abs(first)) & (second > LEAST_GROWTH * sizes[0])
+        # a finite limit, such as that of sin(x)/x in 0, is no pole
+        growing |= (grows | ~np.isfinite(sizes[-1])) & ((at >= 0) & (at <= 1)).all(axis=0)
+    return int(chords[growing].min()) if growing.any() else None
+
+
+def _on(begin: Array, end: Array, chords: NDArray[np.intp], at: Array) -> Array:
+    """Points of chords, shape ``(m, d)``."""
+    return np.asarray(begin[chords] + at[:, None] * (end[chords] - begin[chords]))
