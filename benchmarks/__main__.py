@@ -84,7 +84,7 @@ def _truth_page(asked: argparse.Namespace) -> str:
     """The table; `asked` is told whether anything is wrong."""
     print(f"truth: seed {asked.seed}", flush=True)
     rows = run_truth(asked.per_mille, seed=asked.seed)
-    asked.is_wrong = any(row.verdict == "wrong" for row in rows)
+    asked.is_wrong = sum(row.verdict == "wrong" for row in rows) > asked.most_wrong
     return truth_table(rows)
 
 
@@ -146,6 +146,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         default=secrets.randbelow(10**9),
         metavar="S",
         help="truth: of the random scenes; default: another one every time, which is printed",
+    )
+    parser.add_argument(
+        "--most-wrong",
+        type=int,
+        default=0,
+        metavar="N",
+        help="truth: up to so many wrong scenes end the command with 0 (default 0)",
     )
     parser.add_argument(
         "--members", type=int, default=100_000, metavar="N", help="parts: members of the sweep"
