@@ -52,7 +52,8 @@ def integrate(
     -------
     Trajectory
         With status ``ok``, ``diverged`` (it left the bound of what the scene can do, or numbers
-        ceased to be finite) or ``failed`` (equations unsolved); it keeps what was finished.
+        ceased to be finite) or ``failed`` (equations unsolved, or a way to where the energy is not
+        finite); it keeps what was finished.
 
     Raises
     ------
