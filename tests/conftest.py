@@ -3,7 +3,6 @@
 import gc
 import logging
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +13,12 @@ sys.path.append(str(Path(__file__).parents[1]))
 
 
 @pytest.fixture(autouse=True)
-def _log_as_before() -> Iterator[None]:
-    """Take back what commands set up for the log of their process."""
+def _log_of_a_new_process() -> None:
+    """Take back what commands of other tests have set up for the log of this process."""
     logger = logging.getLogger("fvi_cli")
-    level, handlers, propagates = logger.level, list(logger.handlers), logger.propagate
-    yield
-    logger.setLevel(level)
-    logger.handlers[:], logger.propagate = handlers, propagates
+    logger.setLevel(logging.NOTSET)
+    logger.handlers.clear()
+    logger.propagate = True
 
 
 def pytest_collection_finish() -> None:

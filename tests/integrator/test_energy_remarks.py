@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from spread import spread
 
 import fvi_cli as fvi
@@ -60,11 +59,11 @@ def test_the_run_that_was_ok_without_a_word():
         run = fvi.integrate(scene, fvi.method_named("bdf3-none"), 50)
         assert np.abs(run.position).max() > 1e6
         (said,) = [one for one in run.remarks if "energy rises" in one]
-        times = float(said.split("rises to ")[1].split(" ")[0])
+        assert "more than 10,000 times" in said
         least = -1.0 if kind == "pendulum" else 0.0
         begun = 1 - np.cos(1.0) if kind == "pendulum" else 0.5
         assert run.energy is not None
-        assert times == pytest.approx((run.energy.max() - least) / begun, rel=0.1)
+        assert run.energy.max() - least > 1e4 * begun
     # and in a batch the same
     scenes = [swinging("oscillator", 1.95, c, unit=1.0) for c in (0.9, 1.0, 1.1, 1e-9)]
     batch = integrate_side_by_side(scenes, fvi.method_named("bdf3-none"), 50)
