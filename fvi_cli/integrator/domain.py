@@ -31,7 +31,10 @@ def first_undefined(potential: Potential | None, position: Array) -> int | None:
     if not isinstance(potential, ExpressionPotential) or position.shape[0] < 2:
         return None
     with np.errstate(all="ignore"):
-        wrong = np.flatnonzero(~np.isfinite(potential.energy(position)))
+        energy = potential.energy(position)
+        # an energy that overflows where its forces do not is only large
+        lost = np.isinf(energy) & ~np.isfinite(potential.gradient(position)).all(axis=1)
+        wrong = np.flatnonzero(np.isnan(energy) | lost)
         first = int(wrong[0]) if wrong.size else position.shape[0]
         # what begins where V is not finite never was at a place that counts
         first = max(first, 1)
@@ -124,7 +127,8 @@ def _first_pole(potential: ExpressionPotential, begin: Array, end: Array) -> int
         first, second = np.diff(sizes, axis=0)
         grows = (second > 0.5 * np.abs(first)) & (second > LEAST_GROWTH * sizes[0])
         # a finite limit, such as that of sin(x)/x in 0, is no pole
-        growing |= (grows | ~np.isfinite(sizes[-1])) & ((at >= 0) & (at <= 1)).all(axis=0)
+        ends = np.isnan(sizes[-1]) | (np.isinf(sizes[-1]) & np.isfinite(sizes[0]))
+        growing |= (grows | ends) & ((at >= 0) & (at <= 1)).all(axis=0)
     return int(chords[growing].min()) if growing.any() else None
 
 
