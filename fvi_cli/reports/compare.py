@@ -242,8 +242,12 @@ def _is_other(found: str, pattern: str) -> bool:
 
 
 def _squeezed(text: str) -> list[str]:
-    """Lines without the blanks and rules that depend on how long their entries are."""
-    return [re.sub(r"-{2,}", "--", re.sub(r" +", " ", line)) for line in text.split("\n")]
+    """Lines without the blanks and rules that depend on how long their entries are.
+
+    Powers of ten are written as everywhere else.
+    """
+    plain = re.sub(r"\\cdot10\^\{(-?\d+)\}", r"e\1", text)
+    return [re.sub(r"-{2,}", "--", re.sub(r" +", " ", line)) for line in plain.split("\n")]
 
 
 def _compared(report: Report) -> Iterator[tuple[float, Within | None]]:

@@ -61,6 +61,7 @@ RESPONSE_COLUMNS = (
 )
 PEAK_COLUMNS = (
     Column("at", "coordinate, or combination of them", "at"),
+    Column("peak", "number of the peak there, by frequency"),
     Column("frequency_hz", "of the peak", "peak at", ".6g", compared=FREQUENCY),
     Column("magnitude", "of the peak", "magnitude", ".6g", compared=FREQUENCY),
     Column("low_hz", "half-power point below", "half power from", ".6g", compared=FREQUENCY),
@@ -187,6 +188,7 @@ def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
             peak,
             experiment=table.name,
             member=table.member,
+            peak=1 + sum(one.at == peak.at and one.hertz < peak.hertz for one in table.peaks),
             frequency_hz=peak.hertz,
             low_hz=peak.low,
             high_hz=peak.high,
@@ -194,14 +196,23 @@ def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
         for table in tables
         for peak in table.peaks
     ]
-    keys = (*(one.name for one in owner), "at", "frequency_hz")
-    peak_sheet = Sheet(name="peaks", columns=(*owner, *PEAK_COLUMNS), rows=tuple(peaks), keys=keys)
+    whose = (*(one.name for one in owner), "at")
+    peak_sheet = Sheet(
+        name="peaks",
+        columns=(*owner, *PEAK_COLUMNS),
+        rows=tuple(peaks),
+        # round-off decides the last digits of a frequency
+        keys=(*whose, "peak"),
+    )
     words = tuple(_response_words(name, tables, peak_sheet))
     return Report(
         name=f"{name}-response",
         sheets=(
             Sheet(
-                name="response", columns=(*owner, *RESPONSE_COLUMNS), rows=tuple(rows), keys=keys
+                name="response",
+                columns=(*owner, *RESPONSE_COLUMNS),
+                rows=tuple(rows),
+                keys=(*whose, "frequency_hz"),
             ),
             peak_sheet,
         ),
