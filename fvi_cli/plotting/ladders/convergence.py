@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -33,6 +34,9 @@ NORM_LABELS: dict[Norm, str] = {
 }
 MOST_CURVES = 7
 """Curves that one panel can hold."""
+
+LONGEST_TITLE = 56
+"""Letters of a line above the legend."""
 
 _MOST_GUIDES = 5
 _MOST_ROWS = 3
@@ -67,8 +71,8 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
     n_columns = 1 if len(parts) <= _MOST_ROWS else 2
     n_rows = -(-len(parts) // n_columns)
     shown = {style.label: style for _, _, some in parts for style in some.values()}
-    common = common_features(methods)
-    legend_rows = -(-len(shown) // legend_columns(list(shown))) + (common != "")
+    common = textwrap.fill(common_features(methods), LONGEST_TITLE)
+    legend_rows = -(-len(shown) // legend_columns(list(shown))) + len(common.splitlines())
     # many curves need room for slope triangles between them
     panel_height = 2.2 + 0.12 * min(max(len(shown) - 3, 0), 7) if n_columns == 1 else 1.8
     with journal_style():
