@@ -21,6 +21,7 @@ from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.results.momenta import smooth_momenta
 from fvi_cli.integrator.run.loop import Course, march_adaptively
 from fvi_cli.integrator.run.march import March, MeshPlan
 from fvi_cli.integrator.run.regular import (
@@ -37,7 +38,6 @@ from fvi_cli.integrator.run.setup import (
     ready_on_mesh,
 )
 from fvi_cli.integrator.run.sink import Sink
-from fvi_cli.integrator.run.steps_of_run import smooth_momenta
 from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper, march_with_checkpoints
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory, status_of
@@ -344,7 +344,7 @@ def trajectory_of(
     steps = sink.steps(setup.stepper.solver.tables) if sink.with_steps else None
     if has_rough_momenta(scene, setup.method):
         if steps is not None:
-            every_momentum = smooth_momenta(steps, dynamics, scene.break_points)
+            every_momentum = smooth_momenta(steps, dynamics.momentum, scene.break_points)
             momentum = every_momentum[np.searchsorted(steps.time, time)]
         remarks += rough_remarks(scene, diagnostics, are_stored_smooth=steps is not None)
     with np.errstate(all="ignore"):
