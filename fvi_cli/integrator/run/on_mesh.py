@@ -200,7 +200,7 @@ def integrate_on_mesh(
         # without room for its points a run says so here: libraries that are refused some later may
         # end the process
         np.empty((count // every + 1, 2 * scene.dimension + 2))
-        bound = scene_bound(scene, scene.final_time / max(count, 1))
+        bound = scene_bound(scene)
         setup = ready_on_mesh(scene, method, mesh, bound)
         ready = clock.perf_counter()
         sink.with_steps |= keeps_for_momenta(scene, method, mesh.n_steps)
@@ -251,7 +251,7 @@ def prepare_adaptive(scene: Scene, method: Method, steps: AdaptiveSteps) -> RunS
         method,
         shortest_step=_controller(scene, method, steps).shortest_step,
         n_steps=MOST_SHORTEST,
-        bound=scene_bound(scene, scene.final_time / 1024),
+        bound=scene_bound(scene),
     )
 
 
