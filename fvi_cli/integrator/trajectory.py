@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.results.diagnostics import Diagnostics
+from fvi_cli.integrator.results.newton_record import NewtonRecord
 from fvi_cli.integrator.results.observed import Observed
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.results.showing import dataframe_of, dataset_of, html_of
@@ -19,28 +20,6 @@ from fvi_cli.mathematics.arrays import Array
 
 Status = Literal["ok", "diverged", "failed", "refused"]
 Outcome = Literal["met", "unreliable", "refused"]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class NewtonRecord:
-    """How Newton's iteration went: one residual norm per iteration of the steps worth keeping.
-
-    Parameters
-    ----------
-    iterations
-        Total number of iterations.
-    largest
-        Largest number of iterations in one step.
-    worst_step
-        The step that took that many.
-    worst_residuals
-        Residual norms of that step, first to last.
-    """
-
-    iterations: int = 0
-    largest: int = 0
-    worst_step: int = -1
-    worst_residuals: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

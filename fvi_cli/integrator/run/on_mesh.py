@@ -22,6 +22,7 @@ from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.momenta import smooth_momenta
+from fvi_cli.integrator.results.newton_record import NewtonRecord
 from fvi_cli.integrator.run.loop import Course, march_adaptively
 from fvi_cli.integrator.run.march import March, MeshPlan
 from fvi_cli.integrator.run.regular import (
@@ -40,7 +41,7 @@ from fvi_cli.integrator.run.setup import (
 from fvi_cli.integrator.run.sink import Sink
 from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper, march_with_checkpoints
 from fvi_cli.integrator.steps.dynamics import General
-from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory, status_of
+from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 
 AnySteps = int | Mesh | AdaptiveSteps
