@@ -24,6 +24,7 @@ from fvi_cli.mathematics.algebra.arithmetic import (
     ExpressionError,
     value_of,
 )
+from fvi_cli.mathematics.arrays import Array
 
 T = TypeVar("T")
 Instruction = tuple[str | float | int, ...]
@@ -110,6 +111,13 @@ class FormulaSystem:
         run = self._on_arrays if functions is NUMPY_FUNCTIONS else self._on(functions)
         with np.errstate(all="ignore"):
             return cast(list[T | float], run(*given))
+
+    def run(self, values: Mapping[str, Array]) -> list[Array | float]:
+        """The values for floating-point arrays; quick, and without checks.
+
+        Floating-point errors are treated as the caller's ``np.errstate`` says.
+        """
+        return self._on_arrays(*[values[name] for name in self.names])
 
     @cached_property
     def _code(self) -> CodeType:
