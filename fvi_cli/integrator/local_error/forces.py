@@ -162,7 +162,7 @@ class SceneForces:
         d = self._dimension
         if self._potential is not None:
             if not self.has_kinks:
-                return -self._potential.gradient(position), None
+                return -self._potential.slopes(position), None
             columns = [position[:, i] for i in range(d)]
             found = self._potential.gradient_components(columns, functions)
             return -_side_by_side(found, position), None
