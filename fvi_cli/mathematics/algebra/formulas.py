@@ -33,8 +33,30 @@ operator or function with the places of its operands."""
 
 OPERATORS: Final = ("+", "-", "*", "/")
 ENTIRE: Final = frozenset(
-    "number variable negate + - * square select min max abs sign "
-    "sin cos exp expm1 sinh cosh tanh arctan arcsinh cbrt".split()
+    [
+        "number",
+        "variable",
+        "negate",
+        "+",
+        "-",
+        "*",
+        "square",
+        "select",
+        "min",
+        "max",
+        "abs",
+        "sign",
+        "sin",
+        "cos",
+        "exp",
+        "expm1",
+        "sinh",
+        "cosh",
+        "tanh",
+        "arctan",
+        "arcsinh",
+        "cbrt",
+    ]
 )
 """What is finite wherever its operands are, but for overflow."""
 LARGEST_WHOLE_POWER: Final = 1e9
