@@ -32,32 +32,10 @@ Instruction = tuple[str | float | int, ...]
 operator or function with the places of its operands."""
 
 OPERATORS: Final = ("+", "-", "*", "/")
+_SMOOTH: Final = ("sin", "cos", "exp", "expm1", "sinh", "cosh", "tanh", "arctan", "arcsinh")
 ENTIRE: Final = frozenset(
-    [
-        "number",
-        "variable",
-        "negate",
-        "+",
-        "-",
-        "*",
-        "square",
-        "select",
-        "min",
-        "max",
-        "abs",
-        "sign",
-        "sin",
-        "cos",
-        "exp",
-        "expm1",
-        "sinh",
-        "cosh",
-        "tanh",
-        "arctan",
-        "arcsinh",
-        "cbrt",
-    ]
-)
+    ("number", "variable", "negate", "+", "-", "*", "square", "cbrt", *_SMOOTH)
+) | frozenset(("select", "min", "max", "abs", "sign"))
 """What is finite wherever its operands are, but for overflow."""
 LARGEST_WHOLE_POWER: Final = 1e9
 _EVERY: Final = {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS}
