@@ -129,7 +129,7 @@ class FormulaSystem:
             If a value or a function is missing.
         """
         given = [value_of(name, values) for name in self.names]
-        run = self._on_arrays if functions is NUMPY_FUNCTIONS else self._on(functions)
+        run = self.on_arrays if functions is NUMPY_FUNCTIONS else self._on(functions)
         with np.errstate(all="ignore"):
             return cast(list[T | float], run(*given))
 
@@ -145,7 +145,7 @@ class FormulaSystem:
         return _compiled(_source(self))
 
     @cached_property
-    def _on_arrays(self) -> Callable[..., list[Any]]:
+    def on_arrays(self) -> Callable[..., list[Any]]:
         return FunctionType(self._code, {"__builtins__": {}, **_EVERY})
 
     def _on(self, functions: Mapping[str, Callable[..., T]]) -> Callable[..., list[Any]]:
