@@ -138,7 +138,7 @@ class FormulaSystem:
 
         Floating-point errors are treated as the caller's ``np.errstate`` says.
         """
-        return self._on_arrays(*[values[name] for name in self.names])
+        return self.on_arrays(*[values[name] for name in self.names])
 
     @cached_property
     def _code(self) -> CodeType:
