@@ -14,7 +14,7 @@ from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.run.loop import no_unique_solution
 from fvi_cli.integrator.run.objections import check_laws
 from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_on_mesh
-from fvi_cli.integrator.run.unfinished import RunKeeper
+from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 

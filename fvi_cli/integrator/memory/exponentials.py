@@ -28,6 +28,7 @@ class Exponentials:
         As for :func:`fvi_cli.integrator.convolution.kernel.power_kernel`.
     """
 
+    n_lags = 0
     column: Array | None = None
     column_start = 1.0
 

@@ -40,6 +40,8 @@ class Memory(Protocol):
     ----------
     n_states
         Number J of states of each component.
+    n_lags
+        Steps of the past that are remembered one by one, in states of their own.
     column
         Input by which a start velocity of 1 is subtracted, ``(i,)``; None: it is none.
     column_start
@@ -47,6 +49,7 @@ class Memory(Protocol):
     """
 
     n_states: int
+    n_lags: int
     column: Array | None
     column_start: float
 

@@ -44,7 +44,7 @@ class Lags:
         orders = tuple(1.0 - one for one in exponents)
         tail = lag_tail(method.bdf_order, orders, n_steps, writes_out=writes_out)
         self._step = lag_step(method.bdf_order, tables, orders, tail, h)
-        self.n_states = self._step.n_states
+        self.n_states, self.n_lags = self._step.n_states, self._step.n_lags
         self.column: Array | None = -tables.control_points[1:]
         self._decays: dict[int, Array] = {}
 

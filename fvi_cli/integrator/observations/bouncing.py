@@ -23,7 +23,8 @@ from fvi_cli.integrator.observations.surface import (
 )
 from fvi_cli.integrator.run.loop import Course
 from fvi_cli.integrator.run.setup import RunSetup, first_marker
-from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper
+from fvi_cli.integrator.engine.checkpoint import RunKeeper
+from fvi_cli.integrator.run.unfinished import CourseKeeper
 from fvi_cli.integrator.steps.dynamics import General
 from fvi_cli.integrator.steps.step import StepResult
 from fvi_cli.mathematics.arrays import Array, Places

@@ -40,7 +40,7 @@ from fvi_cli.integrator.observations.impacts import replayed
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.on_mesh import integrate_on_mesh
 from fvi_cli.integrator.run.setup import prepare_on_mesh
-from fvi_cli.integrator.run.unfinished import RunKeeper
+from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
