@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 
-from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.convolution.directions import scale_and_direction
 from fvi_cli.integrator.counts import check_counts
 from fvi_cli.integrator.decoupling import linear_decoupling
 from fvi_cli.integrator.engine.blocks import longest_in_batch
 from fvi_cli.integrator.engine.checkpoint import RunKeeper
-from fvi_cli.integrator.engine.engine import LEAST_BLOCK_STEPS
+from fvi_cli.integrator.engine.damping import LEAST_BLOCK_STEPS, damping_of
+from fvi_cli.integrator.engine.directions import pattern_of
 from fvi_cli.integrator.engine.frame import sampling_of
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.memory.exponentials import Exponentials
+from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
@@ -84,8 +85,8 @@ def integrate_batch(
 ) -> list[Trajectory]:
     """Integrate scenes of one kind, so many at a time as stay in the cache.
 
-    Where the equations of a member have no unique solution, all are integrated individually, in
-    blocks of the same length; one whose numbers cease to be finite in a block is so step by step.
+    One whose numbers cease to be finite is integrated individually, where overflow in blocks is
+    told from a run that left its bound before.
     """
     mesh, block = mesh_for(scenes[0], method, n_steps), block_in_batch(scenes[0], method)
     found: list[Trajectory] = []
@@ -93,10 +94,6 @@ def integrate_batch(
     for first in range(0, len(scenes), together):
         part = scenes[first : first + together]
         runs = integrate_scenes(part, method, mesh, every=every, most=block)
-        if len(part) > 1 and any(_is_singular(one) for one in runs):
-            runs = [
-                integrate_scenes([one], method, mesh, every=every, most=block)[0] for one in part
-            ]
         found += [
             integrate_scenes([scene], method, mesh, every=every)[0] if _overflows(one) else one
             for scene, one in zip(part, runs, strict=True)
@@ -113,10 +110,6 @@ def block_in_batch(scene: Scene, method: Method) -> int:
 def _overflows(trajectory: Trajectory) -> bool:
     """Whether a look step by step may show that it left its bound before."""
     return trajectory.failure is not None and trajectory.failure.reason == "not finite"
-
-
-def _is_singular(trajectory: Trajectory) -> bool:
-    return trajectory.failure is not None and trajectory.failure.reason == "no unique solution"
 
 
 def companions(scenes: Sequence[Scene], method: AnyMethod, n_steps: int) -> list[int]:
@@ -162,10 +155,14 @@ def kind_of(scene: Scene, method: Method, n_steps: int) -> Hashable | None:
     """What scenes have in common that differ in numbers alone; None: it goes individually."""
     if scene.is_sparse:
         return None
+    memory: Hashable = any(term.order != 1 for term in scene.active_damping)
     if not method.is_runge_kutta:
         is_corrected = method.start == "weights" and scene.active_damping
         if scene.active_laws or is_corrected or writes_out(method, n_steps):
             return None
+        memory = frozenset(term.order for term in scene.active_damping)
+    elif scene.active_laws:
+        memory = _rates_of(scene, method, mesh_for(scene, method, n_steps))
     width = _width(scene)
     if method.degree * (scene.dimension // width) > LARGEST_STEP:
         return None
@@ -174,7 +171,8 @@ def kind_of(scene: Scene, method: Method, n_steps: int) -> Hashable | None:
         powers = tuple(start_power(scene, at_start=at_start) for at_start in (True, False))
     return (
         *(scene.dimension, width, scene.final_time, scene.break_points, scene.derivative),
-        *(_formulas_of(scene.lagrangian or scene.potential), powers, _damping_of(scene)),
+        *(_formulas_of(scene.lagrangian or scene.potential), powers, memory),
+        pattern_of(scene),
     )
 
 
@@ -183,6 +181,17 @@ def writes_out(method: Method, n_steps: int) -> bool:
     if method.history == "auto":
         return n_steps < LEAST_BLOCK_STEPS
     return method.history == "direct"
+
+
+def _rates_of(scene: Scene, method: Method, mesh: Mesh) -> Hashable:
+    """Rates of the exponentials for a scene, which laws shape."""
+    damping = damping_of(
+        [scene], method, shortest_step=mesh.shortest_step, steps=mesh.equivalent_steps
+    )
+    memory = None if damping is None else damping.memory
+    if not isinstance(memory, Exponentials) or memory.kernel is None:
+        return None
+    return memory.kernel.rates.tobytes()
 
 
 def _formulas_of(energy: object) -> Hashable:
@@ -196,19 +205,6 @@ def _formulas_of(energy: object) -> Hashable:
         formulas = (energy.first, energy.second)
         return (energy.coordinates, tuple(sorted(energy.parameters)), formulas, own)
     return None
-
-
-def _damping_of(scene: Scene) -> Hashable:
-    """What scenes have in common whose damping is of one form."""
-    above = scene.derivative == "caputo" and bool(scene.initial_velocity.any())
-    terms, sizes = [], []
-    for force in scene.active_forces:
-        size, matrix = scale_and_direction(force)
-        sizes.append((size, dense(matrix).tobytes()))
-        is_relative = above and isinstance(force, FractionalDamping) and force.order > 1
-        term = force.order if isinstance(force, FractionalDamping) else force.kernel
-        terms.append((term, is_relative))
-    return tuple(terms), tuple((one / sizes[0][0], matrix) for one, matrix in sizes[1:])
 
 
 def _width(scene: Scene) -> int:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import fits_break_points
 from fvi_cli.integrator.convolution.damping import directions_of
+from fvi_cli.integrator.engine.plan import MeshPlan
 from fvi_cli.integrator.members import block_in_batch, fewest, goes_together
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.engine.plan import MeshPlan
 from fvi_cli.integrator.run.on_mesh import plan_on_mesh
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 

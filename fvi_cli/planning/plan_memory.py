@@ -7,9 +7,9 @@ matrices of a block and what its past does while they are put together, and the 
 from __future__ import annotations
 
 from fvi_cli.integrator.balances.mesh_balance import PIECE
-from fvi_cli.integrator.loads.panels import tested_rule
 from fvi_cli.integrator.engine.loop import chunk_steps
 from fvi_cli.integrator.engine.plan import MeshPlan
+from fvi_cli.integrator.loads.panels import tested_rule
 from fvi_cli.integrator.members import MOST_TOGETHER
 from fvi_cli.integrator.steps.linear_blocks import is_recurrence
 from fvi_cli.planning.machinery import Machinery

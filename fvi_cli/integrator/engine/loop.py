@@ -12,7 +12,6 @@ from fvi_cli.integrator.engine.recorder import Recorder
 from fvi_cli.integrator.engine.recurrence import Recurrence
 from fvi_cli.integrator.engine.source import Proposal, Source
 from fvi_cli.integrator.engine.state import State
-from fvi_cli.integrator.failure import StepFailedError
 
 CHUNK = 4096
 """Steps whose known forces are computed together, at most."""
@@ -30,14 +29,6 @@ def chunk_steps(dimension: int) -> int:
     while most > 16 and most * dimension > LARGEST_CHUNK:
         most //= 2
     return most
-
-
-def no_unique_solution(step_size: float) -> str:
-    """What is said of steps whose equations are singular, as with negative stiffness."""
-    return (
-        f"the equations of a step of length {step_size:.6g} have no unique solution; take "
-        "another number of steps"
-    )
 
 
 def run(
@@ -83,13 +74,8 @@ def run(
             asked = source.propose()
             if asked is None:
                 break
-            try:
-                count = min(asked.count, chunk)
-                _steps(engine, source, state, recorder, asked, count, recurrences)
-            except np.linalg.LinAlgError:
-                # matrices are made before the first step that needs them
-                error = StepFailedError(no_unique_solution(asked.h), reason="no unique solution")
-                recorder.stop(state.t, error)
+            count = min(asked.count, chunk)
+            _steps(engine, source, state, recorder, asked, count, recurrences)
             if recorder.is_full:
                 recorder.flush(state)
             if after is not None and recorder.live.any():

@@ -44,21 +44,9 @@ class MeshPlan:
 
 
 def memory_operations(engine: Engine, n_steps: int) -> int:
-    """Multiply-adds of the memory of a scene in so many steps.
-
-    For each direction the force of J states at m samples of a step, and what the i inputs of a step
-    add to the states; those of them that hold lags take one input each and nothing else.
-    """
-    memory = engine.memory
-    if memory is None:
-        return 0
-    m, i = engine.sampling.to_loads.shape[1], len(engine.sampling.to_inputs)
-    directions = sum(1 for one in engine.directions if one.terms)
-    intake = engine.n_states * i
-    if not engine.method.is_runge_kutta:
-        intake = engine.n_states - memory.n_lags * i
-    columns = engine.width * engine.e + int(engine.has_column)
-    return n_steps * (directions * m * engine.n_states + intake) * columns
+    """Multiply-adds of the memory of a scene in so many steps."""
+    damping = engine.damping
+    return 0 if damping is None else n_steps * engine.width * damping.operations_per_step
 
 
 def plan_steps(engine: Engine, mesh: Mesh) -> MeshPlan:
@@ -79,5 +67,5 @@ def plan_steps(engine: Engine, mesh: Mesh) -> MeshPlan:
         has_modes=engine.modes is not None and engine.modes[0].has_modes,
         n_states=engine.n_states,
         operations=memory_operations(engine, mesh.n_steps),
-        n_lags=0 if engine.memory is None else engine.memory.n_lags,
+        n_lags=0 if engine.damping is None else engine.damping.memory.n_lags,
     )

@@ -14,7 +14,7 @@ from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.newton_log import NewtonLog
 from fvi_cli.integrator.engine.source import Proposal
 from fvi_cli.integrator.engine.state import State, Steps
-from fvi_cli.integrator.failure import Failure, StepFailedError
+from fvi_cli.integrator.failure import Failure, StepFailedError, no_unique_solution
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.mathematics.arrays import Array
 
@@ -163,11 +163,17 @@ class Recorder:
         if not steps.failed.any():
             return
         for member in np.flatnonzero(steps.failed & state.live).tolist():
-            # members with an iteration are scenes; failed ones stop before the step
-            if self.live[member] and member not in self._stops:
-                before, error = step_failure(steps, member, state)
-                failure = Failure.in_step(first + before, state.t + before * steps.h, error)
-                self._stops[member] = (self._count + before, failure)
+            scene = member // self._engine.width
+            if not self.live[scene] or scene in self._stops:
+                continue
+            if not steps.attempts:
+                error = no_unique_solution(steps.h)
+                failure = Failure(str(error), error.reason, first, state.t)
+                self._stops[scene] = (self._count, failure)
+                continue
+            before, error = step_failure(steps, member, state)
+            failure = Failure.in_step(first + before, state.t + before * steps.h, error)
+            self._stops[scene] = (self._count + before, failure)
 
     def add(
         self,
@@ -194,12 +200,6 @@ class Recorder:
         """
         self._waiting.append((asked, end, position, momentum, inputs, unknowns))
         self._count += position.shape[1]
-
-    def stop(self, time: float, error: StepFailedError) -> None:
-        """No scene has a next step."""
-        for scene in np.flatnonzero(self.live).tolist():
-            words = Failure(str(error), error.reason, self.reached, time)
-            self._stops.setdefault(scene, (self._count, words))
 
     @property
     def reached(self) -> int:
@@ -411,7 +411,9 @@ class Recorder:
                     [(k, end.done, end.rows) for k, end in zip(stopped, ends, strict=True)]
                 ),
                 "stopped points": np.array([(e.position, e.momentum) for e in ends]),
-                "stopped times": np.array([(e.time, f.time) for e, f in zip(ends, failures, strict=True)], dtype=float),
+                "stopped times": np.array(
+                    [(e.time, f.time) for e, f in zip(ends, failures, strict=True)], dtype=float
+                ),
                 "stopped words": np.array([(f.words, f.reason) for f in failures]),
                 "stopped steps": np.array([-1 if f.step is None else f.step for f in failures]),
             }
@@ -422,9 +424,7 @@ class Recorder:
         for name, pieces in self._rows.items():
             pieces[:] = [arrays[name]] if name in arrays else []
         self._is_point = [arrays["is point"]]
-        self.newton.restore(
-            {name.removeprefix("newton "): one for name, one in arrays.items()}
-        )
+        self.newton.restore({name.removeprefix("newton "): one for name, one in arrays.items()})
         self._last = (
             float(arrays["last time"]),
             arrays["last position"],

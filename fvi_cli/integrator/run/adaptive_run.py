@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time as clock
 from dataclasses import dataclass
 
@@ -11,33 +10,25 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.balances.mesh_balance import diagnose_run
-from fvi_cli.integrator.break_points import steps_at_break_points
-from fvi_cli.integrator.compensated import CompensatedSum
 from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.growth_bound import energy_remarks, scene_bound
 from fvi_cli.integrator.local_error.examine import Examiner
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
-from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
-from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.momenta import smooth_momenta
 from fvi_cli.integrator.results.newton_record import NewtonRecord
 from fvi_cli.integrator.run.loop import Course, march_adaptively
-from fvi_cli.integrator.engine.plan import MeshPlan
 from fvi_cli.integrator.run.regular import (
     has_rough_momenta,
-    keeps_for_momenta,
     regular_until,
     rough_remarks,
 )
 from fvi_cli.integrator.run.setup import (
     RunSetup,
     first_marker,
-    prepare_on_mesh,
     prepare_run,
-    ready_on_mesh,
 )
 from fvi_cli.integrator.run.sink import Sink
 from fvi_cli.integrator.run.unfinished import CourseKeeper

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time as clock
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,26 +20,24 @@ from fvi_cli.integrator.engine.plan import MeshPlan, memory_operations, plan_ste
 from fvi_cli.integrator.engine.recorder import Recorder
 from fvi_cli.integrator.engine.source import MeshSource
 from fvi_cli.integrator.engine.state import State
-from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.growth_bound import energy_remarks
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.results.momenta import smooth_momenta
+from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.regular import (
     has_rough_momenta,
     keeps_for_momenta,
     regular_until,
     rough_remarks,
 )
-from fvi_cli.integrator.results.momenta import smooth_momenta
-from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.soundness import Soundness
 from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
-
 
 AnySteps = int | Mesh | AdaptiveSteps
 
@@ -116,7 +114,10 @@ class MeshRun:
         scenes = self.engine.scenes
         position = np.array([one.initial_position for one in scenes])
         momentum = np.array(
-            [dynamics_of(one).momentum(one.initial_position, one.initial_velocity, 0.0) for one in scenes]
+            [
+                dynamics_of(one).momentum(one.initial_position, one.initial_velocity, 0.0)
+                for one in scenes
+            ]
         )
         self.recorder.begin(0.0, position, momentum)
 
@@ -238,7 +239,12 @@ def path_from(
     engine = engine_on_mesh([scene], method, mesh)
     recorder = Recorder(engine)
     recorder.begin(0.0, position[None], momentum[None])
-    run(engine, MeshSource(mesh), state=engine.start_at(position[None], momentum[None]), recorder=recorder)
+    run(
+        engine,
+        MeshSource(mesh),
+        state=engine.start_at(position[None], momentum[None]),
+        recorder=recorder,
+    )
     failure = recorder.failures.get(0)
     if failure is not None and failure.reason == "no unique solution":
         raise np.linalg.LinAlgError(str(failure))

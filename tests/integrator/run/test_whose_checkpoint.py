@@ -7,13 +7,17 @@ import pytest
 from letters import spring, swing
 
 import fvi_cli as fvi
+from fvi_cli.integrator.engine import loop
+from fvi_cli.integrator.engine.checkpoint import (
+    OF_ANOTHER_RUN,
+    UnfinishedRun,
+    digest_of,
+    fingerprint,
+)
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import graded_mesh, mesh_of, uniform_mesh
-from fvi_cli.integrator.engine import loop
-from fvi_cli.integrator.engine.checkpoint import fingerprint
 from fvi_cli.integrator.run.on_mesh import integrate_on_mesh
 from fvi_cli.integrator.run.parts import integrate_part
-from fvi_cli.integrator.engine.checkpoint import OF_ANOTHER_RUN, UnfinishedRun, digest_of
 
 HEAD = ("seconds", "case", "n_steps", "step_size", "fingerprint", "done", "reported")
 N, T = 96, 8.0
