@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.engine.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
@@ -15,7 +16,6 @@ from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import ForcingQuadrature, Method
 from fvi_cli.integrator.run.adaptive_run import integrate_adaptively, prepare_adaptive
 from fvi_cli.integrator.run.setup import RunSetup
-from fvi_cli.integrator.engine.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Trajectory
 
 MOST_STEPS = 200_000
