@@ -1,0 +1,1 @@
+"""What damping remembers of the past."""
