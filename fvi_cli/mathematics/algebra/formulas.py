@@ -146,6 +146,7 @@ class FormulaSystem:
 
     @cached_property
     def on_arrays(self) -> Callable[..., list[Any]]:
+        """The program as a function of arrays, one for each of :attr:`names`, without checks."""
         return FunctionType(self._code, {"__builtins__": {}, **_EVERY})
 
     def _on(self, functions: Mapping[str, Callable[..., T]]) -> Callable[..., list[Any]]:
