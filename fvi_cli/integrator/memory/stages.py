@@ -156,13 +156,12 @@ class StageOperator:
         tails[-1] = 1.0 + corner * z
         squares = (off * off)[:, None] * (z * z)
         for k in range(m - 2, -1, -1):
-            np.divide(squares[k], tails[k + 1], out=tails[k])
-            tails[k] += 1.0
+            tails[k] = squares[k] / tails[k + 1] + 1.0
         rest, half = tails[0], 0.5 * z
         columns = np.empty((m, z.size))
         columns[0] = 1.0 / (rest + half)
-        np.divide(-off[:, None] * z, tails[1:], out=columns[1:])
-        np.multiply.accumulate(columns, axis=0, out=columns)
+        columns[1:] = -off[:, None] * z / tails[1:]
+        columns = np.multiply.accumulate(columns, axis=0)
         # R = (1 - q) / (1 + q): nothing cancels at either end
         q = half / rest
         with np.errstate(divide="ignore"):
