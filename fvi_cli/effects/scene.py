@@ -13,7 +13,7 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Form, is_sparse
+from fvi_cli.effects.matrices import Form, is_semidefinite, is_sparse
 from fvi_cli.effects.potential import Potential, QuadraticPotential, with_stiffness
 from fvi_cli.mathematics.arrays import Array
 
@@ -155,6 +155,19 @@ class Scene:
         if self.lagrangian is not None:
             return False
         return self.potential is None or isinstance(self.potential, QuadraticPotential)
+
+    @property
+    def is_dissipative(self) -> bool:
+        r"""Whether it is linear, and its stiffness and dampings are positive semi-definite.
+
+        Then nothing grows: for Re s > 0 every term of
+        :math:`s M + \sum_j s^{\gamma_j - 1} D_j + K / s` has a positive semi-definite Hermitian
+        part, that of the first one definite. Nothing dense is made of sparse matrices.
+        """
+        forms = [term.form for term in self.active_forces]
+        if isinstance(self.potential, QuadraticPotential):
+            forms.append(self.potential.form)
+        return self.is_linear and all(map(is_semidefinite, forms))
 
     @property
     def break_points(self) -> tuple[float, ...]:

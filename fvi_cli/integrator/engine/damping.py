@@ -14,6 +14,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -51,6 +52,23 @@ class DampingTables:
     sequences: tuple[Array, ...]
     offsets: tuple[Array | None, ...]
 
+    @cached_property
+    def local(self) -> tuple[Array, ...]:
+        """For every direction inputs of the block to its forces, ``(q or 1, B m, B i)``."""
+        return tuple(expand(one) for one in self.sequences)
+
+    def of(self, places: Places) -> DampingTables:
+        """Those of some members."""
+
+        def own(table: Array) -> Array:
+            return table if len(table) == 1 else table[places]
+
+        return replace(
+            self,
+            sequences=tuple(own(one) for one in self.sequences),
+            offsets=tuple(None if one is None else own(one) for one in self.offsets),
+        )
+
 
 class Damping:
     """All that damps the members of a batch.
@@ -80,7 +98,7 @@ class Damping:
         self.combinations = tuple(
             Combination.made(memory, one.terms, one.factors, one.matrix) for one in self.directions
         )
-        relative = any(one.is_relative for one in self.directions)
+        self.is_relative = relative = any(one.is_relative for one in self.directions)
         plain = any(not one.is_relative and self._remembers(one) for one in self.directions)
         self.has_column = relative and (plain or memory.column is not None)
         self._starts_relative = relative and not self.has_column
@@ -97,7 +115,7 @@ class Damping:
         """Tables of `count` steps of length h."""
         kernels = self.memory.kernels(h, count)
         every = kernels.sequence
-        sequences = tuple(one.of(every) for one in self.combinations)
+        sequences = tuple(one.combine(every) for one in self.combinations)
         offsets = tuple(
             self._offset(kernels, sequence, combination) if one.is_relative else None
             for sequence, combination, one in zip(
@@ -148,8 +166,8 @@ class Damping:
         inputs[:, -1] = 0.0 if self._jump is None else self._jump / memory.h
         return inputs
 
-    def force_of_jump(self) -> Array:
-        """Force of the jump to the initial position that is left out, ``(q, n, m, e)``.
+    def impulses_of_jump(self) -> Array:
+        """Force of the jump to the initial position that is left out, times h, ``(q, n, m, e)``.
 
         At the first sample all of it, as in the paper. A derivative of order 1 of a jump is zero
         behind it: its backward differences, which come to an end, are left out at all samples.
@@ -157,7 +175,7 @@ class Damping:
         memory = self.memory
         if self._jump is None or not isinstance(memory, Lags):
             return np.zeros((len(self._velocity), 0, 0, self._velocity.shape[2]))
-        kernels = memory.at_lags(np.arange(1, memory.bdf_order + 2))
+        kernels = memory.at_lags(np.arange(1, min(memory.bdf_order + 1, memory.n_steps) + 1))
         first = self._jump_inputs(memory)
         whole, total = np.zeros((2, len(first), *kernels.shape[1:3], first.shape[2]))
         for one in self.combinations:
@@ -171,7 +189,7 @@ class Damping:
                 if memory.terms[place] == 0.0:
                     total += force
         total[:, 0, 0] = whole[:, 0, 0]
-        return np.asarray(total)
+        return np.asarray(memory.h * total)
 
     def past(
         self,
@@ -180,32 +198,53 @@ class Damping:
         column: Array,
         count: int,
         direction: int | None = None,
+        *,
+        starts_at_rest: bool = False,
     ) -> Array:
         """Force of the past on the first `count` steps of a block, ``(q, count m, e)``.
 
-        Of all directions together, or of one.
+        Of all directions together, or of one; `starts_at_rest` leaves out the start velocity.
         """
         chosen = range(len(self.directions)) if direction is None else [direction]
         combinations = [self.combinations[index] for index in chosen]
-        own = self._acted_on(states, column)
+        own = [states for _ in self.directions]
+        if not starts_at_rest:
+            own = self._acted_on(states, column)
         force = tables.kernels.past([own[index] for index in chosen], combinations, count)
         for index, one in zip(chosen, combinations, strict=True):
             offset = tables.offsets[index]
-            if offset is not None:
+            if offset is not None and not starts_at_rest:
                 start = along(self._velocity, one.matrix)
                 force = force + offset[:, : force.shape[1], None] * start
         return force
+
+    def past_of_start(self, tables: DampingTables, columns: Array, count: int) -> Array:
+        """Force of the start velocity of one member alone, ``(n, count m, e)``.
+
+        By states of a start velocity of 1, ``(n, J, 1)``.
+        """
+        states = np.zeros((1, self.n_states, self._velocity.shape[2]))
+        return self.past(tables, states, columns, count)
 
     def _acted_on(self, states: Array, column: Array) -> list[Array]:
         """For every direction the states on which it acts."""
         moved = states + column * self._velocity if self.has_column else states
         return [moved if one.is_relative else states for one in self.directions]
 
-    def own(self, tables: DampingTables, inputs: Array, direction: int) -> Array:
-        """Force of a direction by inputs ``(q, count i, e)`` of its own steps."""
-        sequence = tables.sequences[direction][:, : inputs.shape[1] // tables.kernels.n_inputs]
-        force = np.matmul(expand(sequence), inputs)
-        return along(force, self.combinations[direction].matrix)
+    def own(
+        self, tables: DampingTables, inputs: Array, count: int, direction: int | None = None
+    ) -> Array:
+        """Force of the first `count` steps on each other, ``(q, count m, e)``, as for `past`.
+
+        Inputs are ``(q, count i, e)``.
+        """
+        size = count * tables.kernels.n_samples
+        chosen = range(len(self.directions)) if direction is None else [direction]
+        total = np.zeros((len(inputs), size, inputs.shape[2]))
+        for index in chosen:
+            force = np.matmul(tables.local[index][:, :size, : inputs.shape[1]], inputs)
+            total += along(force, self.combinations[index].matrix)
+        return total
 
     def energy(self, states: Array, column: Array) -> Array | None:
         r"""Energy that every direction stores, ``(n_directions, q)``; None where it has no weights.
@@ -226,12 +265,8 @@ class Damping:
         for index, (acted, one, direction) in enumerate(every):
             free = acted - self._velocity if direction.is_relative else acted
             squares = (free * along(free, one.matrix)).sum(axis=2)
-            found[index] = 0.5 * (one.of(by_term) * squares).sum(axis=1)
+            found[index] = 0.5 * (one.combine(by_term) * squares).sum(axis=1)
         return found
-
-    def push(self, tables: DampingTables, states: Array, inputs: Array, count: int) -> Array:
-        """States behind the first `count` steps, driven by ``(q, count i, e)``."""
-        return tables.kernels.push(states, inputs, count)
 
     def push_column(self, tables: DampingTables, column: Array, count: int) -> Array:
         """States of a start velocity of 1 behind the first `count` steps, ``(1, J, 1)``."""
@@ -243,11 +278,11 @@ class Damping:
         return tables.kernels.push(column, inputs, count)
 
     def of(self, places: Places) -> Damping:
-        """That of some members; tables that are not shared are made anew."""
+        """That of some members; tables that are not shared have theirs."""
         part = copy.copy(self)
         part._velocity = self._velocity[places]
         part._jump = None if self._jump is None else self._jump[places]
-        part.combinations = tuple(one.of_members(places) for one in self.combinations)
+        part.combinations = tuple(one.of(places) for one in self.combinations)
         return part
 
 

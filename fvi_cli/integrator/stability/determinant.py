@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.effects.matrices import is_semidefinite
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import decouple_forms
@@ -60,17 +59,6 @@ class MatrixPencil:
             float(np.linalg.eigvalsh(form)[0]) >= -1e-14 * float(np.abs(form).max())
             for form in forms
         )
-
-
-def is_dissipative(scene: Scene) -> bool:
-    """Whether nothing can grow: stiffness and all damping matrices are positive semi-definite.
-
-    See :attr:`MatrixPencil.is_dissipative`; nothing dense is made of sparse matrices.
-    """
-    forms = [term.form for term in scene.active_forces]
-    if isinstance(scene.potential, QuadraticPotential):
-        forms.append(scene.potential.form)
-    return scene.is_linear and all(map(is_semidefinite, forms))
 
 
 def matrix_pencil(scene: Scene) -> MatrixPencil:

@@ -30,7 +30,6 @@ from fvi_cli.integrator.stability.determinant import (
     MatrixPencil,
     half_plane,
     independent_systems,
-    is_dissipative,
     number_of_unknowns,
     step_determinant,
 )
@@ -244,7 +243,7 @@ def _has_spurious_mode(
 
 def _by_energy(scene: Scene, method: AnyMethod) -> StabilityPrediction:
     """Of a scene whose modes are not looked at: with sparse matrices, or relaxation laws."""
-    if gains_no_energy(method) and is_dissipative(scene):
+    if gains_no_energy(method) and scene.is_dissipative:
         return NO_GAIN
     reason = f"the modes of {scene.dimension} coupled components are not looked at"
     if scene.active_laws:
