@@ -10,6 +10,7 @@ from __future__ import annotations
 import copy
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -85,7 +86,6 @@ class Engine:
             n_steps=n_steps,
             modes=self.modes,
         )
-        self._basis = lobatto_basis(self.tables.degree)
         self._forget()
         self.loads_of = [StepLoads(one, method, self.tables) for one in scenes]
         self._leave_out_jump()
@@ -212,9 +212,7 @@ class Engine:
         """U of a step by the polynomial of the last one; uniform motion without one."""
         c = self.tables.control_points[1:]
         if state.unknowns is not None and h <= LONGEST_GUESS * state.h:
-            ratio = h / state.h
-            ahead = self._basis.values(1.0 + ratio * c)[1:].T
-            ahead = (ahead - np.eye(c.size)[-1]) / ratio
+            ahead = _continuation(self.tables.degree, h / state.h)
             return np.asarray(np.matmul(ahead, state.unknowns))
         v = self.law.velocity(state.x, state.p, state.t)
         return np.asarray(c[:, None] * v[:, None])
@@ -371,3 +369,11 @@ class Engine:
             np.array([m.scene_positions(x[i * k : i * k + k]) for i, m in enumerate(self.modes)]),
             np.array([m.scene_forces(p[i * k : i * k + k]) for i, m in enumerate(self.modes)]),
         )
+
+
+@lru_cache(maxsize=1024)
+def _continuation(degree: int, ratio: float) -> Array:
+    """U of a step that is so many times as long as the one before from U of that, ``(s, s)``."""
+    basis = lobatto_basis(degree)
+    ahead = basis.values(1.0 + ratio * basis.control_points[1:])[1:].T
+    return np.asarray((ahead - np.eye(degree)[-1]) / ratio)
