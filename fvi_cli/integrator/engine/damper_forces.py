@@ -44,7 +44,7 @@ def forces_of_dampers(damping: Damping, step_sizes: Array, inputs: Array) -> Arr
             for index in range(len(damping.directions))
         ]
         found.append(np.array(forces).reshape(len(forces), q, count, -1, e))
-        states = tables.kernels.push(states, driven, count)
+        states = damping.push(tables, states, driven, count)
         column = damping.push_column(tables, column, count)
     if not found:
         return np.zeros((len(damping.directions), q, n, 0, e))
@@ -65,7 +65,7 @@ def stored_energy(damping: Damping, step_sizes: Array, inputs: Array) -> Array |
     found = [damping.energy(states, column)]
     for first, h in enumerate(step_sizes.tolist()):
         tables = damping.tables(h, 1)
-        states = tables.kernels.push(states, inputs[:, first], 1)
+        states = damping.push(tables, states, inputs[:, first], 1)
         column = damping.push_column(tables, column, 1)
         found.append(damping.energy(states, column))
     known = [one for one in found if one is not None]

@@ -98,7 +98,7 @@ class Damping:
         self.combinations = tuple(
             Combination.made(memory, one.terms, one.factors, one.matrix) for one in self.directions
         )
-        self.is_relative = relative = any(one.is_relative for one in self.directions)
+        relative = any(one.is_relative for one in self.directions)
         plain = any(not one.is_relative and self._remembers(one) for one in self.directions)
         self.has_column = relative and (plain or memory.column is not None)
         self._starts_relative = relative and not self.has_column
@@ -166,8 +166,8 @@ class Damping:
         inputs[:, -1] = 0.0 if self._jump is None else self._jump / memory.h
         return inputs
 
-    def impulses_of_jump(self) -> Array:
-        """Force of the jump to the initial position that is left out, times h, ``(q, n, m, e)``.
+    def force_of_jump(self) -> Array:
+        """Force of the jump to the initial position that is left out, ``(q, n, m, e)``.
 
         At the first sample all of it, as in the paper. A derivative of order 1 of a jump is zero
         behind it: its backward differences, which come to an end, are left out at all samples.
@@ -189,7 +189,7 @@ class Damping:
                 if memory.terms[place] == 0.0:
                     total += force
         total[:, 0, 0] = whole[:, 0, 0]
-        return np.asarray(memory.h * total)
+        return np.asarray(total)
 
     def past(
         self,
@@ -198,33 +198,21 @@ class Damping:
         column: Array,
         count: int,
         direction: int | None = None,
-        *,
-        starts_at_rest: bool = False,
     ) -> Array:
         """Force of the past on the first `count` steps of a block, ``(q, count m, e)``.
 
-        Of all directions together, or of one; `starts_at_rest` leaves out the start velocity.
+        Of all directions together, or of one.
         """
         chosen = range(len(self.directions)) if direction is None else [direction]
         combinations = [self.combinations[index] for index in chosen]
-        own = [states for _ in self.directions]
-        if not starts_at_rest:
-            own = self._acted_on(states, column)
+        own = self._acted_on(states, column)
         force = tables.kernels.past([own[index] for index in chosen], combinations, count)
         for index, one in zip(chosen, combinations, strict=True):
             offset = tables.offsets[index]
-            if offset is not None and not starts_at_rest:
+            if offset is not None:
                 start = along(self._velocity, one.matrix)
                 force = force + offset[:, : force.shape[1], None] * start
         return force
-
-    def past_of_start(self, tables: DampingTables, columns: Array, count: int) -> Array:
-        """Force of the start velocity of one member alone, ``(n, count m, e)``.
-
-        By states of a start velocity of 1, ``(n, J, 1)``.
-        """
-        states = np.zeros((1, self.n_states, self._velocity.shape[2]))
-        return self.past(tables, states, columns, count)
 
     def _acted_on(self, states: Array, column: Array) -> list[Array]:
         """For every direction the states on which it acts."""
@@ -268,6 +256,10 @@ class Damping:
             found[index] = 0.5 * (one.combine(by_term) * squares).sum(axis=1)
         return found
 
+    def push(self, tables: DampingTables, states: Array, inputs: Array, count: int) -> Array:
+        """States behind the first `count` steps, driven by ``(q, count i, e)``."""
+        return tables.kernels.push(states, inputs, count)
+
     def push_column(self, tables: DampingTables, column: Array, count: int) -> Array:
         """States of a start velocity of 1 behind the first `count` steps, ``(1, J, 1)``."""
         if not self.has_column:
@@ -276,6 +268,12 @@ class Damping:
         if self.memory.column is not None:
             inputs[0, :, 0] = np.tile(self.memory.column, count)
         return tables.kernels.push(column, inputs, count)
+
+    def at_rest(self) -> Damping:
+        """The same without a start velocity."""
+        part = copy.copy(self)
+        part._velocity = np.zeros_like(self._velocity)
+        return part
 
     def of(self, places: Places) -> Damping:
         """That of some members; tables that are not shared have theirs."""

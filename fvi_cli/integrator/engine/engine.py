@@ -25,7 +25,7 @@ from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import State, Steps, compensated
 from fvi_cli.integrator.engine.tables import apply, apply_to_each, on_steps
 from fvi_cli.integrator.loads.step_loads import StepLoads
-from fvi_cli.integrator.memory.interface import Combination
+from fvi_cli.integrator.memory.interface import along
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array, Places
@@ -55,7 +55,7 @@ class Engine:
     Attributes
     ----------
     law, damping
-        The conservative part; all that damps, None where nothing does.
+        The conservative part, and all that damps; None: nothing does.
     q, e
         Numbers of members and of components of each.
     """
@@ -70,6 +70,7 @@ class Engine:
         n_steps: int | None = None,
         most: int | None = None,
     ) -> None:
+        scene = scenes[0]
         self.scenes, self.method, self.tables = tuple(scenes), method, step_tables(method)
         self.sampling = sampling_of(method)
         self.modes = modes_of(scenes)
@@ -86,37 +87,27 @@ class Engine:
             n_steps=n_steps,
             modes=self.modes,
         )
-        self._forget()
-        self.loads_of = [StepLoads(one, method, self.tables) for one in scenes]
-        self._leave_out_jump()
-        self.has_loads = any(not one.is_empty for one in self.loads_of)
-        self.is_batch = most is not None
-        self.most = longest_block(self) if most is None else most
-
-    def _forget(self) -> None:
+        self.n_states = 0 if self.damping is None else self.damping.n_states
         self._frames: OrderedDict[tuple[float, int], Frame] = OrderedDict()
         self._operators: OrderedDict[tuple[float, int], Operator] = OrderedDict()
         self._of_step: Operator | None = None
         self._of_block: Operator | None = None
+        self.loads_of = [StepLoads(one, method, self.tables) for one in scenes]
+        if n_steps is not None:
+            self._leave_out_jump(scene.final_time / n_steps)
+        self.has_loads = any(not one.is_empty for one in self.loads_of)
+        self.is_batch = most is not None
+        self.most = longest_block(self) if most is None else most
 
-    @property
-    def directions(self) -> tuple[Combination, ...]:
-        """Directions of the damping."""
-        return () if self.damping is None else self.damping.combinations
-
-    @property
-    def n_states(self) -> int:
-        """Number J of states of the memory, for every component."""
-        return 0 if self.damping is None else self.damping.n_states
-
-    def _leave_out_jump(self) -> None:
-        """Samples on the nodes, Riemann-Liouville: the force of the jump to q0 is no force."""
-        if self.damping is None or not (impulses := self.damping.impulses_of_jump()).size:
+    def _leave_out_jump(self, h: float) -> None:
+        """Take the force of the jump to the initial position from that of backward differences."""
+        if self.damping is None or not (force := self.damping.force_of_jump()).size:
             return
-        n, m = impulses.shape[1:3]
-        flat = impulses.reshape(self.q, n * m, self.e)
-        for loads, own in zip(self.loads_of, self.to_scene(flat, flat)[1], strict=True):
-            loads.add(np.matmul(self.tables.sample_test_weights, own.reshape(n, m, -1)))
+        weights = self.tables.sample_test_weights
+        q, n, m, e = force.shape
+        _, scenes = self.to_scene(force.reshape(q, n * m, e), force.reshape(q, n * m, e))
+        for loads, own in zip(self.loads_of, scenes, strict=True):
+            loads.add(h * np.einsum("vm,kmd->kvd", weights, own.reshape(n, m, -1)))
 
     def _members(self, of: Callable[[Scene], Array]) -> Array:
         """Positions or velocities of all scenes as members, ``(q, e)``."""
@@ -151,7 +142,7 @@ class Engine:
         key = (h, count)
         if key not in self._frames:
             unit = unit_tables(self.method, count, self.e, self.law.has_rates)
-            self._frames[key] = Frame(self.method, unit, self.damping, h, count)
+            self._frames[key] = Frame(self.sampling, unit, self.damping, h, count)
             if len(self._frames) > KEPT_TABLES:
                 self._frames.popitem(last=False)
         return self._frames[key]
@@ -163,7 +154,7 @@ class Engine:
             if key not in self._operators:
                 at = self.law.linearise(state.x[:, None], None, 0.0)
                 self._operators[key] = Operator(
-                    self.frame(h, count), at, self.directions, is_linear=True
+                    self.frame(h, count), at, self.damping, is_linear=True
                 )
                 if len(self._operators) > KEPT_TABLES:
                     self._operators.popitem(last=False)
@@ -175,7 +166,7 @@ class Engine:
             state.single, state.single_h = self._at_guess(state, h, guess), h
         known = self._of_step
         if known is None or known.frame.h != h or known.at is not state.single:
-            known = Operator(self.frame(h, 1), state.single, self.directions, is_linear=False)
+            known = Operator(self.frame(h, 1), state.single, self.damping, is_linear=False)
             self._of_step = known
         return known
 
@@ -200,12 +191,12 @@ class Engine:
             state.block, state.stale = fresh, np.zeros_like(state.stale)
         known = self._of_block
         if known is None or (known.frame.h, known.frame.count) != key:
-            known = Operator(self.frame(*key), state.block.copy(), self.directions, is_linear=False)
+            known = Operator(self.frame(*key), state.block.copy(), self.damping, is_linear=False)
             self._of_block = known
         elif (places := known.at.differing(state.block)).size:
-            own = [one.of(places) for one in self.directions]
+            fresh, part = state.block.of(places), self.of(places)
             frame = known.frame.of(places)
-            known.put(places, Operator(frame, state.block.of(places), own, is_linear=False))
+            known.put(places, Operator(frame, fresh, part.damping, is_linear=False))
         return known
 
     def guess(self, state: State, h: float) -> Array:
@@ -247,10 +238,11 @@ class Engine:
         frame, e, s = op.frame, self.e, self.tables.degree
         q = state.x.shape[0]
         known = np.zeros((q, count, s + 1, e))
-        if self.damping is not None and frame.damping is not None:
-            past = self.damping.past(
-                frame.damping, state.z, state.column, count, starts_at_rest=starts_at_rest
-            )
+        damping = self.damping
+        if starts_at_rest and damping is not None:
+            damping = damping.at_rest()
+        if damping is not None and frame.damping is not None:
+            past = damping.past(frame.damping, state.z, state.column, count)
             known = on_steps(frame.to_loads, past.reshape(q, count, -1, e))
         if loads is not None:
             known = known - loads
@@ -267,10 +259,11 @@ class Engine:
         ).reshape(q, -1, e)
         change = -known.sum(axis=2)
         z = state.z
-        if self.damping is not None and frame.damping is not None:
-            own = self.damping.own(frame.damping, inputs, count).reshape(q, count, -1, e)
-            change = change - on_steps(frame.to_loads.sum(axis=0)[None], own)[:, :, 0]
-            z = frame.damping.kernels.push(z, inputs, count)
+        if damping is not None and frame.damping is not None:
+            for kicks, one in zip(frame.kicks, damping.combinations, strict=True):
+                kick = np.matmul(kicks[:, :count, : inputs.shape[1]], inputs)
+                change = change - along(kick, one.matrix)
+            z = damping.push(frame.damping, state.z, inputs, count)
         moved = h * np.cumsum(u[:, :, -1], axis=1)
         if solution is None:
             change = change - self._pulled(op, state, u, moved)
@@ -311,7 +304,8 @@ class Engine:
         """Go to the end of solved steps."""
         state.x, state.x_lost = compensated(state.x, state.x_lost, steps.dx[:, -1])
         state.p, state.p_lost = compensated(state.p, state.p_lost, steps.dp[:, -1])
-        state.column = self.push_column(state.column, steps.h, steps.count)
+        if self.damping is not None and self.damping.has_column:
+            state.column = self.pushed_column(state.column, steps.h, steps.count)
         state.z = steps.z
         state.unknowns, state.h, state.t = steps.unknowns[:, -1], steps.h, end
         if steps.rest is not None:
@@ -319,12 +313,12 @@ class Engine:
         if steps.failed.any():
             state.live = state.live & ~steps.failed
 
-    def push_column(self, column: Array, h: float, count: int) -> Array:
-        """States of a start velocity of 1 behind `count` steps."""
-        if self.damping is None or not self.damping.has_column:
-            return column
+    def pushed_column(self, column: Array, h: float, count: int) -> Array:
+        """States of the start velocity behind `count` steps."""
         tables = self._kept_frame(h, count).damping
-        return column if tables is None else self.damping.push_column(tables, column, count)
+        if self.damping is None or tables is None:
+            return column
+        return self.damping.push_column(tables, column, count)
 
     def _kept_frame(self, h: float, count: int) -> Frame:
         whole = self._frames.get((h, self.most))
@@ -337,9 +331,9 @@ class Engine:
         part = copy.copy(self)
         part.law = self.law.of(places)
         part.damping = None if self.damping is None else self.damping.of(places)
-        if part.damping is not None and not part.damping.is_shared:
+        part.q = len(places)
+        if self.damping is not None and not self.damping.is_shared:
             part._frames = OrderedDict()
-        part.q, part.v0 = len(places), self.v0[places]
         part._of_step = None
         part._of_block = None if self._of_block is None else self._of_block.of(places)
         return part

@@ -184,8 +184,8 @@ class Newton:
         v = at[..., e:] if engine.law.has_rates else None
         x = self.state.x[:, None] + at[..., :e]
         fresh = engine.law.linearise(x, v, self.times, per_point=True).of(places)
-        own = [one.of(places) for one in engine.directions]
-        op.put(places, Operator(op.frame.of(places), fresh, own, is_linear=False))
+        damping = None if engine.damping is None else engine.damping.of(places)
+        op.put(places, Operator(op.frame.of(places), fresh, damping, is_linear=False))
         self.fixed = self.fixed.copy()
         begin = np.concatenate([self.state.x, self.state.p], axis=1)[places]
         self.fixed[places] = apply(op.start[places], begin)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fvi_cli.integrator.engine.state import State, Steps
-from fvi_cli.integrator.engine.tables import expand, on_steps
+from fvi_cli.integrator.engine.tables import expand
 from fvi_cli.mathematics.arrays import Array
 
 if TYPE_CHECKING:
@@ -150,20 +150,20 @@ class Recurrence:
 
     def _known(self, state: State, blocks: int, loads: Array | None) -> Array | None:
         """Load vectors of all blocks with those of a start velocity, ``(blocks, B (s + 1) e)``."""
-        engine, count = self.engine, self.count
-        damping, tables = engine.damping, self.frame.damping
-        is_relative = damping is not None and damping.is_relative
+        engine, count, damping = self.engine, self.count, self.engine.damping
+        tables = self.frame.damping
+        is_relative = damping is not None and any(one.is_relative for one in damping.directions)
         if loads is None and not is_relative:
             return None
         flat = np.zeros((blocks, count, engine.tables.degree + 1, engine.e))
         if loads is not None:
             flat += loads[0].reshape(flat.shape)
         if damping is not None and tables is not None and is_relative:
-            columns = [state.column]
-            if damping.has_column:
-                for _ in range(blocks - 1):
-                    columns.append(damping.push_column(tables, columns[-1], count))
-                state.column = damping.push_column(tables, columns[-1], count)
-            force = damping.past_of_start(tables, np.concatenate(columns), count)
-            flat -= on_steps(self.frame.to_loads, force.reshape(len(columns), count, -1, engine.e))
+            nothing = np.zeros((1, engine.n_states, engine.e))
+            force = damping.past(tables, nothing, state.column, count)
+            for index in range(blocks):
+                if damping.has_column and index:
+                    force = damping.past(tables, nothing, state.column, count)
+                flat[index] -= self.frame.to_loads @ force.reshape(count, -1, engine.e)
+                state.column = damping.push_column(tables, state.column, count)
         return flat.reshape(blocks, -1)
