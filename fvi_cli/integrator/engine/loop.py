@@ -74,7 +74,7 @@ def run(
             asked = source.propose()
             if asked is None:
                 break
-            count = min(asked.count, chunk)
+            count = min(asked.n_steps, chunk)
             _steps(engine, source, state, recorder, asked, count, recurrences)
             if recorder.is_full:
                 recorder.flush(state)

@@ -21,7 +21,7 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.loop import Marker, Stepper
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.steps.dynamics import dynamics_of
-from fvi_cli.integrator.steps.linear_blocks import LARGEST_DENSE, LEAST_BLOCK
+from fvi_cli.integrator.engine.structures import LARGEST_DENSE, LEAST_BLOCK
 from fvi_cli.integrator.steps.step import StepSolver, sampling_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.runge_kutta import tableau
