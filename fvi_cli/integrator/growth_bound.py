@@ -11,8 +11,9 @@ from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.matrices import is_semidefinite, is_sparse
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.failure import Failure
-from fvi_cli.integrator.stability.determinant import independent_systems, is_dissipative
-from fvi_cli.integrator.stability.prediction import RESOLVED, exact_growth
+from fvi_cli.integrator.stability.exact_growth import exact_growth
+from fvi_cli.integrator.stability.prediction import RESOLVED
+from fvi_cli.integrator.stability.systems import independent_systems, is_dissipative
 from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.convergence import Mask
@@ -170,10 +171,8 @@ def _bound(scene: Scene, step_size: float, force: float) -> GrowthBound:
         # what grows is not looked for in large structures and beside laws: then there is no bound
         scale = scale if is_dissipative(scene) else math.inf
     elif scene.is_linear:
-        parts = independent_systems(scene)
         # a mode may grow that much faster and still be the truth, not resolved well
-        rate = max(exact_growth(part, final_time, step_size) for part in parts)
-        rate *= 1.0 + RESOLVED
+        rate = (1.0 + RESOLVED) * exact_growth(independent_systems(scene), final_time, step_size)
     elif not all(is_semidefinite(term.form) for term in scene.active_forces):
         # energy may come out of the damping without end
         scale = math.inf
