@@ -27,14 +27,11 @@ IN_CIRCLES: frozenset[str] = frozenset()
 
 
 def imports(name: str, path: Path, *, lazy: bool = True) -> set[str]:
-    """Modules of the package that a module imports, those for type checking left out."""
+    """Modules of the package that a module imports, also those for type checking alone."""
     found: set[str] = set()
     waiting: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
     while waiting:
         node = waiting.pop()
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
-            waiting += node.orelse
-            continue
         if isinstance(node, ast.ImportFrom) and node.module:
             found |= {f"{node.module}.{alias.name}" for alias in node.names} | {node.module}
         elif isinstance(node, ast.Import):
@@ -64,7 +61,7 @@ def test_circles_are_seen():
     assert in_circles({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == set()
 
 
-def test_no_circles_lazy_imports_included():
+def test_no_circles_lazy_imports_and_types_included():
     graph = {name: imports(name, path) for name, path in FILES.items()}
     assert sum(map(len, graph.values())) > len(FILES)
     found = in_circles(graph)

@@ -3,45 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.integrator.failure import Failure
-from fvi_cli.integrator.run.showing import dataframe_of, dataset_of, html_of, line_of
+from fvi_cli.integrator.results.diagnostics import Diagnostics
+from fvi_cli.integrator.results.newton_record import NewtonRecord
+from fvi_cli.integrator.results.observed import Observed
+from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.results.showing import dataframe_of, dataset_of, html_of
 from fvi_cli.mathematics.arrays import Array
-
-if TYPE_CHECKING:
-    from fvi_cli.integrator.balances.diagnostics import Diagnostics
-    from fvi_cli.integrator.observations.observe import Observed
-    from fvi_cli.integrator.run.steps_of_run import RunSteps
 
 Status = Literal["ok", "diverged", "failed", "refused"]
 Outcome = Literal["met", "unreliable", "refused"]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class NewtonRecord:
-    """How Newton's iteration went: one residual norm per iteration of the steps worth keeping.
-
-    Parameters
-    ----------
-    iterations
-        Total number of iterations.
-    largest
-        Largest number of iterations in one step.
-    worst_step
-        The step that took that many.
-    worst_residuals
-        Residual norms of that step, first to last.
-    """
-
-    iterations: int = 0
-    largest: int = 0
-    worst_step: int = -1
-    worst_residuals: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -157,11 +135,12 @@ class Trajectory:
 
     def __repr__(self) -> str:
         """The trajectory in one line."""
-        return line_of(self)
+        return f"<{self._line()}>"
 
     def _repr_html_(self) -> str:
         """A line, a picture and a small table, for notebooks."""
-        return html_of(self)
+        names = self._names()
+        return html_of(self._line(), self.time, names, self.position, self._columns())
 
     def to_dataframe(self) -> Any:
         """A pandas DataFrame over the times: ``x1``, momenta ``p_x1``, energy and quantities.
@@ -171,7 +150,7 @@ class Trajectory:
         ImportError
             If pandas is not installed.
         """
-        return dataframe_of(self)
+        return dataframe_of(self.time, self._columns())
 
     def to_xarray(self) -> Any:
         """An xarray Dataset along ``time`` and ``coordinate``: position, momentum and the others.
@@ -181,7 +160,15 @@ class Trajectory:
         ImportError
             If xarray is not installed.
         """
-        return dataset_of(self)
+        vectors = {"position": self.position, "momentum": self.momentum}
+        scalars = {"energy": self.energy, **self._quantities()}
+        return dataset_of(
+            self.time,
+            self._names(),
+            {name: one for name, one in vectors.items() if one is not None},
+            {name: one for name, one in scalars.items() if one is not None},
+            {"status": self.status, "n_steps": self.n_steps},
+        )
 
     def __call__(self, time: ArrayLike) -> Array:
         """Position at any times of the run, shape ``(...)`` to ``(..., d)``.
@@ -204,6 +191,35 @@ class Trajectory:
             For times outside of the run, and where the steps were not kept.
         """
         return self._kept_steps().velocity_at(time)
+
+    def _line(self) -> str:
+        points, d = self.position.shape
+        end = f"{self.time[-1]:.6g}" if points else "-"
+        said = f": {self.message}" if self.message else ""
+        return (
+            f"Trajectory {self.status}{said}, {points} points to t = {end}, {d} "
+            f"coordinate{'s' if d > 1 else ''}, {self.n_steps} steps"
+        )
+
+    def _names(self) -> tuple[str, ...]:
+        """Names of the coordinates: their own, or ``x``, or ``x1``, ``x2``, ..."""
+        d = self.position.shape[1]
+        if len(self.coordinates) == d:
+            return self.coordinates
+        return ("x",) if d == 1 else tuple(f"x{k}" for k in range(1, d + 1))
+
+    def _quantities(self) -> Mapping[str, Array]:
+        return {} if self.observed is None else self.observed.quantities
+
+    def _columns(self) -> dict[str, Array]:
+        """Values at the reported times, by name: ``x1``, ``p_x1``, ``energy``, quantities."""
+        names = self._names()
+        found = {name: self.position[:, k] for k, name in enumerate(names)}
+        if self.momentum is not None:
+            found |= {f"p_{name}": self.momentum[:, k] for k, name in enumerate(names)}
+        if self.energy is not None:
+            found["energy"] = self.energy
+        return {**found, **self._quantities()}
 
     def _kept_steps(self) -> RunSteps:
         if self.steps is None:

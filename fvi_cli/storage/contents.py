@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fvi_cli.integrator.observations.observe import Extent
+from fvi_cli.integrator.results.observed import Extent
 from fvi_cli.storage.comparison.differences import difference_in_words
 from fvi_cli.storage.fields.observed import (
     NOTHING_OBSERVED,

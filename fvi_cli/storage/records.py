@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import method_columns
-from fvi_cli.integrator.trajectory import NewtonRecord, Outcome, Trajectory
+from fvi_cli.integrator.results.newton_record import NewtonRecord
+from fvi_cli.integrator.trajectory import Outcome, Trajectory
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.storage.code import own_code
 from fvi_cli.storage.fields.diagnostics import (

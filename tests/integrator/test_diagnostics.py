@@ -15,9 +15,9 @@ from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
 from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run import on_mesh
 from fvi_cli.integrator.run.loop import Stepper
-from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.mathematics.runge_kutta import gauss_tableau
 from fvi_cli.scenes.records.samples import samples_as_text
 from fvi_cli.scenes.registry import build_problem

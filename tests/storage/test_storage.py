@@ -24,7 +24,8 @@ import pytest
 import fvi_cli
 from fvi_cli.errors import StorageError
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
+from fvi_cli.integrator.results.newton_record import NewtonRecord
+from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage import (
     atomic,

@@ -104,7 +104,7 @@ def test_true_growth_is_not_stopped(n_steps):
     assert (finished.predicted, finished.status) == ("stable", "ok")
     assert np.abs(finished.trajectory.position).max() > 1e24
     # control: without that growth in the bound the run would have ended
-    bound = dataclasses.replace(scene_bound(negative.problem.scene, 600.0 / n_steps), rate=0.0)
+    bound = dataclasses.replace(scene_bound(negative.problem.scene), rate=0.0)
     trajectory = finished.trajectory
     assert (
         first_outside(bound, trajectory.position, trajectory.momentum, trajectory.time, 0)

@@ -20,8 +20,8 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import Observations, names_of
+from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.on_mesh import AnySteps
-from fvi_cli.integrator.run.steps_of_run import RunSteps
 from fvi_cli.mathematics.arrays import Array
 
 

@@ -11,7 +11,7 @@ from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun
 from fvi_cli.integrator.adjoint.variation import loads_of
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 

@@ -26,7 +26,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.adjoint.memory import RunMemory, TermTables
 from fvi_cli.integrator.convolution.stages import StageOperator
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.runge_kutta import tableau

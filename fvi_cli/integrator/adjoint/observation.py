@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from fvi_cli.integrator.adjoint.linearised import Tangent
-from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
 

@@ -27,7 +27,7 @@ from fvi_cli.integrator.adjoint.linearised import Disturbance, LinearisedRun
 from fvi_cli.integrator.balances.mesh_balance import loads_along
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.mathematics.arrays import Array
 

@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import times
-from fvi_cli.integrator.balances.diagnostics import Asked, BalanceData, Diagnostics, diagnose
+from fvi_cli.integrator.balances.diagnostics import Asked, BalanceData, diagnose
 from fvi_cli.integrator.convolution.damping import Damping, DampingTables
 from fvi_cli.integrator.loads.step_loads import StepLoads
-from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.results.diagnostics import Diagnostics
+from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.steps.step import StepSolver
 from fvi_cli.mathematics.arrays import Array
 

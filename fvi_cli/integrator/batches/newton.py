@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.trajectory import NewtonRecord
+from fvi_cli.integrator.results.newton_record import NewtonRecord
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.convergence import Mask, judge
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.mathematics.arrays import Array, Places
 
 PREFIX = "work_"

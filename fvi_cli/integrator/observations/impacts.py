@@ -30,10 +30,11 @@ from fvi_cli.integrator.observations.surface import (
     is_rough_behind_impacts,
     start_objection,
 )
+from fvi_cli.integrator.results.momenta import smooth_momenta
+from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.loop import Course
 from fvi_cli.integrator.run.on_mesh import MOST_SHORTEST
 from fvi_cli.integrator.run.setup import RunSetup, first_marker, prepare_run
-from fvi_cli.integrator.run.steps_of_run import RunSteps, smooth_momenta
 from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper
 from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
@@ -107,7 +108,7 @@ def integrate_with_impacts(
         jump=np.array(run.jumps),
     )
     if is_rough_behind_impacts(scene):
-        momentum = smooth_momenta(steps, setup.stepper.solver.dynamics, scene.break_points)
+        momentum = smooth_momenta(steps, setup.stepper.solver.dynamics.momentum, scene.break_points)
         steps = replace(steps, momentum=momentum)
     with np.errstate(all="ignore"):
         energy = setup.stepper.solver.dynamics.energy(steps.position, steps.momentum, steps.time)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -26,6 +26,7 @@ from fvi_cli.integrator.observations.pieces import (
     square_of,
     stations,
 )
+from fvi_cli.integrator.results.observed import Extent, Observed, Occurrences
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.run.regular import rough_remark
 from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
@@ -33,72 +34,6 @@ from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.expressions import Expression
-
-
-@dataclass(frozen=True, kw_only=True)
-class Extent:
-    """How large a quantity becomes in a run, found on the dense motion.
-
-    Parameters
-    ----------
-    peak, peak_time
-        Largest absolute value, and when it is reached first.
-    least, greatest
-        Smallest and largest value.
-    rms
-        Root of the mean square over the run.
-    """
-
-    peak: float
-    peak_time: float
-    least: float
-    greatest: float
-    rms: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Occurrences:
-    """The times of an event.
-
-    Parameters
-    ----------
-    time, position, velocity
-        Shapes ``(n,)``, ``(n, d)``, ``(n, d)``.
-    """
-
-    time: Array
-    position: Array
-    velocity: Array
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Observed:
-    """What was asked of a motion.
-
-    Parameters
-    ----------
-    mesh
-        Points of the steps, shape ``(n + 1,)``.
-    quantities
-        By name the values at the reported times, shape ``(k,)``.
-    extents
-        By name how large they become between all times.
-    events
-        By name their occurrences.
-    stopped_by
-        Event that ended the run, or empty.
-    """
-
-    mesh: Array
-    quantities: Mapping[str, Array] = field(default_factory=dict)
-    extents: Mapping[str, Extent] = field(default_factory=dict)
-    events: Mapping[str, Occurrences] = field(default_factory=dict)
-    stopped_by: str = ""
-
-    def __repr__(self) -> str:
-        """Names, with the number of occurrences of every event."""
-        events = ", ".join(f"{name} ({one.time.size})" for name, one in self.events.items())
-        return f"<Observed: quantities {', '.join(self.quantities) or '-'}; events {events or '-'}>"
 
 
 def integrate_observed(

@@ -17,9 +17,9 @@ from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.local_error.defect import StepPath
 from fvi_cli.integrator.local_error.examine import Examiner, Finding
 from fvi_cli.integrator.meshes.adaptive import StepController
+from fvi_cli.integrator.results.newton_record import NewtonRecord
 from fvi_cli.integrator.steps.dynamics import Separable
 from fvi_cli.integrator.steps.step import StepMatrices, StepResult, StepSolver
-from fvi_cli.integrator.trajectory import NewtonRecord
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
 

@@ -21,6 +21,8 @@ from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.results.momenta import smooth_momenta
+from fvi_cli.integrator.results.newton_record import NewtonRecord
 from fvi_cli.integrator.run.loop import Course, march_adaptively
 from fvi_cli.integrator.run.march import March, MeshPlan
 from fvi_cli.integrator.run.regular import (
@@ -37,10 +39,9 @@ from fvi_cli.integrator.run.setup import (
     ready_on_mesh,
 )
 from fvi_cli.integrator.run.sink import Sink
-from fvi_cli.integrator.run.steps_of_run import smooth_momenta
 from fvi_cli.integrator.run.unfinished import CourseKeeper, RunKeeper, march_with_checkpoints
 from fvi_cli.integrator.steps.dynamics import General
-from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory, status_of
+from fvi_cli.integrator.trajectory import Trajectory, status_of
 from fvi_cli.mathematics.arrays import Array
 
 AnySteps = int | Mesh | AdaptiveSteps
@@ -200,7 +201,7 @@ def integrate_on_mesh(
         # without room for its points a run says so here: libraries that are refused some later may
         # end the process
         np.empty((count // every + 1, 2 * scene.dimension + 2))
-        bound = scene_bound(scene, scene.final_time / max(count, 1))
+        bound = scene_bound(scene)
         setup = ready_on_mesh(scene, method, mesh, bound)
         ready = clock.perf_counter()
         sink.with_steps |= keeps_for_momenta(scene, method, mesh.n_steps)
@@ -251,7 +252,7 @@ def prepare_adaptive(scene: Scene, method: Method, steps: AdaptiveSteps) -> RunS
         method,
         shortest_step=_controller(scene, method, steps).shortest_step,
         n_steps=MOST_SHORTEST,
-        bound=scene_bound(scene, scene.final_time / 1024),
+        bound=scene_bound(scene),
     )
 
 
@@ -344,7 +345,7 @@ def trajectory_of(
     steps = sink.steps(setup.stepper.solver.tables) if sink.with_steps else None
     if has_rough_momenta(scene, setup.method):
         if steps is not None:
-            every_momentum = smooth_momenta(steps, dynamics, scene.break_points)
+            every_momentum = smooth_momenta(steps, dynamics.momentum, scene.break_points)
             momentum = every_momentum[np.searchsorted(steps.time, time)]
         remarks += rough_remarks(scene, diagnostics, are_stored_smooth=steps is not None)
     with np.errstate(all="ignore"):

@@ -76,7 +76,7 @@ def integrate_part(
     done = 0 if checkpoint is None else checkpoint.done
     if until is not None and not done < until <= mesh.n_steps:
         raise ValueError(f"until: {until} is not allowed; it must be {done + 1} to {mesh.n_steps}")
-    setup = ready_on_mesh(scene, method, mesh, scene_bound(scene, step_size))
+    setup = ready_on_mesh(scene, method, mesh, scene_bound(scene))
     sink = Sink(every=every, with_steps=False)
     marker = first_marker(setup) if checkpoint is None else checkpoint.marker()
     place = (0, 0) if checkpoint is None else (checkpoint.stretch, checkpoint.step)

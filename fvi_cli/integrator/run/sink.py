@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.run.steps_of_run import RunSteps
+from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.arrays import Array
 

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.meshes.mesh import Mesh
+from fvi_cli.integrator.results.newton_record import NewtonRecord
 from fvi_cli.integrator.run.checkpoint import Checkpoint, RunKey, fingerprint
 from fvi_cli.integrator.run.loop import Course, Marker
 from fvi_cli.integrator.run.march import March
 from fvi_cli.integrator.run.setup import RunSetup, first_marker
 from fvi_cli.integrator.run.sink import Sink
-from fvi_cli.integrator.trajectory import NewtonRecord
 from fvi_cli.mathematics.arrays import Array
 
 OF_ANOTHER_RUN = "it belongs to another run, or to another version of the solver"

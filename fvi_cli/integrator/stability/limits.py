@@ -20,7 +20,7 @@ from fvi_cli.integrator.stability.determinants import (
     determinants_over_steps,
     number_of_unknowns,
 )
-from fvi_cli.integrator.stability.exact_growth import growing_frequencies
+from fvi_cli.integrator.stability.exact_modes import growing_frequencies
 from fvi_cli.integrator.stability.linearisation import linearised_at_start
 from fvi_cli.integrator.stability.prediction import (
     RESOLVED,

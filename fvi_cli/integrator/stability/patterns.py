@@ -31,7 +31,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.integrator.convolution.stages import StageOperator
+from fvi_cli.integrator.memory.stages import StageOperator
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import Array, ComplexArray

@@ -28,15 +28,11 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.integrator.stability.determinants import number_of_unknowns, step_determinant
-from fvi_cli.integrator.stability.exact_growth import growing_frequencies, largest_rate
+from fvi_cli.integrator.stability.exact_modes import growing_frequencies, largest_rate
 from fvi_cli.integrator.stability.growing_modes import growing_modes
 from fvi_cli.integrator.stability.linearisation import linearised_along, linearised_at_start
 from fvi_cli.integrator.stability.patterns import has_patterns
-from fvi_cli.integrator.stability.systems import (
-    MatrixPencil,
-    independent_systems,
-    is_dissipative,
-)
+from fvi_cli.integrator.stability.systems import MatrixPencil, independent_systems
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import ComplexArray
 from fvi_cli.mathematics.transforms.zeros import ZeroCountError, find_zeros
@@ -130,7 +126,7 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
         )
     has_determinants = not (scene.is_sparse or scene.active_laws)
     systems = independent_systems(scene) if has_determinants else ()
-    if gains_no_energy(method) and is_dissipative(scene):
+    if gains_no_energy(method) and scene.is_dissipative:
         return NO_GAIN
     if reason := _why_not(scene, systems):
         return StabilityPrediction(verdict="unknown", reason=reason)

@@ -46,23 +46,11 @@ class MatrixPencil:
 
     @cached_property
     def is_dissipative(self) -> bool:
-        r"""Whether K and all damping matrices are positive semi-definite: then nothing grows.
+        """Whether K and all D are positive semi-definite: then nothing grows.
 
-        For Re s > 0 every term of :math:`s M + \sum_j s^{\gamma_j - 1} D_j + K / s` has a
-        positive semi-definite Hermitian part, that of the first one definite.
+        See :attr:`fvi_cli.effects.scene.Scene.is_dissipative`.
         """
         return all(map(is_semidefinite, (self.stiffness, *(form for _, form in self.damping))))
-
-
-def is_dissipative(scene: Scene) -> bool:
-    """Whether nothing can grow: a linear scene with positive semi-definite stiffness and damping.
-
-    See :attr:`MatrixPencil.is_dissipative`; nothing dense is made of sparse matrices.
-    """
-    forms = [term.form for term in scene.active_forces]
-    if isinstance(scene.potential, QuadraticPotential):
-        forms.append(scene.potential.form)
-    return scene.is_linear and all(map(is_semidefinite, forms))
 
 
 def matrix_pencil(scene: Scene) -> MatrixPencil:

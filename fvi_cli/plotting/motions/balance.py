@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fvi_cli.integrator.balances.diagnostics import Diagnostics
+from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.motions.labels import styled, time_axis, with_unit
 from fvi_cli.plotting.motions.time_series import draw_series, select_runs

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from fvi_cli.integrator.observations.observe import Occurrences
+from fvi_cli.integrator.results.observed import Occurrences
 from fvi_cli.plotting.motions.labels import (
     MOST_LINES,
     coordinates_of,

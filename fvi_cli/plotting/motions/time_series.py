@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fvi_cli.integrator.observations.observe import Extent, Observed
+from fvi_cli.integrator.results.observed import Extent, Observed
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.methods import SeriesStyle
 from fvi_cli.plotting.motions.labels import (

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.balances.diagnostics import Diagnostics
+from fvi_cli.integrator.results.diagnostics import Diagnostics
 
 MAP_NAMES: Final = "momentum_maps"
 """Attribute with the names of the momentum maps along the axis ``map``, as a JSON list."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.observations.asked import Event, Impact, Observations
-from fvi_cli.integrator.observations.observe import Extent, Observed, Occurrences
+from fvi_cli.integrator.results.observed import Extent, Observed, Occurrences
 from fvi_cli.storage.files import printable
 
 QUANTITIES: Final = "quantities"

@@ -25,7 +25,6 @@ import numpy as np
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.matrices import SEMIDEFINITE_TOLERANCE, is_semidefinite
-from fvi_cli.integrator.stability.systems import is_dissipative
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness, Symbol
 from fvi_cli.studies.vibration.sector import Sector
@@ -105,7 +104,7 @@ def _until(logs: Sequence[float], holds: Callable[[float], bool]) -> float | Non
 
 def first_angle(stiffness: DynamicStiffness, largest_ratio: float) -> float:
     """Argument of s from which on modes are counted."""
-    return DISSIPATIVE_ANGLE if is_dissipative(stiffness.scene) else math.acos(largest_ratio)
+    return DISSIPATIVE_ANGLE if stiffness.scene.is_dissipative else math.acos(largest_ratio)
 
 
 def _terms(stiffness: DynamicStiffness) -> list[_Term]:

@@ -11,7 +11,8 @@ from scipy.integrate import quad
 import fvi_cli as fvi
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.asked import observations
-from fvi_cli.integrator.observations.observe import Observed, integrate_observed
+from fvi_cli.integrator.observations.observe import integrate_observed
+from fvi_cli.integrator.results.observed import Observed
 
 Array = NDArray[np.float64]
 

@@ -12,13 +12,15 @@ from spread import spread
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.failure import Failure, StepFailedError
-from fvi_cli.integrator.growth_bound import scene_bound
+from fvi_cli.integrator.growth_bound import growth_limit, scene_bound
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.run import march
 from fvi_cli.integrator.run.on_mesh import path_from
+from fvi_cli.integrator.stability.exact_modes import growing_frequencies
+from fvi_cli.integrator.stability.systems import matrix_pencil
 from fvi_cli.integrator.steps.step import StepSolver
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 
@@ -95,10 +97,36 @@ def test_unstable_methods_are_stopped(potential, method):
 
 def test_without_the_potential_the_bound_stops_a_true_motion():
     scene = made("double well", 1e-8, 0.0, final_time=30.0)
-    blind = replace(scene_bound(scene, 0.01), scene=None)
+    blind = replace(scene_bound(scene), scene=None)
     with patch("fvi_cli.integrator.run.on_mesh.scene_bound", return_value=blind):
         assert integrate(scene, Method(cq="gauss", degree=2), 1000).status == "diverged"
     assert integrate(scene, Method(cq="gauss", degree=2), 1000).status == "ok"
+
+
+@spread(seed=range(6), scale=[1e-6, 1.0, 1e5], orders=[(0.5,), (1.0, 1.6), (0.3, 1.2)])
+def test_the_growth_of_a_linear_scene_has_a_bound(seed, scale, orders):
+    """T and h go with the unit of time, which `scale` changes."""
+    random = np.random.default_rng(seed)
+
+    def form(power: float) -> np.ndarray:
+        entries = random.standard_normal((2, 2))
+        return scale**power * (entries + entries.T)
+
+    damping = [FractionalDamping(order=one, coefficient=form(2.0 - one)) for one in orders]
+    scene = replace(spring(T=10.0 / scale, m=np.eye(2), k=form(2.0)), damping=tuple(damping))
+    found = growing_frequencies(matrix_pencil(scene), scene.final_time, 1e-3 / scale)
+    assert found is not None
+    exact = found.real.max(initial=0.0)
+    limit = growth_limit(scene)
+    assert exact <= limit * (1 + 1e-9)
+    # no mode is faster than the norms of the forms allow: the bound is not that of nothing
+    assert limit <= 40.0 * scale
+
+
+@pytest.mark.parametrize("k", [1e-8, 1.0, 1e9])
+def test_the_bound_is_the_growth_where_a_stiffness_is_negative(k):
+    assert growth_limit(spring(T=1.0, k=-k, x=1.0)) == pytest.approx(np.sqrt(k))
+    assert growth_limit(spring(T=1.0, k=k, x=1.0)) == 0.0
 
 
 class TestFailures:

@@ -17,12 +17,8 @@ from numpy.typing import ArrayLike
 
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.step_tables import StepTables
-from fvi_cli.integrator.steps.dynamics import General, Separable
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
-
-AT_A_TIME = 2048
-"""Points whose velocities are worked out together."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -162,71 +158,3 @@ class RunSteps:
             )
             first = index
         return Mesh(stretches=tuple(stretches))
-
-
-def velocities_beside(ends: Array, sizes: Array, stages: Array, points: Array, at: Array) -> Array:
-    r"""Velocities at times from the stages of steps beside them, by one polynomial each.
-
-    Behind a jump of the velocity, or of its rate as by a Riemann-Liouville derivative of order
-    above 1 with an initial velocity, the momentum of a Gauss method at mesh points keeps an error
-    like :math:`\tau^{2 - \gamma}` of the first step :math:`\tau`, since its stability function
-    has the size 1 at infinity; the velocities at the stages do not have it.
-
-    Parameters
-    ----------
-    ends, sizes
-        Of k steps for every time, shape ``(n, k)``.
-    stages
-        Velocities at their stages, shape ``(n, k, r, d)``.
-    points
-        Places of the stages in a step, shape ``(r,)``.
-    at
-        Times, shape ``(n,)``.
-
-    Returns
-    -------
-    Array
-        Shape ``(n, d)``.
-    """
-    n, count = sizes.shape
-    places = (ends - at[:, None] - sizes)[..., None] + sizes[..., None] * points
-    places = (places / sizes.max(axis=1)[:, None, None]).reshape(n, -1)
-    own = np.eye(places.shape[1], dtype=bool)
-    apart = np.where(own, 1.0, places[:, :, None] - places[:, None, :])
-    weights = np.where(own, 1.0, -places[:, None, :] / apart).prod(axis=2)
-    values = stages.reshape(n, count * points.size, -1)
-    return np.asarray(np.einsum("nk,nkd->nd", weights, values))
-
-
-def smooth_momenta(
-    steps: RunSteps, dynamics: Separable | General, breaks: Sequence[float]
-) -> Array:
-    """Momenta at the points of a mesh from the velocities at the stages, shape ``(n + 1, d)``."""
-    n, found = steps.n_steps, steps.momentum.copy()
-    jumps = np.zeros_like(found) if steps.jump is None else steps.jump
-    is_edge = np.any(jumps != 0.0, axis=1) | np.isin(steps.time, breaks)
-    is_edge[[0, n]] = True
-    # the steps on both sides; at the end of a flight, and at its first point, on one
-    point = np.arange(1, n + 1)
-    before, after = is_edge[:-1], np.append(is_edge[2:], True)
-    first, last = point - 1, point.copy()
-    ends, begins = is_edge[1:], before & ~is_edge[1:]
-    last[ends] -= 1
-    first[ends & ~before] -= 1
-    first[begins] += 1
-    last[begins & ~after] += 1
-    velocity = np.empty_like(found[1:])
-    for count in (1, 2):
-        (chosen,) = np.nonzero(last - first + 1 == count)
-        for begin in range(0, chosen.size, AT_A_TIME):
-            one = chosen[begin : begin + AT_A_TIME]
-            beside = first[one, None] + np.arange(count)
-            velocity[one] = velocities_beside(
-                steps.time[beside + 1],
-                steps.step_size[beside],
-                steps.velocity[beside],
-                steps.tables.points,
-                steps.time[one + 1],
-            )
-    found[1:] = dynamics.momentum(steps.position[1:], velocity, steps.time[1:]) + jumps[1:]
-    return found

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -119,11 +118,3 @@ def largest_rate(system: MatrixPencil, frequencies: ComplexArray | None, step_si
         # what cannot be told apart is not held against the method
         return half_plane(system, step_size).scale
     return float(frequencies.real.max(initial=0.0))
-
-
-def exact_growth(systems: Sequence[MatrixPencil], final_time: float, step_size: float) -> float:
-    """The same of several independent systems."""
-    return max(
-        largest_rate(system, growing_frequencies(system, final_time, step_size), step_size)
-        for system in systems
-    )

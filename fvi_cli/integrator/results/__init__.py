@@ -1,0 +1,1 @@
+"""Values that a run gives: steps as polynomials, observations, diagnostics."""

@@ -1,0 +1,57 @@
+"""Works, energy balance and momentum maps of a run, as values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.mathematics.arrays import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Diagnostics:
+    r"""Diagnostics on the grid of a trajectory of n points; None where they were not asked for.
+
+    Parameters
+    ----------
+    dissipated_work
+        :math:`W_d(t) = \int_0^t v \cdot \sum_j \mu_j D^{\gamma_j} q`, shape ``(n,)``.
+    forcing_work
+        :math:`W_f(t) = \int_0^t v \cdot f`, less :math:`\int_0^t \partial_t L`, shape ``(n,)``.
+    energy_defect
+        :math:`E(t) - E(0) + W_d(t) - W_f(t)`, shape ``(n,)``.
+    momentum_map
+        :math:`J_a = p \cdot \xi_a(q)`, one column for every symmetry, shape ``(n, a)``.
+    momentum_map_defect
+        :math:`J_a(t) - J_a(0) + \int_0^t (\sum_j \mu_j D^{\gamma_j} q - f) \cdot \xi_a(q)`.
+    stored_energy
+        Energy in the memory of the damping, shape ``(n,)``; methods with a sum of exponentials.
+    map_names
+        Names of the symmetries.
+    """
+
+    dissipated_work: Array | None = None
+    forcing_work: Array | None = None
+    energy_defect: Array | None = None
+    momentum_map: Array | None = None
+    momentum_map_defect: Array | None = None
+    stored_energy: Array | None = None
+    map_names: tuple[str, ...] = ()
+
+    def at(self, kept: NDArray[np.intp]) -> Diagnostics:
+        """The same on some points of the grid."""
+
+        def picked(values: Array | None) -> Array | None:
+            return None if values is None else values[kept]
+
+        return replace(
+            self,
+            dissipated_work=picked(self.dissipated_work),
+            forcing_work=picked(self.forcing_work),
+            energy_defect=picked(self.energy_defect),
+            stored_energy=picked(self.stored_energy),
+            momentum_map=picked(self.momentum_map),
+            momentum_map_defect=picked(self.momentum_map_defect),
+        )
