@@ -186,7 +186,7 @@ def prepare(
 
 def _add_starting_weights(engine: Engine, mesh: Mesh) -> tuple[str, ...]:
     """Take the force of the starting weights of one scene among the known ones."""
-    from fvi_cli.integrator.expansions.starting_weights import corrected_start
+    from fvi_cli.integrator.starts.starting_weights import corrected_start
 
     (scene,), method, tables = engine.scenes, engine.method, engine.tables
     if scene.lagrangian is not None:
