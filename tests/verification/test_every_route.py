@@ -23,7 +23,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.checkpoint import Checkpoint
+from fvi_cli.integrator.engine.checkpoint import Checkpoint
 from fvi_cli.integrator.run.parts import integrate_part
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
