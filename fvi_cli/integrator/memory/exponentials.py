@@ -67,12 +67,9 @@ class ExponentialKernels(Kernels):
             total = total + own
         return np.asarray(np.matmul(self.response[: count * self.n_samples], total))
 
-    def past_transposed(
-        self, force: Array, combinations: Sequence[Combination], count: int
-    ) -> list[Array]:
-        """From weights of forces to those of states; the matrices are symmetric."""
-        carried = np.matmul(self.response[: count * self.n_samples].T, force)
-        return [one.weights[:, :, None] * along(carried, one.matrix) for one in combinations]
+    def response_of(self, one: Combination) -> Array:
+        """Force of unit states on the block."""
+        return np.asarray(self.response * one.weights[:, None])
 
     def push(self, states: Array, inputs: Array, count: int) -> Array:
         """States behind the first `count` steps."""
