@@ -76,7 +76,7 @@ def run(
                 if source.failure is not None:
                     recorder.stop(source.failure)
                 break
-            count, before = min(asked.count, chunk), recorder.reached
+            count, before = min(asked.n_steps, chunk), recorder.reached
             _steps(engine, source, state, recorder, asked, count, recurrences)
             if recorder.is_full:
                 recorder.flush(state)

@@ -21,7 +21,7 @@ class Proposal(NamedTuple):
     ----------
     begin, h
         Where the first of them begins, and their length.
-    count
+    n_steps
         So many, of which any number may be done.
     total
         Equal steps of the whole stretch, by which the length of blocks is chosen.
@@ -36,7 +36,7 @@ class Proposal(NamedTuple):
 
     begin: float
     h: float
-    count: int
+    n_steps: int
     total: int
     is_fresh: bool
     origin: float
@@ -88,7 +88,7 @@ class MeshSource:
         return Proposal(
             begin=one.begin + self._done * one.step_size,
             h=one.step_size,
-            count=one.n_steps - self._done,
+            n_steps=one.n_steps - self._done,
             total=one.n_steps,
             is_fresh=one.is_fresh and self._done == 0,
             origin=one.begin,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked, Diagnostics
+from fvi_cli.integrator.balances.diagnostics import NOTHING, Asked
 from fvi_cli.integrator.balances.mesh_balance import diagnose_run
 from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.engine.checkpoint import Arrays, Keeper, RunKeeper
@@ -26,6 +26,7 @@ from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.integrator.results.momenta import smooth_momenta
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.regular import (
@@ -214,7 +215,7 @@ def prepare(
 
 def _add_starting_weights(engine: Engine, mesh: Mesh) -> tuple[str, ...]:
     """Take the force of the starting weights of one scene among the known ones."""
-    from fvi_cli.integrator.expansions.starting_weights import corrected_start
+    from fvi_cli.integrator.starts.starting_weights import corrected_start
 
     (scene,), method, tables = engine.scenes, engine.method, engine.tables
     if scene.lagrangian is not None:
