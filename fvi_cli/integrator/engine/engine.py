@@ -204,7 +204,8 @@ class Engine:
             self._of_block = known
         elif (places := known.at.differing(state.block)).size:
             fresh, part = state.block.of(places), self.of(places)
-            known.put(places, Operator(known.frame, fresh, part.damping, is_linear=False))
+            frame = known.frame.of(places)
+            known.put(places, Operator(frame, fresh, part.damping, is_linear=False))
         return known
 
     def guess(self, state: State, h: float) -> Array:
