@@ -9,6 +9,7 @@ from functools import cache
 import mpmath as mp
 import numpy as np
 import pytest
+from oracles.runge_kutta_symbol import symbol, symbol_power
 from written_out import power_weights
 
 from fvi_cli.mathematics.runge_kutta import (
@@ -18,7 +19,6 @@ from fvi_cli.mathematics.runge_kutta import (
     radau_iia_tableau,
     tableau,
 )
-from fvi_cli.mathematics.runge_kutta_symbol import symbol, symbol_power
 
 FAMILIES = ("gauss", "radau-iia", "lobatto-iiic")
 METHODS = [

@@ -192,7 +192,7 @@ def ready_on_mesh(scene: Scene, method: Method, mesh: Mesh, bound: GrowthBound) 
 
 def _with_starting_weights(setup: RunSetup, mesh: Mesh) -> RunSetup:
     """The same with the force of the starting weights among the known ones."""
-    from fvi_cli.integrator.expansions.starting_weights import corrected_start
+    from fvi_cli.integrator.starts.starting_weights import corrected_start
 
     scene, method, tables = setup.scene, setup.method, setup.stepper.solver.tables
     if scene.lagrangian is not None:
