@@ -148,7 +148,9 @@ def _steps(
             end,
             state.x[:, None] + steps.dx,
             state.p[:, None] + steps.dp,
-            steps.inputs.reshape(engine.q, steps.count, -1, engine.e),
+            steps.inputs.reshape(engine.q, steps.count, -1, engine.e)
+            if recorder.with_steps
+            else None,
             None if engine.law.is_linear else steps.unknowns,
         )
         engine.accept(state, steps, end)

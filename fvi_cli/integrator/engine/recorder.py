@@ -145,7 +145,7 @@ class Recorder:
         self._is_point: list[np.ndarray] = []
         self._last: tuple[float, Array, Array] = (0.0, np.zeros(0), np.zeros(0))
         self._waiting: list[_Block] = []
-        self._count = 0
+        self._count = self._waiting_points = 0
         self._stops: Stops = {}
 
     # while steps go on
@@ -198,8 +198,13 @@ class Recorder:
             What drives the memory, ``(q, n, i, e)``, where polynomials are kept, and U,
             ``(q, n, s, e)``, where scenes are not linear.
         """
+        if self._n_reported is not None:
+            advanced(self.reported + self._waiting_points, self._n_reported)
         self._waiting.append((asked, end, position, momentum, inputs, unknowns))
-        self._count += position.shape[1]
+        n, every = position.shape[1], asked.reported_every
+        self._count += n
+        if every:
+            self._waiting_points += (asked.first + n) // every - asked.first // every
 
     def stop(self, failure: Failure) -> None:
         """No scene has a next step."""
@@ -220,8 +225,6 @@ class Recorder:
         """Check and keep what was added; members of scenes that stop here rest from now on."""
         if not self._waiting:
             return
-        if self._n_reported is not None:
-            advanced(self.reported, self._n_reported)
         points, reported = self._points()
         stops, self._stops = self._stops, {}
         every = np.concatenate([points.position, points.momentum], axis=2)
@@ -268,7 +271,7 @@ class Recorder:
             points.momentum[:, -1].copy(),
         )
         self.done, self.reported = self.done + self._count, self.reported + numbers.size
-        self._waiting, self._count = [], 0
+        self._waiting, self._count, self._waiting_points = [], 0, 0
 
     def _points(self) -> tuple[Points, np.ndarray]:
         """What waits, in the coordinates of the scenes, and which points are reported."""

@@ -23,7 +23,7 @@ from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.growth_bound import energy_remarks
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
-from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
+from fvi_cli.integrator.meshes.mesh import ON_GRID, Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.diagnostics import Diagnostics
@@ -78,7 +78,8 @@ def engine_on_mesh(
     ValueError
         For a method of equal steps on a mesh that has others.
     """
-    if not method.is_runge_kutta and len({one.step_size for one in mesh.stretches}) > 1:
+    sizes = [one.step_size for one in mesh.stretches]
+    if not method.is_runge_kutta and max(sizes) - min(sizes) > ON_GRID * min(sizes):
         raise ValueError(f"mesh: {method.cq} takes equal steps only; use rk: gauss")
     return Engine(
         scenes,
