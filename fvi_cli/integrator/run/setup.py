@@ -14,6 +14,7 @@ from fvi_cli.integrator.convolution.lags import LagDamping
 from fvi_cli.integrator.convolution.reach import Reach, find_reach
 from fvi_cli.integrator.convolution.stages import StageOperator
 from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
+from fvi_cli.integrator.engine.structures import LARGEST_DENSE, LEAST_BLOCK
 from fvi_cli.integrator.growth_bound import NO_BOUND, GrowthBound
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.meshes.mesh import Mesh
@@ -21,7 +22,6 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.loop import Marker, Stepper
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.integrator.steps.dynamics import dynamics_of
-from fvi_cli.integrator.steps.linear_blocks import LARGEST_DENSE, LEAST_BLOCK
 from fvi_cli.integrator.steps.step import StepSolver, sampling_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.runge_kutta import tableau
