@@ -160,7 +160,7 @@ def kind_of(scene: Scene, method: Method, n_steps: int) -> Hashable | None:
         is_corrected = method.start == "weights" and scene.active_damping
         if scene.active_laws or is_corrected or writes_out(method, n_steps):
             return None
-        memory = frozenset(term.order for term in scene.active_damping)
+        memory = tuple(term.order for term in scene.active_damping)
     elif scene.active_laws:
         memory = _rates_of(scene, method, mesh_for(scene, method, n_steps))
     width = _width(scene)
