@@ -9,10 +9,10 @@ from functools import cache
 import mpmath as mp
 import numpy as np
 import pytest
+from oracles.runge_kutta_symbol import symbol, symbol_power
 from written_out import power_weights
 
 from fvi_cli.mathematics.runge_kutta import tableau
-from fvi_cli.mathematics.runge_kutta_symbol import symbol, symbol_power
 
 FAMILIES = ("gauss", "radau-iia", "lobatto-iiic")
 METHODS = [

@@ -99,7 +99,8 @@ class Damping:
             Combination.made(memory, one.terms, one.factors, one.matrix) for one in self.directions
         )
         relative = any(one.is_relative for one in self.directions)
-        plain = any(not one.is_relative and self._remembers(one) for one in self.directions)
+        # whether or not the others remember: members of order 1 stand beside other orders
+        plain = any(not one.is_relative for one in self.directions)
         self.has_column = relative and (plain or memory.column is not None)
         self._starts_relative = relative and not self.has_column
 
