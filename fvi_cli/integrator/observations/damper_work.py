@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.polynomial import legendre
+from numpy.polynomial import chebyshev
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.arrays import Array
 
 PREFIX = "work_"
 
@@ -47,7 +47,7 @@ def alone(scene: Scene, name: str) -> Scene:
 
 
 def running_work(shape: RunSteps, force: Array | None) -> Array:
-    """Legendre coefficients, on every step, of the work since the start, ``(n, r + 1)``.
+    """Chebyshev coefficients, on every step, of the work since the start, ``(r + 1, n)``.
 
     Parameters
     ----------
@@ -56,20 +56,11 @@ def running_work(shape: RunSteps, force: Array | None) -> Array:
     force
         On the damper, at their stages, ``(n, r, d)``; None: it does nothing.
     """
-    stages = shape.tables.points
+    stages = shape.tables.points.size
     if force is None:
-        return np.zeros((shape.n_steps, stages.size + 1))
-    power = np.einsum("nrd,nrd->nr", force, shape.velocity)
-    at_stages = legendre.legvander(2.0 * stages - 1.0, stages.size - 1)
-    rates = np.linalg.solve(at_stages, power.T)
-    found = np.asarray(legendre.legint(rates, lbnd=-1.0)) * 0.5 * shape.step_size
+        return np.zeros((stages + 1, shape.n_steps))
+    power = np.einsum("nrd,nrd->rn", force, shape.velocity)
+    rates = shape.tables.stages_to_series @ power
+    found = np.asarray(chebyshev.chebint(rates, lbnd=-1.0)) * 0.5 * shape.step_size
     found[0, 1:] += np.cumsum(found.sum(axis=0))[:-1]
-    return found.T
-
-
-def work_at(coefficients: Array, steps: Places, tau: Array) -> Array:
-    """The work at places of steps, shape ``(n,)``."""
-    return np.asarray(legendre.legval(2.0 * tau - 1.0, coefficients[steps].T, tensor=False))
-
-
-__all__ = ["alone", "running_work", "work_at", "work_names"]
+    return found

@@ -1,9 +1,8 @@
-"""Quantities and events along a finished run."""
+"""Quantities and events along finished runs."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,25 +14,23 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observations.asked import Event, Observations, check_observable
+from fvi_cli.integrator.observations.criteria import FormulaAlong
 from fvi_cli.integrator.observations.damper_work import work_names
-from fvi_cli.integrator.observations.dense_motion import DenseMotion, dense_motion
+from fvi_cli.integrator.observations.events import event_places
+from fvi_cli.integrator.observations.extents import extents_of
 from fvi_cli.integrator.observations.impacts import integrate_with_impacts
-from fvi_cli.integrator.observations.isolation import FormulaAlong, event_places
-from fvi_cli.integrator.observations.pieces import (
-    Along,
-    may_exceed,
-    pieces_of,
-    square_of,
-    stations,
-)
+from fvi_cli.integrator.observations.motion import DenseMotion
+from fvi_cli.integrator.observations.pieces import by_owner
+from fvi_cli.integrator.observations.second_runs import dense_motion
 from fvi_cli.integrator.results.observed import Extent, Observed, Occurrences
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.run.regular import rough_remark
 from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
-from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.expressions import Expression
+
+Pair = tuple[Trajectory, Trajectory]
 
 
 def integrate_observed(
@@ -90,7 +87,7 @@ def observe(
     *,
     impacts: Mapping[str, Array] | None = None,
     checkpoints: RunKeeper | None = None,
-) -> tuple[Trajectory, Trajectory]:
+) -> Pair:
     """What is asked of a finished run.
 
     Parameters
@@ -117,72 +114,245 @@ def observe(
     ValueError
         For a run without steps, and times outside of it.
     """
+    (found,) = observe_members(
+        [scene], method, [trajectory], [asked], impacts=impacts, checkpoints=checkpoints
+    )
+    return found
+
+
+def observe_members(
+    scenes: Sequence[Scene],
+    method: AnyMethod,
+    trajectories: Sequence[Trajectory],
+    asked: Sequence[Observations],
+    *,
+    impacts: Mapping[str, Array] | None = None,
+    checkpoints: RunKeeper | None = None,
+) -> list[Pair]:
+    """What is asked of finished runs by one method, all at once; see :func:`observe`.
+
+    Each member has the bits that it has by itself. The formulas, and the directions of events, are
+    those of the first member; values of the names in them are those of each.
+    """
     check_observable(method)
-    steps = trajectory.steps
-    if steps is None or not isinstance(method, Method):
+    if not isinstance(method, Method) or any(one.steps is None for one in trajectories):
         raise ValueError("observe: the steps of the run were not kept")
-    if asked.times is not None and asked.times[-1] > scene.final_time * (1.0 + 1e-12):
-        raise ValueError(
-            f"output: {asked.times[-1]:g} is not allowed; the run goes from 0 to "
-            f"{scene.final_time:g}"
-        )
-    if not steps.n_steps:
-        return trajectory, replace(trajectory, observed=Observed(mesh=steps.time))
-    motion = dense_motion(scene, method, steps, part_of(checkpoints, "between the points"))
-    events, missing = {}, []
-    for name, one in (asked.events or {}).items():
-        events[name], since = _occurrences(motion, asked, one)
-        if since is not None:
-            missing.append(
-                f"events.{name}: {one.when.text} changes too fast to find every change of its sign "
-                f"from t = {since:.6g} on; some of these times may be missing"
+    for scene, one in zip(scenes, asked, strict=True):
+        if one.times is not None and one.times[-1] > scene.final_time * (1.0 + 1e-12):
+            raise ValueError(
+                f"output: {one.times[-1]:g} is not allowed; the run goes from 0 to "
+                f"{scene.final_time:g}"
             )
-    for name, found in (impacts or {}).items():
-        at = motion.located(found)
-        events[name] = Occurrences(
-            time=found, position=motion.position(*at), velocity=motion.velocity(*at)
+    moving, found = [], dict[int, Pair]()
+    for index, trajectory in enumerate(trajectories):
+        if trajectory.steps is None or not trajectory.steps.n_steps:
+            time = trajectory.time if trajectory.steps is None else trajectory.steps.time
+            found[index] = trajectory, replace(trajectory, observed=Observed(mesh=time))
+        else:
+            moving.append(index)
+    if moving:
+        steps = [trajectories[k].steps for k in moving]
+        motion = dense_motion(
+            [scenes[k] for k in moving],
+            method,
+            [one for one in steps if one is not None],
+            part_of(checkpoints, "between the points"),
         )
-    end, stopped_by = motion.end, ""
-    for name, one in (asked.events or {}).items():
-        first = float(events[name].time[0]) if events[name].time.size else math.inf
-        if one.stop and first < end:
-            end, stopped_by = first, name
-    if stopped_by:
-        events = {name: _until(one, end) for name, one in events.items()}
-        trajectory = _cut(motion, trajectory, end)
-    times = trajectory.time if asked.times is None else asked.times
-    at = motion.located(times[times <= end * (1.0 + 1e-12)])
-    quantities, extents = {}, {}
-    for name, expression in (asked.quantities or {}).items():
-        along = along_motion(motion, asked, expression)
-        quantities[name] = along(*at)
-        extents[name] = extent_of(motion, along, end)
-    remarks = (*((motion.remark,) if motion.remark else ()), *missing)
-    remarks += _rough_works(scene, asked)
-    if stopped_by:
-        remarks = (*remarks, f"stopped by the event {stopped_by} at t = {end:.10g}")
-    on_mesh = replace(trajectory, remarks=(*trajectory.remarks, *remarks))
-    observed = Observed(
-        mesh=steps.time[steps.time <= end],
-        quantities=quantities,
-        extents=extents,
-        events=events,
-        stopped_by=stopped_by,
-    )
-    if asked.times is None:
-        return on_mesh, replace(on_mesh, observed=observed)
-    position = motion.position(*at)
-    momentum, energy = _momentum_and_energy(motion, position, *at)
-    reported = replace(
-        on_mesh,
-        time=motion.time(*at),
-        position=position,
-        momentum=momentum,
-        energy=energy,
-        diagnostics=None,
-        observed=observed,
-    )
-    return on_mesh, reported
+        observer = Observer(motion, [asked[k] for k in moving])
+        runs = [trajectories[k] for k in moving]
+        found.update(zip(moving, observer.observe(runs, impacts or {}), strict=True))
+    return [found[index] for index in range(len(trajectories))]
+
+
+class Observer:
+    """Evaluates what is asked of the motions of q members.
+
+    Parameters
+    ----------
+    motion
+        The motions.
+    asked
+        What is asked of each; formulas are those of the first.
+    """
+
+    def __init__(self, motion: DenseMotion, asked: Sequence[Observations]) -> None:
+        self.motion, self.asked, self._first = motion, asked, asked[0]
+
+    def along(self, expression: Expression) -> FormulaAlong:
+        """The value of an expression at places; only what occurs in it is evaluated."""
+        constants: Sequence[Mapping[str, float]] = [one.parameters for one in self.asked]
+        if all(one == constants[0] for one in constants):
+            constants = constants[:1]
+        variables = partial(self.variables, expression)
+        return FormulaAlong(expression, variables, constants, self.motion.owner)
+
+    def variables(
+        self, expression: Expression, steps: Places, tau: Array
+    ) -> dict[str, Array | float]:
+        """The variables of an expression at places, shape ``(n,)``, but for the parameters."""
+        motion, names = self.motion, expression.names
+        time = motion.time(steps, tau)
+        values: dict[str, Array | float] = {"t": time}
+        sources = {
+            "d": motion.damping,
+            "a": motion.acceleration,
+            "v": motion.velocity,
+            "": motion.position,
+        }
+        columns: dict[str, Array] = {}
+        for name, (prefix, index) in self._first.derived.items():
+            if name in names:
+                if prefix not in columns:
+                    columns[prefix] = sources[prefix](steps, tau)
+                values[name] = columns[prefix][:, index]
+        works = names.intersection(work_names(motion.scenes[0]))
+        for name in works - set(values) - set(self._first.parameters):
+            values[name] = motion.work(name, steps, tau)
+        for name in names.intersection(self._first.inputs):
+            values[name] = self._input(name, steps, time)
+        return values
+
+    def _input(self, name: str, steps: Places, time: Array) -> Array:
+        found = np.zeros(steps.size)
+        for member, own in by_owner(self.motion.owner, steps, len(self.asked)):
+            given = self.asked[member].inputs[name]
+            if given is not None:
+                found[own] = given(time[own])[:, 0]
+        return found
+
+    def observe(
+        self, trajectories: Sequence[Trajectory], impacts: Mapping[str, Array]
+    ) -> list[Pair]:
+        """What is asked of each run, as :func:`observe_members`."""
+        motion, q = self.motion, len(trajectories)
+        events: list[dict[str, Occurrences]] = [{} for _ in range(q)]
+        remarks = [[one] if one else [] for one in motion.remarks]
+        for name, event in (self._first.events or {}).items():
+            self._find(name, event, events, remarks)
+        for name, time in impacts.items():
+            events[0][name] = self._occurrences(*motion.located(0, time))
+            events[0][name] = replace(events[0][name], time=time)
+        for member, (scene, one) in enumerate(zip(motion.scenes, self.asked, strict=True)):
+            remarks[member] += _rough_works(scene, one)
+        runs, ends, stopped = list(trajectories), [float(one.time[-1]) for one in motion.steps], []
+        for member, one in enumerate(self.asked):
+            stopped.append("")
+            for name, event in (one.events or {}).items():
+                times = events[member][name].time
+                if event.stop and times.size and times[0] < ends[member]:
+                    ends[member], stopped[member] = float(times[0]), name
+            if stopped[member]:
+                end = ends[member]
+                events[member] = {name: _until(own, end) for name, own in events[member].items()}
+                runs[member] = self._cut(member, runs[member], end)
+                remarks[member].append(f"stopped by the event {stopped[member]} at t = {end:.10g}")
+        at = [self._reported(*one) for one in zip(range(q), runs, ends, strict=True)]
+        steps, tau = (np.concatenate(one) for one in zip(*at, strict=True))
+        edges = np.cumsum([one[0].size for one in at])[:-1]
+        quantities: list[dict[str, Array]] = [{} for _ in range(q)]
+        extents: list[dict[str, Extent]] = [{} for _ in range(q)]
+        for name, expression in (self._first.quantities or {}).items():
+            along = self.along(expression)
+            for member, own in enumerate(np.split(along(steps, tau), edges)):
+                quantities[member][name] = own
+            for member, extent in enumerate(extents_of(motion, along, ends)):
+                extents[member][name] = extent
+        observed = [
+            Observed(
+                mesh=motion.steps[k].time[motion.steps[k].time <= ends[k]],
+                quantities=quantities[k],
+                extents=extents[k],
+                events=events[k],
+                stopped_by=stopped[k],
+            )
+            for k in range(q)
+        ]
+        on_mesh = [
+            replace(run, remarks=(*run.remarks, *own))
+            for run, own in zip(runs, remarks, strict=True)
+        ]
+        if self._first.times is None:
+            return [
+                (run, replace(run, observed=one))
+                for run, one in zip(on_mesh, observed, strict=True)
+            ]
+        position, time = motion.position(steps, tau), motion.time(steps, tau)
+        momentum, energy = motion.momentum_and_energy(position, steps, tau)
+        columns = [np.split(one, edges) for one in (time, position, momentum, energy)]
+        return [
+            (
+                run,
+                replace(
+                    run,
+                    time=t,
+                    position=x,
+                    momentum=p,
+                    energy=e,
+                    diagnostics=None,
+                    observed=one,
+                ),
+            )
+            for run, one, t, x, p, e in zip(on_mesh, observed, *columns, strict=True)
+        ]
+
+    def _find(
+        self,
+        name: str,
+        event: Event,
+        events: Sequence[dict[str, Occurrences]],
+        remarks: Sequence[list[str]],
+    ) -> None:
+        """Put the occurrences of an event to those of every member, with what may be missing."""
+        motion = self.motion
+        counts = [one.n_steps for one in motion.steps]
+        step, place, lost = event_places(self.along(event.when), counts, event.direction)
+        found = self._occurrences(step, place)
+        edges = np.searchsorted(step, motion.firsts[1:-1])
+        parts = (np.split(one, edges) for one in (found.time, found.position, found.velocity))
+        for own, time, position, velocity in zip(events, *parts, strict=True):
+            own[name] = Occurrences(time=time, position=position, velocity=velocity)
+        for member, since in lost.items():
+            first = int(motion.firsts[member])
+            at = motion.time(np.array([first + int(since)]), np.array([since % 1.0]))
+            remarks[member].append(
+                f"events.{name}: {event.when.text} changes too fast to find every change of its "
+                f"sign from t = {at[0]:.6g} on; some of these times may be missing"
+            )
+
+    def _occurrences(self, steps: Places, tau: Array) -> Occurrences:
+        motion = self.motion
+        return Occurrences(
+            time=motion.time(steps, tau),
+            position=motion.position(steps, tau),
+            velocity=motion.velocity(steps, tau),
+        )
+
+    def _reported(self, member: int, run: Trajectory, end: float) -> tuple[Places, Array]:
+        """Places of the times that are reported of a member."""
+        wanted = self.asked[member].times
+        times = run.time if wanted is None else wanted
+        return self.motion.located(member, times[times <= end * (1.0 + 1e-12)])
+
+    def _cut(self, member: int, trajectory: Trajectory, end: float) -> Trajectory:
+        """The run up to a time, its last point; the truncated run counts as complete."""
+        kept = trajectory.time < end
+        at = self.motion.located(member, np.array([end]))
+        position = self.motion.position(*at)
+        momentum, energy = self.motion.momentum_and_energy(position, *at)
+
+        def joined(values: Array | None, last: Array) -> Array | None:
+            return None if values is None else np.concatenate([values[kept], last])
+
+        return replace(
+            trajectory,
+            time=np.append(trajectory.time[kept], end),
+            position=np.concatenate([trajectory.position[kept], position]),
+            momentum=joined(trajectory.momentum, momentum),
+            energy=joined(trajectory.energy, energy),
+            status="ok",
+            message="",
+            diagnostics=None,
+        )
 
 
 def _rough_works(scene: Scene, asked: Observations) -> tuple[str, ...]:
@@ -197,134 +367,8 @@ def _rough_works(scene: Scene, asked: Observations) -> tuple[str, ...]:
     return tuple(rough_remark(scene, f"{name} keeps") for name in found)
 
 
-def along_motion(motion: DenseMotion, asked: Observations, expression: Expression) -> FormulaAlong:
-    """The value of an expression at places of a motion; only what occurs in it is worked out."""
-    return FormulaAlong(expression, partial(variables_at, motion, asked, expression))
-
-
-def variables_at(
-    motion: DenseMotion, asked: Observations, expression: Expression, steps: Places, tau: Array
-) -> dict[str, Array | float]:
-    """The variables of an expression at places of a motion, numbers or of shape ``(n,)``."""
-    names, time = expression.names, motion.time(steps, tau)
-    values: dict[str, Array | float] = {"t": time, **asked.parameters}
-    sources = {
-        "d": motion.damping,
-        "a": motion.acceleration,
-        "v": motion.velocity,
-        "": motion.position,
-    }
-    columns: dict[str, Array] = {}
-    for name, (prefix, index) in asked.derived.items():
-        if name in names:
-            if prefix not in columns:
-                columns[prefix] = sources[prefix](steps, tau)
-            values[name] = columns[prefix][:, index]
-    for name in names.intersection(work_names(motion.scene)) - set(values):
-        values[name] = motion.work(name, steps, tau)
-    for name, given in asked.inputs.items():
-        if name in names:
-            values[name] = 0.0 if given is None else given(time)[:, 0]
-    return values
-
-
-def extent_of(motion: DenseMotion, along: Along, end: float) -> Extent:
-    """How large a function along a motion becomes up to the time `end`."""
-    least, greatest, square, length = math.inf, -math.inf, 0.0, 0.0
-    at = {"least": 0.0, "greatest": 0.0}
-    size = motion.steps.step_size
-
-    count = _steps_until(motion, end)
-    last_place = 1.0
-    if count and motion.steps.time[count] > end:
-        last_place = float((end - motion.steps.time[count - 1]) / size[count - 1])
-    for found in pieces_of(along, count, last_place):
-        square += float((size[found.step] * square_of(found)).sum())
-        length += float((size[found.step] * (found.end - found.begin)).sum())
-        seen = found.values[np.isfinite(found.values)]
-        low = min(least, float(seen.min(initial=math.inf)))
-        high = max(greatest, float(seen.max(initial=-math.inf)))
-        step, place = stations(found, may_exceed(found, low, high))
-        values = along(step, place)
-        finite = np.isfinite(values)
-        if not finite.any():
-            continue
-        step, place, values = step[finite], place[finite], values[finite]
-        lowest, highest = int(values.argmin()), int(values.argmax())
-        time = motion.time(step, place)
-        if values[lowest] < least:
-            least, at["least"] = float(values[lowest]), float(time[lowest])
-        if values[highest] > greatest:
-            greatest, at["greatest"] = float(values[highest]), float(time[highest])
-    if not math.isfinite(least):
-        return Extent(
-            peak=math.nan, peak_time=math.nan, least=math.nan, greatest=math.nan, rms=math.nan
-        )
-    is_low = -least > greatest
-    return Extent(
-        peak=-least if is_low else greatest,
-        peak_time=at["least"] if is_low else at["greatest"],
-        least=least,
-        greatest=greatest,
-        rms=math.sqrt(max(square, 0.0) / length) if length else abs(greatest),
-    )
-
-
-def _steps_until(motion: DenseMotion, end: float) -> int:
-    """Number of the steps that begin before a time."""
-    return int(np.searchsorted(motion.steps.time[:-1], end, side="left"))
-
-
-def _occurrences(
-    motion: DenseMotion, asked: Observations, event: Event
-) -> tuple[Occurrences, float | None]:
-    """The times of an event, and the one from which on some may be missing."""
-    along = along_motion(motion, asked, event.when)
-    step, place, lost = event_places(along, motion.steps.n_steps, event.direction)
-    found = Occurrences(
-        time=motion.time(step, place),
-        position=motion.position(step, place),
-        velocity=motion.velocity(step, place),
-    )
-    if not math.isfinite(lost):
-        return found, None
-    at = motion.time(np.array([int(lost)]), np.array([lost % 1.0]))
-    return found, float(at[0])
-
-
 def _until(one: Occurrences, end: float) -> Occurrences:
     kept = one.time <= end
     return Occurrences(
         time=one.time[kept], position=one.position[kept], velocity=one.velocity[kept]
-    )
-
-
-def _momentum_and_energy(
-    motion: DenseMotion, position: Array, steps: Places, tau: Array
-) -> tuple[Array, Array]:
-    dynamics, time = dynamics_of(motion.scene), motion.time(steps, tau)
-    with np.errstate(all="ignore"):
-        momentum = dynamics.momentum(position, motion.velocity(steps, tau), time)
-        return momentum, dynamics.energy(position, momentum, time)
-
-
-def _cut(motion: DenseMotion, trajectory: Trajectory, end: float) -> Trajectory:
-    """The run up to a time, its last point; whatever came after, it is a whole one."""
-    kept = trajectory.time < end
-    at = motion.located(np.array([end]))
-    position = motion.position(*at)
-    momentum, energy = _momentum_and_energy(motion, position, *at)
-
-    def joined(values: Array | None, last: Array) -> Array | None:
-        return None if values is None else np.concatenate([values[kept], last])
-
-    return replace(
-        trajectory,
-        time=np.append(trajectory.time[kept], end),
-        position=np.concatenate([trajectory.position[kept], position]),
-        momentum=joined(trajectory.momentum, momentum),
-        energy=joined(trajectory.energy, energy),
-        status="ok",
-        message="",
-        diagnostics=None,
     )
