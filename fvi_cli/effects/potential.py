@@ -19,6 +19,7 @@ from fvi_cli.effects.matrices import (
     symmetric_form,
     times,
 )
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.algebra.builder import joined
 from fvi_cli.mathematics.algebra.derivatives import derivatives
@@ -110,9 +111,9 @@ class ExpressionPotential:
         d = len(self.coordinates)
         first, second = self.gradient_expressions, self.hessian_expressions
         if first is not None and len(first) != d:
-            raise ValueError(f"gradient: {len(first)} entries, expected {d}")
+            raise ArgumentError("gradient", f"{len(first)} entries, expected {d}")
         if second is not None and [len(row) for row in second] != [d] * d:
-            raise ValueError(f"hessian: must be {d} rows of {d} expressions")
+            raise ArgumentError("hessian", f"must be {d} rows of {d} expressions")
 
     @property
     def dimension(self) -> int:
@@ -137,12 +138,16 @@ class ExpressionPotential:
         return derivatives(self.gradient_system, along)[self.dimension :]
 
     @cached_property
-    def _all(self) -> FormulaSystem:
+    def _every(self) -> FormulaSystem:
         return joined(self.energy_expression.system, self.gradient_system, self.hessian_system)
 
     @cached_property
     def _stiffness(self) -> Array | None:
         return None if self.stiffness is None else dense(self.stiffness)
+
+    @cached_property
+    def _numbers(self) -> dict[str, Array]:
+        return {name: np.asarray(value, dtype=float) for name, value in self.parameters.items()}
 
     def evaluate(
         self,
@@ -151,26 +156,53 @@ class ExpressionPotential:
         parameters: Mapping[str, float | Array] | None = None,
     ) -> list[Array | float]:
         """Values of a program in the coordinates and, if not these, other parameters."""
-        names: dict[str, Array | float] = {**(parameters or self.parameters)}
-        for index, coordinate in enumerate(self.coordinates):
-            names[coordinate] = position[..., index]
-        return system.evaluate(names, NUMPY_FUNCTIONS)
+        return system.evaluate(
+            {**(parameters or self.parameters), **self._components(position)}, NUMPY_FUNCTIONS
+        )
 
+    def _components(self, position: Array) -> dict[str, Array]:
+        # contiguous: vector instructions do the same to every member, wherever it stands
+        return {
+            name: np.ascontiguousarray(position[..., index])
+            for index, name in enumerate(self.coordinates)
+        }
+
+    def _run(
+        self, system: FormulaSystem, position: Array, parameters: Mapping[str, Array] | None = None
+    ) -> list[Array | float]:
+        given = self._components(position)
+        given.update(self._numbers if parameters is None else parameters)
+        return system.run(given)
+
+    @np.errstate(all="ignore")
     def energy(self, position: Array) -> Array:
         """V at `position`, shape ``(..., d)`` to ``(...)``."""
-        return self._energy(self.evaluate(self.energy_expression.system, position), position)
+        return self._energy(self._run(self.energy_expression.system, position), position)
 
+    @np.errstate(all="ignore")
     def gradient(self, position: Array) -> Array:
         """dV/dq, shape ``(..., d)`` to ``(..., d)``."""
-        return self._gradient(self.evaluate(self.gradient_system, position), position)
+        return self.slopes(position)
 
+    @np.errstate(all="ignore")
     def hessian(self, position: Array) -> Array:
         """Second derivatives, shape ``(..., d)`` to ``(..., d, d)``."""
-        return self._hessian(self.evaluate(self.hessian_system, position), position)
+        return self._hessian(self._run(self.hessian_system, position), position)
 
-    def derivatives(self, position: Array) -> tuple[Array, Array, Array]:
-        """V, its gradient and its Hessian at `position`, by one program."""
-        values, d = self.evaluate(self._all, position), self.dimension
+    def slopes(self, position: Array, parameters: Mapping[str, Array] | None = None) -> Array:
+        """The gradient, quickly, with arguments and rules of :meth:`derivatives`."""
+        return self._gradient(self._run(self.gradient_system, position, parameters), position)
+
+    def derivatives(
+        self, position: Array, parameters: Mapping[str, Array] | None = None
+    ) -> tuple[Array, Array, Array]:
+        """V, its gradient and its Hessian by one program.
+
+        Positions ``(q, n, d)`` of q members go with parameters ``(q, 1)``; without any, the own
+        ones are taken. Values of a member are the same to the last bit whatever others stand
+        beside it. Floating-point errors are treated as the caller's ``np.errstate`` says.
+        """
+        values, d = self._run(self._every, position, parameters), self.dimension
         return (
             self._energy(values[:1], position),
             self._gradient(values[1 : d + 1], position),
@@ -178,26 +210,18 @@ class ExpressionPotential:
         )
 
     def _energy(self, values: Sequence[Array | float], position: Array) -> Array:
-        found = np.asarray(values[0])
-        if found.shape != position.shape[:-1]:
-            found = np.broadcast_to(found, position.shape[:-1])
+        found = _filled(values, position)
         if self.stiffness is None:
             return found
         pull = times(position, self.stiffness)
         return np.asarray(found + 0.5 * np.einsum("...i,...i->...", position, pull))
 
     def _gradient(self, values: Sequence[Array | float], position: Array) -> Array:
-        result = np.empty(position.shape)
-        for index, value in enumerate(values):
-            result[..., index] = value
+        result = _filled(values, position, self.dimension)
         return result if self.stiffness is None else result + times(position, self.stiffness)
 
     def _hessian(self, values: Sequence[Array | float], position: Array) -> Array:
-        d = self.dimension
-        result = np.zeros((*position.shape, d))
-        for index, value in enumerate(values):
-            if not isinstance(value, float) or value:
-                result[..., index // d, index % d] = value
+        result = _filled(values, position, self.dimension, self.dimension)
         return result if self._stiffness is None else result + self._stiffness
 
     def gradient_components(
@@ -211,6 +235,21 @@ class ExpressionPotential:
 
 
 Potential = QuadraticPotential | ExpressionPotential
+
+
+def _filled(values: Sequence[Array | float], position: Array, *shape: int) -> Array:
+    """Values at positions ``(..., d)`` as one array ``(..., *shape)``."""
+    points = position.shape[:-1]
+    only = values[0]
+    is_whole = len(values) == 1 and isinstance(only, np.ndarray) and only.shape == points
+    # an array with a base is the position itself
+    if is_whole and only.base is None:  # type: ignore[union-attr]
+        return np.asarray(only).reshape(points + shape)
+    result = np.zeros((*points, len(values)))
+    for index, value in enumerate(values):
+        if not isinstance(value, float) or value:
+            result[..., index] = value
+    return result.reshape(points + shape)
 
 
 def plus_linear(values: Sequence[Any], matrix: Array, position: Sequence[Any]) -> list[Any]:

@@ -31,15 +31,17 @@ def first_undefined(potential: Potential | None, position: Array) -> int | None:
     if not isinstance(potential, ExpressionPotential) or position.shape[0] < 2:
         return None
     with np.errstate(all="ignore"):
-        energy = potential.energy(position)
-        # an energy that overflows where its forces do not is only large
-        lost = np.isinf(energy) & ~np.isfinite(potential.gradient(position)).all(axis=1)
-        wrong = np.flatnonzero(np.isnan(energy) | lost)
-        first = int(wrong[0]) if wrong.size else position.shape[0]
-        # what begins where V is not finite never was at a place that counts
-        first = max(first, 1)
-        every = is_unbounded(potential, position[:first].min(axis=0), position[:first].max(axis=0))
-        if every.any():
+        energy, first = potential.energy(position), position.shape[0]
+        if not np.isfinite(energy).all():
+            # an energy that overflows where its forces do not is only large
+            lost = np.isinf(energy) & ~np.isfinite(potential.gradient(position)).all(axis=1)
+            wrong = np.flatnonzero(np.isnan(energy) | lost)
+            # what begins where V is not finite never was at a place that counts
+            first = max(int(wrong[0]), 1) if wrong.size else first
+        if potential.energy_expression.system.is_entire:
+            return first if first < position.shape[0] else None
+        low, high = position[:first].min(axis=0), position[:first].max(axis=0)
+        if is_unbounded(potential, low, high).any():
             jumped = _first_pole(potential, position[: first - 1], position[1:first])
             first = first if jumped is None else jumped + 1
     return first if first < position.shape[0] else None

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from fvi_cli.integrator.local_error.forces import PointForces, SceneForces
 from fvi_cli.integrator.local_error.stiff_modes import StiffModes
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.lagrange import lobatto_basis
+from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
 
 BETWEEN_SHARE = 0.1
 """What a difference of accelerations between the stages counts, times h^2."""
@@ -52,6 +53,32 @@ class StepPath:
         return self.begin + 0.5 * self.size
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _LookTables:
+    """Places by turns between and at the stages, ends among the former; all of a method."""
+
+    places: Array
+    values: Array
+    slopes: Array
+    from_stages: Array
+    stage_basis: LagrangeBasis
+
+
+@lru_cache(maxsize=32)
+def _look_tables(tables: StepTables) -> _LookTables:
+    basis, stages = lobatto_basis(tables.degree), tables.points
+    between = np.concatenate([[0.0], 0.5 * (stages[:-1] + stages[1:]), [1.0]])
+    places = np.empty(2 * stages.size + 1)
+    places[::2], places[1::2] = between, stages
+    return _LookTables(
+        places=places,
+        values=np.ascontiguousarray(basis.values(places)[1:].T),
+        slopes=np.ascontiguousarray(basis.derivatives(places)[1:].T),
+        from_stages=np.ascontiguousarray(tables.stage_basis.values(between).T),
+        stage_basis=tables.stage_basis,
+    )
+
+
 class Between:
     """Looks at a step between its stages.
 
@@ -67,38 +94,32 @@ class Between:
     Attributes
     ----------
     places
-        All points that are looked at, in [0, 1]: ends, stages and what lies between.
+        All points that are looked at, in [0, 1]: ends, stages and the middles between them, by
+        turns ``(2 m + 1,)``.
     """
 
     def __init__(
         self, forces: SceneForces, tables: StepTables, stiff: StiffModes | None = None
     ) -> None:
         self.forces, self._stiff = forces, stiff
-        self._basis = lobatto_basis(tables.degree)
-        stages = tables.points
-        looked_at = np.concatenate([[0.0], 0.5 * (stages[:-1] + stages[1:]), [1.0]])
-        self.places = np.sort(np.concatenate([stages, looked_at]))
-        self._stages = np.searchsorted(self.places, stages)
-        self._looked_at = np.searchsorted(self.places, looked_at)
-        self._from_stages = tables.stage_basis.values(self.places[self._looked_at])
-        self._through_stages = tables.stage_basis
-        self._values = self._basis.values(self.places)[1:].T
-        self._slopes = self._basis.derivatives(self.places)[1:].T
+        self._tables = _look_tables(tables)
+        self.places = self._tables.places
 
     def path_at(self, path: StepPath, places: Array) -> tuple[Array, Array, Array]:
         """Positions, velocities and times at places of a step."""
-        values = self._basis.values(places)[1:].T
-        slopes = self._basis.derivatives(places)[1:].T
+        basis = lobatto_basis(path.unknowns.shape[0])
+        values, slopes = basis.values(places)[1:].T, basis.derivatives(places)[1:].T
         position = path.position + path.size * (values @ path.unknowns)
         return position, slopes @ path.unknowns, path.begin + path.size * places
 
     def look(self, path: StepPath) -> PointForces:
         """Forces at all :attr:`places` of a step."""
-        position = path.position + path.size * (self._values @ path.unknowns)
-        velocity = self._slopes @ path.unknowns
-        times = path.begin + path.size * self.places
+        tables, forces = self._tables, self.forces
+        position = path.position + path.size * (tables.values @ path.unknowns)
+        velocity = tables.slopes @ path.unknowns if forces.needs_velocity else position
+        times = path.begin + path.size * tables.places
         with np.errstate(all="ignore"):
-            return self.forces.at(position, velocity, times, path.middle)
+            return forces.at(position, velocity, times, path.middle)
 
     def defect(self, path: StepPath, found: PointForces, *, fresh: bool) -> float:
         """What is missed between the stages, a length; infinite where a force is not finite.
@@ -110,28 +131,29 @@ class Between:
         fresh
             Whether it begins where a force may be singular.
         """
-        at_stages, between = found.force[self._stages], found.force[self._looked_at]
+        size = path.size
         with np.errstate(all="ignore"):
-            missed = self._accelerations(path, between - self._from_stages.T @ at_stages)
-            total = BETWEEN_SHARE * path.size**2 * np.abs(missed).max(axis=1)
+            total = self._sizes(path, found.force, BETWEEN_SHARE * size * size)
             if found.momentum is not None:
-                rates = found.momentum
-                change = rates[self._looked_at] - self._from_stages.T @ rates[self._stages]
-                pushed = np.abs(self._accelerations(path, change)).max(axis=1)
-                total = total + BETWEEN_SHARE * path.size * pushed
-        counted = np.ones(total.size, dtype=bool)
+                total = total + self._sizes(path, found.momentum, BETWEEN_SHARE * size)
         if fresh and not math.isfinite(total[0]):
-            counted[0] = False
+            total[0] = 0.0
         for place in (0, -1):
             if found.kinks.size and self._on_kink(found.kinks, place).any():
                 # the force has two values there
-                counted[place] = False
-        largest = float(total[counted].max())
+                total[place] = 0.0
+        largest = float(total.max())
         return largest if math.isfinite(largest) else math.inf
+
+    def _sizes(self, path: StepPath, values: Array, factor: float) -> Array:
+        """What is missed of forces or momenta between the stages, ``(n, d)`` to lengths."""
+        missed = values[::2] - self._tables.from_stages @ values[1::2]
+        moved = np.abs(self._accelerations(path, missed))
+        return np.asarray(factor * (moved[:, 0] if moved.shape[1] == 1 else moved.max(axis=1)))
 
     def interpolated(self, found: PointForces, places: Array) -> Array:
         """The polynomial through the forces at the stages, at other places, ``(n, d)``."""
-        return np.asarray(self._through_stages.values(places).T @ found.force[self._stages])
+        return np.asarray(self._tables.stage_basis.values(places).T @ found.force[1::2])
 
     def mobility_of(self, path: StepPath) -> float:
         """Largest acceleration to forces that are 1 at most."""
@@ -144,11 +166,11 @@ class Between:
     def _accelerations(self, path: StepPath, forces: Array) -> Array:
         if self._stiff is not None:
             return self._stiff.accelerations(forces, path.size)
-        rate = self._first_rate(path)
+        rate = self._first_rate(path) if self.forces.needs_velocity else path.position
         return self.forces.accelerations(forces, path.position, rate, path.begin)
 
     def _first_rate(self, path: StepPath) -> Array:
-        return np.asarray(self._slopes[self._stages[0]] @ path.unknowns)
+        return np.asarray(self._tables.slopes[1] @ path.unknowns)
 
     def _on_kink(self, kinks: Array, place: int) -> NDArray[np.bool_]:
         return np.asarray(np.abs(kinks[:, place]) <= ON_KINK * np.abs(kinks).max(axis=1))

@@ -81,9 +81,10 @@ class Examiner:
         rates = self._tail @ unknowns
         if self._stiff is not None:
             rates = self._stiff.resolved(rates, size)
-        before, last = np.abs(rates).max(axis=1)
-        found = size * last * min(1.0, last / (before + 1e-300))
-        return float(found) if math.isfinite(found) else math.inf
+        before, last = np.abs(rates).max(axis=1).tolist()
+        if not math.isfinite(before + last):
+            return math.inf
+        return float(size * last * min(1.0, last / (before + 1e-300)))
 
     def examine(self, path: StepPath, tolerance: float, *, fresh: bool, shortest: float) -> Finding:
         """Look at a step.

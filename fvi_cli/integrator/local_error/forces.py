@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Final
 
@@ -32,6 +34,7 @@ LARGEST_INVERTED: Final = 200
 """Degrees of freedom up to which the mass matrix is inverted for the sake of an estimate."""
 MOST_FORMULAS: Final = 8
 """Formulas of a large structure that are followed one by one."""
+_NO_KINKS: Final = np.zeros((0, 0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,6 +70,8 @@ class SceneForces:
         Whether there is nothing to look at.
     is_of_time
         Whether there is no formula but of the time.
+    needs_velocity
+        Whether forces depend on the velocity.
     has_kinks
         Whether any formula has a function with a kink.
     may_hide
@@ -83,33 +88,40 @@ class SceneForces:
         self._potential = potential if isinstance(potential, ExpressionPotential) else None
         self._dimension = scene.dimension
         self._inertia = scene.inertia
-        self._mobility: float | None = None
+        self.needs_velocity = self._lagrangian is not None
         self.is_of_time = self._lagrangian is None and self._potential is None
         self.is_absent = self._forcing is None and self.is_of_time
         called, hides = _character(scene)
         self.has_kinks = bool(called & set(KINKED))
         self.may_hide = hides
         self.is_steep = bool(called & STEEP_FUNCTIONS)
-        self._breaks = np.array(() if scene.forcing is None else scene.forcing.break_points)
+        self._breaks = () if scene.forcing is None else scene.forcing.break_points
 
     def accelerations(self, force: Array, position: Array, velocity: Array, time: float) -> Array:
         """Accelerations to forces, with the mass matrix at one point, shape ``(n, d)``."""
-        if self._lagrangian is None:
+        if self._lagrangian is not None:
+            return np.asarray(force @ self._inverse_mass(position, velocity, time))
+        inverse = self._inverse
+        if inverse is None:
             return self._inertia.velocity(force)
-        return np.asarray(force @ self._inverse_mass(position, velocity, time))
+        return np.asarray(force * inverse[0, 0] if len(inverse) == 1 else force @ inverse)
 
     def mobility(self, position: Array, velocity: Array, time: float) -> float:
         """Largest acceleration to forces that are 1 at most."""
         if self._lagrangian is not None:
             inverse = self._inverse_mass(position, velocity, time)
             return float(np.abs(inverse).sum(axis=1).max())
-        if self._mobility is None:
-            if self._dimension <= LARGEST_INVERTED:
-                inverse = self._inertia.velocity(np.eye(self._dimension))
-                self._mobility = float(np.abs(inverse).sum(axis=1).max())
-            else:
-                self._mobility = 1.0 / float(diagonal(self._inertia.form).min())
-        return self._mobility
+        constant = self._inverse
+        if constant is None:
+            return 1.0 / float(diagonal(self._inertia.form).min())
+        return float(np.abs(constant).sum(axis=1).max())
+
+    @cached_property
+    def _inverse(self) -> Array | None:
+        """The inverse of a constant mass matrix, ``(d, d)``; None: it is large."""
+        if self._dimension > LARGEST_INVERTED:
+            return None
+        return self._inertia.velocity(np.eye(self._dimension))
 
     def _inverse_mass(self, position: Array, velocity: Array, time: float) -> Array:
         if self._lagrangian is None:  # pragma: no cover - asked of a Lagrangian only
@@ -121,29 +133,45 @@ class SceneForces:
             return np.full_like(mass, np.inf)
 
     def at(self, position: Array, velocity: Array, time: Array, middle: float) -> PointForces:
-        """Forces at points of a step with this `middle`, shapes ``(n, d)`` and ``(n,)``."""
-        functions, seen = NUMPY_FUNCTIONS, _Seen(time.shape)
+        """Forces at points of a step with this `middle`, shapes ``(n, d)`` and ``(n,)``.
+
+        The velocity counts for a general Lagrangian only, see :attr:`needs_velocity`.
+        """
+        functions, seen = NUMPY_FUNCTIONS, None
         if self.has_kinks:
+            seen = _Seen(time.shape)
             functions = seen.functions
-        n, d = time.size, self._dimension
-        force, momentum = np.zeros((n, d)), None
-        if self._potential is not None:
-            columns = [position[:, i] for i in range(d)]
-            for i, value in enumerate(self._potential.gradient_components(columns, functions)):
-                force[:, i] -= value
-        if self._lagrangian is not None:
-            places = [position[:, i] for i in range(d)]
-            rates = [velocity[:, i] for i in range(d)]
-            pushes, pulls = self._lagrangian.first_on(places, rates, time, functions)
-            momentum = np.zeros((n, d))
-            for i in range(d):
-                momentum[:, i] += pushes[i]
-                force[:, i] += pulls[i]
+        force, momentum = self._of_motion(position, velocity, time, functions)
         piece = self._piece(middle)
         if piece is not None:
             for component, own in piece.distinct:
-                force[:, own] += np.asarray(component.evaluate({"t": time}, functions))[..., None]
-        return PointForces(momentum=momentum, force=force, kinks=seen.arguments)
+                found = component.evaluate({"t": time}, functions)
+                if isinstance(found, np.ndarray) or found:
+                    force[:, own] += np.asarray(found)[..., None]
+        kinks = _NO_KINKS if seen is None else seen.arguments
+        return PointForces(momentum=momentum, force=force, kinks=kinks)
+
+    def _of_motion(
+        self,
+        position: Array,
+        velocity: Array,
+        time: Array,
+        functions: Mapping[str, Callable[..., Array]],
+    ) -> tuple[Array, Array | None]:
+        """The conservative force and, of a general Lagrangian, the momentum, ``(n, d)`` each."""
+        d = self._dimension
+        if self._potential is not None:
+            if not self.has_kinks:
+                return -self._potential.slopes(position), None
+            columns = [position[:, i] for i in range(d)]
+            found = self._potential.gradient_components(columns, functions)
+            return -_side_by_side(found, position), None
+        if self._lagrangian is None:
+            return np.zeros((time.size, d)), None
+        places = [position[:, i] for i in range(d)]
+        rates = [velocity[:, i] for i in range(d)]
+        momenta, forces = self._lagrangian.first_on(places, rates, time, functions)
+        return _side_by_side(forces, position), _side_by_side(momenta, position)
 
     def enclosed(
         self,
@@ -195,7 +223,15 @@ class SceneForces:
     def _piece(self, middle: float) -> ForcingPiece | None:
         if self._forcing is None:
             return None
-        return self._forcing.pieces[int(np.searchsorted(self._breaks, middle))]
+        return self._forcing.pieces[bisect.bisect_left(self._breaks, middle)]
+
+
+def _side_by_side(values: Sequence[Array | float], like: Array) -> Array:
+    """Components, arrays ``(n,)`` or numbers, as one array ``(n, d)``."""
+    found = np.empty(like.shape)
+    for index, value in enumerate(values):
+        found[:, index] = value
+    return found
 
 
 class _Seen:

@@ -24,6 +24,7 @@ from fvi_cli.mathematics.algebra.arithmetic import (
     ExpressionError,
     value_of,
 )
+from fvi_cli.mathematics.arrays import Array
 
 T = TypeVar("T")
 Instruction = tuple[str | float | int, ...]
@@ -31,6 +32,11 @@ Instruction = tuple[str | float | int, ...]
 operator or function with the places of its operands."""
 
 OPERATORS: Final = ("+", "-", "*", "/")
+_SMOOTH: Final = ("sin", "cos", "exp", "expm1", "sinh", "cosh", "tanh", "arctan", "arcsinh")
+ENTIRE: Final = frozenset(
+    ("number", "variable", "negate", "+", "-", "*", "square", "cbrt", *_SMOOTH)
+) | frozenset(("select", "min", "max", "abs", "sign"))
+"""What is finite wherever its operands are, but for overflow."""
 LARGEST_WHOLE_POWER: Final = 1e9
 _EVERY: Final = {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS}
 
@@ -75,6 +81,22 @@ class FormulaSystem:
         """Functions that occur, those of derivatives among them."""
         return frozenset(str(self.instructions[place][0]) for place in self.needed) & _EVERY.keys()
 
+    @cached_property
+    def is_entire(self) -> bool:
+        """Whether its values are finite wherever its variables are, but for overflow."""
+        for place in self.needed:
+            kind, *rest = self.instructions[place]
+            if kind == "/":
+                divisor = self.instructions[int(rest[1])]
+                is_finite = divisor[0] == "number" and divisor[1] != 0
+            elif kind == "**":
+                is_finite = float(rest[1]).is_integer() and float(rest[1]) >= 0
+            else:
+                is_finite = kind in ENTIRE
+            if not is_finite:
+                return False
+        return True
+
     def __getitem__(self, which: slice) -> FormulaSystem:
         """The program of some outputs."""
         return FormulaSystem(self.instructions, self.outputs[which])
@@ -107,16 +129,24 @@ class FormulaSystem:
             If a value or a function is missing.
         """
         given = [value_of(name, values) for name in self.names]
-        run = self._on_arrays if functions is NUMPY_FUNCTIONS else self._on(functions)
+        run = self.on_arrays if functions is NUMPY_FUNCTIONS else self._on(functions)
         with np.errstate(all="ignore"):
             return cast(list[T | float], run(*given))
+
+    def run(self, values: Mapping[str, Array]) -> list[Array | float]:
+        """The values for floating-point arrays; quick, and without checks.
+
+        Floating-point errors are treated as the caller's ``np.errstate`` says.
+        """
+        return self.on_arrays(*[values[name] for name in self.names])
 
     @cached_property
     def _code(self) -> CodeType:
         return _compiled(_source(self))
 
     @cached_property
-    def _on_arrays(self) -> Callable[..., list[Any]]:
+    def on_arrays(self) -> Callable[..., list[Any]]:
+        """The program as a function of arrays, one for each of :attr:`names`, without checks."""
         return FunctionType(self._code, {"__builtins__": {}, **_EVERY})
 
     def _on(self, functions: Mapping[str, Callable[..., T]]) -> Callable[..., list[Any]]:
@@ -148,7 +178,7 @@ def _call(name: str, function: Callable[..., Any] | None, *arguments: Any) -> An
     if all(isinstance(one, float) for one in arguments):
         return np.float64(_EVERY[name](*arguments))
     if function is None:
-        raise ExpressionError(f"the function {name!r} is not available here")
+        raise ExpressionError(f"the function {name!r} is not available here", unknown=name)
     return function(*arguments)
 
 

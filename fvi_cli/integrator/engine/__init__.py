@@ -1,0 +1,1 @@
+"""The engine: one loop, one Newton's iteration and one memory for scenes of every kind."""

@@ -1,0 +1,159 @@
+"""How many steps are taken at once, and shorter pieces where a block does not contract.
+
+The number of steps of a block changes last digits: it depends on the scene, the method and the
+number of equal steps alone, never on a clock or on other members.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fvi_cli.integrator.engine.state import State, Steps
+from fvi_cli.mathematics.arrays import Array, Places
+
+if TYPE_CHECKING:
+    from fvi_cli.integrator.engine.engine import Engine
+
+STEPS_OF_LINEAR, STEPS_OF_NEWTON = 128, 64
+SIZE_OF_LINEAR, SIZE_OF_NEWTON = 1024, 512
+"""Inputs of a block at most: B i e."""
+SIZE_IN_BATCH = 24
+"""The same where every member has matrices of its own, which must stay in the cache."""
+CACHE = 2**15
+LEAST = 4
+"""Steps of the shortest block."""
+NEWTON_REUSE, GENERAL_REUSE = 16, 64
+"""Blocks of a nonlinear scene, and of a general Lagrangian, that pay for their tables."""
+PATIENCE = 16
+"""Blocks until a longer one is tried again."""
+USUAL, EXCESS = 4, 150
+"""Iterations of a block; so many beyond these pay for new second derivatives."""
+QUICK = 12
+"""Iterations up to which a longer block may do as well."""
+STATE_OF_BLOCKS = ("longest", "wait", "excess", "stale")
+
+
+def longest_block(engine: Engine) -> int:
+    """Steps of the longest block, by the size of its matrices."""
+    size = len(engine.sampling.to_inputs) * engine.e
+    if engine.law.is_linear:
+        most, largest = STEPS_OF_LINEAR, SIZE_OF_LINEAR
+    else:
+        most, largest = STEPS_OF_NEWTON, SIZE_OF_NEWTON
+        size *= 2 if engine.law.has_rates else 1
+    if engine.q > 1:
+        is_large = engine.q * SIZE_IN_BATCH**2 > CACHE
+        largest = min(largest, SIZE_IN_BATCH if is_large else 2 * SIZE_IN_BATCH)
+    while most > 1 and most * size > largest:
+        most //= 2
+    return most
+
+
+def block_for(engine: Engine, left: int) -> int:
+    """Steps at once of so many equal ones: what the tables of a block cost must come back."""
+    block = engine.most
+    if engine.law.is_linear:
+        while block > 1 and block * block > 4 * left:
+            block //= 2
+    else:
+        reuse = GENERAL_REUSE if engine.law.has_rates else NEWTON_REUSE
+        while block > 1 and reuse * block > left:
+            block //= 2
+    return block if block >= LEAST else 1
+
+
+def advance(
+    engine: Engine, state: State, h: float, most: int, total: int, loads: Array | None
+) -> Steps:
+    """Solve as many of `most` equal steps, of `total` in their stretch, as are best at once."""
+    largest = block_for(engine, total)
+    count = largest
+    while count > most:
+        count = most if engine.law.is_linear else count // 2
+    if count < LEAST and not engine.law.is_linear:
+        count = 1
+    own = None if loads is None else loads[:, :count]
+    return take(engine, state, h, count, own, largest if count > 1 else 1)
+
+
+def take(
+    engine: Engine, state: State, h: float, count: int, loads: Array | None, most: int
+) -> Steps:
+    """Solve `count` steps; members whose blocks do not contract take shorter pieces."""
+    if engine.law.is_linear or count == 1:
+        return engine.solve(state, h, count, loads, most)
+    short = state.longest < count
+    if short.all():
+        return _in_pieces(engine, state, h, count, loads, most)
+    if short.any():
+        long = np.flatnonzero(~short)
+        own = state.of(long)
+        part = take(engine.of(long), own, h, count, _of(loads, long), most)
+        _put(state, long, own)
+        found = part.among(long, engine.q)
+    else:
+        found = engine.solve(state, h, count, loads, most)
+        _note(state, found, count)
+        short = found.failed
+        if not short.any():
+            return found
+    places = np.flatnonzero(short)
+    own = state.of(places)
+    pieces = _in_pieces(engine.of(places), own, h, count, _of(loads, places), most)
+    _put(state, places, own)
+    if len(places) == engine.q:
+        return pieces
+    found.put(places, pieces)
+    return found
+
+
+def _note(state: State, found: Steps, count: int) -> None:
+    """Remember how a block went: which length to take, and when to linearise anew."""
+    well = ~found.failed
+    state.excess = state.excess + np.where(well, found.iterations - USUAL, 0)
+    state.stale = state.stale | (state.excess > EXCESS) | found.failed
+    state.excess = np.where(state.stale, 0, state.excess)
+    state.wait = np.where(well, np.maximum(state.wait - 1, 0), PATIENCE)
+    grows = well & (state.wait == 0) & (found.iterations <= QUICK) & (count == state.longest)
+    shorter = np.where(well, state.longest, count // 2)
+    state.longest = np.where(grows, 2 * state.longest, shorter)
+
+
+def _in_pieces(
+    engine: Engine, state: State, h: float, count: int, loads: Array | None, most: int
+) -> Steps:
+    """The same in halves; the state learns how they went and stays where it is."""
+    half = count // 2 if count // 2 >= LEAST else 1
+    own, parts, done = state.copy(), [], 0
+    # what single steps before have left would depend on other members
+    own.single = state.single = None
+    while done < count:
+        k = min(half, count - done)
+        ahead = None if loads is None else loads[:, done : done + k]
+        found = take(engine, own, h, k, ahead, most if k > 1 else 1)
+        parts.append(found)
+        engine.accept(own, found, own.t + k * h)
+        done += k
+        if k == 1:
+            own.wait = np.maximum(own.wait - 1, 0)
+            own.longest = np.where(own.wait == 0, np.maximum(own.longest, LEAST), own.longest)
+    for name in (*STATE_OF_BLOCKS, "block"):
+        setattr(state, name, getattr(own, name))
+    return Steps.joined(parts)
+
+
+def _put(state: State, places: Places, own: State) -> None:
+    """Take what some members have learned."""
+    for name in STATE_OF_BLOCKS:
+        mine = getattr(state, name).copy()
+        mine[places] = getattr(own, name)
+        setattr(state, name, mine)
+    if state.block is not None and own.block is not None:
+        state.block = state.block.copy()
+        state.block.put(places, own.block)
+
+
+def _of(loads: Array | None, places: Places) -> Array | None:
+    return None if loads is None else loads[places]

@@ -1,0 +1,372 @@
+"""The engine: steps of q scenes of one kind by one method, all members at once.
+
+Shapes: q members, e components, s unknowns of a step, r quadrature points, m samples of the damping
+force, i inputs of the memory in a step, J states, B steps. Decoupled modes of a linear scene are
+members with one component.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.engine.blocks import longest_block
+from fvi_cli.integrator.engine.damping import damping_of
+from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
+from fvi_cli.integrator.engine.kinds import law_of, modes_of
+from fvi_cli.integrator.engine.law import Linearisation, force_of
+from fvi_cli.integrator.engine.newton import Newton, Solution
+from fvi_cli.integrator.engine.operator import Operator
+from fvi_cli.integrator.engine.state import State, Steps, compensated
+from fvi_cli.integrator.engine.tables import apply, apply_to_each, on_steps
+from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.memory.interface import along
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.lagrange import lobatto_basis
+
+KEPT_TABLES = 128
+LONGEST_GUESS = 1.5
+"""The polynomial of a step is continued over a step up to so many times as long."""
+NEVER_SHORTER = 1 << 30
+
+
+class Engine:
+    """Steps of scenes that differ in their numbers alone.
+
+    Parameters
+    ----------
+    scenes, method
+        What is integrated, and how.
+    shortest_step, steps
+        As for :func:`fvi_cli.integrator.convolution.kernel.power_kernel`.
+    n_steps
+        Number of equal steps, for backward differences.
+    most
+        Steps of the longest block, for members that are one batch with others; None: as the size of
+        matrices allows.
+
+    Attributes
+    ----------
+    law, damping
+        The conservative part, and all that damps; None: nothing does.
+    q, e
+        Numbers of members and of components of each.
+    """
+
+    def __init__(
+        self,
+        scenes: Sequence[Scene],
+        method: Method,
+        *,
+        shortest_step: float,
+        steps: float | None,
+        n_steps: int | None = None,
+        most: int | None = None,
+    ) -> None:
+        scene = scenes[0]
+        self.scenes, self.method, self.tables = tuple(scenes), method, step_tables(method)
+        self.sampling = sampling_of(method)
+        self.modes = modes_of(scenes)
+        self.law = law_of(scenes, self.modes)
+        self.x0 = self._members(lambda one: one.initial_position)
+        self.v0 = self._members(lambda one: one.initial_velocity)
+        self.q, self.e = self.x0.shape
+        self.p0 = self.law.momentum(self.x0, self.v0, 0.0)
+        self.damping = damping_of(
+            scenes,
+            method,
+            shortest_step=shortest_step,
+            steps=steps,
+            n_steps=n_steps,
+            modes=self.modes,
+        )
+        self.n_states = 0 if self.damping is None else self.damping.n_states
+        self._frames: OrderedDict[tuple[float, int], Frame] = OrderedDict()
+        self._operators: OrderedDict[tuple[float, int], Operator] = OrderedDict()
+        self._of_step: Operator | None = None
+        self._of_block: Operator | None = None
+        self.loads_of = [StepLoads(one, method, self.tables) for one in scenes]
+        if n_steps is not None:
+            self._leave_out_jump(scene.final_time / n_steps)
+        self.has_loads = any(not one.is_empty for one in self.loads_of)
+        self.is_batch = most is not None
+        self.most = longest_block(self) if most is None else most
+
+    def _leave_out_jump(self, h: float) -> None:
+        """Take the force of the jump to the initial position from that of backward differences."""
+        if self.damping is None or not (force := self.damping.force_of_jump()).size:
+            return
+        weights = self.tables.sample_test_weights
+        q, n, m, e = force.shape
+        _, scenes = self.to_scene(force.reshape(q, n * m, e), force.reshape(q, n * m, e))
+        for loads, own in zip(self.loads_of, scenes, strict=True):
+            loads.add(h * np.einsum("vm,kmd->kvd", weights, own.reshape(n, m, -1)))
+
+    def _members(self, of: Callable[[Scene], Array]) -> Array:
+        """Positions or velocities of all scenes as members, ``(q, e)``."""
+        if self.modes is None:
+            return np.array([of(one) for one in self.scenes])
+        pairs = zip(self.modes, self.scenes, strict=True)
+        return np.concatenate([mode.positions(of(one)) for mode, one in pairs])
+
+    def start(self) -> State:
+        """The state at t = 0."""
+        q, e = self.q, self.e
+        z, column = np.zeros((q, 0, e)), np.zeros((1, 0, 1))
+        if self.damping is not None:
+            z, column = self.damping.start()
+        return State(
+            t=0.0,
+            x=self.x0.copy(),
+            p=self.p0.copy(),
+            x_lost=np.zeros((q, e)),
+            p_lost=np.zeros((q, e)),
+            z=z,
+            column=column,
+            live=np.ones(q, dtype=bool),
+            longest=np.full(q, NEVER_SHORTER),
+            wait=np.zeros(q, dtype=np.int64),
+            excess=np.zeros(q, dtype=np.int64),
+            stale=np.zeros(q, dtype=bool),
+        )
+
+    def frame(self, h: float, count: int) -> Frame:
+        """Tables of `count` steps of length h."""
+        key = (h, count)
+        if key not in self._frames:
+            unit = unit_tables(self.method, count, self.e, self.law.has_rates)
+            self._frames[key] = Frame(self.sampling, unit, self.damping, h, count)
+            if len(self._frames) > KEPT_TABLES:
+                self._frames.popitem(last=False)
+        return self._frames[key]
+
+    def operator(self, state: State, h: float, count: int, guess: Array | None) -> Operator:
+        """For blocks by the second derivatives of the state; for single steps at the guess."""
+        key = (h, count)
+        if self.law.is_linear:
+            if key not in self._operators:
+                at = self.law.linearise(state.x[:, None], None, 0.0)
+                self._operators[key] = Operator(
+                    self.frame(h, count), at, self.damping, is_linear=True
+                )
+                if len(self._operators) > KEPT_TABLES:
+                    self._operators.popitem(last=False)
+            return self._operators[key]
+        return self._single(state, h, guess) if count == 1 else self._block(state, key)
+
+    def _single(self, state: State, h: float, guess: Array | None) -> Operator:
+        if state.single is None or state.single_h != h:
+            state.single, state.single_h = self._at_guess(state, h, guess), h
+        known = self._of_step
+        if known is None or known.frame.h != h or known.at is not state.single:
+            known = Operator(self.frame(h, 1), state.single, self.damping, is_linear=False)
+            self._of_step = known
+        return known
+
+    def _at_guess(self, state: State, h: float, guess: Array | None) -> Linearisation:
+        if guess is None:
+            raise ValueError("guess: it is needed for single steps")
+        points = apply_to_each(self.frame(h, 1).points, guess.reshape(self.q, -1))
+        points = points.reshape(self.q, self.tables.points.size, -1)
+        v = points[..., self.e :] if self.law.has_rates else None
+        x, t = state.x[:, None] + points[..., : self.e], state.t + h * self.tables.points
+        return self.law.linearise(x, v, t, per_point=True)
+
+    def _block(self, state: State, key: tuple[float, int]) -> Operator:
+        if state.block is None or state.stale.any():
+            x, v = state.x[:, None], None
+            if self.law.has_rates:
+                v = self.law.velocity(state.x, state.p, state.t)[:, None]
+            fresh = self.law.linearise(x, v, state.t).copy()
+            if state.block is not None:
+                kept = np.flatnonzero(~state.stale)
+                fresh.put(kept, state.block.of(kept))
+            state.block, state.stale = fresh, np.zeros_like(state.stale)
+        known = self._of_block
+        if known is None or (known.frame.h, known.frame.count) != key:
+            known = Operator(self.frame(*key), state.block.copy(), self.damping, is_linear=False)
+            self._of_block = known
+        elif (places := known.at.differing(state.block)).size:
+            fresh, part = state.block.of(places), self.of(places)
+            known.put(places, Operator(known.frame, fresh, part.damping, is_linear=False))
+        return known
+
+    def guess(self, state: State, h: float) -> Array:
+        """U of a step by the polynomial of the last one; uniform motion without one."""
+        c = self.tables.control_points[1:]
+        if state.unknowns is not None and h <= LONGEST_GUESS * state.h:
+            ahead = _continuation(self.tables.degree, h / state.h)
+            return np.asarray(np.matmul(ahead, state.unknowns))
+        v = self.law.velocity(state.x, state.p, state.t)
+        return np.asarray(c[:, None] * v[:, None])
+
+    def solve(
+        self,
+        state: State,
+        h: float,
+        count: int,
+        loads: Array | None,
+        most: int | None = None,
+        *,
+        starts_at_rest: bool = False,
+    ) -> Steps:
+        """Solve `count` steps; the state stays.
+
+        Parameters
+        ----------
+        state, h, count
+            Where they begin, their length and number.
+        loads
+            Load vectors of known forces, ``(q, count, s + 1, e)``; None: there are none.
+        most
+            Number of steps of the tables to use, at least `count`.
+        starts_at_rest
+            Whether the start velocity, which Caputo derivatives subtract, counts as zero.
+        """
+        most = max(count, most or count)
+        is_linear = self.law.is_linear
+        guess = self.guess(state, h) if most == 1 and not is_linear else None
+        op = self.operator(state, h, most, guess)
+        frame, e, s = op.frame, self.e, self.tables.degree
+        q = state.x.shape[0]
+        known = np.zeros((q, count, s + 1, e))
+        damping = self.damping
+        if starts_at_rest and damping is not None:
+            damping = damping.at_rest()
+        if damping is not None and frame.damping is not None:
+            past = damping.past(frame.damping, state.z, state.column, count)
+            known = on_steps(frame.to_loads, past.reshape(q, count, -1, e))
+        if loads is not None:
+            known = known - loads
+        n, c = count * s * e, count * (s + 1) * e
+        begin = np.concatenate([state.x, state.p], axis=1)
+        unknowns = apply(op.start[:, :n], begin) - apply(op.by_load[:, :n, :c], known.reshape(q, c))
+        solution: Solution | None = None
+        if not is_linear:
+            solution = Newton(self, op, state, unknowns, known, count, guess).run()
+            unknowns = solution.unknowns
+        u = unknowns.reshape(q, count, s, e)
+        inputs = (
+            on_steps(self.sampling.to_inputs, u) if self.method.is_runge_kutta else u
+        ).reshape(q, -1, e)
+        change = -known.sum(axis=2)
+        z = state.z
+        if damping is not None and frame.damping is not None:
+            for kicks, one in zip(frame.kicks, damping.combinations, strict=True):
+                kick = np.matmul(kicks[:, :count, : inputs.shape[1]], inputs)
+                change = change - along(kick, one.matrix)
+            z = damping.push(frame.damping, state.z, inputs, count)
+        moved = h * np.cumsum(u[:, :, -1], axis=1)
+        if solution is None:
+            change = change - self._pulled(op, state, u, moved)
+        else:
+            change = change + self._kicked(op, solution, count)
+        return Steps(
+            h=h,
+            count=count,
+            dx=moved,
+            dp=np.cumsum(change, axis=1),
+            unknowns=u,
+            inputs=inputs,
+            z=z,
+            iterations=np.ones(q, dtype=np.int64) if solution is None else solution.iterations,
+            failed=np.zeros(q, dtype=bool) if solution is None else solution.failed,
+            rest=None if solution is None else solution.rest,
+        )
+
+    def _pulled(self, op: Operator, state: State, u: Array, moved: Array) -> Array:
+        """Impulse of the linear forces in each step, with the sign of the left side."""
+        frame, h = op.frame, op.frame.h
+        mean = (h * self.tables.weights)[None] @ frame.displacement[0]
+        place = on_steps(mean, u)[:, :, 0] + h * state.x[:, None]
+        place[:, 1:] += h * moved[:, :-1]
+        return force_of(op.at.stiffness, place)
+
+    def _kicked(self, op: Operator, found: Solution, count: int) -> Array:
+        """Impulse of the forces of the law in each step."""
+        _, mixed, stiffness = op.at
+        e = self.e
+        force = found.rest[..., -e:] - force_of(stiffness, found.points[..., :e])
+        if mixed is not None:
+            force = force + np.matmul(found.points[..., None, e:], mixed)[..., 0, :]
+        weights = (op.frame.h * self.tables.weights)[None]
+        return on_steps(weights, force.reshape(len(force), count, -1, e))[:, :, 0]
+
+    def accept(self, state: State, steps: Steps, end: float) -> None:
+        """Go to the end of solved steps."""
+        state.x, state.x_lost = compensated(state.x, state.x_lost, steps.dx[:, -1])
+        state.p, state.p_lost = compensated(state.p, state.p_lost, steps.dp[:, -1])
+        if self.damping is not None and self.damping.has_column:
+            state.column = self.pushed_column(state.column, steps.h, steps.count)
+        state.z = steps.z
+        state.unknowns, state.h, state.t = steps.unknowns[:, -1], steps.h, end
+        if steps.rest is not None:
+            state.rest = steps.rest[:, -1]
+        if steps.failed.any():
+            state.live = state.live & ~steps.failed
+
+    def pushed_column(self, column: Array, h: float, count: int) -> Array:
+        """States of the start velocity behind `count` steps."""
+        tables = self._kept_frame(h, count).damping
+        if self.damping is None or tables is None:
+            return column
+        return self.damping.push_column(tables, column, count)
+
+    def _kept_frame(self, h: float, count: int) -> Frame:
+        whole = self._frames.get((h, self.most))
+        return self.frame(h, count) if whole is None or self.most < count else whole
+
+    def of(self, places: Places) -> Engine:
+        """The engine of some members; tables of step sizes are shared."""
+        if len(places) == self.q:
+            return self
+        part = copy.copy(self)
+        part.law = self.law.of(places)
+        part.damping = None if self.damping is None else self.damping.of(places)
+        part.q = len(places)
+        if self.damping is not None and not self.damping.is_shared:
+            part._frames = OrderedDict()
+        part._of_step = None
+        part._of_block = None if self._of_block is None else self._of_block.of(places)
+        return part
+
+    def loads(self, begin: float, h: float, count: int, *, is_fresh: bool) -> Array | None:
+        """Load vectors of known forces on equal steps, ``(q, count, s + 1, e)``."""
+        if not self.has_loads:
+            return None
+        every = []
+        for one, scene in zip(self.loads_of, self.scenes, strict=True):
+            found = one.of_steps(begin, h, count, is_fresh=is_fresh)
+            if found is None:
+                found = np.zeros((count, self.tables.degree + 1, scene.dimension))
+            every.append(found)
+        if self.modes is None:
+            return np.array(every)
+        return np.concatenate(
+            [mode.forces(one) for mode, one in zip(self.modes, every, strict=True)]
+        )
+
+    def to_scene(self, x: Array, p: Array) -> tuple[Array, Array]:
+        """Positions and momenta of members ``(q, n, e)`` as those of scenes, ``(S, n, d)``."""
+        if self.modes is None:
+            return x, p
+        k = self.modes[0].batch
+        return (
+            np.array([m.scene_positions(x[i * k : i * k + k]) for i, m in enumerate(self.modes)]),
+            np.array([m.scene_forces(p[i * k : i * k + k]) for i, m in enumerate(self.modes)]),
+        )
+
+
+@lru_cache(maxsize=1024)
+def _continuation(degree: int, ratio: float) -> Array:
+    """U of a step that is so many times as long as the one before from U of that, ``(s, s)``."""
+    basis = lobatto_basis(degree)
+    ahead = basis.values(1.0 + ratio * basis.control_points[1:])[1:].T
+    return np.asarray((ahead - np.eye(degree)[-1]) / ratio)

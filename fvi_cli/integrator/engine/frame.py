@@ -1,0 +1,225 @@
+r"""Tables of B equal steps: everything but the second derivatives of the scene.
+
+The unknowns of a step are :math:`U_\nu` with
+:math:`x(t_n + \tau h) = x_n + h \sum_\nu l_\nu(\tau) U_\nu`. Those of a step depend on all steps
+before it in the same block, so that tables are lag sequences
+(:mod:`fvi_cli.integrator.engine.tables`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from fvi_cli.integrator.engine.damping import Damping
+from fvi_cli.integrator.engine.tables import (
+    constant_lags,
+    expand,
+    on_every_component,
+)
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.step_tables import StepTables, step_tables
+from fvi_cli.mathematics.arrays import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sampling:
+    """Where the damping force of a step acts, and what drives it.
+
+    Parameters
+    ----------
+    to_loads
+        Weights of the force in the load vectors of a step of length 1, ``(s + 1, m)``.
+    to_inputs
+        From U to the inputs of the memory, ``(i, s)``.
+    """
+
+    to_loads: Array
+    to_inputs: Array
+
+
+@lru_cache(maxsize=32)
+def sampling_of(method: Method) -> Sampling:
+    """At the quadrature points; for backward differences at their samples, driven by U."""
+    t = step_tables(method)
+    if method.is_runge_kutta:
+        return Sampling(to_loads=t.test_weights, to_inputs=np.ascontiguousarray(t.slopes[1:].T))
+    return Sampling(to_loads=t.sample_test_weights, to_inputs=np.eye(t.degree))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UnitTables:
+    """Tables of B steps of length 1: what depends on the method and on B alone.
+
+    Parameters
+    ----------
+    displacement, velocity
+        From U to the quadrature points, lag sequences ``(B, r, s)``.
+    components, has_rates
+        Number e, and whether remainders have parts of momenta and velocities.
+    """
+
+    tables: StepTables
+    displacement: Array
+    velocity: Array
+    components: int
+    has_rates: bool
+
+    @cached_property
+    def test(self) -> Array:
+        """Forces at the points to the equations of their own step, ``(s, r)``."""
+        return self.tables.test_weights[:-1]
+
+    @cached_property
+    def rate_test(self) -> Array:
+        """Momenta at the points to the equations of their own step, ``(s, r)``."""
+        return self.tables.weights * self.tables.slopes[:-1]
+
+    @cached_property
+    def stiff(self) -> Array:
+        """By the stiffness, within a step, ``(s, s)``."""
+        return np.asarray(self.test @ self.displacement[0])
+
+    @cached_property
+    def mass(self) -> Array:
+        """By the mass, within a step, ``(s, s)``."""
+        return np.asarray(self.rate_test @ self.velocity[0])
+
+    @cached_property
+    def test_sum(self) -> Array:
+        """A force of 1 at all points in the load vectors, ``(s + 1,)``."""
+        return np.asarray(self.tables.test_weights.sum(axis=1))
+
+    @cached_property
+    def pairs(self) -> tuple[Array, Array, Array, Array]:
+        """Second derivatives at every point to the Jacobian of a step, ``(r, s s)`` each.
+
+        By v and v, v and q, q and v, q and q.
+        """
+        rate, test = self.rate_test, self.test
+        v, x = self.velocity[0], self.displacement[0]
+        r = test.shape[1]
+        made = [
+            np.einsum("ni,im->inm", a, b).reshape(r, -1)
+            for a, b in ((rate, v), (rate, x), (test, v), (test, x))
+        ]
+        return made[0], made[1], made[2], made[3]
+
+    @cached_property
+    def points(self) -> tuple[Array, ...]:
+        """U to displacements, and to velocities where there are rates, ``(1, B r w, B s e)``."""
+        rows = [self.displacement, self.velocity] if self.has_rates else [self.displacement]
+        found = []
+        for index, one in enumerate(rows):
+            placed = self._among(one, index, axis=2).reshape(len(one), -1, one.shape[2])
+            found.append(expand(on_every_component(placed, self.components))[None])
+        return tuple(found)
+
+    @cached_property
+    def tests(self) -> tuple[Array, ...]:
+        """Remainders to load vectors of their step, ``((s + 1) e, r w)``: of momenta, of forces."""
+        columns = [self.tables.test_weights]
+        if self.has_rates:
+            rate_test = self.tables.weights * self.tables.slopes
+            # remainders of momenta change no momentum
+            rate_test[-1] = -rate_test[:-1].sum(axis=0)
+            columns = [rate_test, self.tables.test_weights]
+        found = []
+        for index, one in enumerate(columns):
+            placed = self._among(one, index, axis=2).reshape(len(one), -1)
+            found.append(on_every_component(placed, self.components))
+        return tuple(found)
+
+    def _among(self, table: Array, index: int, axis: int) -> Array:
+        """A table of (displacement, velocity) or (momentum, force) among both of each point."""
+        slots = 2 if self.has_rates else 1
+        parts = [table if one == index else np.zeros_like(table) for one in range(slots)]
+        return np.stack(parts, axis=axis)
+
+
+@lru_cache(maxsize=64)
+def unit_tables(method: Method, count: int, components: int, has_rates: bool) -> UnitTables:
+    """Tables of `count` steps of length 1."""
+    t = step_tables(method)
+    last = np.zeros((t.points.size, t.degree))
+    last[:, -1] = 1.0
+    return UnitTables(
+        tables=t,
+        displacement=constant_lags(t.basis[1:].T, last, count),
+        velocity=constant_lags(t.slopes[1:].T, np.zeros_like(last), count),
+        components=components,
+        has_rates=has_rates,
+    )
+
+
+class Frame:
+    """Tables of B steps of length h.
+
+    Parameters
+    ----------
+    unit, damping
+        Tables of steps of length 1, and what damps; None: nothing does.
+    h, count
+        Length and number of the steps.
+
+    Attributes
+    ----------
+    to_loads, weights, test_sum
+        Damping forces to load vectors of their step, ``(s + 1, m)``, and to its momentum, ``(m,)``;
+        a force of 1 to load vectors, ``(s + 1,)``.
+    displacement, stiff
+        U to displacements, a lag sequence ``(B, r, s)``; by the stiffness within a step.
+    damping
+        Tables of the memory; None without damping.
+    damp
+        For every direction U to the equations of a step, ``(q or 1, s, s)``.
+    """
+
+    def __init__(
+        self, sampling: Sampling, unit: UnitTables, damping: Damping | None, h: float, count: int
+    ) -> None:
+        self.h, self.count, self.unit, self.tables = h, count, unit, unit.tables
+        self.sampling = sampling
+        self.to_loads, self.test_sum = h * sampling.to_loads, h * unit.test_sum
+        self.weights = self.to_loads.sum(axis=0)
+        self.displacement, self.stiff = h * unit.displacement, h * h * unit.stiff
+        self.damping = None if damping is None else damping.tables(h, count)
+        self.sequences = () if self.damping is None else self.damping.sequences
+        test, drive = self.to_loads[:-1], sampling.to_inputs
+        self.damp = [test @ one[:, 0] @ drive for one in self.sequences]
+
+    @cached_property
+    def local(self) -> list[Array]:
+        """For every direction inputs to forces, ``(q or 1, B m, B i)``."""
+        return [expand(one) for one in self.sequences]
+
+    @cached_property
+    def kicks(self) -> list[Array]:
+        """For every direction inputs to changes of momentum, ``(q or 1, B, B i)``."""
+        return [expand(np.matmul(self.weights, one)[:, :, None]) for one in self.sequences]
+
+    @cached_property
+    def lags(self) -> list[Array]:
+        """For every direction inputs of the steps before, the latest last, to forces of a step.
+
+        Shape ``(q or 1, m, (B - 1) i)``.
+        """
+        found = []
+        for one in self.sequences:
+            later = one[:, :0:-1].transpose(0, 2, 1, 3)
+            found.append(later.reshape(*later.shape[:2], -1))
+        return found
+
+    @cached_property
+    def points(self) -> Array:
+        """U to what remainders depend on, ``(1, B r w, B s e)``."""
+        one = self.unit.points
+        return self.h * one[0] if len(one) == 1 else self.h * one[0] + one[1]
+
+    @cached_property
+    def tests(self) -> Array:
+        """Remainders to load vectors of their step, ``((s + 1) e, r w)``."""
+        one = self.unit.tests
+        return self.h * one[0] if len(one) == 1 else one[0] + self.h * one[1]

@@ -1,0 +1,371 @@
+r"""The conservative part of scenes: what the equations of a step ask of it.
+
+With the momentum :math:`P = \partial L / \partial v` and the force
+:math:`Q = \partial L / \partial q`, every kind gives a linearisation (M, C, K), with which
+:math:`P \approx M v + C \Delta` and :math:`Q \approx Q_0 + C^T v - K \Delta` at a displacement
+:math:`\Delta` from the beginning of the steps, and the *remainder*, which is what P and Q have
+beside these. A linear scene has no remainder. Shapes: q members, n points, e components.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol, cast
+
+import numpy as np
+
+from fvi_cli.effects.lagrangian import TIME, Lagrangian, velocity_name
+from fvi_cli.effects.potential import ExpressionPotential
+from fvi_cli.integrator.engine.tables import apply
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem
+from fvi_cli.mathematics.arrays import Array, Places
+
+
+class Linearisation(NamedTuple):
+    """Second derivatives, for all points ``(q, e, e)`` or at each of them ``(q, n, e, e)``.
+
+    M is that by v and v, C by v and q (None: zero), K minus that by q and q.
+    """
+
+    mass: Array
+    mixed: Array | None
+    stiffness: Array
+
+    def of(self, places: Places) -> Linearisation:
+        """Those of some members, copied."""
+        return Linearisation(*(None if one is None else one[places] for one in self))  # type: ignore[arg-type]
+
+    def copy(self) -> Linearisation:
+        """Arrays of its own."""
+        return Linearisation(*(None if one is None else one.copy() for one in self))  # type: ignore[arg-type]
+
+    def differing(self, other: Linearisation) -> Places:
+        """Members whose second derivatives are others."""
+        found = np.zeros(len(self.mass), dtype=bool)
+        for own, new in zip(self, other, strict=True):
+            if own is not None and new is not None:
+                found |= (own != new).reshape(len(own), -1).any(axis=1)
+        return np.flatnonzero(found)
+
+    def put(self, places: Places, other: Linearisation) -> None:
+        """Take those of `other` for some members."""
+        for own, new in zip(self, other, strict=True):
+            if own is not None and new is not None:
+                own[places] = new
+
+
+class Law(Protocol):
+    """The conservative part of q scenes of one kind.
+
+    Attributes
+    ----------
+    is_linear
+        Whether there is never a remainder.
+    has_rates
+        Whether remainders depend on the velocities, and momenta have some of their own: points
+        are then ``(displacement, velocity)`` and remainders ``(of momenta, of forces)`` in the
+        last axis.
+    """
+
+    is_linear: bool
+    has_rates: bool
+
+    def of(self, places: Places) -> Law:
+        """That of some members."""
+
+    def momentum(self, x: Array, v: Array, t: float) -> Array:
+        """P, all ``(q, e)``."""
+
+    def velocity(self, x: Array, p: Array, t: float) -> Array:
+        """The v with P = p, all ``(q, e)``; nan where there is none."""
+
+    def linearise(
+        self, x: Array, v: Array | None, t: Array | float, *, per_point: bool = False
+    ) -> Linearisation:
+        """Second derivatives at ``(q, n, e)``, of the first point alone or at each."""
+
+    def remainder(
+        self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
+    ) -> Array:
+        """Remainders ``(q, n, e)`` or ``(q, n, 2 e)`` of points that belong to those `before`.
+
+        `origin` is the position at the beginning of the steps, ``(q, e)``.
+        """
+
+
+def force_of(stiffness: Array, displacement: Array) -> Array:
+    """K Delta of stiffnesses ``(q, e, e)`` or ``(q, n, e, e)`` and ``(q, n, e)``."""
+    if displacement.shape[-1] == 1:
+        return np.asarray(displacement * (stiffness if stiffness.ndim == 3 else stiffness[..., 0]))
+    if stiffness.ndim == 3:
+        return np.asarray(np.matmul(displacement, stiffness))
+    return np.asarray(np.matmul(stiffness, displacement[..., None])[..., 0])
+
+
+@dataclass(eq=False, kw_only=True)
+class Linear:
+    """Constant mass and stiffness, each ``(q, e, e)``."""
+
+    mass: Array
+    stiffness: Array
+    is_linear: bool = field(default=True, init=False)
+    has_rates: bool = field(default=False, init=False)
+
+    def of(self, places: Places) -> Linear:
+        """That of some members."""
+        return Linear(mass=self.mass[places], stiffness=self.stiffness[places])
+
+    def momentum(self, x: Array, v: Array, t: float) -> Array:
+        """M v."""
+        return apply(self.mass, v)
+
+    def velocity(self, x: Array, p: Array, t: float) -> Array:
+        """Inverse of M times p."""
+        return np.asarray(np.linalg.solve(self.mass, p[..., None])[..., 0])
+
+    def linearise(
+        self, x: Array, v: Array | None, t: Array | float, *, per_point: bool = False
+    ) -> Linearisation:
+        """M and K themselves."""
+        return Linearisation(self.mass, None, self.stiffness)
+
+    def remainder(
+        self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
+    ) -> Array:
+        """Zero."""
+        return np.zeros_like(points)
+
+
+@dataclass(eq=False, kw_only=True)
+class Potential:
+    r""":math:`L = v^T M v / 2 - V(q)` with the same formulas for all members.
+
+    The remainder is :math:`K \Delta - \nabla V(q)`.
+
+    Parameters
+    ----------
+    mass
+        M, ``(q, e, e)``.
+    formulas
+        A potential, for its programs.
+    parameters
+        Values of the names in them, ``(q, 1)`` each.
+    stiffness
+        Matrices whose quadratic forms V has besides, ``(q, e, e)``; None: there are none.
+    """
+
+    mass: Array
+    formulas: ExpressionPotential
+    parameters: Mapping[str, Array]
+    stiffness: Array | None = None
+    is_linear: bool = field(default=False, init=False)
+    has_rates: bool = field(default=False, init=False)
+
+    def __post_init__(self) -> None:
+        self._gradient = _arguments(self.formulas.gradient_system, self._sources())
+        self._hessian = _arguments(self.formulas.hessian_system, self._sources())
+
+    def _sources(self) -> dict[str, Array | int]:
+        places = {name: index for index, name in enumerate(self.formulas.coordinates)}
+        return {**self.parameters, **places}
+
+    def of(self, places: Places) -> Potential:
+        """That of some members."""
+        return Potential(
+            mass=self.mass[places],
+            formulas=self.formulas,
+            parameters={name: one[places] for name, one in self.parameters.items()},
+            stiffness=None if self.stiffness is None else self.stiffness[places],
+        )
+
+    def momentum(self, x: Array, v: Array, t: float) -> Array:
+        """M v."""
+        return apply(self.mass, v)
+
+    def velocity(self, x: Array, p: Array, t: float) -> Array:
+        """Inverse of M times p."""
+        return np.asarray(np.linalg.solve(self.mass, p[..., None])[..., 0])
+
+    def gradient(self, x: Array) -> Array:
+        """The gradient of V at ``(q, n, e)``."""
+        found = np.empty(x.shape)
+        for index, value in enumerate(self._gradient(_components(x))):
+            found[..., index] = value
+        return found if self.stiffness is None else found + force_of(self.stiffness, x)
+
+    def linearise(
+        self, x: Array, v: Array | None, t: Array | float, *, per_point: bool = False
+    ) -> Linearisation:
+        """M and second derivatives of V; zero for members where these are not finite."""
+        e = x.shape[-1]
+        second = np.empty((*x.shape, e))
+        for index, value in enumerate(self._hessian(_components(x))):
+            second[..., index // e, index % e] = value
+        if self.stiffness is not None:
+            second += self.stiffness[:, None]
+        finite = np.isfinite(second).all(axis=(1, 2, 3), keepdims=True)
+        if not finite.all():
+            second = np.where(finite, second, 0.0)
+        if e > 1:
+            second = 0.5 * (second + second.swapaxes(-1, -2))
+        return Linearisation(self.mass, None, second if per_point else second[:, 0])
+
+    def remainder(
+        self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
+    ) -> Array:
+        """K Delta less the gradient."""
+        return force_of(at.stiffness, points) - self.gradient(origin[:, None] + points)
+
+
+@dataclass(eq=False, kw_only=True)
+class General:
+    """Any L(q, v, t) with the same formulas for all members.
+
+    Parameters
+    ----------
+    lagrangian
+        One of the members, for its programs.
+    parameters
+        Values of the names in them, ``(q, 1)`` each.
+    stiffness
+        Matrices whose quadratic forms are taken from L, ``(q, e, e)``; None: there are none.
+    """
+
+    lagrangian: Lagrangian
+    parameters: Mapping[str, Array]
+    stiffness: Array | None = None
+    is_linear: bool = field(default=False, init=False)
+    has_rates: bool = field(default=True, init=False)
+
+    def __post_init__(self) -> None:
+        self._first = _arguments(self.lagrangian.first, self._sources())
+        self._second = _arguments(self.lagrangian.second, self._sources())
+
+    def _sources(self) -> dict[str, Array | int]:
+        names = self.lagrangian.coordinates
+        found: dict[str, Array | int] = {**self.parameters}
+        for index, name in enumerate(names):
+            found[name], found[velocity_name(name)] = index, len(names) + index
+        found[TIME] = 2 * len(names)
+        return found
+
+    def of(self, places: Places) -> General:
+        """That of some members."""
+        return General(
+            lagrangian=self.lagrangian,
+            parameters={name: one[places] for name, one in self.parameters.items()},
+            stiffness=None if self.stiffness is None else self.stiffness[places],
+        )
+
+    def momentum(self, x: Array, v: Array, t: float) -> Array:
+        """dL/dv."""
+        return self._values(self._first, x[:, None], v[:, None], t)[:, 0, : x.shape[1]]
+
+    def velocity(self, x: Array, p: Array, t: float) -> Array:
+        """By Newton's iteration, for every member by itself."""
+        from fvi_cli.mathematics.convergence import find_roots
+
+        e = x.shape[-1]
+
+        def mismatch(v: Array) -> tuple[Array, Array, Array]:
+            values = self._values(self._second, x[:, None], v[:, None], t)[:, 0]
+            mass = values[:, 2 * e : 2 * e + e * e].reshape(-1, e, e)
+            own = values[:, :e]
+            terms = apply(np.abs(mass), np.abs(v)) + np.abs(p) + np.abs(own)
+            return own - p, mass, terms
+
+        v, found, _ = find_roots(mismatch, np.zeros_like(p))
+        return np.where(found[:, None], v, np.nan)
+
+    def _values(self, program: _Program, x: Array, v: Array, t: Array | float) -> Array:
+        """Values of a program, ``(q, n, number of values)``."""
+        given = [*_components(x), *_components(v), np.asarray(t, dtype=float)]
+        values = program(given)
+        found = np.empty((*x.shape[:-1], len(values)))
+        for index, value in enumerate(values):
+            found[..., index] = value
+        return found
+
+    def _first_at(self, x: Array, v: Array, t: Array | float) -> Array:
+        """P and Q side by side, ``(q, n, 2 e)``."""
+        found, e = self._values(self._first, x, v, t), x.shape[-1]
+        if self.stiffness is not None:
+            found[..., e:] -= force_of(self.stiffness, x)
+        return found
+
+    def _second_at(self, x: Array, v: Array, t: Array | float) -> tuple[Array, Array]:
+        """P and Q side by side, and the second derivatives ``(q, n, 3, e, e)``."""
+        found, e = self._values(self._second, x, v, t), x.shape[-1]
+        first, second = found[..., : 2 * e], found[..., 2 * e :].reshape(*x.shape[:-1], 3, e, e)
+        if self.stiffness is not None:
+            first[..., e:] -= force_of(self.stiffness, x)
+            second[..., 2, :, :] -= self.stiffness[:, None]
+        return first, second
+
+    def linearise(
+        self, x: Array, v: Array | None, t: Array | float, *, per_point: bool = False
+    ) -> Linearisation:
+        """The second derivatives of L; without the mixed ones where they are for all points."""
+        if v is None:
+            raise ValueError("velocities: they are needed for a general Lagrangian")
+        _, second = self._second_at(x, v, t)
+        mass, mixed, curvature = (second[..., index, :, :] for index in range(3))
+        if per_point:
+            return Linearisation(mass, mixed, -curvature)
+        stiffness = -0.5 * (curvature + curvature.swapaxes(-1, -2))
+        return Linearisation(mass[:, 0], None, stiffness[:, 0])
+
+    def remainder(
+        self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
+    ) -> Array:
+        """Remainders of momenta and of forces side by side.
+
+        With second derivatives at every point this is Newton's iteration. With those for all
+        points the velocities are corrected to the momenta first, since a mass that is not constant
+        would be iterated slowly otherwise.
+        """
+        mass, mixed, stiffness = at
+        e = origin.shape[-1]
+        displacement, v = points[..., :e], points[..., e:]
+        if mixed is not None:
+            first = self._first_at(origin[:, None] + displacement, v, t)
+            momentum = np.matmul(mass, v[..., None]) + np.matmul(mixed, displacement[..., None])
+            force = np.matmul(stiffness, displacement[..., None])
+            force -= np.matmul(mixed.swapaxes(2, 3), v[..., None])
+            own = np.concatenate([-momentum[..., 0], force[..., 0]], axis=-1)
+            return np.asarray(first + own)
+        first, second = self._second_at(origin[:, None] + displacement, v, t)
+        known = np.matmul(v, mass) + before[..., :e]
+        own, cross = second[..., 0, :, :], second[..., 1, :, :]
+        change = np.linalg.solve(own, (known - first[..., :e])[..., None])[..., 0]
+        force = first[..., e:] + np.matmul(change[..., None, :], cross)[..., 0, :]
+        return np.concatenate(
+            [
+                known - np.matmul(v + change, mass),
+                force + np.matmul(displacement, stiffness),
+            ],
+            axis=-1,
+        )
+
+
+_Program = Callable[[Sequence[Array]], list[Array | float]]
+
+
+def _arguments(system: FormulaSystem, sources: Mapping[str, Array | int]) -> _Program:
+    """A compiled program as a function of the components of points, its parameters bound."""
+    run = system.on_arrays
+    bound = [sources[name] for name in system.names]
+
+    def call(components: Sequence[Array]) -> list[Array | float]:
+        given = [components[one] if isinstance(one, int) else one for one in bound]
+        return cast(list[Array | float], run(*given))
+
+    return call
+
+
+def _components(values: Array) -> list[Array]:
+    """``(q, n, e)`` as e arrays, contiguous so that every member's are computed alike."""
+    if values.shape[-1] == 1:
+        return [values[..., 0]]
+    return [np.ascontiguousarray(values[..., index]) for index in range(values.shape[-1])]

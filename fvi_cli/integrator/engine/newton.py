@@ -1,0 +1,193 @@
+r"""Newton's iteration on a block of steps, for all members at once.
+
+With second derivatives that are fixed, the points of a block are
+``begin + fold . remainder(points)``. Single steps have second derivatives at every point, made anew
+where the iteration is slow; blocks have one linearisation for all points, and where they do not
+contract they are taken in shorter pieces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fvi_cli.integrator.engine.operator import Operator
+from fvi_cli.integrator.engine.state import Mask, State
+from fvi_cli.integrator.engine.tables import apply, apply_to_each
+from fvi_cli.mathematics.arrays import Array, Integers, Places
+from fvi_cli.mathematics.convergence import NEGLIGIBLE, NOISE, SLOW, UNIT
+
+if TYPE_CHECKING:
+    from fvi_cli.integrator.engine.engine import Engine
+
+ITERATIONS = 60
+GIVE_UP = 0.7
+"""From this ratio of changes on a shorter block is quicker."""
+
+
+@dataclass(eq=False, kw_only=True)
+class Solution:
+    """Unknowns ``(q, B s e)``, points and remainders ``(q, B r, w)``, and how it went."""
+
+    unknowns: Array
+    points: Array
+    rest: Array
+    iterations: Integers
+    failed: Mask
+
+
+class Newton:
+    """The iteration for one block.
+
+    Parameters
+    ----------
+    engine, op, state
+        What is solved, from where.
+    known
+        Known loads with the sign of the left side, ``(q, B, s + 1, e)``.
+    count, guess
+        Number of steps; U of a single step to begin with, ``(q, s, e)``, None for blocks.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        op: Operator,
+        state: State,
+        fixed: Array,
+        known: Array,
+        count: int,
+        guess: Array | None,
+    ) -> None:
+        self.engine, self.op, self.state, self.guess = engine, op, state, guess
+        self.q, self.e = engine.q, engine.e
+        r = engine.tables.points.size
+        self.n, self.width = count * r, op.fold.shape[-1] // (op.frame.count * r)
+        self.fixed, self.known = fixed, known.reshape(self.q, -1)
+        h = op.frame.h
+        self.times = state.t + h * (np.arange(count)[:, None] + engine.tables.points).ravel()
+        self._take(op)
+
+    def _take(self, op: Operator) -> None:
+        k, size = self.n * self.width, self.fixed.shape[1]
+        self.fold, self.by_rest = op.fold[:, :k, :k], op.by_rest[:, :size, :k]
+        self.to_points = op.points[:, :k, :size]
+        self.begin = apply_to_each(self.to_points, self.fixed)
+
+    def _first(self) -> tuple[Array, Array]:
+        """Points to begin with, and the remainders they belong to."""
+        rest = np.zeros((self.q, self.n, self.width))
+        if self.guess is not None:
+            return apply_to_each(self.to_points, self.guess.reshape(self.q, -1)), rest
+        if self.state.rest is not None:
+            rest += self.state.rest[:, None]
+        return self.begin + apply(self.fold, rest.reshape(self.q, -1)), rest
+
+    def _largest(self, values: Array) -> Array:
+        """Of every component over all points, ``(q, w)``."""
+        found = np.abs(values).reshape(self.q, self.n, self.width)
+        return np.asarray(np.maximum.reduce(found, axis=1))
+
+    def run(self) -> Solution:
+        """Iterate until every member and every component has come to rest by itself."""
+        engine, state, q = self.engine, self.state, self.q
+        points, rest = self._first()
+        live, failed = state.live, np.zeros(q, dtype=bool)
+        iterations = np.zeros(q, dtype=np.int64)
+        everyone, done = bool(live.all()), ~live
+        floor: Array | None = None
+        renewed: Places | None = None
+        limit = before = np.zeros((q, self.width))
+        for iteration in range(ITERATIONS):
+            fresh = engine.law.remainder(
+                self.op.at, state.x, points.reshape(q, self.n, self.width), self.times, rest
+            )
+            moved = self.begin + apply(self.fold, fresh.reshape(q, -1))
+            change = self._largest(moved - points)
+            if everyone:
+                rest, points = fresh, moved
+            else:
+                rest = np.where(live[:, None, None], fresh, rest)
+                points = np.where(live[:, None], moved, points)
+            iterations += live
+            if iteration == 0:
+                limit = self._largest(moved)
+                limit[:, : self.e] += np.abs(state.x)
+                limit *= NEGLIGIBLE
+                before = change
+                continue
+            # the next change would be change^2 / before
+            good = change * change <= limit * before
+            if renewed is None:
+                if good.all():
+                    done = np.ones(q, dtype=bool)
+                    break
+                is_quick = everyone and bool((change <= SLOW * before).all())
+                if is_quick and (q == 1 or not good.all(axis=1).any()):
+                    before = change
+                    continue
+            slow = ~(change <= SLOW * before)
+            if renewed is not None:
+                good[renewed], slow[renewed] = False, ~np.isfinite(change[renewed])
+                renewed = None
+            good |= slow & (change * NEGLIGIBLE <= limit * UNIT)
+            slow &= ~good
+            done = np.asarray(good.all(axis=1))
+            stuck = live & slow.any(axis=1)
+            if stuck.any():
+                if floor is None:
+                    floor = NOISE * self._floor(rest, points)
+                done |= stuck & (good | (change <= floor)).all(axis=1)
+                stuck &= ~done
+                hopeless = stuck & ~np.isfinite(change).all(axis=1)
+                if self.guess is None:
+                    hopeless |= stuck & (slow & ~(change < GIVE_UP * before)).any(axis=1)
+                elif (stuck & ~hopeless).any():
+                    renewed = np.flatnonzero(stuck & ~hopeless)
+                    self._renew(renewed, points)
+                failed |= hopeless
+                live = live & ~hopeless
+                everyone = False
+            if done.any():
+                live = live & ~done
+                everyone = False
+            if not (everyone or live.any()):
+                break
+            before = change
+        return Solution(
+            unknowns=self.fixed + apply(self.by_rest, rest.reshape(q, -1)),
+            points=points.reshape(q, self.n, self.width),
+            rest=rest,
+            iterations=iterations,
+            failed=failed | (live & ~done),
+        )
+
+    def _floor(self, rest: Array, points: Array) -> Array:
+        """What round-off may do to every component: rounded terms, through the matrices.
+
+        Components that are not coupled do not feel each other: their entries are exact zeros.
+        """
+        op, known, size = self.op, np.abs(self.known), self.to_points.shape[2]
+        begin = np.concatenate([self.state.x, self.state.p], axis=1)
+        terms = apply(np.abs(op.by_load[:, :size, : known.shape[1]]), known)
+        terms += apply(np.abs(op.start[:, :size]), np.abs(begin))
+        total = apply_to_each(np.abs(self.to_points), terms)
+        total += apply(np.abs(self.fold), np.abs(rest).reshape(self.q, -1))
+        return UNIT * self._largest(total + np.abs(points))
+
+    def _renew(self, places: Places, points: Array) -> None:
+        """Take the second derivatives of some members where they are now."""
+        engine, op, e = self.engine, self.op, self.e
+        at = points.reshape(self.q, self.n, self.width)
+        v = at[..., e:] if engine.law.has_rates else None
+        x = self.state.x[:, None] + at[..., :e]
+        fresh = engine.law.linearise(x, v, self.times, per_point=True).of(places)
+        damping = None if engine.damping is None else engine.damping.of(places)
+        op.put(places, Operator(op.frame, fresh, damping, is_linear=False))
+        self.fixed = self.fixed.copy()
+        begin = np.concatenate([self.state.x, self.state.p], axis=1)[places]
+        self.fixed[places] = apply(op.start[places], begin)
+        self.fixed[places] -= apply(op.by_load[places], self.known[places])
+        self._take(op)

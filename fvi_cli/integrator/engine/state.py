@@ -1,0 +1,179 @@
+"""What the steps to come depend on, and what steps that are solved give."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.engine.law import Linearisation
+from fvi_cli.mathematics.arrays import Array, Integers, Places
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(eq=False, kw_only=True)
+class State:
+    """Everything that the steps to come depend on; a checkpoint writes it.
+
+    Parameters
+    ----------
+    t
+        Time.
+    x, p, x_lost, p_lost
+        Positions and momenta, ``(q, e)``, and what Kahan's sums have lost of them.
+    z, column
+        States of the memory, ``(q, J, e)``, and those of a start velocity of 1, ``(1, J, 1)``.
+    unknowns, h, rest
+        Of the last step, for a guess: U ``(q, s, e)``, its length, its last remainder ``(q, w)``.
+    single, single_h, block
+        Second derivatives in use, of single steps of that length and of blocks.
+    longest, wait, excess, stale
+        Of every member: steps of the longest block that may contract; blocks until a longer one is
+        tried; iterations beyond the usual number; whether its second derivatives are to be made
+        anew.
+    live
+        Members that have not failed.
+    """
+
+    t: float
+    x: Array
+    p: Array
+    x_lost: Array
+    p_lost: Array
+    z: Array
+    column: Array
+    live: Mask
+    longest: Integers
+    wait: Integers
+    excess: Integers
+    stale: Mask
+    unknowns: Array | None = None
+    h: float = 0.0
+    rest: Array | None = None
+    single: Linearisation | None = None
+    single_h: float = 0.0
+    block: Linearisation | None = None
+
+    def of(self, places: Places) -> State:
+        """That of some members."""
+        found = {}
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(value, Linearisation):
+                value = value.of(places)
+            elif isinstance(value, np.ndarray) and one.name != "column":
+                value = value[places]
+            found[one.name] = value
+        return State(**found)
+
+    def copy(self) -> State:
+        """One that may go on while this one stays; arrays are replaced, never written."""
+        return replace(self)
+
+    def arrays(self) -> dict[str, Array]:
+        """All of it as arrays by name."""
+        found: dict[str, Array] = {}
+        for one in fields(self):
+            value = getattr(self, one.name)
+            if isinstance(value, Linearisation):
+                parts = zip(Linearisation._fields, value, strict=True)
+                found |= {f"{one.name}.{name}": part for name, part in parts if part is not None}
+            elif value is not None:
+                found[one.name] = np.asarray(value)
+        return found
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, Array]) -> State:
+        """The state that :meth:`arrays` wrote."""
+        plain = {name: value.copy() for name, value in arrays.items() if "." not in name}
+        found: dict[str, object] = dict(plain)
+        for name in ("t", "h", "single_h"):
+            found[name] = float(plain[name])
+        for name in ("single", "block"):
+            if f"{name}.mass" in arrays:
+                parts = (arrays.get(f"{name}.{one}") for one in Linearisation._fields)
+                found[name] = Linearisation(*parts).copy()  # type: ignore[arg-type]
+        return cls(**found)  # type: ignore[arg-type]
+
+
+@dataclass(eq=False, kw_only=True)
+class Steps:
+    """What solving B steps of length h gave.
+
+    Parameters
+    ----------
+    h, count
+        Length and number.
+    dx, dp
+        Changes of positions and momenta from the beginning of the block, ``(q, B, e)``.
+    unknowns, inputs
+        U, ``(q, B, s, e)``, and what drives the memory, ``(q, B i, e)``.
+    z
+        States of the memory behind them, ``(q, J, e)``.
+    iterations, failed
+        Of Newton's iteration, ``(q,)``: how many, and where it found no solution.
+    rest
+        Remainders at the points, ``(q, B r, w)``; None for linear scenes.
+    """
+
+    h: float
+    count: int
+    dx: Array
+    dp: Array
+    unknowns: Array
+    inputs: Array
+    z: Array
+    iterations: Integers
+    failed: Mask
+    rest: Array | None = None
+
+    def _members(self) -> dict[str, Array]:
+        every = {one.name: getattr(self, one.name) for one in fields(self)}
+        return {name: one for name, one in every.items() if isinstance(one, np.ndarray)}
+
+    def put(self, places: Places, other: Steps) -> None:
+        """Take those of `other` for some members."""
+        mine, new = self._members(), other._members()
+        for name in mine.keys() & new.keys():
+            mine[name][places] = new[name]
+
+    def among(self, places: Places, members: int) -> Steps:
+        """The same among so many members, zero for others."""
+        found = {}
+        for name, one in self._members().items():
+            found[name] = np.zeros((members, *one.shape[1:]), one.dtype)
+            found[name][places] = one
+        return replace(self, **found)  # type: ignore[arg-type]
+
+    @classmethod
+    def joined(cls, parts: Sequence[Steps]) -> Steps:
+        """Steps one after the other."""
+        x, p = np.zeros(()), np.zeros(())
+        dx, dp = [], []
+        for one in parts:
+            dx.append(x + one.dx)
+            dp.append(p + one.dp)
+            x, p = x + one.dx[:, -1:], p + one.dp[:, -1:]
+        rests = [one.rest for one in parts if one.rest is not None]
+        return cls(
+            h=parts[-1].h,
+            count=sum(one.count for one in parts),
+            dx=np.concatenate(dx, axis=1),
+            dp=np.concatenate(dp, axis=1),
+            unknowns=np.concatenate([one.unknowns for one in parts], axis=1),
+            inputs=np.concatenate([one.inputs for one in parts], axis=1),
+            z=parts[-1].z,
+            iterations=np.sum([one.iterations for one in parts], axis=0),
+            failed=np.any([one.failed for one in parts], axis=0),
+            rest=np.concatenate(rests, axis=1) if rests else None,
+        )
+
+
+def compensated(value: Array, lost: Array, change: Array) -> tuple[Array, Array]:
+    """Add by Kahan's compensated sum (1965): the value, and what round-off took too much."""
+    corrected = change - lost
+    total = value + corrected
+    return total, (total - value) - corrected

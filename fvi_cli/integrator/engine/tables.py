@@ -1,0 +1,88 @@
+r"""Lag sequences and products on the axes of the engine.
+
+A *lag sequence* ``(..., B, a, b)`` is the first block column of a lower block-triangular Toeplitz
+matrix ``(..., B a, B b)``; that of fewer steps is a leading slice of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from fvi_cli.mathematics.arrays import Array
+
+
+def expand(lags: Array) -> Array:
+    """The whole matrix ``(..., B a, B b)`` of a lag sequence ``(..., B, a, b)``."""
+    *lead, n, a, b = lags.shape
+    if n == 1:
+        return np.asarray(lags[..., 0, :, :])
+    padded = np.zeros((*lead, 2 * n - 1, a, b))
+    padded[..., n - 1 :, :, :] = lags
+    window = sliding_window_view(padded, n, axis=-3)[..., ::-1]
+    whole = np.ascontiguousarray(np.moveaxis(window, -1, -2))
+    return np.asarray(whole.reshape(*lead, n * a, n * b))
+
+
+def constant_lags(first: Array, later: Array, count: int) -> Array:
+    """Lag sequence with one matrix on the diagonal and another one everywhere below."""
+    found = np.repeat(np.asarray(later, dtype=float)[None], count, axis=0)
+    found[0] = first
+    return found
+
+
+def on_components(tables: Array, matrices: Array) -> Array:
+    """Kronecker products of ``(q or 1, a, b)`` and ``(q or 1, e, e)``, ``(q, a e, b e)``."""
+    _, a, b = tables.shape
+    e = matrices.shape[-1]
+    if e == 1:
+        return np.asarray(tables * matrices)
+    whole = tables[:, :, None, :, None] * matrices[:, None, :, None, :]
+    return np.asarray(whole.reshape(-1, a * e, b * e))
+
+
+def on_every_component(table: Array, components: int) -> Array:
+    """The table for each component by itself, ``(..., a, b)`` to ``(..., a e, b e)``."""
+    *lead, a, b = table.shape
+    e = components
+    found = np.zeros((*lead, a, e, b, e))
+    for i in range(e):
+        found[..., i, :, i] = table
+    return found.reshape(*lead, a * e, b * e)
+
+
+def apply(matrices: Array, vectors: Array) -> Array:
+    """Matrices ``(q or 1, n, k)`` on vectors ``(q, k)``; one product where all share one."""
+    if matrices.shape[0] == 1 and vectors.shape[0] > 1:
+        return np.asarray(vectors @ matrices[0].T)
+    return np.asarray(np.matmul(matrices, vectors[..., None])[..., 0])
+
+
+def apply_to_each(matrix: Array, vectors: Array) -> Array:
+    """One matrix ``(1, n, k)`` on vectors ``(q, k)``, a product of its own for each.
+
+    So a member has the same bits whatever stands beside it: one product of all rounds by their
+    number.
+    """
+    return np.asarray(np.matmul(matrix, vectors[..., None])[..., 0])
+
+
+def on_steps(table: Array, values: Array) -> Array:
+    """A small matrix ``(a, b)`` on the third axis of ``(q, B, b, e)``."""
+    if values.shape[-1] == 1:
+        # for every member a product of its own, as in apply_to_each
+        return np.asarray(np.matmul(values[..., 0], table.T)[..., None])
+    return np.asarray(np.matmul(table, values))
+
+
+def on_points(table: Array, matrices: Array) -> Array:
+    """``sum_i table[i] (s, s)`` by ``matrices[:, i] (q, e, e)``, ``(q, s e, s e)``.
+
+    `table` is flat in its last axis, ``(r, s s)``.
+    """
+    q, r, e, _ = matrices.shape
+    s = round(table.shape[1] ** 0.5)
+    if e == 1:
+        return np.asarray((matrices.reshape(q, 1, r) @ table).reshape(q, s, s))
+    found = (matrices.transpose(0, 2, 3, 1) @ table).reshape(q, e, e, s, s)
+    return np.asarray(found.transpose(0, 3, 1, 4, 2).reshape(q, s * e, s * e))
