@@ -6,10 +6,10 @@ matrices of a block and what its past does while they are put together, and the 
 
 from __future__ import annotations
 
-from fvi_cli.integrator.balances.mesh_balance import PIECE
 from fvi_cli.integrator.batches.march import CHUNK as CHUNK_TOGETHER
 from fvi_cli.integrator.batches.plan import BLOCK
 from fvi_cli.integrator.batches.run import MOST_TOGETHER
+from fvi_cli.integrator.engine.damper_forces import PIECE
 from fvi_cli.integrator.loads.panels import tested_rule
 from fvi_cli.integrator.run.march import MeshPlan, chunk_steps
 from fvi_cli.integrator.steps.linear_blocks import is_recurrence
