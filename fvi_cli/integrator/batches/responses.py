@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.step_tables import StepTables
-from fvi_cli.integrator.steps.algebra import kronecker
+from fvi_cli.integrator.engine.algebra import kronecker
 from fvi_cli.integrator.steps.step import ForceSampling
 from fvi_cli.mathematics.arrays import Array
 

@@ -39,7 +39,8 @@ def forces_of_dampers(damping: Damping, step_sizes: Array, inputs: Array) -> Arr
         count = tables.kernels.count
         driven = inputs[:, first : first + count].reshape(q, -1, e)
         forces = [
-            damping.past(tables, states, column, count, index) + damping.own(tables, driven, index)
+            damping.past(tables, states, column, count, index)
+            + damping.own(tables, driven, count, index)
             for index in range(len(damping.directions))
         ]
         found.append(np.array(forces).reshape(len(forces), q, count, -1, e))

@@ -19,10 +19,11 @@ from fvi_cli.integrator.engine.blocks import longest_block
 from fvi_cli.integrator.engine.damping import damping_of
 from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
 from fvi_cli.integrator.engine.kinds import law_of, modes_of
-from fvi_cli.integrator.engine.law import Linearisation, force_of
+from fvi_cli.integrator.engine.law import Law, Linearisation, force_of
 from fvi_cli.integrator.engine.newton import Newton, Solution
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import State, Steps, compensated
+from fvi_cli.integrator.engine.structures import GROUP, StructureLaw, is_structure, solve_one_by_one
 from fvi_cli.integrator.engine.tables import apply, apply_to_each, on_steps
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.memory.interface import along
@@ -73,8 +74,13 @@ class Engine:
         scene = scenes[0]
         self.scenes, self.method, self.tables = tuple(scenes), method, step_tables(method)
         self.sampling = sampling_of(method)
-        self.modes = modes_of(scenes)
-        self.law = law_of(scenes, self.modes)
+        self.modes, reach = modes_of(scenes), None
+        self.law: Law
+        if is_structure(scenes, method, self.modes):
+            self.modes, self.law = None, StructureLaw(scene)
+            reach = self.law.reach
+        else:
+            self.law = law_of(scenes, self.modes)
         self.x0 = self._members(lambda one: one.initial_position)
         self.v0 = self._members(lambda one: one.initial_velocity)
         self.q, self.e = self.x0.shape
@@ -86,6 +92,7 @@ class Engine:
             steps=steps,
             n_steps=n_steps,
             modes=self.modes,
+            reach=reach,
         )
         self.n_states = 0 if self.damping is None else self.damping.n_states
         self._frames: OrderedDict[tuple[float, int], Frame] = OrderedDict()
@@ -98,6 +105,8 @@ class Engine:
         self.has_loads = any(not one.is_empty for one in self.loads_of)
         self.is_batch = most is not None
         self.most = longest_block(self) if most is None else most
+        if isinstance(self.law, StructureLaw):
+            self.most = GROUP
 
     def _leave_out_jump(self, h: float) -> None:
         """Take the force of the jump to the initial position from that of backward differences."""
@@ -195,7 +204,8 @@ class Engine:
             self._of_block = known
         elif (places := known.at.differing(state.block)).size:
             fresh, part = state.block.of(places), self.of(places)
-            known.put(places, Operator(known.frame, fresh, part.damping, is_linear=False))
+            frame = known.frame.of(places)
+            known.put(places, Operator(frame, fresh, part.damping, is_linear=False))
         return known
 
     def guess(self, state: State, h: float) -> Array:
@@ -230,6 +240,8 @@ class Engine:
         starts_at_rest
             Whether the start velocity, which Caputo derivatives subtract, counts as zero.
         """
+        if isinstance(self.law, StructureLaw):
+            return solve_one_by_one(self, self.law, state, h, count, loads)
         most = max(count, most or count)
         is_linear = self.law.is_linear
         guess = self.guess(state, h) if most == 1 and not is_linear else None

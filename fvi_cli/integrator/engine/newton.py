@@ -185,7 +185,7 @@ class Newton:
         x = self.state.x[:, None] + at[..., :e]
         fresh = engine.law.linearise(x, v, self.times, per_point=True).of(places)
         damping = None if engine.damping is None else engine.damping.of(places)
-        op.put(places, Operator(op.frame, fresh, damping, is_linear=False))
+        op.put(places, Operator(op.frame.of(places), fresh, damping, is_linear=False))
         self.fixed = self.fixed.copy()
         begin = np.concatenate([self.state.x, self.state.p], axis=1)[places]
         self.fixed[places] = apply(op.start[places], begin)

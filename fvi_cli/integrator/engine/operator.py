@@ -149,7 +149,7 @@ class Operator:
     def of(self, places: Places) -> Operator:
         """That of some members, with arrays of its own."""
         part = copy.copy(self)
-        part.at = self.at.of(places)
+        part.at, part.frame = self.at.of(places), self.frame.of(places)
         for name in ("by_load", "start", "by_rest", "fold", "singular"):
             setattr(part, name, getattr(self, name)[places])
         return part

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fvi_cli.integrator.engine.law import Linear
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.engine.tables import expand
 from fvi_cli.mathematics.arrays import Array
@@ -55,7 +56,7 @@ class Recurrence:
         """Whether so many blocks, of `total` steps in their stretch, are quicker so."""
         size = (engine.n_states + 2) * engine.e
         return (
-            engine.law.is_linear
+            isinstance(engine.law, Linear)
             and engine.q == 1
             and not engine.is_batch
             and size <= LARGEST_STATE

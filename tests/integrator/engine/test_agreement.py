@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array, diags_array, eye_array
 
 import fvi_cli.api as fvi
 from fvi_cli.effects.scene import Scene
@@ -169,6 +170,31 @@ def test_general_lagrangians(order: float) -> None:
     for method in (GAUSS[0], GAUSS[2], OTHERS[1], BDF[3]):
         for steps in (100, 1000):
             assert differences([two_joints(1, order)], method, steps).max() < 1e-11
+
+
+@pytest.mark.parametrize("kind", ["few dampers", "everywhere", "dense", "undamped"])
+def test_large_structures(kind: str) -> None:
+    n, rng = (300 if kind == "dense" else 600), RNG(4)
+    laplace = diags_array([-np.ones(n - 1), 2 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1])
+    few = np.zeros(n)
+    few[[5, 90]] = 1.0, 2.0
+    rows = rng.normal(size=(n, n))
+    matrix = {
+        "few dampers": csr_array(diags_array(few)),
+        "everywhere": csr_array(0.01 * laplace),
+        "dense": rows @ rows.T / n,
+        "undamped": np.zeros((n, n)),
+    }[kind]
+    scene = fvi.linear_oscillator(
+        mass=csr_array(eye_array(n)),
+        stiffness=csr_array(100 * laplace),
+        damping=tuple(fvi.FractionalDamping(order=g, coefficient=matrix) for g in (0.5, 1.5)),
+        initial_position=rng.normal(size=n),
+        initial_velocity=rng.normal(size=n),
+        final_time=5.0,
+    )
+    for method, steps in ((GAUSS[1], 37), (BDF[3], 37), (GAUSS[2], fvi.graded_mesh(5.0, 9, 2.0))):
+        assert differences([scene], method, steps).max() < 3e-14
 
 
 BATCHES = {

@@ -7,7 +7,7 @@ import mpmath as mp
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.convolution.stages import StageOperator
+from fvi_cli.integrator.memory.stages import StageOperator
 from fvi_cli.mathematics.runge_kutta import tableau
 
 Array = NDArray[np.float64]

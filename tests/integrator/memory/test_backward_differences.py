@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from spread import spread
 
-from fvi_cli.integrator.convolution.backward_differences import NEAR_LAGS, lag_exponentials
+from fvi_cli.integrator.memory.backward_differences import NEAR_LAGS, lag_exponentials
 from fvi_cli.mathematics.bdf import difference_weights, quotient_polynomial
 
 ORDERS = (0.02, 0.5, 1.0, 1.5, 1.98)
 
 
 def far_weights(bdf_order: int, n_weights: int, lags: np.ndarray) -> np.ndarray:
-    found = lag_exponentials(bdf_order, ORDERS, n_weights)
+    found = lag_exponentials(bdf_order, ORDERS, n_weights - 1)
     return found.factors @ np.exp(-np.outer(found.rates, lags))
 
 
@@ -63,7 +63,8 @@ def test_forty_digits_say_the_same():
 
 
 def test_few_weights_and_integer_orders_need_no_exponentials():
-    assert lag_exponentials(2, (0.5,), NEAR_LAGS[2] + 1).rates.size == 0
-    assert lag_exponentials(2, (0.5,), NEAR_LAGS[2] + 2).rates.size > 0
+    assert lag_exponentials(2, (0.5,), NEAR_LAGS[2]).rates.size == 0
+    assert lag_exponentials(2, (0.5,), NEAR_LAGS[2] + 1).rates.size > 0
     assert lag_exponentials(3, (1.0,), 10**6).rates.size == 0
-    assert lag_exponentials(3, (), 10**6).factors.shape == (0, 0)
+    assert lag_exponentials(3, (1.0,), 10**6).near == 3
+    assert lag_exponentials(3, (0.5,), 10**4, writes_out=True).near == 10**4

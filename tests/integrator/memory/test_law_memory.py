@@ -7,7 +7,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 from letters import spring, swing
-from mesh_powers import Array, gauss_operator, mesh_function, meshes
+from mesh_powers import Array, mesh_function, meshes
 from spread import spread
 
 from benchmarks.talbot import talbot_inverse
@@ -20,8 +20,10 @@ from fvi_cli.effects.laws.law import Law, RelaxationKernel
 from fvi_cli.effects.laws.prony import Exponentials, prony
 from fvi_cli.effects.laws.tempered import TemperedPower, tempered
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.convolution.kernel import power_kernel
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.memory.exponentials import Exponentials as ExponentialMemory
+from fvi_cli.integrator.memory.interface import Combination
+from fvi_cli.integrator.memory.kernel import power_kernel
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.parts import integrate_part
@@ -46,23 +48,24 @@ def exact_transform(kernel: RelaxationKernel, s: mp.mpc) -> mp.mpc:
 
 def every_block(kernel: RelaxationKernel, beside: float, steps: Array, m: int) -> Array:
     """The matrix of a law on a mesh, from tables that it shares with a power."""
-    operator, n = gauss_operator(m), len(steps)
-    shared = power_kernel(
+    n = len(steps)
+    memory = ExponentialMemory(
+        Method(cq="gauss", degree=m),
         [beside, kernel],
         shortest_step=float(steps.min()),
         final_time=float(steps.sum()),
-        stages=m,
         steps=n,
-        accuracy=1e-14,
     )
+    law = Combination.made(memory, [[kernel]], np.ones((1, 1)), np.ones((1, 1, 1)))
     whole = np.zeros((n, m, n, m))
-    tables = [operator.step_tables(shared, float(h)) for h in steps]
-    for first, h in enumerate(steps):
-        whole[first, :, first] = operator.law_block(kernel, float(h))
-        states = tables[first].intake
+    tables = [memory.kernels(float(h), 1) for h in steps]
+    for first in range(n):
+        whole[first, :, first] = tables[first].local[1]
+        inputs = np.eye(m)[:, :, None]
+        states = tables[first].push(np.zeros((m, memory.n_states, 1)), inputs, 1)
         for later in range(first + 1, n):
-            whole[later, :, first] = tables[later].response[1] @ states
-            states = tables[later].decay[:, None] * states
+            whole[later, :, first] = tables[later].past([states], [law], 1)[..., 0].T
+            states = tables[later].push(states, np.zeros((m, m, 1)), 1)
     return whole
 
 
