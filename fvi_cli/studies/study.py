@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.expansions.interpolation_limit import interpolation_remarks
 from fvi_cli.integrator.growth_bound import GAINS_ENERGY
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_observed
-from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.integrator.stability.limits import refusal
 from fvi_cli.integrator.stability.prediction import (
     StabilityPrediction,

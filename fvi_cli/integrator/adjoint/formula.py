@@ -70,7 +70,10 @@ class Formula:
         self.is_of_motion = kinds <= {"", "v", "t"}
         force = run.damping_force if kinds & {"a", "d"} else None
         self._motion = DenseMotion(
-            scenes=(run.scene,), steps=(run.steps,), shapes=(run.steps,), forces=(force,)
+            scenes=(run.scene,),
+            steps=(run.steps,),
+            shapes=(run.steps,),
+            find_forces=lambda _: (None if force is None else force[None],),
         )
         self._places = self._motion.located(0, times)
         self.observation = Observation(run.steps, self._places)

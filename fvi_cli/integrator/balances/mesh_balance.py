@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.diagnostics import Asked, BalanceData, Diagnostics, diagnose
+from fvi_cli.integrator.balances.diagnostics import Asked, BalanceData, diagnose
 from fvi_cli.integrator.engine.damper_forces import (
     forces_of_dampers,
     pieces_of_equal_steps,
@@ -32,6 +32,7 @@ from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.memory.reach import Reach, find_reach
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.steps.dynamics import dynamics_of
 from fvi_cli.mathematics.arrays import Array

@@ -8,8 +8,8 @@ from fvi_cli.integrator.batches.memory import rates_and_weights
 from fvi_cli.integrator.batches.systems import kernels_of
 from fvi_cli.integrator.convolution.damping import directions_of
 from fvi_cli.integrator.convolution.lags import lag_tail
+from fvi_cli.integrator.engine.plan import MeshPlan
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.march import MeshPlan
 from fvi_cli.integrator.run.on_mesh import mesh_for
 from fvi_cli.integrator.step_tables import step_tables
 

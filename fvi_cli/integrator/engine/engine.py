@@ -146,6 +146,24 @@ class Engine:
             stale=np.zeros(q, dtype=bool),
         )
 
+    def start_at(self, position: Array, momentum: Array) -> State:
+        """The same with other positions and momenta of the scenes, ``(S, d)``.
+
+        What derivatives subtract is still that of the scenes.
+        """
+        state = self.start()
+        state.x, state.p = position.copy(), momentum.copy()
+        if self.modes is not None:
+            pairs = list(zip(self.modes, position, momentum, strict=True))
+            state.x = np.concatenate([mode.positions(x) for mode, x, _ in pairs])
+            state.p = np.concatenate([mode.forces(p) for mode, _, p in pairs])
+        return state
+
+    def add_loads(self, scene: int, loads: Array) -> None:
+        """Take load vectors ``(n, s + 1, d)`` of the first steps of a scene among the known ones."""
+        self.loads_of[scene].add(loads)
+        self.has_loads = True
+
     def frame(self, h: float, count: int) -> Frame:
         """Tables of `count` steps of length h."""
         key = (h, count)
@@ -289,7 +307,10 @@ class Engine:
             inputs=inputs,
             z=z,
             iterations=np.ones(q, dtype=np.int64) if solution is None else solution.iterations,
-            failed=np.zeros(q, dtype=bool) if solution is None else solution.failed,
+            failed=np.repeat(op.singular, q // len(op.singular))
+            if solution is None
+            else solution.failed,
+            attempts=() if solution is None else (solution.attempt,),
             rest=None if solution is None else solution.rest,
         )
 
@@ -364,6 +385,18 @@ class Engine:
         return np.concatenate(
             [mode.forces(one) for mode, one in zip(self.modes, every, strict=True)]
         )
+
+    @property
+    def width(self) -> int:
+        """Number of members that make a scene."""
+        return 1 if self.modes is None else self.modes[0].batch
+
+    def scene_positions(self, x: Array) -> Array:
+        """Positions or velocities of members ``(q, n, e)`` as those of scenes, ``(S, n, d)``."""
+        if self.modes is None:
+            return x
+        k = self.width
+        return np.array([m.scene_positions(x[i * k : i * k + k]) for i, m in enumerate(self.modes)])
 
     def to_scene(self, x: Array, p: Array) -> tuple[Array, Array]:
         """Positions and momenta of members ``(q, n, e)`` as those of scenes, ``(S, n, d)``."""

@@ -6,8 +6,6 @@ is a polynomial on every step, whose integral over whole steps is the quadrature
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.polynomial import chebyshev
 
@@ -24,8 +22,8 @@ def work_names(scene: Scene) -> tuple[str, ...]:
     return tuple(f"{PREFIX}{number}" for number in range(1, count + 1))
 
 
-def alone(scene: Scene, name: str) -> Scene:
-    """The scene with that damping term or law only.
+def damper_place(scene: Scene, name: str) -> int | None:
+    """Place of that damping term or law among the active ones; None: it does nothing.
 
     Raises
     ------
@@ -37,13 +35,11 @@ def alone(scene: Scene, name: str) -> Scene:
             f"{name}: the power of a Riemann-Liouville derivative is infinite at the start; use "
             "caputo, or begin at 0"
         )
+    every = (*scene.damping, *scene.laws)
     index = int(name.removeprefix(PREFIX)) - 1
-    terms = len(scene.damping)
-    return replace(
-        scene,
-        damping=scene.damping[index : index + 1],
-        laws=scene.laws[index - terms : index - terms + 1] if index >= terms else (),
-    )
+    if not every[index].is_active:
+        return None
+    return sum(one.is_active for one in every[:index])
 
 
 def running_work(shape: RunSteps, force: Array | None) -> Array:

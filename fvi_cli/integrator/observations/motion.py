@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -34,7 +34,7 @@ import numpy as np
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.singular_start import rate_jumps
-from fvi_cli.integrator.observations.damper_work import alone, running_work
+from fvi_cli.integrator.observations.damper_work import damper_place, running_work
 from fvi_cli.integrator.observations.pieces import by_owner
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.steps.dynamics import General, dynamics_of
@@ -64,22 +64,19 @@ class DenseMotion:
     shapes
         Steps on the same meshes that say what lies between their points; those of a run itself
         where nothing better is known.
-    forces
-        Damping forces :math:`\sum \mu D^\gamma q` at the stages of `shapes`, ``(n, r, d)``; None
+    find_forces
+        Damping forces :math:`\mu D^\gamma q` of every member at the stages of its shape,
+        ``(k, n, r, d)``, to be added up; with True one for each active damping term and law; None
         without damping.
     remarks
         What the reader should know of each; empty: nothing.
-    stage_forces
-        Finds such forces of other scenes along `shapes`, for single dampers; None: nobody does.
     """
 
     scenes: tuple[Scene, ...]
     steps: tuple[RunSteps, ...]
     shapes: tuple[RunSteps, ...]
-    forces: tuple[Array | None, ...]
+    find_forces: Callable[[bool], Sequence[Array | None]]
     remarks: tuple[str, ...] = ()
-    stage_forces: Callable[[Sequence[Scene]], Sequence[Array | None]] | None = None
-    _works: dict[str, Array] = field(init=False, repr=False, default_factory=dict)
 
     # the mesh
 
@@ -201,7 +198,7 @@ class DenseMotion:
     def damping(self, steps: Places, tau: Array) -> Array:
         r"""Force of the damping on every coordinate, :math:`-\sum \mu D^\gamma q`, ``(n, d)``."""
         total = np.zeros((steps.size, self._begins.shape[1]))
-        if all(one is None for one in self.forces):
+        if not any(scene.active_forces for scene in self.scenes):
             return total
         total -= evaluate_series(self._force_series, steps, 2.0 * tau - 1.0)
         time = self.time(steps, tau)
@@ -218,27 +215,24 @@ class DenseMotion:
     def _force_series(self) -> Array:
         """Chebyshev coefficients of the damping force, ``(K, N, d)``."""
         found = []
-        for force, shape in zip(self.forces, self.shapes, strict=True):
-            own = np.zeros_like(shape.velocity) if force is None else force
+        for forces, shape in zip(self.find_forces(False), self.shapes, strict=True):
+            own = np.zeros_like(shape.velocity) if forces is None else forces.sum(axis=0)
             series = shape.tables.stages_to_series @ _first_axis(own)
             found.append(series.reshape(len(series), shape.n_steps, -1))
         return _side_by_side(found)
 
     def work(self, name: str, steps: Places, tau: Array) -> Array:
-        """Work on a single damper since the start, shape ``(n,)``, see `work_names`.
+        """Work on a single damper since the start, shape ``(n,)``, see `work_names`."""
+        series = []
+        for scene, shape, forces in zip(self.scenes, self.shapes, self._dampers, strict=True):
+            place = damper_place(scene, name)
+            force = None if forces is None or place is None else forces[place]
+            series.append(running_work(shape, force)[..., None])
+        return evaluate_series(_side_by_side(series), steps, 2.0 * tau - 1.0)[:, 0]
 
-        Raises
-        ------
-        ValueError
-            Where nobody finds the forces of single dampers.
-        """
-        if self.stage_forces is None:
-            raise ValueError(f"{name}: the work on single dampers is not known here")
-        if name not in self._works:
-            forces = self.stage_forces([alone(scene, name) for scene in self.scenes])
-            works = [running_work(*one) for one in zip(self.shapes, forces, strict=True)]
-            self._works[name] = _side_by_side([one[..., None] for one in works])
-        return evaluate_series(self._works[name], steps, 2.0 * tau - 1.0)[:, 0]
+    @cached_property
+    def _dampers(self) -> Sequence[Array | None]:
+        return self.find_forces(True)
 
     def acceleration(self, steps: Places, tau: Array) -> Array:
         """Accelerations from the equation of motion, shape ``(n, d)``.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -10,13 +10,14 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.mesh_balance import damping_along
+from fvi_cli.integrator.engine.checkpoint import RunKeeper
+from fvi_cli.integrator.engine.directions import pattern_of
+from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.impacts import replayed
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.run.on_mesh import integrate_on_mesh
 from fvi_cli.integrator.run.setup import prepare_on_mesh
-from fvi_cli.integrator.run.unfinished import RunKeeper
 from fvi_cli.mathematics.arrays import Array
 
 MOST_STAGES = 12
@@ -47,8 +48,8 @@ def dense_motion(
         cq="gauss", degree=stages, start="none", forcing_quadrature=method.forcing_quadrature
     )
     methods, shapes, remarks = [], [], []
-    for scene, one in zip(scenes, steps, strict=True):
-        second, said = _second_run(scene, own, one, checkpoints)
+    seconds = _second_runs(scenes, own, steps, checkpoints)
+    for one, (second, said) in zip(steps, seconds, strict=True):
         methods.append(method if second is None else own)
         shapes.append(one if second is None else second)
         remarks.append(
@@ -67,42 +68,79 @@ def _motion(
     shapes: Sequence[RunSteps],
     remarks: Sequence[str],
 ) -> DenseMotion:
-    forces = partial(stage_forces, methods=methods, shapes=shapes)
     return DenseMotion(
         scenes=tuple(scenes),
         steps=tuple(steps),
         shapes=tuple(shapes),
-        forces=tuple(forces(scenes)),
+        find_forces=partial(forces_along, scenes, methods, shapes),
         remarks=tuple(remarks),
-        stage_forces=forces,
     )
 
 
-def _second_run(
-    scene: Scene, method: Method, steps: RunSteps, checkpoints: RunKeeper | None
-) -> tuple[RunSteps | None, str]:
-    """The run by another method on the same mesh, or why there is none."""
-    shorter = replace(scene, final_time=float(steps.time[-1]))
-    mesh = steps.mesh(scene.break_points)
-    if steps.jump is None:
-        second = integrate_on_mesh(shorter, method, mesh, with_steps=True, checkpoints=checkpoints)
-        whole = second.steps if second.status == "ok" else None
-        return whole, f"{second.status}: {second.message}"
-    return replayed(prepare_on_mesh(shorter, method, mesh), steps, checkpoints), "failed"
-
-
-def stage_forces(
-    scenes: Sequence[Scene], methods: Sequence[Method], shapes: Sequence[RunSteps]
+def forces_along(
+    scenes: Sequence[Scene],
+    methods: Sequence[Method],
+    shapes: Sequence[RunSteps],
+    is_separate: bool,
 ) -> list[Array | None]:
-    """Damping forces at the stages of runs, ``(n, r, d)``; None without damping."""
-    return [_stage_forces(*one) for one in zip(scenes, methods, shapes, strict=True)]
+    """Damping forces at the stages of runs, those of one mesh and pattern of terms together.
+
+    Each ``(k, n, r, d)`` by direction, or by damper; None without damping.
+    """
+    found: list[Array | None] = [None] * len(scenes)
+    groups: dict[Hashable, list[int]] = {}
+    for index, (scene, method, one) in enumerate(zip(scenes, methods, shapes, strict=True)):
+        if scene.active_forces and one.n_steps:
+            # laws shape the rates of all, and a sparse matrix stands by itself
+            is_alone = bool(scene.active_laws) or scene.is_sparse
+            key = (method, one.time.tobytes(), pattern_of(scene), scene.final_time)
+            groups.setdefault(index if is_alone else key, []).append(index)
+    for places in groups.values():
+        first = places[0]
+        along = damping_along(
+            [scenes[index] for index in places],
+            methods[first],
+            shapes[first].mesh(scenes[first].break_points),
+            [shapes[index] for index in places],
+            is_separate=is_separate,
+        )
+        if along is None:  # pragma: no cover - there are forces
+            continue
+        with np.errstate(all="ignore"):
+            for index, force in zip(places, along.forces().swapaxes(0, 1), strict=True):
+                found[index] = force
+    return found
 
 
-def _stage_forces(scene: Scene, method: Method, steps: RunSteps) -> Array | None:
-    if not scene.active_forces or not steps.n_steps:
-        return None
-    damping = prepare_on_mesh(scene, method, steps.mesh(scene.break_points)).damping
-    if damping is None:  # pragma: no cover - there are forces
-        return None
-    with np.errstate(all="ignore"):
-        return damping_along(damping, steps.velocity, steps.step_size)[0]
+def _second_runs(
+    scenes: Sequence[Scene],
+    method: Method,
+    steps: Sequence[RunSteps],
+    checkpoints: RunKeeper | None,
+) -> list[tuple[RunSteps | None, str]]:
+    """For every run that by another method on the same mesh, or why there is none."""
+    shorter = [
+        replace(scene, final_time=float(one.time[-1]))
+        for scene, one in zip(scenes, steps, strict=True)
+    ]
+    meshes = [one.mesh(scene.break_points) for scene, one in zip(scenes, steps, strict=True)]
+    found: dict[int, tuple[RunSteps | None, str]] = {}
+    groups: dict[bytes, list[int]] = {}
+    for index, one in enumerate(steps):
+        if one.jump is None:
+            groups.setdefault(one.time.tobytes(), []).append(index)
+            continue
+        setup = prepare_on_mesh(shorter[index], method, meshes[index])
+        found[index] = replayed(setup, one, checkpoints), "failed"
+    for places in groups.values():
+        runs = integrate_members(
+            [shorter[index] for index in places],
+            method,
+            meshes[places[0]],
+            with_steps=True,
+            checkpoints=lambda _: checkpoints,
+        )
+        for index, run in zip(places, runs, strict=True):
+            whole = run.steps if run.status == "ok" else None
+            found[index] = whole, f"{run.status}: {run.message}"
+    return [found[index] for index in range(len(steps))]

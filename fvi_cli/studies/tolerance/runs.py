@@ -8,14 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.engine.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import ForcingQuadrature, Method
-from fvi_cli.integrator.run.on_mesh import integrate_on_mesh, prepare_adaptive
+from fvi_cli.integrator.run.adaptive_run import integrate_adaptively, prepare_adaptive
 from fvi_cli.integrator.run.setup import RunSetup
-from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Trajectory
 
 MOST_STEPS = 200_000
@@ -76,7 +76,7 @@ class AdaptiveRuns:
             self._prepared[first_step] = prepare_adaptive(scene, method, steps)
         prepared = self._prepared[first_step]
         own = part_of(self._checkpoints, f"{method.case} {local!r} {first_step!r}")
-        return integrate_on_mesh(
+        return integrate_adaptively(
             scene, method, steps, with_steps=True, prepared=prepared, checkpoints=own
         )
 
