@@ -160,7 +160,7 @@ class Engine:
         return state
 
     def add_loads(self, scene: int, loads: Array) -> None:
-        """Take load vectors ``(n, s + 1, d)`` of the first steps of a scene among the known ones."""
+        """Take load vectors of the first steps of a scene, ``(n, s + 1, d)``, among its own."""
         self.loads_of[scene].add(loads)
         self.has_loads = True
 

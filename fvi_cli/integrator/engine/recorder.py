@@ -422,7 +422,8 @@ class Recorder:
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Go on from what :meth:`arrays` gave."""
         for name, pieces in self._rows.items():
-            pieces[:] = [arrays[name]] if name in arrays else []
+            # no polynomials where they are not kept
+            pieces[:] = [arrays[name]] if name != "v" or self.with_steps else []
         self._is_point = [arrays["is point"]]
         self.newton.restore({name.removeprefix("newton "): one for name, one in arrays.items()})
         self._last = (

@@ -129,7 +129,7 @@ def test_an_interrupted_run_goes_on_bit_for_bit(name, case):
             assert np.array_equal(joined(parts, field), getattr(whole, field)), (stops, field)
 
 
-@pytest.mark.parametrize("field", ["z", "x", "p", "x_lost"])
+@pytest.mark.parametrize("field", ["z", "x", "p", "p_lost"])
 @pytest.mark.usefixtures("short_chunks")
 def test_everything_in_a_checkpoint_matters(field):
     """The control: with any part of it set to zero the run goes on differently."""
