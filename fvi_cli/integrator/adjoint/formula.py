@@ -24,7 +24,7 @@ from fvi_cli.integrator.adjoint.observation import Observation
 from fvi_cli.integrator.adjoint.variation import Variation, differentiate
 from fvi_cli.integrator.observations.asked import Observations
 from fvi_cli.integrator.observations.motion import DenseMotion
-from fvi_cli.integrator.observations.observe import Observer
+from fvi_cli.integrator.observations.observer import Observer
 from fvi_cli.integrator.steps.dynamics import General, dynamics_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import COMPLEX_STEP, Expression, slopes_of

@@ -12,7 +12,8 @@ from numpy.polynomial import chebyshev
 from fvi_cli.mathematics.arrays import Array, Places
 
 ROWS = 8
-"""Products of matrices with fewer rows may round otherwise: rows are filled up to this number."""
+"""Rows of products of matrices are filled up to multiples of this: the last ones round otherwise,
+and a row must have the same bits wherever it stands."""
 
 
 def second_kind_points(count: int) -> Array:
@@ -27,11 +28,11 @@ def to_coefficients(points: Array) -> Array:
 
 def in_rows(values: Array, matrix: Array) -> Array:
     """``values @ matrix`` of shape ``(n, k)``; every row has its bits whatever n is."""
-    if len(values) >= ROWS:
-        return np.asarray(values @ matrix)
-    filled = np.zeros((ROWS, values.shape[1]))
-    filled[: len(values)] = values
-    return np.asarray((filled @ matrix)[: len(values)])
+    count = len(values)
+    missing = -count % ROWS
+    if missing:
+        values = np.concatenate([values, np.zeros((missing, values.shape[1]))])
+    return np.asarray((values @ matrix)[:count])
 
 
 def evaluate_series(coefficients: Array, rows: Places, z: Array) -> Array:
