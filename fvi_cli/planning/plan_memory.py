@@ -9,9 +9,9 @@ from __future__ import annotations
 from fvi_cli.integrator.engine.damper_forces import PIECE
 from fvi_cli.integrator.engine.loop import chunk_steps
 from fvi_cli.integrator.engine.plan import MeshPlan
+from fvi_cli.integrator.engine.recurrence import pays_as_one
 from fvi_cli.integrator.loads.panels import tested_rule
 from fvi_cli.integrator.members import MOST_TOGETHER
-from fvi_cli.integrator.steps.linear_blocks import is_recurrence
 from fvi_cli.planning.machinery import Machinery
 
 SMALLEST = 8_000
@@ -66,8 +66,8 @@ def _linear_blocks(run: Machinery, plan: MeshPlan) -> float:
     chunk = min(chunk_steps(run.scene.dimension), plan.n_steps)
     q, e, block, states = plan.systems, plan.coupled, plan.block, plan.n_states
     numbers = float(run.block_numbers)
-    if block and is_recurrence(q, e, states, chunk // block, plan.n_steps // block):
-        size = (states + 2) * e
+    size = (states + 2) * e
+    if q == 1 and block and pays_as_one(size, block, chunk // block, plan.n_steps):
         numbers += size * (size + run.block_columns + block * (run.inputs + 2) * e)
         if plan.n_lags:
             # the change of all states, and what takes a block to them

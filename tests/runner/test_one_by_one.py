@@ -21,7 +21,7 @@ ASKED = {
     "output": "    output: {count: 5}",
     "quantities": "    quantities: {far: x**2}",
     "events": "    events: {up: {when: x}}",
-    "impacts": "    impacts: {floor: {when: x + 2}}",
+    "impacts": "    impacts: {floor: {when: x + 2}}\n    output: {count: 5}",
 }
 
 

@@ -62,23 +62,22 @@ def stored_energy(damping: Damping, step_sizes: Array, inputs: Array) -> Array |
         As for :func:`forces_of_dampers`.
     """
     states, column = damping.start()
-    first = damping.energy(states, column)
-    if first is None:
+    start = damping.energy(states[None], column[None])
+    if start is None:
         return None
-    q, found = len(inputs), [first[:, :, None]]
-    for begin, end in pieces_of_equal_steps(step_sizes):
-        tables, path = damping.tables(float(step_sizes[begin]), 1), []
-        for index in range(begin, end):
-            states = damping.push(tables, states, inputs[:, index], 1)
-            column = damping.push_column(tables, column, 1)
-            path.append((states, column))
-        # the steps of a piece are members of their own
-        every = np.concatenate([one for one, _ in path])
-        columns = np.concatenate([np.repeat(one, q, axis=0) for _, one in path])
-        energy = damping.of(np.tile(np.arange(q), len(path))).energy(every, columns)
+    known = [start]
+    for first, tables in _pieces(damping, step_sizes):
+        single = damping.tables(float(step_sizes[first]), 1)
+        path, columns = [], []
+        for step in range(first, first + tables.kernels.count):
+            states = damping.push(single, states, inputs[:, step], 1)
+            column = damping.push_column(single, column, 1)
+            path.append(states)
+            columns.append(column)
+        energy = damping.energy(np.array(path), np.array(columns))
         if energy is not None:
-            found.append(energy.reshape(len(first), -1, q).swapaxes(1, 2))
-    return np.concatenate(found, axis=2)
+            known.append(energy)
+    return np.concatenate(known, axis=1).swapaxes(1, 2)
 
 
 def pieces_of_equal_steps(step_sizes: Array) -> list[tuple[int, int]]:

@@ -201,6 +201,11 @@ class Recorder:
         self._waiting.append((asked, end, position, momentum, inputs, unknowns))
         self._count += position.shape[1]
 
+    def stop(self, failure: Failure) -> None:
+        """No scene has a next step."""
+        for scene in np.flatnonzero(self.live).tolist():
+            self._stops.setdefault(scene, (self._count, failure))
+
     @property
     def reached(self) -> int:
         """Steps so far, those among them that wait to be checked."""
@@ -213,13 +218,14 @@ class Recorder:
 
     def flush(self, state: State) -> None:
         """Check and keep what was added; members of scenes that stop here rest from now on."""
-        if not self._waiting and not self._stops:
+        if not self._waiting:
             return
         if self._n_reported is not None:
             advanced(self.reported, self._n_reported)
         points, reported = self._points()
         stops, self._stops = self._stops, {}
-        finite = np.isfinite(points.position).all(axis=2) & np.isfinite(points.momentum).all(axis=2)
+        every = np.concatenate([points.position, points.momentum], axis=2)
+        finite = np.asarray(np.isfinite(every).all(axis=2))
         for scene in np.flatnonzero(self.live & ~finite.all(axis=1)).tolist():
             at = int(finite[scene].argmin())
             if scene not in stops or at < stops[scene][0]:
@@ -256,32 +262,17 @@ class Recorder:
             self._velocity() if self.with_steps else None,
             is_point[rows],
         )
-        if points.times.size:
-            self._last = (
-                float(points.times[-1]),
-                points.position[:, -1].copy(),
-                points.momentum[:, -1].copy(),
-            )
+        self._last = (
+            float(points.times[-1]),
+            points.position[:, -1].copy(),
+            points.momentum[:, -1].copy(),
+        )
         self.done, self.reported = self.done + self._count, self.reported + numbers.size
         self._waiting, self._count = [], 0
 
     def _points(self) -> tuple[Points, np.ndarray]:
         """What waits, in the coordinates of the scenes, and which points are reported."""
-        engine, done = self._engine, self._last
-        d = engine.scenes[0].dimension
-        if not self._waiting:
-            empty = np.zeros((len(engine.scenes), 0, d))
-            nothing = np.zeros(0)
-            found = Points(
-                done=self.done,
-                times=nothing,
-                sizes=nothing,
-                position=empty,
-                momentum=empty,
-                before=done[1],
-                unknowns=None,
-            )
-            return found, np.zeros(0, dtype=bool)
+        engine = self._engine
         asked, ends, position, momentum, _, unknowns = zip(*self._waiting, strict=True)
         counts = [one.shape[1] for one in position]
         repeated = np.repeat(np.arange(len(counts)), counts)
@@ -299,7 +290,7 @@ class Recorder:
             sizes=sizes,
             position=x,
             momentum=p,
-            before=done[1],
+            before=self._last[1],
             unknowns=None if engine.law.is_linear else np.concatenate(unknowns, axis=1),
         )
         return found, (every > 0) & (number % np.maximum(every, 1) == 0)
@@ -309,8 +300,6 @@ class Recorder:
         engine, scenes = self._engine, len(self._engine.scenes)
         r, d = engine.tables.points.size, engine.scenes[0].dimension
         inputs = [one[4] for one in self._waiting if one[4] is not None]
-        if not inputs:
-            return np.zeros((scenes, 0, r, d))
         velocity = np.concatenate(inputs, axis=1)
         if not engine.method.is_runge_kutta:
             velocity = np.matmul(engine.tables.slopes[1:].T, velocity)

@@ -9,6 +9,7 @@ import numpy as np
 
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
+from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.mathematics.arrays import Array
 
@@ -20,7 +21,7 @@ class Proposal(NamedTuple):
     ----------
     begin, h
         Where the first of them begins, and their length.
-    count
+    n_steps
         So many, of which any number may be done.
     total
         Equal steps of the whole stretch, by which the length of blocks is chosen.
@@ -35,7 +36,7 @@ class Proposal(NamedTuple):
 
     begin: float
     h: float
-    count: int
+    n_steps: int
     total: int
     is_fresh: bool
     origin: float
@@ -44,7 +45,15 @@ class Proposal(NamedTuple):
 
 
 class Source(Protocol):
-    """Steps for the loop."""
+    """Steps for the loop.
+
+    Attributes
+    ----------
+    failure
+        Why it proposes no more steps; None: all are done.
+    """
+
+    failure: Failure | None
 
     def propose(self) -> Proposal | None:
         """The next steps; None at the end."""
@@ -65,6 +74,8 @@ class Source(Protocol):
 class MeshSource:
     """The stretches of a mesh, one after the other; nothing is rejected."""
 
+    failure: Failure | None = None
+
     def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh
         self._stretch = self._done = 0
@@ -77,7 +88,7 @@ class MeshSource:
         return Proposal(
             begin=one.begin + self._done * one.step_size,
             h=one.step_size,
-            count=one.n_steps - self._done,
+            n_steps=one.n_steps - self._done,
             total=one.n_steps,
             is_fresh=one.is_fresh and self._done == 0,
             origin=one.begin,

@@ -35,8 +35,6 @@ class Soundness:
     def __call__(self, points: Points, live: Sequence[int], stops: Stops) -> None:
         """Stop scenes among `live` at the first step that is wrong, where that is earlier."""
         n = points.times.size
-        if n == 0:
-            return
         if points.unknowns is not None:
             self._check_domain(points, live, stops)
         largest = np.abs(points.position).max(axis=(1, 2))
