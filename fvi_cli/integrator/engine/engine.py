@@ -48,7 +48,7 @@ class Engine:
     scenes, method
         What is integrated, and how.
     shortest_step, steps
-        As for :func:`fvi_cli.integrator.convolution.kernel.power_kernel`.
+        As for :func:`fvi_cli.integrator.memory.kernel.power_kernel`.
     n_steps
         Number of equal steps, for backward differences.
     most

@@ -53,7 +53,7 @@ def run(
     recorder
         Keeps what is wanted of the steps; its `live` says which scenes go on.
     after
-        Is called whenever a proposal is done: there a run may stop and go on.
+        Is called behind accepted steps of a proposal: there a run may stop and go on.
     until
         Stop where at least so many steps of the run are done; the end by default.
 
@@ -73,12 +73,14 @@ def run(
                 return state
             asked = source.propose()
             if asked is None:
+                if source.failure is not None:
+                    recorder.stop(source.failure)
                 break
-            count = min(asked.n_steps, chunk)
+            count, before = min(asked.n_steps, chunk), recorder.reached
             _steps(engine, source, state, recorder, asked, count, recurrences)
             if recorder.is_full:
                 recorder.flush(state)
-            if after is not None and recorder.live.any():
+            if after is not None and recorder.reached > before and recorder.live.any():
                 after()
         recorder.flush(state)
         recorder.finish()
@@ -138,6 +140,7 @@ def _steps(
                     continue
         end = source.judge(engine, state, steps)
         if end is None:
+            recorder.newton.add(recorder.reached, steps.attempts)
             return
         recorder.note(state, steps)
         recorder.add(

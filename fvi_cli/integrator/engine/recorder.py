@@ -201,6 +201,11 @@ class Recorder:
         self._waiting.append((asked, end, position, momentum, inputs, unknowns))
         self._count += position.shape[1]
 
+    def stop(self, failure: Failure) -> None:
+        """No scene has a next step."""
+        for scene in np.flatnonzero(self.live).tolist():
+            self._stops.setdefault(scene, (self._count, failure))
+
     @property
     def reached(self) -> int:
         """Steps so far, those among them that wait to be checked."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
+from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.mathematics.arrays import Array
 
@@ -44,7 +45,15 @@ class Proposal(NamedTuple):
 
 
 class Source(Protocol):
-    """Steps for the loop."""
+    """Steps for the loop.
+
+    Attributes
+    ----------
+    failure
+        Why it proposes no more steps; None: all are done.
+    """
+
+    failure: Failure | None
 
     def propose(self) -> Proposal | None:
         """The next steps; None at the end."""
@@ -64,6 +73,8 @@ class Source(Protocol):
 
 class MeshSource:
     """The stretches of a mesh, one after the other; nothing is rejected."""
+
+    failure: Failure | None = None
 
     def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh

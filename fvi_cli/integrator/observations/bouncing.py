@@ -11,7 +11,8 @@ import numpy as np
 from fvi_cli.integrator.engine.checkpoint import RunKeeper
 from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.meshes.singular_start import start_power
-from fvi_cli.integrator.observations.isolation import FormulaAlong, first_below
+from fvi_cli.integrator.observations.criteria import FormulaAlong
+from fvi_cli.integrator.observations.events import first_below
 from fvi_cli.integrator.observations.surface import (
     ROUND_OFF,
     Contact,

@@ -18,7 +18,7 @@ from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.loop import run
 from fvi_cli.integrator.engine.plan import MeshPlan, memory_operations, plan_steps
 from fvi_cli.integrator.engine.recorder import Recorder
-from fvi_cli.integrator.engine.source import MeshSource
+from fvi_cli.integrator.engine.source import MeshSource, Source
 from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.growth_bound import energy_remarks
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
@@ -91,24 +91,53 @@ def engine_on_mesh(
 
 
 @dataclass(eq=False)
-class MeshRun:
-    """Scenes on a mesh, as far as their steps are done.
+class ScenesRun:
+    """Scenes as far as their steps are done.
 
     Parameters
     ----------
-    engine, mesh, recorder
-        What solves the steps, where they are, and what keeps them.
+    engine, source, recorder
+        What solves the steps, where they come from, and what keeps them.
+    mesh
+        Where they are; None: they are found on the way.
     remarks
         What is to be told of every run.
     """
 
     engine: Engine
-    mesh: Mesh
+    source: Source
     recorder: Recorder
+    mesh: Mesh | None = None
     remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        self.source, self.state = MeshSource(self.mesh), self.engine.start()
+        self.state = self.engine.start()
+
+    def march(
+        self,
+        checkpoints: RunKeeper | None,
+        asked: tuple[str, int, float],
+        determined_by: tuple[object, ...],
+    ) -> float:
+        """Do the steps; parameters as for :class:`~fvi_cli.integrator.engine.checkpoint.Keeper`.
+
+        Returns
+        -------
+        float
+            Seconds, those before a checkpoint among them.
+        """
+        began = clock.perf_counter()
+        keeper = Keeper(checkpoints, asked, determined_by, self)
+        run(
+            self.engine,
+            self.source,
+            state=self.state,
+            recorder=self.recorder,
+            after=None if checkpoints is None else keeper.offer,
+        )
+        if not self.recorder.failures:
+            keeper.offer(has_ended=True)
+        return clock.perf_counter() - began + keeper.earlier_seconds
 
     def begin(self) -> None:
         """Record the start."""
@@ -162,7 +191,7 @@ def prepare(
     every: int = 1,
     with_steps: bool = False,
     most: int | None = None,
-) -> MeshRun:
+) -> ScenesRun:
     """Everything that is ready before the steps of a mesh, corrections of the start among it.
 
     Raises
@@ -181,7 +210,7 @@ def prepare(
         n_reported=mesh.n_reported,
         check=Soundness(scenes, engine.loads_of),
     )
-    return MeshRun(engine, mesh, recorder, remarks)
+    return ScenesRun(engine, MeshSource(mesh), recorder, mesh, remarks)
 
 
 def _add_starting_weights(engine: Engine, mesh: Mesh) -> tuple[str, ...]:
@@ -352,17 +381,7 @@ def integrate_scenes(
     this.begin()
     ready = clock.perf_counter()
     asked = (method.case, mesh.n_reported, first.final_time / max(mesh.n_reported, 1))
-    keeper = Keeper(checkpoints, asked, (*scenes, method, mesh), this)
-    run(
-        this.engine,
-        this.source,
-        state=this.state,
-        recorder=this.recorder,
-        after=None if checkpoints is None else keeper.offer,
-    )
-    if not this.recorder.failures:
-        keeper.offer(has_ended=True)
-    seconds = (ready - began, clock.perf_counter() - ready + keeper.earlier_seconds)
+    seconds = this.march(checkpoints, asked, (*scenes, method, mesh))
     share = 1.0 / len(scenes)
     return [
         trajectory_of(
@@ -371,14 +390,14 @@ def integrate_scenes(
             every,
             diagnostics,
             with_steps=with_steps,
-            seconds=(share * seconds[0], share * seconds[1]),
+            seconds=(share * (ready - began), share * seconds),
         )
         for index in range(len(scenes))
     ]
 
 
 def trajectory_of(
-    this: MeshRun,
+    this: ScenesRun,
     index: int,
     every: int,
     diagnostics: Asked,
@@ -388,7 +407,8 @@ def trajectory_of(
 ) -> Trajectory:
     """What is reported of a scene whose steps are done."""
     scene, method, recorder = this.engine.scenes[index], this.engine.method, this.recorder
-    dynamics, n_steps = dynamics_of(scene), this.mesh.n_reported
+    dynamics = dynamics_of(scene)
+    n_steps = recorder.steps_done(index) if this.mesh is None else this.mesh.n_reported
     time, position, momentum = recorder.points(index)
     failure = recorder.failures.get(index)
     steps = recorder.steps(index) if recorder.with_steps else None
@@ -439,18 +459,10 @@ def trajectory_of(
     )
 
 
-def _diagnostics(this: MeshRun, index: int, steps: RunSteps, asked: Asked) -> Diagnostics:
+def _diagnostics(this: ScenesRun, index: int, steps: RunSteps, asked: Asked) -> Diagnostics:
     """What is asked for on all points of the mesh."""
-    from fvi_cli.integrator.run.setup import prepare_on_mesh
-
-    fresh = [one.begin for one in this.mesh.stretches if one.is_fresh]
-    setup = prepare_on_mesh(this.engine.scenes[index], this.engine.method, this.mesh)
+    engine = this.engine
+    scene, loads = engine.scenes[index], engine.loads_of[index]
+    mesh = this.mesh or steps.mesh(scene.break_points)
     with np.errstate(all="ignore"):
-        return diagnose_run(
-            steps,
-            setup.stepper.solver,
-            this.engine.loads_of[index],
-            np.isin(steps.time[:-1], np.array(fresh)),
-            asked,
-            has_kicks=this.engine.method.sampling == "nodes",
-        )
+        return diagnose_run(scene, engine.method, mesh, steps, loads, asked)
