@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from fvi_cli.integrator.engine.directions import Direction
-from fvi_cli.integrator.engine.frame import Frame
+from fvi_cli.integrator.engine.frame import Frame, UnitTables
 from fvi_cli.integrator.engine.law import Linearisation
-from fvi_cli.integrator.engine.tables import expand, on_components, on_points
+from fvi_cli.integrator.engine.tables import expand, on_components, on_members, on_points
 from fvi_cli.mathematics.arrays import Array, Places
 
 
@@ -45,7 +45,8 @@ class Operator:
         self, frame: Frame, at: Linearisation, directions: Sequence[Direction], *, is_linear: bool
     ) -> None:
         self.frame, self.at, self.is_linear = frame, at, is_linear
-        inverse: Array = np.asarray(np.linalg.inv(self._matrix(directions)))
+        matrix = step_matrix(frame.unit, at, frame.h, frame.damp, directions)
+        inverse: Array = np.asarray(np.linalg.inv(matrix))
         if frame.count > 1:
             self._by_impulses(inverse, directions)
         else:
@@ -54,22 +55,6 @@ class Operator:
             self.points = frame.points
             self.by_rest = expand(np.matmul(self._loads, frame.tests))
             self.fold = np.matmul(self.points, self.by_rest)
-
-    def _matrix(self, directions: Sequence[Direction]) -> Array:
-        """Of the equations of one step, ``(q, s e, s e)``."""
-        (m, c, k), unit, h = self.at, self.frame.unit, self.frame.h
-        if k.ndim == 4:
-            by_mass, by_mixed, by_transposed, by_stiffness = unit.pairs
-            matrix = on_points(by_mass, m) if m.ndim == 4 else on_components(unit.mass, m)
-            matrix = matrix - on_points(h * h * by_stiffness, k)
-            if c is not None:
-                matrix += on_points(h * by_mixed, c)
-                matrix += on_points(h * by_transposed, c.swapaxes(2, 3))
-        else:
-            matrix = on_components(unit.mass, m) - on_components(self.frame.stiff, k)
-        for damp, one in zip(self.frame.damp, directions, strict=True):
-            matrix = matrix - on_components(damp, one.matrix)
-        return matrix
 
     def _of_one_step(self, inverse: Array) -> None:
         q, n, _ = inverse.shape
@@ -146,3 +131,35 @@ class Operator:
         for name in ("by_load", "start", "by_rest", "fold"):
             getattr(self, name)[places] = getattr(other, name)
         self.at.put(places, other.at)
+
+
+def step_matrix(
+    unit: UnitTables,
+    at: Linearisation,
+    h: float | Array,
+    damp: Sequence[Array],
+    directions: Sequence[Direction],
+) -> Array:
+    """The matrix of the equations of one step, ``(q, s e, s e)``.
+
+    Parameters
+    ----------
+    unit, at, directions
+        Tables of a step of length 1, second derivatives and damping of the members.
+    h, damp
+        Length of the step, and U to its equations by every direction, ``(s, s)``; where members
+        have steps of their own ``(q, 1, 1)`` and ``(q, s, s)``.
+    """
+    m, c, k = at
+    if k.ndim == 4:
+        by_mass, by_mixed, by_transposed, by_stiffness = unit.pairs
+        matrix = on_points(by_mass, m) if m.ndim == 4 else on_components(unit.mass, m)
+        matrix = matrix - h * h * on_points(by_stiffness, k)
+        if c is not None:
+            matrix += h * (on_points(by_mixed, c) + on_points(by_transposed, c.swapaxes(2, 3)))
+    else:
+        matrix = on_components(unit.mass, m) - h * h * on_components(unit.stiff, k)
+    for table, one in zip(damp, directions, strict=True):
+        whole = on_components if table.ndim == 2 else on_members
+        matrix = matrix - whole(table, one.matrix)
+    return matrix

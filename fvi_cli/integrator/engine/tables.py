@@ -56,6 +56,13 @@ def on_components(table: Array, matrices: Array) -> Array:
     return np.asarray(found.reshape(q, *lead, a * e, b * e))
 
 
+def on_members(tables: Array, matrices: Array) -> Array:
+    """Kronecker products of ``(q or 1, a, b)`` and ``(q or 1, e, e)``, ``(q, a e, b e)``."""
+    (_, a, b), e = tables.shape, matrices.shape[-1]
+    found = tables[:, :, None, :, None] * matrices[:, None, :, None, :]
+    return np.asarray(found.reshape(-1, a * e, b * e))
+
+
 def apply(matrices: Array, vectors: Array) -> Array:
     """Matrices ``(q or 1, n, k)`` on vectors ``(q, k)``; one product where all share one."""
     if matrices.shape[0] == 1 and vectors.shape[0] > 1:
