@@ -1,9 +1,33 @@
-"""Errors that carry what a person needs to mend them.
+"""Errors that carry what a person needs to mend them, as fields.
 
-Wrong arguments raise :class:`ValueError`; what is here is raised for requests and files.
+Wrong arguments raise :class:`ValueError`; the others are raised for requests and files.
 """
 
 from __future__ import annotations
+
+
+class ArgumentError(ValueError):
+    """An argument that is not allowed.
+
+    Parameters
+    ----------
+    key
+        Its key path, such as ``damping.0.order``.
+    message
+        What is wrong with it.
+    """
+
+    def __init__(self, key: str, message: str) -> None:
+        super().__init__(key, message)
+        self.key = key
+        self.message = message
+
+    def below(self, key: str) -> ArgumentError:
+        """The same error of an argument that belongs to another."""
+        return ArgumentError(f"{key}.{self.key}", self.message)
+
+    def __str__(self) -> str:
+        return f"{self.key}: {self.message}"
 
 
 class FviError(Exception):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import functools
 import math
-import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
 
+from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.cursor import INVALID, Cursor, is_complete
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
@@ -27,7 +27,6 @@ from fvi_cli.scenes.structures.matrix_keys import rows_of
 _TRIALS: Final = 97
 _GRID: Final = 720
 _EXPANDED_TO: Final = 4.0  # above the power of t itself, which a quotient would lose
-_LEADING_PATH: Final = re.compile(r"([a-z_]+(?:\.[a-z0-9_]+)*): (.*)", re.DOTALL)
 _OTHER_NAMES: Final = {
     "initial_position": ("initial", "position"),
     "initial_velocity": ("initial", "velocity"),
@@ -99,15 +98,16 @@ def make_problem(
         return None
     try:
         return build_problem(problem, search=search)
-    except ValueError as error:
-        leading = _LEADING_PATH.fullmatch(str(error))
-        first, *rest = leading.group(1).split(".") if leading else [""]
+    except ArgumentError as error:
+        first, *rest = error.key.split(".")
         key: KeyPath = (*_OTHER_NAMES.get(first, (first,)), *rest)
-        if leading and key[0] in problem:
-            at.refuse(leading.group(2), *key)
+        if key[0] in problem:
+            at.refuse(error.message, *key)
         else:
             at.refuse(str(error))
-        return None
+    except ValueError as error:
+        at.refuse(str(error))
+    return None
 
 
 def _check_sizes(problem: Mapping[str, Any], at: Cursor) -> None:

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from fvi_cli.effects.matrices import Factored, Form, SparseMatrix
 from fvi_cli.effects.matrix_force import MatrixForce
+from fvi_cli.errors import ArgumentError
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
@@ -42,7 +43,7 @@ class FractionalDamping(MatrixForce):
         factored: Factored | None = None,
     ) -> None:
         if not 0.0 < order < 2.0:
-            raise ValueError(f"order: {order!r} is not allowed; it must lie in (0, 2)")
+            raise ArgumentError("order", f"{order!r} is not allowed; it must lie in (0, 2)")
         super().__init__(coefficient=coefficient, form=form, factored=factored)
         object.__setattr__(self, "order", float(order))
 

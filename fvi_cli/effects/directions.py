@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.effects.matrices import Factored, symmetric_matrix
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
 
 _WORD: Final = re.compile(r"[A-Za-z_]\w*")
 _MOST_SHOWN: Final = 12
@@ -94,9 +95,9 @@ class Directions:
     def __post_init__(self) -> None:
         rows = np.atleast_2d(np.array(self.rows, dtype=float))
         if not np.all(np.isfinite(rows)):
-            raise ValueError("acts_on: every factor must be finite")
+            raise ArgumentError("acts_on", "every factor must be finite")
         if np.any(np.all(rows == 0, axis=1)):
-            raise ValueError("acts_on: a combination in which no coordinate is left")
+            raise ArgumentError("acts_on", "a combination in which no coordinate is left")
         rows.setflags(write=False)
         object.__setattr__(self, "rows", rows)
 
@@ -129,15 +130,16 @@ class Directions:
                 )
             except ExpressionError as error:
                 message = str(error)
-                if "is not available here" in message:
+                if error.unknown in FUNCTION_NAMES:
                     message = "not linear: a function of a coordinate"
-                raise ValueError(f"acts_on.{index}: {message}") from None
+                raise ArgumentError(f"acts_on.{index}", message) from None
             if not isinstance(form, _Affine) or np.all(form.factors == 0):
-                raise ValueError(f"acts_on.{index}: no coordinate is left in {text!r}")
+                raise ArgumentError(f"acts_on.{index}", f"no coordinate is left in {text!r}")
             if form.constant != 0:
-                raise ValueError(
-                    f"acts_on.{index}: {text!r} holds the constant {form.constant:g}; "
-                    "only linear combinations of coordinates are allowed"
+                raise ArgumentError(
+                    f"acts_on.{index}",
+                    f"{text!r} holds the constant {form.constant:g}; "
+                    "only linear combinations of coordinates are allowed",
                 )
             row = np.zeros(len(coordinates))
             row[[places[name] for name in used]] = form.factors
@@ -162,8 +164,8 @@ class Directions:
             inner = inner * np.eye(self.count)
         inner = symmetric_matrix(inner, "coefficient")
         if inner.shape[0] != self.count:
-            raise ValueError(
-                f"coefficient: a matrix of size {inner.shape[0]} for {self.count} entries in "
-                "acts_on"
+            raise ArgumentError(
+                "coefficient",
+                f"a matrix of size {inner.shape[0]} for {self.count} entries in acts_on",
             )
         return Factored(rows=self.rows, inner=inner)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.effects.sampled import FunctionForce, Interpolation, SampledForce
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
@@ -70,14 +71,14 @@ class Forcing:
 
     def __post_init__(self) -> None:
         if not self.pieces:
-            raise ValueError("forcing: at least one piece is needed")
+            raise ArgumentError("forcing", "at least one piece is needed")
         ends = [0.0, *(piece.until for piece in self.pieces)]
         if any(not a < b for a, b in itertools.pairwise(ends)):
-            raise ValueError(f"forcing: until must increase from 0, got {ends[1:]}")
+            raise ArgumentError("forcing", f"until must increase from 0, got {ends[1:]}")
         if self.pieces[-1].until != math.inf:
-            raise ValueError("forcing: the last piece must not have an end")
+            raise ArgumentError("forcing", "the last piece must not have an end")
         if len({len(piece.components) for piece in self.pieces}) != 1:
-            raise ValueError("forcing: all pieces must have the same number of components")
+            raise ArgumentError("forcing", "all pieces must have the same number of components")
 
     @classmethod
     def from_text(cls, *components: str) -> Forcing:

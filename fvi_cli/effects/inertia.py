@@ -18,6 +18,7 @@ from fvi_cli.effects.matrices import (
     solver,
     symmetric_form,
 )
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.matrices.definite import singular_words
 
@@ -50,10 +51,10 @@ class Inertia:
         if isinstance(form, np.ndarray):
             wrong = singular_words(form)
             if wrong:
-                raise ValueError(f"mass: {wrong}")
+                raise ArgumentError("mass", wrong)
         elif not is_definite(form):
-            raise ValueError(
-                "mass: an eigenvalue is zero or negative; a mass must be positive definite"
+            raise ArgumentError(
+                "mass", "an eigenvalue is zero or negative; a mass must be positive definite"
             )
         object.__setattr__(self, "form", form)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.matrices.definite import singular_words
 
@@ -107,23 +108,24 @@ def symmetric_form(value: ArrayLike | SparseMatrix, name: str) -> Form:
     sparse.sum_duplicates()
     rows, columns = sparse.shape
     if rows != columns or rows == 0:
-        raise ValueError(f"{name}: shape {sparse.shape} is not allowed; give a square matrix")
+        raise ArgumentError(name, f"shape {sparse.shape} is not allowed; give a square matrix")
     if rows < LEAST_SPARSE:
         return symmetric_matrix(sparse.toarray(), name)
     coordinates = sparse.tocoo()
     wrong = np.flatnonzero(~np.isfinite(coordinates.data))
     if wrong.size:
         at = int(wrong[0])
-        raise ValueError(
-            f"{name}: {_entry(int(coordinates.row[at]), int(coordinates.col[at]))} is "
-            f"{coordinates.data[at]}; every entry must be finite"
+        raise ArgumentError(
+            name,
+            f"{_entry(int(coordinates.row[at]), int(coordinates.col[at]))} is "
+            f"{coordinates.data[at]}; every entry must be finite",
         )
     difference = as_csr(cast(SparseMatrix, sparse - sparse.T)).tocoo()
     limit = SYMMETRY_TOLERANCE * float(np.abs(sparse.data).max(initial=0.0))
     wrong = np.flatnonzero(np.abs(difference.data) > limit)
     if wrong.size:
         i, j = int(difference.row[wrong[0]]), int(difference.col[wrong[0]])
-        raise ValueError(_not_symmetric(name, i, j, float(sparse[i, j]), float(sparse[j, i])))
+        raise _not_symmetric(name, i, j, float(sparse[i, j]), float(sparse[j, i]))
     return cast(SparseMatrix, sparse)
 
 
@@ -139,18 +141,16 @@ def symmetric_matrix(value: ArrayLike, name: str) -> Array:
     if matrix.ndim == 0:
         matrix = matrix.reshape(1, 1)
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or matrix.size == 0:
-        raise ValueError(
-            f"{name}: shape {matrix.shape} is not allowed; give a number or a square matrix"
+        raise ArgumentError(
+            name, f"shape {matrix.shape} is not allowed; give a number or a square matrix"
         )
     if not np.all(np.isfinite(matrix)):
         i, j = np.argwhere(~np.isfinite(matrix))[0].tolist()
-        raise ValueError(f"{name}: {_entry(i, j)} is {matrix[i, j]}; every entry must be finite")
+        raise ArgumentError(name, f"{_entry(i, j)} is {matrix[i, j]}; every entry must be finite")
     off = np.abs(matrix - matrix.T)
     if off.max() > SYMMETRY_TOLERANCE * np.abs(matrix).max():
         i, j = np.unravel_index(int(off.argmax()), off.shape)
-        raise ValueError(
-            _not_symmetric(name, int(i), int(j), float(matrix[i, j]), float(matrix[j, i]))
-        )
+        raise _not_symmetric(name, int(i), int(j), float(matrix[i, j]), float(matrix[j, i]))
     matrix.setflags(write=False)
     return matrix
 
@@ -160,11 +160,9 @@ def _entry(row: int, column: int) -> str:
     return f"the entry in row {row + 1}, column {column + 1}"
 
 
-def _not_symmetric(name: str, i: int, j: int, one: float, other: float) -> str:
-    return (
-        f"{name}: {_entry(i, j)} is {one:g} and its mirror image {other:g}; the matrix must be "
-        "symmetric"
-    )
+def _not_symmetric(name: str, i: int, j: int, one: float, other: float) -> ArgumentError:
+    said = f"{_entry(i, j)} is {one:g} and its mirror image {other:g}; the matrix must be symmetric"
+    return ArgumentError(name, said)
 
 
 def form(matrix: Form) -> Form:

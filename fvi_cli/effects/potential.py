@@ -19,6 +19,7 @@ from fvi_cli.effects.matrices import (
     symmetric_form,
     times,
 )
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS
 from fvi_cli.mathematics.algebra.builder import joined
 from fvi_cli.mathematics.algebra.derivatives import derivatives
@@ -110,9 +111,9 @@ class ExpressionPotential:
         d = len(self.coordinates)
         first, second = self.gradient_expressions, self.hessian_expressions
         if first is not None and len(first) != d:
-            raise ValueError(f"gradient: {len(first)} entries, expected {d}")
+            raise ArgumentError("gradient", f"{len(first)} entries, expected {d}")
         if second is not None and [len(row) for row in second] != [d] * d:
-            raise ValueError(f"hessian: must be {d} rows of {d} expressions")
+            raise ArgumentError("hessian", f"must be {d} rows of {d} expressions")
 
     @property
     def dimension(self) -> int:

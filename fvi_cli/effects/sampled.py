@@ -10,6 +10,7 @@ from typing import Final, Literal, Self, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
@@ -99,7 +100,7 @@ class SampledForce(_WithFormula):
             For an unknown interpolation, too few samples, or samples that are not allowed.
         """
         if interpolation not in INTERPOLATION_ORDERS:
-            raise ValueError(f"interpolation: {interpolation!r} is not one of linear, cubic")
+            raise ArgumentError("interpolation", f"{interpolation!r} is not one of linear, cubic")
         knots, at_knots = np.asarray(time, dtype=float), np.asarray(values, dtype=float)
         least = INTERPOLATION_ORDERS[interpolation]
         if knots.ndim != 1 or knots.shape != at_knots.shape or knots.size < least:

@@ -15,6 +15,7 @@ from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import Form, is_semidefinite, is_sparse
 from fvi_cli.effects.potential import Potential, QuadraticPotential, with_stiffness
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 
 Derivative = Literal["caputo", "riemann-liouville"]
@@ -73,13 +74,15 @@ class Scene:
         for name in ("initial_position", "initial_velocity"):
             value = np.atleast_1d(np.array(getattr(self, name), dtype=float))
             if value.shape != (d,) or not np.all(np.isfinite(value)):
-                raise ValueError(f"{name}: {d} finite numbers are needed, got {value.tolist()}")
+                raise ArgumentError(name, f"{d} finite numbers are needed, got {value.tolist()}")
             value.setflags(write=False)
             object.__setattr__(self, name, value)
         if not (0 < self.final_time < math.inf):
-            raise ValueError(f"final_time: {self.final_time!r} is not allowed; it must be positive")
+            raise ArgumentError(
+                "final_time", f"{self.final_time!r} is not allowed; it must be positive"
+            )
         if self.lagrangian is not None and self.potential is not None:
-            raise ValueError("potential: a Lagrangian holds the potential energy already")
+            raise ArgumentError("potential", "a Lagrangian holds the potential energy already")
         effects = (self.potential, self.lagrangian, *self.damping, *self.laws, self.forcing)
         for effect in effects:
             if effect is not None and effect.dimension != d:
@@ -87,23 +90,25 @@ class Scene:
                     f"{type(effect).__name__} has {effect.dimension} components, the mass {d}"
                 )
         if self.forcing is not None and (wrong := self.forcing.objection(self.final_time)):
-            raise ValueError(f"forcing: {wrong}")
+            raise ArgumentError("forcing", wrong)
         if self.derivative not in ("caputo", "riemann-liouville"):
-            raise ValueError(
-                f"derivative: {self.derivative!r} is not one of caputo, riemann-liouville"
+            raise ArgumentError(
+                "derivative", f"{self.derivative!r} is not one of caputo, riemann-liouville"
             )
         if self.derivative == "riemann-liouville" and np.any(self.initial_position != 0):
             if self.laws:
-                raise ValueError(
-                    "derivative: riemann-liouville is not for relaxation laws with a position that "
-                    "is not 0 at the start: they have relaxed before; use caputo"
+                raise ArgumentError(
+                    "derivative",
+                    "riemann-liouville is not for relaxation laws with a position that "
+                    "is not 0 at the start: they have relaxed before; use caputo",
                 )
             for term in self.damping:
                 if term.order > 1 and term.is_active:
-                    raise ValueError(
-                        f"derivative: riemann-liouville of order {term.order:g} with a position "
+                    raise ArgumentError(
+                        "derivative",
+                        f"riemann-liouville of order {term.order:g} with a position "
                         "that is not 0 at the start gives a force t**(-order) that is not "
-                        "integrable; use caputo, or orders below 1"
+                        "integrable; use caputo, or orders below 1",
                     )
 
         self._relax()
@@ -114,9 +119,10 @@ class Scene:
             if law.relaxed == 0:
                 continue
             if self.lagrangian is not None:
-                raise ValueError(
-                    f"laws: the relaxed modulus {law.relaxed:g} is a stiffness; write it into the "
-                    "Lagrangian"
+                raise ArgumentError(
+                    "laws",
+                    f"the relaxed modulus {law.relaxed:g} is a stiffness; write it into the "
+                    "Lagrangian",
                 )
             object.__setattr__(self, "potential", with_stiffness(self.potential, law.stiffness))
         object.__setattr__(self, "laws", tuple(law.without_stiffness() for law in self.laws))
@@ -186,7 +192,7 @@ class Scene:
         """
         if self.lagrangian is not None:
             if self.lagrangian.depends_on_time:
-                raise ValueError("energy: the Lagrangian depends on t; give the time as well")
+                raise ArgumentError("energy", "the Lagrangian depends on t; give the time as well")
             rate = self.lagrangian.velocity(position, momentum, 0.0)
             return self.lagrangian.energy(position, rate, 0.0)
         kinetic = 0.5 * np.einsum("...i,...i->...", momentum, self.inertia.velocity(momentum))

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.quadrature import (
     QuadratureRule,
     gauss_rule,
@@ -50,8 +51,6 @@ TOLERANCES = (1e-13, 0.1)
 """Least and largest tolerance of ``dop853``."""
 
 LARGEST_DEGREE = 20
-NO_TRANSFORMS = "history: fft is no longer made; write history: auto, the same to round-off"
-"""What to write in place of a history by FFT, which is no longer there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,10 +68,12 @@ class RuleSpecification:
 
     def __post_init__(self) -> None:
         if self.rule not in ("gauss", "lobatto", "radau"):
-            raise ValueError(f"quadrature: {self.rule!r} is not one of gauss, lobatto, radau")
+            raise ArgumentError("quadrature", f"{self.rule!r} is not one of gauss, lobatto, radau")
         least = 2 if self.rule == "lobatto" else 1
         if not least <= self.points <= 64:
-            raise ValueError(f"quadrature: {self.points} points; {self.rule} takes {least} to 64")
+            raise ArgumentError(
+                "quadrature", f"{self.points} points; {self.rule} takes {least} to 64"
+            )
 
     def build(self) -> QuadratureRule:
         """The nodes and weights."""
@@ -140,47 +141,57 @@ class Method:
         }
         for name, values in permitted.items():
             if name == "start" and getattr(self, name) == "series":
-                raise ValueError(no_series(is_runge_kutta=self.is_runge_kutta))
+                kept = (
+                    "graded, which keeps the same order"
+                    if self.is_runge_kutta
+                    else "none or weights"
+                )
+                raise ArgumentError("start", f"a series is no longer made; write start: {kept}")
             if name == "history" and getattr(self, name) == "fft":
-                raise ValueError(NO_TRANSFORMS)
+                raise ArgumentError(
+                    "history", "fft is no longer made; write history: auto, the same to round-off"
+                )
             if getattr(self, name) not in values:
-                raise ValueError(
-                    f"{name}: {getattr(self, name)!r} is not one of {', '.join(values)}"
+                raise ArgumentError(
+                    name, f"{getattr(self, name)!r} is not one of {', '.join(values)}"
                 )
         if not 1 <= self.degree <= LARGEST_DEGREE:
-            raise ValueError(
-                f"degree: {self.degree} is not allowed; it must be 1 to {LARGEST_DEGREE}"
+            raise ArgumentError(
+                "degree", f"{self.degree} is not allowed; it must be 1 to {LARGEST_DEGREE}"
             )
         if self.is_runge_kutta:
             own = self._own_rule()
             if self.sampling != "points":
-                raise ValueError(f"sampling: {self.cq} is sampled at its own points only")
+                raise ArgumentError("sampling", f"{self.cq} is sampled at its own points only")
             if self.quadrature not in (None, own):
-                raise ValueError(f"quadrature: {self.cq} brings its own rule, {own.label}")
+                raise ArgumentError("quadrature", f"{self.cq} brings its own rule, {own.label}")
             if self.start == "weights":
-                raise ValueError("start: weights correct BDF only; use graded or none")
+                raise ArgumentError("start", "weights correct BDF only; use graded or none")
             if self.history == "direct":
-                raise ValueError(
-                    f"history: direct is for BDF only; with {self.cq} take auto, which "
-                    "sums the past up in exponentials"
+                raise ArgumentError(
+                    "history",
+                    f"direct is for BDF only; with {self.cq} take auto, which "
+                    "sums the past up in exponentials",
                 )
             object.__setattr__(self, "quadrature", own)
         elif self.start == "graded":
-            raise ValueError(
-                f"start: graded is for {', '.join(RUNGE_KUTTA_NAMES)} only; with {self.cq} take "
-                "weights or none"
+            raise ArgumentError(
+                "start",
+                f"graded is for {', '.join(RUNGE_KUTTA_NAMES)} only; with {self.cq} take "
+                "weights or none",
             )
         elif self.quadrature is None:
             object.__setattr__(self, "quadrature", RuleSpecification(points=self.degree))
         if self.rule.rule == "radau" and not self.is_runge_kutta:
-            raise ValueError("quadrature: 'radau' is not one of gauss, lobatto")
+            raise ArgumentError("quadrature", "'radau' is not one of gauss, lobatto")
         if self.start_exponents and self.start != "weights":
-            raise ValueError("start_exponents: only start: weights has exponents")
+            raise ArgumentError("start_exponents", "only start: weights has exponents")
         if self.rule.build().exactness < 2 * self.degree - 2:
             # the mass matrix of the step would be singular
-            raise ValueError(
-                f"quadrature: {self.rule.label} is too weak for degree {self.degree}; "
-                f"it must integrate polynomials of degree {2 * self.degree - 2}"
+            raise ArgumentError(
+                "quadrature",
+                f"{self.rule.label} is too weak for degree {self.degree}; "
+                f"it must integrate polynomials of degree {2 * self.degree - 2}",
             )
 
     def _own_rule(self) -> RuleSpecification:
@@ -194,7 +205,7 @@ class Method:
     def rule(self) -> RuleSpecification:
         """The rule for the action."""
         if self.quadrature is None:  # pragma: no cover - set at construction
-            raise ValueError("quadrature: not set")
+            raise ArgumentError("quadrature", "not set")
         return self.quadrature
 
     @property
@@ -276,17 +287,19 @@ class Baseline:
 
     def __post_init__(self) -> None:
         if self.name not in BASELINE_NAMES + PEER_NAMES:
-            raise ValueError(f"baseline: {self.name!r} is not one of {', '.join(BASELINE_NAMES)}")
+            raise ArgumentError(
+                "baseline", f"{self.name!r} is not one of {', '.join(BASELINE_NAMES)}"
+            )
         if self.name != "dop853":
             if self.tolerance is not None:
-                raise ValueError(f"tolerance: {self.name} has none; only dop853 takes one")
+                raise ArgumentError("tolerance", f"{self.name} has none; only dop853 takes one")
             return
         if self.tolerance is None:
             object.__setattr__(self, "tolerance", DEFAULT_TOLERANCE)
         elif not TOLERANCES[0] <= self.tolerance <= TOLERANCES[1]:
             least, most = TOLERANCES
-            raise ValueError(
-                f"tolerance: {self.tolerance!r} is not allowed; it must be {least:g} to {most:g}"
+            raise ArgumentError(
+                "tolerance", f"{self.tolerance!r} is not allowed; it must be {least:g} to {most:g}"
             )
 
     @property
@@ -320,9 +333,3 @@ def method_columns(method: AnyMethod) -> dict[str, str]:
         "quadrature": method.rule.label,
         "start": method.start,
     }
-
-
-def no_series(*, is_runge_kutta: bool) -> str:
-    """What to write in place of a start series, which is no longer there."""
-    other = "graded, which keeps the same order" if is_runge_kutta else "none or weights"
-    return f"start: a series is no longer made; write start: {other}"

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array, LongArray
 
 LARGEST_RULE = 64
@@ -46,20 +47,21 @@ class QuadratureRule:
 
     def __post_init__(self) -> None:
         if self.name not in _ORDER_DEFICIT:
-            raise ValueError(
-                f"quadrature: {self.name!r} is not one of {', '.join(sorted(_ORDER_DEFICIT))}"
+            raise ArgumentError(
+                "quadrature", f"{self.name!r} is not one of {', '.join(sorted(_ORDER_DEFICIT))}"
             )
         nodes = np.array(self.nodes, dtype=np.float64)
         weights = np.array(self.weights, dtype=np.float64)
         if nodes.ndim != 1 or nodes.size == 0 or nodes.shape != weights.shape:
-            raise ValueError(
-                f"quadrature: nodes of shape {nodes.shape} and weights of shape {weights.shape} "
-                "are not allowed; both must be (n,) with n >= 1"
+            raise ArgumentError(
+                "quadrature",
+                f"nodes of shape {nodes.shape} and weights of shape {weights.shape} "
+                "are not allowed; both must be (n,) with n >= 1",
             )
         if not (np.all(np.diff(nodes) > 0) and nodes[0] >= 0 and nodes[-1] <= 1):
-            raise ValueError(f"quadrature: nodes {nodes} must increase strictly within [0, 1]")
+            raise ArgumentError("quadrature", f"nodes {nodes} must increase strictly within [0, 1]")
         if not (np.all(weights > 0) and np.all(np.isfinite(weights))):
-            raise ValueError(f"quadrature: weights {weights} must be positive and finite")
+            raise ArgumentError("quadrature", f"weights {weights} must be positive and finite")
         nodes.setflags(write=False)
         weights.setflags(write=False)
         object.__setattr__(self, "nodes", nodes)
@@ -67,9 +69,10 @@ class QuadratureRule:
         degrees = np.arange(self.order)
         defects = np.abs(weights @ nodes[:, None] ** degrees - 1 / (degrees + 1.0))
         for degree in np.flatnonzero(defects > _MOMENT_TOLERANCE)[:1]:
-            raise ValueError(
-                f"quadrature: the integral of t**{degree} by {self.name} with {nodes.size} points "
-                f"is wrong by {defects[degree]:.3g}; at most {_MOMENT_TOLERANCE:g} is allowed"
+            raise ArgumentError(
+                "quadrature",
+                f"the integral of t**{degree} by {self.name} with {nodes.size} points "
+                f"is wrong by {defects[degree]:.3g}; at most {_MOMENT_TOLERANCE:g} is allowed",
             )
 
     @property
@@ -175,7 +178,7 @@ def radau_right_rule(n_points: int) -> QuadratureRule:
 
 def _check_number(name: str, n_points: int, *, least: int) -> None:
     if not least <= n_points <= LARGEST_RULE:
-        raise ValueError(f"{name}: {n_points} points; permitted are {least} to {LARGEST_RULE}")
+        raise ArgumentError(name, f"{n_points} points; permitted are {least} to {LARGEST_RULE}")
 
 
 def _symmetric_rule(name: str, roots: LongArray, weights: LongArray) -> QuadratureRule:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
 from fvi_cli.effects.matrices import Form, SparseMatrix
 from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import Damper, SceneData, per_coordinate, with_dampers
@@ -38,9 +39,9 @@ def neighbour_matrix(masses: int, ends: Ends) -> Array:
         For another word, or no mass at all.
     """
     if ends not in ("both", "left", "none"):
-        raise ValueError(f"ends: {ends!r} is not one of both, left, none")
+        raise ArgumentError("ends", f"{ends!r} is not one of both, left, none")
     if masses < 1:
-        raise ValueError(f"masses: {masses!r} is not allowed; there must be at least 1")
+        raise ArgumentError("masses", f"{masses!r} is not allowed; there must be at least 1")
     matrix = 2.0 * np.eye(masses) - np.eye(masses, k=1) - np.eye(masses, k=-1)
     if ends == "none":
         matrix[0, 0] -= 1.0
@@ -118,8 +119,8 @@ def ground_force(acceleration: Forcing, masses: Array) -> Forcing:
         If the acceleration has more than one component.
     """
     if acceleration.dimension != 1:
-        raise ValueError(
-            f"ground_acceleration: {acceleration.dimension} components, but the ground has one"
+        raise ArgumentError(
+            "ground_acceleration", f"{acceleration.dimension} components, but the ground has one"
         )
     pieces = []
     for piece in acceleration.pieces:
@@ -200,7 +201,7 @@ def pluck_amplitudes(modes: int, at: float, height: float) -> Array:
         If `at` does not lie in (0, 1).
     """
     if not 0.0 < at < 1.0:
-        raise ValueError(f"pluck.at: {at!r} is not allowed; it must lie in (0, 1)")
+        raise ArgumentError("pluck.at", f"{at!r} is not allowed; it must lie in (0, 1)")
     j = np.arange(1, modes + 1)
     return np.asarray(2.0 * height * np.sin(j * np.pi * at) / (j**2 * np.pi**2 * at * (1.0 - at)))
 
@@ -254,5 +255,5 @@ def string(
 def _per_part(value: ArrayLike, size: int, name: str) -> Array:
     vector = per_coordinate(value, size)
     if vector.shape != (size,):
-        raise ValueError(f"{name}: {vector.size} entries for {size} storeys")
+        raise ArgumentError(name, f"{vector.size} entries for {size} storeys")
     return vector

@@ -12,6 +12,7 @@ import numpy as np
 
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
+from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.containers import ByForm, Checked, ListOf, Named
 from fvi_cli.keys.cursor import INVALID, Cursor
@@ -301,7 +302,7 @@ def build_forcing(
             found = sampled_component(entry, final_time)
             end = end_of_samples(entry, final_time)
         except ValueError as error:
-            raise ValueError(f"{place}: {error}") from None
+            raise ArgumentError(place, str(error)) from None
         if end is not None:
             ends[id(found)] = end
         return found
@@ -343,9 +344,10 @@ def by_coordinate(given: Mapping[str, T], names: Sequence[str], place: str) -> M
     for name in given:
         if name not in names:
             known = listed(names[:6]) + ", ..." * (len(names) > 6)
-            raise ValueError(
-                f"{place}: {excerpt(name)!r} is not a coordinate{suggestion(name, names)} "
-                f"(there are {known})"
+            raise ArgumentError(
+                place,
+                f"{excerpt(name)!r} is not a coordinate{suggestion(name, names)} "
+                f"(there are {known})",
             )
     return given
 
@@ -373,7 +375,7 @@ def _per_coordinate(
     if not isinstance(value, list | tuple):
         return (read(value, place),) * dimension
     if len(value) != dimension:
-        raise ValueError(f"{place}: {len(value)} entries for {dimension} degrees of freedom")
+        raise ArgumentError(place, f"{len(value)} entries for {dimension} degrees of freedom")
     return tuple(read(entry, f"{place}.{index}") for index, entry in enumerate(value))
 
 
@@ -381,7 +383,7 @@ def _expression(value: object, place: str) -> Expression:
     try:
         return _parsed(str(value))
     except ValueError as error:
-        raise ValueError(f"{place}: {error}") from None
+        raise ArgumentError(place, str(error)) from None
 
 
 @functools.lru_cache(maxsize=1024)

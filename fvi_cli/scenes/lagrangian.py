@@ -20,6 +20,7 @@ from fvi_cli.effects.potential import (
     with_stiffness,
 )
 from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.algebra.builder import bound, negative, terms_with
 from fvi_cli.mathematics.algebra.dependence import constant_values, kinks_of
@@ -85,13 +86,14 @@ def lagrangian_scene(
             lagrangian, variables=(*names, *velocities, TIME), constants=values
         )
         if not expression.names & set(velocities):
-            raise ValueError(
-                f"lagrangian: no velocity occurs in it ({', '.join(velocities)}); "
-                "without a kinetic energy nothing moves"
+            raise ArgumentError(
+                "lagrangian",
+                f"no velocity occurs in it ({', '.join(velocities)}); "
+                "without a kinetic energy nothing moves",
             )
         found = _recognise(names, velocities, expression)
     except ExpressionError as error:
-        raise ValueError(f"lagrangian: {error}") from None
+        raise ArgumentError("lagrangian", str(error)) from None
     for stiffness in stored:
         found = _with_stiffness(found, stiffness)
     position = per_coordinate(data.get("initial_position", 0.0), len(names))
@@ -105,15 +107,15 @@ def lagrangian_scene(
             [np.atleast_1d(value), at_start.momentum, at_start.force, at_start.stiffness.ravel()]
         )
         if not (np.isfinite(mass).all() and np.isfinite(first).all()):
-            raise ValueError(
-                "lagrangian: it or a derivative of it is not finite at the initial position and "
-                "velocity"
+            raise ArgumentError(
+                "lagrangian",
+                "it or a derivative of it is not finite at the initial position and velocity",
             )
         _check_mass(mass, velocities, " at the start")
     if isinstance(found.potential, ExpressionPotential):
         _check_start(found.potential, position)
     if mass is None:  # pragma: no cover - one of the two is there
-        raise ValueError("lagrangian: no mass matrix")
+        raise ArgumentError("lagrangian", "no mass matrix")
     data["forcing"] = _with(data.get("forcing"), found.forcing)
     return make_scene(mass, found.potential, lagrangian=found.general, **data)
 
@@ -174,12 +176,12 @@ def check_names(coordinates: Sequence[str], parameters: Mapping[str, float]) -> 
             (velocity_name(name), f"the velocity of {name}"),
         ):
             if given in taken:
-                raise ValueError(f"coordinates.{index}: {given!r} is {taken[given]} already")
+                raise ArgumentError(f"coordinates.{index}", f"{given!r} is {taken[given]} already")
             _check_name(given, f"coordinates.{index}")
             taken[given] = what
     for name in parameters:
         if name in taken:
-            raise ValueError(f"parameters.{name}: the name is {taken[name]}")
+            raise ArgumentError(f"parameters.{name}", f"the name is {taken[name]}")
         _check_name(name, f"parameters.{name}")
 
 
@@ -187,7 +189,7 @@ def _check_name(name: str, place: str) -> None:
     try:
         Expression.parse("0", variables=(name,))
     except ExpressionError as error:
-        raise ValueError(f"{place}: {error}") from None
+        raise ArgumentError(place, str(error)) from None
 
 
 @lru_cache(maxsize=64)
@@ -286,9 +288,10 @@ def _check_mass(mass: Array, velocities: tuple[str, ...], where: str) -> None:
     if singular_words(mass):
         smallest = float(np.linalg.eigvalsh(mass)[0])
         reason = f" ({', '.join(missing)} does not occur quadratically)" if missing else ""
-        raise ValueError(
-            f"lagrangian: the mass matrix d2L/dv2 is not positive definite{where}: its smallest "
-            f"eigenvalue is {smallest:g}{reason}"
+        raise ArgumentError(
+            "lagrangian",
+            f"the mass matrix d2L/dv2 is not positive definite{where}: its smallest "
+            f"eigenvalue is {smallest:g}{reason}",
         )
 
 
@@ -307,7 +310,7 @@ def _check_start(potential: ExpressionPotential, position: Array) -> None:
             f"{name} = {value:g}"
             for name, value in zip(potential.coordinates, position, strict=True)
         )
-        raise ValueError(f"lagrangian: {what} is {reason} at the initial position, {at}")
+        raise ArgumentError("lagrangian", f"{what} is {reason} at the initial position, {at}")
 
 
 def _with(forcing: Forcing | None, own: tuple[Expression, ...] | None) -> Forcing | None:

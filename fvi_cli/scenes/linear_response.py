@@ -19,6 +19,7 @@ from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Derivative, Scene
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.series.power_series import (
@@ -105,8 +106,9 @@ def linear_response(
             if order > 1:
                 _add(start, order - 2.0, coefficient * velocity)
         elif order > 1 and position and coefficient:
-            raise ValueError(
-                f"derivative: riemann-liouville of order {order!r} needs position 0 at the start"
+            raise ArgumentError(
+                "derivative",
+                f"riemann-liouville of order {order!r} needs position 0 at the start",
             )
     inputs: list[tuple[float, Mapping[float, float]]] = []
     before = ZERO

@@ -8,6 +8,7 @@ import numpy as np
 
 from fvi_cli.effects.potential import ExpressionPotential, Potential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import SceneData, make_scene
 
@@ -60,7 +61,7 @@ def kepler(
         If the motion begins in the centre, where the force is infinite.
     """
     if not np.any(np.asarray(data.get("initial_position", 0.0))):
-        raise ValueError("initial_position: the force is infinite in the centre, x = y = 0")
+        raise ArgumentError("initial_position", "the force is infinite in the centre, x = y = 0")
     names = ("x", "y", "k")
 
     def parse(text: str) -> Expression:

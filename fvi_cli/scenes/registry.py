@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import ArgumentError
 from fvi_cli.scenes.kinds import KINDS, Kind, SceneKind
 from fvi_cli.scenes.problem import AnyProblem
 
@@ -40,14 +41,14 @@ def build_scene(specification: Mapping[str, Any]) -> Scene:
     """
     kind = _kind(specification)
     if not isinstance(kind, SceneKind):
-        raise ValueError(f"kind: {kind.name!r} is not the name of a scene")
+        raise ArgumentError("kind", f"{kind.name!r} is not the name of a scene")
     return kind.scene(kind.record.filled(specification))
 
 
 def _kind(specification: Mapping[str, Any]) -> Kind:
     name = specification["kind"]
     if name not in KINDS:
-        raise ValueError(f"kind: {name!r} is not one of {', '.join(KINDS)}")
+        raise ArgumentError("kind", f"{name!r} is not one of {', '.join(KINDS)}")
     return KINDS[name]
 
 

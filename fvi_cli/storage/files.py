@@ -15,7 +15,7 @@ import h5py
 from fvi_cli.errors import StorageError
 from fvi_cli.storage.atomic import UNFINISHED, followed, reason, replacement, told
 from fvi_cli.storage.provenance import CHECKSUM, FORMAT, checksum
-from fvi_cli.storage.stream import DAMAGED, SafeStream, SealedStream, append_seal
+from fvi_cli.storage.stream import DamagedBytesError, SafeStream, SealedStream, append_seal
 
 CREATOR = "fvi-cli"
 
@@ -88,9 +88,9 @@ def open_stored(path: Path) -> Iterator[h5py.File]:
             _limit_cache(file)
         except PermissionError as error:
             raise StorageError(f"{path}: cannot be read: {reason(error)}") from None
-        except _ODD as error:
-            if str(error) == DAMAGED:
-                raise StorageError(f"{path}: is damaged: {DAMAGED}; {_WHAT_THEN}") from None
+        except DamagedBytesError as error:
+            raise StorageError(f"{path}: is damaged: {error}; {_WHAT_THEN}") from None
+        except _ODD:
             raise StorageError(
                 f"{path}: is not a result file of fvi (not HDF5, or damaged or cut off); it is "
                 "left as it is: move it away, or choose another name or --output"
@@ -177,9 +177,9 @@ def damage_told(path: Path) -> Iterator[None]:
     """Turn what the library raises on a damaged file into an error that names it."""
     try:
         yield
+    except DamagedBytesError as error:
+        raise StorageError(f"{path}: is damaged: {error}; {_WHAT_THEN}") from None
     except _ODD as error:
-        if str(error) == DAMAGED:
-            raise StorageError(f"{path}: is damaged: {DAMAGED}; {_WHAT_THEN}") from None
         found = printable(f"{type(error).__name__}: {error}")
         raise StorageError(
             f"{path}: is damaged or not a result file ({found}); {_WHAT_THEN}"

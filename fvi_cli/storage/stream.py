@@ -27,7 +27,12 @@ BLOCK = 2**18
 _DIGEST = hashlib.sha256().digest_size
 _ENOUGH = len(b"fvi-cli ")
 
-DAMAGED = "its bytes are not those that were written"
+
+class DamagedBytesError(ValueError):
+    """Bytes of a file that are not those that were written."""
+
+    def __init__(self) -> None:
+        super().__init__("its bytes are not those that were written")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +68,7 @@ def read_seal(handle: int) -> Seal | None:
     ------
     OSError
         If the file cannot be read.
-    ValueError
+    DamagedBytesError
         If the seal is cut off in part, or is not the one that was written.
     """
     whole = os.fstat(handle).st_size
@@ -74,12 +79,12 @@ def read_seal(handle: int) -> Seal | None:
     begin = end.rfind(MARK)
     if begin < 0:
         if any(end.endswith(MARK[:n]) for n in range(_ENOUGH, len(MARK))):
-            raise ValueError(DAMAGED)
+            raise DamagedBytesError
         return None
     size = whole - longest + begin
     digests, own = end[begin + len(MARK) : -_DIGEST], end[-_DIGEST:]
     if whole - size != length_of(size) or own != _digest_of(size, digests):
-        raise ValueError(DAMAGED)
+        raise DamagedBytesError
     return Seal(size=size, digests=digests)
 
 
@@ -249,7 +254,7 @@ class SealedStream(_Stream):
         self._file.seek(number * BLOCK)
         block = _read_all(self._file.fileno(), min(BLOCK, self._size - number * BLOCK))
         if not is_whole(seal, number, block):
-            raise ValueError(DAMAGED)
+            raise DamagedBytesError
         self._looked_at.add(number)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from fvi_cli.config.keys.methods import ListedMethod, objection_to_grading
+from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.meshes.mesh import check_graded
 from fvi_cli.keys.containers import Checked, OneOrMany
 from fvi_cli.keys.cursor import Cursor
@@ -131,8 +132,8 @@ def check_grading(
     for index, n_steps in enumerate(steps) if ends else ():
         try:
             check_graded((0.0, *ends), n_steps, grading)
-        except ValueError as error:
-            refuse_step(at, index, str(error).partition(": ")[2])
+        except ArgumentError as error:
+            refuse_step(at, index, error.message)
             return
 
 

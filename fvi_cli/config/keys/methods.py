@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final, get_args
 
+from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.method import (
     BASELINE_NAMES,
     BDF_NAMES,
@@ -31,7 +32,6 @@ from fvi_cli.keys.scalars import Choice, Integer, Number, Shape
 from fvi_cli.mathematics.quadrature import LARGEST_RULE
 
 MOST_METHODS: Final = 500
-_LEADING_FIELD: Final = re.compile(r"([a-z_]+): (.*)", re.DOTALL)
 # Fields of Method under the names that a configuration has for them.
 _KEY_OF_FIELD: Final = {"start_exponents": "start"}
 
@@ -219,8 +219,8 @@ def _combinations(
             method, resolved = make_method(
                 {key: values[key][index] for key, index in chosen.items()}, usual_start=start
             )
-        except ValueError as error:
-            _complain(str(error), chosen, at)
+        except ArgumentError as error:
+            _complain(error, chosen, at)
             continue
         yield ListedMethod(method=method, resolved=resolved, at=at)
 
@@ -246,21 +246,17 @@ def _is_coherent(values: Mapping[str, list[Any]], at: Cursor) -> bool:
     return len(at.complaints) == before
 
 
-def _complain(message: str, chosen: Mapping[str, int], at: Cursor) -> None:
-    """Put the complaint of a method to the key that it begins with."""
-    leading = _LEADING_FIELD.fullmatch(message)
-    if leading is None:
-        at.refuse(message)
-        return
-    key = _KEY_OF_FIELD.get(leading.group(1), leading.group(1))
+def _complain(error: ArgumentError, chosen: Mapping[str, int], at: Cursor) -> None:
+    """Put the complaint of a method to its key."""
+    key = _KEY_OF_FIELD.get(error.key, error.key)
     if key == "cq":
         key = "rk" if "rk" in chosen else "bdf"
     if key == "degree" and "stages" in chosen:
         key = "stages"
     if key in chosen:
-        at.under(key, chosen[key]).refuse(leading.group(2))
+        at.under(key, chosen[key]).refuse(error.message)
     else:
-        at.refuse(leading.group(2), key)
+        at.refuse(error.message, key)
 
 
 def make_method(
@@ -296,11 +292,11 @@ def make_method(
         forcing_quadrature = values.get("forcing_quadrature", "galerkin")
     exponents: tuple[float, ...] = ()
     if start == "graded" and cq != "gauss":
-        raise ValueError("start: graded is for rk: gauss only; use none")
+        raise ArgumentError("start", "graded is for rk: gauss only; use none")
     if isinstance(start, Mapping):
         exponents, start = tuple(start["weights"]), "weights"
         if len(set(exponents)) != len(exponents):
-            raise ValueError("start: every exponent must be given once")
+            raise ArgumentError("start", "every exponent must be given once")
     method = Method(
         cq=cq,
         degree=degree,

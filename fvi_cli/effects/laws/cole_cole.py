@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.effects.laws.law import Coefficient, Law, fraction, positive
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 
 # the density is zero to every accuracy so far from its peak, and its logarithm finite
@@ -104,11 +105,12 @@ def fractional_zener(
         For parameters out of range; a law with :math:`G_\infty < G_0` would create energy.
     """
     if not 0 <= relaxed < math.inf:
-        raise ValueError(f"relaxed: {relaxed!r} is not allowed; it must not be negative")
+        raise ArgumentError("relaxed", f"{relaxed!r} is not allowed; it must not be negative")
     if not relaxed <= unrelaxed < math.inf:
-        raise ValueError(
-            f"unrelaxed: {unrelaxed!r} is not allowed; it must be at least the relaxed modulus "
-            f"{relaxed!r}, or the law would create energy"
+        raise ArgumentError(
+            "unrelaxed",
+            f"{unrelaxed!r} is not allowed; it must be at least the relaxed modulus "
+            f"{relaxed!r}, or the law would create energy",
         )
     return Law(
         kernel=ColeCole(order=order, time=time),

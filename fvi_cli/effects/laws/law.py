@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from fvi_cli.effects.matrices import Factored, Form, SparseMatrix, scaled
 from fvi_cli.effects.matrix_force import MatrixForce
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 
 Coefficient = ArrayLike | SparseMatrix | Factored
@@ -117,7 +118,7 @@ class Law(MatrixForce):
         object.__setattr__(self, "kernel", kernel)
         for name, value in (("size", size), ("relaxed", relaxed)):
             if not 0 <= value < math.inf:
-                raise ValueError(f"{name}: {value!r} is not allowed; it must not be negative")
+                raise ArgumentError(name, f"{value!r} is not allowed; it must not be negative")
             object.__setattr__(self, name, float(value))
 
     @property
@@ -152,7 +153,7 @@ def positive(value: float, name: str) -> float:
         ``name: ...`` if it is not.
     """
     if not 0 < value < math.inf:
-        raise ValueError(f"{name}: {value!r} is not allowed; it must be positive and finite")
+        raise ArgumentError(name, f"{value!r} is not allowed; it must be positive and finite")
     return float(value)
 
 
@@ -165,5 +166,5 @@ def fraction(value: float, name: str = "order") -> float:
         ``name: ...`` if it does not.
     """
     if not 0 < value < 1:
-        raise ValueError(f"{name}: {value!r} is not allowed; it must lie in (0, 1)")
+        raise ArgumentError(name, f"{value!r} is not allowed; it must lie in (0, 1)")
     return float(value)

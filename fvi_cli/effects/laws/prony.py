@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.effects.laws.law import Coefficient, Law, positive
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 
 
@@ -36,7 +37,7 @@ class Exponentials:
 
     def __post_init__(self) -> None:
         if not self.masses:
-            raise ValueError("masses: at least one is needed")
+            raise ArgumentError("masses", "at least one is needed")
         for rate, weight in self.masses:
             positive(rate, "rate")
             positive(weight, "weight")
@@ -88,9 +89,11 @@ def prony(
         For numbers out of range, ``moduli`` or ``times`` named.
     """
     if len(moduli) == 0:
-        raise ValueError("moduli: at least one is needed")
+        raise ArgumentError("moduli", "at least one is needed")
     if len(moduli) != len(times):
-        raise ValueError(f"times: {len(times)} of them are not allowed beside {len(moduli)} moduli")
+        raise ArgumentError(
+            "times", f"{len(times)} of them are not allowed beside {len(moduli)} moduli"
+        )
     for index, value in enumerate(moduli):
         positive(value, f"moduli.{index}")
     for index, value in enumerate(times):

@@ -1,24 +1,31 @@
-"""Damping terms and laws of many scenes, along the matrices on which they act."""
+"""Damping terms and relaxation laws of scenes, by the matrices along which they act."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.matrices import dense
+from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.matrices import Form, as_csr, dense, entries, form, is_sparse, scaled
+from fvi_cli.effects.matrix_force import MatrixForce
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.convolution.directions import scale_and_direction
-from fvi_cli.integrator.convolution.kernel import Term
 from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Term
+from fvi_cli.integrator.memory.reach import Reach
+from fvi_cli.mathematics.arrays import Array
 
-LARGEST_EXPONENT = math.nextafter(1.0, 0.0)
 SAME = 1e-14
 """Entries of matrices of the same direction differ by no more than this part."""
+
+DampingForce = FractionalDamping | Law
+Pattern = tuple[tuple[tuple[int, ...], bool], ...]
+"""By direction the places of its terms among a scene's active forces, and whether it is relative.
+
+Relative terms subtract the start velocity: Caputo derivatives of order above 1.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,83 +35,131 @@ class Direction:
     Parameters
     ----------
     matrix
-        D, ``(q, e, e)``.
-    terms, factors
-        What is remembered, and its factors.
-    rate
-        Factor of the velocity itself, for order 1 by Runge-Kutta methods.
+        D with the coefficient of the first term, ``(q, e, e)``; of one large structure
+        ``(r, r)``, in the form in which it is best kept.
+    terms
+        What is remembered, a row for every member, or one for all.
+    factors
+        Coefficients relative to that of the first term, ``(q or 1, n)``.
     is_relative
-        Whether the start velocity is subtracted: Caputo derivatives of order above 1.
+        Whether the start velocity is subtracted.
     """
 
-    matrix: Array
-    terms: tuple[Term, ...]
-    factors: tuple[float, ...]
-    rate: float
+    matrix: Form
+    terms: tuple[tuple[Term, ...], ...]
+    factors: Array
     is_relative: bool
 
-    def of(self, places: Places) -> Direction:
-        """Those of some members."""
-        return replace(self, matrix=self.matrix[places])
+
+def pattern_of(scene: Scene, *, is_separate: bool = False) -> Pattern:
+    """Which terms of a scene share a direction: scenes of one pattern are integrated together.
+
+    Terms whose matrices are multiples of each other share their sums; with `is_separate` none do.
+    """
+    caputo = scene.derivative == "caputo" and bool(np.any(scene.initial_velocity != 0))
+    known: list[tuple[bool, Form, list[int]]] = []
+    for place, force in enumerate(scene.active_forces):
+        is_relative = caputo and isinstance(force, FractionalDamping) and force.order > 1
+        _, direction = scale_and_direction(force)
+        for other, matrix, places in known:
+            if not is_separate and other == is_relative and is_same_direction(matrix, direction):
+                places.append(place)
+                break
+        else:
+            known.append((is_relative, direction, [place]))
+    return tuple((tuple(places), is_relative) for is_relative, _, places in known)
 
 
 def directions_of(
-    scenes: Sequence[Scene], modes: Sequence[Decoupling] | None, *, has_order_one: bool
+    scenes: Sequence[Scene],
+    modes: Sequence[Decoupling] | None = None,
+    reach: Reach | None = None,
+    *,
+    is_separate: bool = False,
 ) -> tuple[Direction, ...]:
-    """Forces of scenes that have as many in the same order.
+    """Directions of scenes of one pattern.
 
     Parameters
     ----------
-    scenes, modes
-        The scenes, and the coordinates in which each falls apart; None: they do not.
-    has_order_one
-        Whether order 1 is one of the terms: for backward differences.
+    scenes
+        The scenes.
+    modes
+        The coordinates in which each falls apart, whose systems are members; None: in none.
+    reach
+        For one scene, what its dampers reach; None: all components.
+    is_separate
+        Whether every damping term and law has a direction of its own.
     """
-    found: list[Direction] = []
-    known: list[tuple[Array, Array]] = []
-    caputo = scenes[0].derivative == "caputo" and any(np.any(s.initial_velocity) for s in scenes)
-    for forces in zip(*[one.active_forces for one in scenes], strict=True):
-        first = forces[0]
-        terms: tuple[Term, ...] = ()
-        rate, is_relative = 0.0, False
-        scales = [scale_and_direction(one) for one in forces]
-        sizes = np.array([scale for scale, _ in scales])
-        if isinstance(first, FractionalDamping):
-            is_relative = caputo and first.order > 1
-            if first.order == 1 and not has_order_one:
-                rate = 1.0
-            else:
-                terms = (min(1.0 - first.order, LARGEST_EXPONENT),)
-        else:
-            terms = (first.kernel,)
-            sizes = sizes * [one.size for one in forces]
-        if modes is None:
-            base = np.array([dense(matrix) for _, matrix in scales])
-        else:
-            pairs = zip(modes, scales, strict=True)
-            base = np.concatenate([mode.matrices(dense(matrix)) for mode, (_, matrix) in pairs])
-        sizes = np.repeat(sizes, len(base) // len(sizes))
-        for place, (other, own) in enumerate(known):
-            ratio = sizes / own
-            same = found[place].is_relative == is_relative and bool(np.all(ratio == ratio[0]))
-            if same and np.allclose(other, base, rtol=SAME, atol=0):
-                one = found[place]
-                found[place] = replace(
-                    one,
-                    terms=one.terms + terms,
-                    factors=one.factors + (float(ratio[0]),) * len(terms),
-                    rate=one.rate + rate * float(ratio[0]),
-                )
-                break
-        else:
-            known.append((base, sizes))
-            found.append(
-                Direction(
-                    matrix=base * sizes[:, None, None],
-                    terms=terms,
-                    factors=(1.0,) * len(terms),
-                    rate=rate,
-                    is_relative=is_relative,
-                )
-            )
-    return tuple(found)
+    return tuple(
+        _direction([[one.active_forces[k] for k in places] for one in scenes], modes, reach, above)
+        for places, above in pattern_of(scenes[0], is_separate=is_separate)
+    )
+
+
+def _direction(
+    forces: Sequence[Sequence[DampingForce]],
+    modes: Sequence[Decoupling] | None,
+    reach: Reach | None,
+    is_relative: bool,
+) -> Direction:
+    """One direction of all scenes; for every scene its terms."""
+    each = 1
+    matrix: Form
+    if reach is not None or is_sparse(forces[0][0].form):
+        matrix = _matrix(forces[0][0], reach)
+    elif modes is None:
+        matrix = np.array([dense(_matrix(own[0], None)) for own in forces])
+    else:
+        pairs = zip(modes, forces, strict=True)
+        matrix = np.concatenate(
+            [mode.matrices(dense(_matrix(own[0], None))) for mode, own in pairs]
+        )
+        each = len(matrix) // len(forces)
+    scales = np.array([[_scale(force) for force in own] for own in forces])
+    factors = np.repeat(scales / scales[:, :1], each, axis=0)
+    terms = [tuple(map(_term, own)) for own in forces for _ in range(each)]
+    return Direction(
+        matrix=matrix,
+        terms=tuple(terms[:1] if len(set(terms)) == 1 else terms),
+        factors=factors[:1] if np.all(factors == factors[0]) else factors,
+        is_relative=is_relative,
+    )
+
+
+def _matrix(force: DampingForce, reach: Reach | None) -> Form:
+    matrix = force.form if reach is None else reach.inner(force)
+    return form(scaled(matrix, force.size) if isinstance(force, Law) else matrix)
+
+
+def _scale(force: DampingForce) -> float:
+    scale, _ = scale_and_direction(force)
+    return scale * force.size if isinstance(force, Law) else scale
+
+
+def _term(force: DampingForce) -> Term:
+    if isinstance(force, Law):
+        return force.kernel
+    return min(1.0 - force.order, LARGEST_EXPONENT)
+
+
+def scale_and_direction(force: MatrixForce) -> tuple[float, Form]:
+    """The coefficient matrix as a number times a matrix whose largest entry is 1."""
+    kept = entries(force.form)
+    scale = float(kept[np.abs(kept).argmax()])
+    return scale, scaled(force.form, 1.0 / scale)
+
+
+def is_same_direction(a: Form, b: Form) -> bool:
+    """Whether two matrices from `scale_and_direction` are one."""
+    if a.shape != b.shape or is_sparse(a) != is_sparse(b):
+        return False
+    if not isinstance(a, np.ndarray):
+        one, other = as_csr(a), as_csr(b)
+        if not (
+            np.array_equal(one.indptr, other.indptr) and np.array_equal(one.indices, other.indices)
+        ):
+            return False
+    return bool(np.allclose(entries(a), entries(b), rtol=SAME, atol=0))
+
+
+__all__ = ["Direction", "Pattern", "directions_of", "pattern_of"]

@@ -10,12 +10,13 @@ from __future__ import annotations
 import copy
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.blocks import longest_block
-from fvi_cli.integrator.engine.directions import directions_of
+from fvi_cli.integrator.engine.damping import damping_of
 from fvi_cli.integrator.engine.frame import Frame, sampling_of, unit_tables
 from fvi_cli.integrator.engine.kinds import law_of, modes_of
 from fvi_cli.integrator.engine.law import Linearisation, force_of
@@ -24,17 +25,13 @@ from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import State, Steps, compensated
 from fvi_cli.integrator.engine.tables import apply, apply_to_each, on_steps
 from fvi_cli.integrator.loads.step_loads import StepLoads
-from fvi_cli.integrator.memory.exponentials import Exponentials
-from fvi_cli.integrator.memory.interface import Memory
-from fvi_cli.integrator.memory.lags import Lags
+from fvi_cli.integrator.memory.interface import along
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 KEPT_TABLES = 128
-LEAST_BLOCK_STEPS = 16
-"""On fewer equal steps by backward differences every sum over the past is written out."""
 LONGEST_GUESS = 1.5
 """The polynomial of a step is continued over a step up to so many times as long."""
 NEVER_SHORTER = 1 << 30
@@ -57,8 +54,8 @@ class Engine:
 
     Attributes
     ----------
-    law, directions, memory
-        The conservative part, damping by direction, and what it remembers.
+    law, damping
+        The conservative part, and all that damps; None: nothing does.
     q, e
         Numbers of members and of components of each.
     """
@@ -82,65 +79,35 @@ class Engine:
         self.v0 = self._members(lambda one: one.initial_velocity)
         self.q, self.e = self.x0.shape
         self.p0 = self.law.momentum(self.x0, self.v0, 0.0)
-        is_bdf = not method.is_runge_kutta
-        self.directions = directions_of(scenes, self.modes, has_order_one=is_bdf)
-        self.terms = tuple(dict.fromkeys(t for one in self.directions for t in one.terms))
-        self.memory = self._memory(shortest_step, steps, n_steps) if self.terms else None
-        self.n_states = self.memory.n_states if self.memory is not None else 0
-        relative = any(one.is_relative for one in self.directions)
-        plain = any(one.terms and not one.is_relative for one in self.directions)
-        self.has_column = relative and (is_bdf or plain)
-        self._starts_relative = relative and not self.has_column
-        self._basis = lobatto_basis(self.tables.degree)
-        self._forget()
-        self.loads_of = [StepLoads(one, method, self.tables) for one in scenes]
-        self._leave_out_first_kick(scene)
-        self.has_loads = any(not one.is_empty for one in self.loads_of)
-        self.is_batch = most is not None
-        self.most = longest_block(self) if most is None else most
-
-    def _forget(self) -> None:
+        self.damping = damping_of(
+            scenes,
+            method,
+            shortest_step=shortest_step,
+            steps=steps,
+            n_steps=n_steps,
+            modes=self.modes,
+        )
+        self.n_states = 0 if self.damping is None else self.damping.n_states
         self._frames: OrderedDict[tuple[float, int], Frame] = OrderedDict()
         self._operators: OrderedDict[tuple[float, int], Operator] = OrderedDict()
         self._of_step: Operator | None = None
         self._of_block: Operator | None = None
+        self.loads_of = [StepLoads(one, method, self.tables) for one in scenes]
+        if n_steps is not None:
+            self._leave_out_jump(scene.final_time / n_steps)
+        self.has_loads = any(not one.is_empty for one in self.loads_of)
+        self.is_batch = most is not None
+        self.most = longest_block(self) if most is None else most
 
-    def _memory(self, shortest_step: float, steps: float | None, n_steps: int | None) -> Memory:
-        final_time = self.scenes[0].final_time
-        if self.method.is_runge_kutta:
-            return Exponentials(
-                self.method,
-                self.terms,
-                shortest_step=shortest_step,
-                final_time=final_time,
-                steps=steps,
-            )
-        if n_steps is None:
-            raise ValueError("n_steps: backward differences take a number of equal steps")
-        return Lags(
-            self.method,
-            self.tables,
-            [one for one in self.terms if isinstance(one, float)],
-            n_steps=n_steps,
-            h=final_time / n_steps,
-            writes_out=n_steps < LEAST_BLOCK_STEPS
-            if self.method.history == "auto"
-            else self.method.history == "direct",
-        )
-
-    def _leave_out_first_kick(self, scene: Scene) -> None:
-        """Samples on the nodes, Riemann-Liouville: the first is without the kick of q0."""
-        nodes = self.method.sampling == "nodes" and scene.derivative == "riemann-liouville"
-        if not nodes or not isinstance(self.memory, Lags):
+    def _leave_out_jump(self, h: float) -> None:
+        """Take the force of the jump to the initial position from that of backward differences."""
+        if self.damping is None or not (force := self.damping.force_of_jump()).size:
             return
-        h = self.memory.h
-        past = self._past(self.frame(h, 1), self.start(), 1)
-        if past is None:
-            return
-        _, forces = self.to_scene(past[:, 0, :1], past[:, 0, :1])
-        weights = self.tables.sample_test_weights[:, 0]
-        for loads, own in zip(self.loads_of, forces[:, 0], strict=True):
-            loads.add(h * np.outer(weights, own)[None])
+        weights = self.tables.sample_test_weights
+        q, n, m, e = force.shape
+        _, scenes = self.to_scene(force.reshape(q, n * m, e), force.reshape(q, n * m, e))
+        for loads, own in zip(self.loads_of, scenes, strict=True):
+            loads.add(h * np.einsum("vm,kmd->kvd", weights, own.reshape(n, m, -1)))
 
     def _members(self, of: Callable[[Scene], Array]) -> Array:
         """Positions or velocities of all scenes as members, ``(q, e)``."""
@@ -151,18 +118,10 @@ class Engine:
 
     def start(self) -> State:
         """The state at t = 0."""
-        q, e, memory = self.q, self.e, self.memory
-        z = np.zeros((q, self.n_states, e))
-        column = np.zeros((1, self.n_states, 1))
-        if self.has_column and memory is not None:
-            column[:] = memory.column_start
-        elif self._starts_relative:
-            z += self.v0[:, None]
-        nodes = self.method.sampling == "nodes"
-        if nodes and self.scenes[0].derivative == "riemann-liouville" and isinstance(memory, Lags):
-            first = np.zeros((q, self.tables.degree, e))
-            first[:, -1] = self.x0 / memory.h
-            z = memory.push(None, z, first, 1)
+        q, e = self.q, self.e
+        z, column = np.zeros((q, 0, e)), np.zeros((1, 0, 1))
+        if self.damping is not None:
+            z, column = self.damping.start()
         return State(
             t=0.0,
             x=self.x0.copy(),
@@ -183,9 +142,7 @@ class Engine:
         key = (h, count)
         if key not in self._frames:
             unit = unit_tables(self.method, count, self.e, self.law.has_rates)
-            self._frames[key] = Frame(
-                self.method, unit, self.memory, self.terms, self.directions, h, count
-            )
+            self._frames[key] = Frame(self.sampling, unit, self.damping, h, count)
             if len(self._frames) > KEPT_TABLES:
                 self._frames.popitem(last=False)
         return self._frames[key]
@@ -197,7 +154,7 @@ class Engine:
             if key not in self._operators:
                 at = self.law.linearise(state.x[:, None], None, 0.0)
                 self._operators[key] = Operator(
-                    self.frame(h, count), at, self.directions, is_linear=True
+                    self.frame(h, count), at, self.damping, is_linear=True
                 )
                 if len(self._operators) > KEPT_TABLES:
                     self._operators.popitem(last=False)
@@ -209,7 +166,7 @@ class Engine:
             state.single, state.single_h = self._at_guess(state, h, guess), h
         known = self._of_step
         if known is None or known.frame.h != h or known.at is not state.single:
-            known = Operator(self.frame(h, 1), state.single, self.directions, is_linear=False)
+            known = Operator(self.frame(h, 1), state.single, self.damping, is_linear=False)
             self._of_step = known
         return known
 
@@ -234,55 +191,21 @@ class Engine:
             state.block, state.stale = fresh, np.zeros_like(state.stale)
         known = self._of_block
         if known is None or (known.frame.h, known.frame.count) != key:
-            known = Operator(self.frame(*key), state.block.copy(), self.directions, is_linear=False)
+            known = Operator(self.frame(*key), state.block.copy(), self.damping, is_linear=False)
             self._of_block = known
         elif (places := known.at.differing(state.block)).size:
-            own = [one.of(places) for one in self.directions]
-            known.put(places, Operator(known.frame, state.block.of(places), own, is_linear=False))
+            fresh, part = state.block.of(places), self.of(places)
+            known.put(places, Operator(known.frame, fresh, part.damping, is_linear=False))
         return known
 
     def guess(self, state: State, h: float) -> Array:
         """U of a step by the polynomial of the last one; uniform motion without one."""
         c = self.tables.control_points[1:]
         if state.unknowns is not None and h <= LONGEST_GUESS * state.h:
-            ratio = h / state.h
-            ahead = self._basis.values(1.0 + ratio * c)[1:].T
-            ahead = (ahead - np.eye(c.size)[-1]) / ratio
+            ahead = _continuation(self.tables.degree, h / state.h)
             return np.asarray(np.matmul(ahead, state.unknowns))
         v = self.law.velocity(state.x, state.p, state.t)
         return np.asarray(c[:, None] * v[:, None])
-
-    def _past(
-        self, frame: Frame, state: State, count: int, *, starts_at_rest: bool = False
-    ) -> Array | None:
-        """Force of the past on `count` steps, ``(q, count, m, e)``; None without damping."""
-        if not self.directions:
-            return None
-        m = self.sampling.to_loads.shape[1]
-        total = np.zeros((state.x.shape[0], count * m, self.e))
-        for one, response, offset in zip(
-            self.directions, frame.response, frame.caputo_offset, strict=True
-        ):
-            force: Array | None = None
-            if one.terms:
-                force = np.matmul(response[: count * m], state.z)
-            if one.is_relative and not starts_at_rest:
-                own = offset[: count * m]
-                if self.has_column:
-                    own = own + response[: count * m] @ state.column[0, :, 0]
-                moved = own[:, None] * self.v0[:, None]
-                force = moved if force is None else force + moved
-            if force is not None:
-                total += force_of(one.matrix, force)
-        return total.reshape(-1, count, m, self.e)
-
-    def _own_force(self, frame: Frame, inputs: Array, count: int) -> Array:
-        """Force of the block's own inputs, ``(q, count, m, e)``."""
-        m = count * self.sampling.to_loads.shape[1]
-        total = np.zeros((len(inputs), m, self.e))
-        for one, local in zip(self.directions, frame.local, strict=True):
-            total += force_of(one.matrix, np.matmul(local[:m, : inputs.shape[1]], inputs))
-        return total.reshape(len(inputs), count, -1, self.e)
 
     def solve(
         self,
@@ -313,8 +236,13 @@ class Engine:
         op = self.operator(state, h, most, guess)
         frame, e, s = op.frame, self.e, self.tables.degree
         q = state.x.shape[0]
-        past = self._past(frame, state, count, starts_at_rest=starts_at_rest)
-        known = np.zeros((q, count, s + 1, e)) if past is None else on_steps(frame.to_loads, past)
+        known = np.zeros((q, count, s + 1, e))
+        damping = self.damping
+        if starts_at_rest and damping is not None:
+            damping = damping.at_rest()
+        if damping is not None and frame.damping is not None:
+            past = damping.past(frame.damping, state.z, state.column, count)
+            known = on_steps(frame.to_loads, past.reshape(q, count, -1, e))
         if loads is not None:
             known = known - loads
         n, c = count * s * e, count * (s + 1) * e
@@ -329,17 +257,17 @@ class Engine:
             on_steps(self.sampling.to_inputs, u) if self.method.is_runge_kutta else u
         ).reshape(q, -1, e)
         change = -known.sum(axis=2)
-        if self.directions:
-            own = self._own_force(frame, inputs, count)
-            change = change - on_steps(frame.to_loads.sum(axis=0)[None], own)[:, :, 0]
+        z = state.z
+        if damping is not None and frame.damping is not None:
+            for kicks, one in zip(frame.kicks, damping.combinations, strict=True):
+                kick = np.matmul(kicks[:, :count, : inputs.shape[1]], inputs)
+                change = change - along(kick, one.matrix)
+            z = damping.push(frame.damping, state.z, inputs, count)
         moved = h * np.cumsum(u[:, :, -1], axis=1)
         if solution is None:
             change = change - self._pulled(op, state, u, moved)
         else:
             change = change + self._kicked(op, solution, count)
-        z = state.z
-        if self.memory is not None and frame.kernels is not None:
-            z = self.memory.push(frame.kernels, state.z, inputs, count)
         return Steps(
             h=h,
             count=count,
@@ -375,7 +303,7 @@ class Engine:
         """Go to the end of solved steps."""
         state.x, state.x_lost = compensated(state.x, state.x_lost, steps.dx[:, -1])
         state.p, state.p_lost = compensated(state.p, state.p_lost, steps.dp[:, -1])
-        if self.has_column:
+        if self.damping is not None and self.damping.has_column:
             state.column = self.pushed_column(state.column, steps.h, steps.count)
         state.z = steps.z
         state.unknowns, state.h, state.t = steps.unknowns[:, -1], steps.h, end
@@ -386,13 +314,10 @@ class Engine:
 
     def pushed_column(self, column: Array, h: float, count: int) -> Array:
         """States of the start velocity behind `count` steps."""
-        memory, frame = self.memory, self._kept_frame(h, count)
-        if memory is None or frame.kernels is None:
+        tables = self._kept_frame(h, count).damping
+        if self.damping is None or tables is None:
             return column
-        inputs = np.zeros((1, count * len(self.sampling.to_inputs), 1))
-        if memory.column is not None:
-            inputs[0, :, 0] = np.tile(memory.column, count)
-        return memory.push(frame.kernels, column, inputs, count)
+        return self.damping.push_column(tables, column, count)
 
     def _kept_frame(self, h: float, count: int) -> Frame:
         whole = self._frames.get((h, self.most))
@@ -404,8 +329,10 @@ class Engine:
             return self
         part = copy.copy(self)
         part.law = self.law.of(places)
-        part.directions = tuple(one.of(places) for one in self.directions)
-        part.q, part.v0 = len(places), self.v0[places]
+        part.damping = None if self.damping is None else self.damping.of(places)
+        part.q = len(places)
+        if self.damping is not None and not self.damping.is_shared:
+            part._frames = OrderedDict()
         part._of_step = None
         part._of_block = None if self._of_block is None else self._of_block.of(places)
         return part
@@ -435,3 +362,11 @@ class Engine:
             np.array([m.scene_positions(x[i * k : i * k + k]) for i, m in enumerate(self.modes)]),
             np.array([m.scene_forces(p[i * k : i * k + k]) for i, m in enumerate(self.modes)]),
         )
+
+
+@lru_cache(maxsize=1024)
+def _continuation(degree: int, ratio: float) -> Array:
+    """U of a step that is so many times as long as the one before from U of that, ``(s, s)``."""
+    basis = lobatto_basis(degree)
+    ahead = basis.values(1.0 + ratio * basis.control_points[1:])[1:].T
+    return np.asarray((ahead - np.eye(degree)[-1]) / ratio)

@@ -8,21 +8,17 @@ before it in the same block, so that tables are lag sequences
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 
-from fvi_cli.integrator.convolution.kernel import Term
-from fvi_cli.integrator.engine.directions import Direction
+from fvi_cli.integrator.engine.damping import Damping
 from fvi_cli.integrator.engine.tables import (
     constant_lags,
     expand,
-    on_components,
-    unit_matrix,
+    on_every_component,
 )
-from fvi_cli.integrator.memory.interface import Memory
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import Array
@@ -115,7 +111,11 @@ class UnitTables:
     def points(self) -> tuple[Array, ...]:
         """U to displacements, and to velocities where there are rates, ``(1, B r w, B s e)``."""
         rows = [self.displacement, self.velocity] if self.has_rates else [self.displacement]
-        return tuple(expand(self._placed(one, index, 2)) for index, one in enumerate(rows))
+        found = []
+        for index, one in enumerate(rows):
+            placed = self._among(one, index, axis=2).reshape(len(one), -1, one.shape[2])
+            found.append(expand(on_every_component(placed, self.components))[None])
+        return tuple(found)
 
     @cached_property
     def tests(self) -> tuple[Array, ...]:
@@ -126,15 +126,17 @@ class UnitTables:
             # remainders of momenta change no momentum
             rate_test[-1] = -rate_test[:-1].sum(axis=0)
             columns = [rate_test, self.tables.test_weights]
-        return tuple(self._placed(one[None], index, 3)[0, 0] for index, one in enumerate(columns))
+        found = []
+        for index, one in enumerate(columns):
+            placed = self._among(one, index, axis=2).reshape(len(one), -1)
+            found.append(on_every_component(placed, self.components))
+        return tuple(found)
 
-    def _placed(self, table: Array, index: int, axis: int) -> Array:
+    def _among(self, table: Array, index: int, axis: int) -> Array:
         """A table of (displacement, velocity) or (momentum, force) among both of each point."""
         slots = 2 if self.has_rates else 1
         parts = [table if one == index else np.zeros_like(table) for one in range(slots)]
-        whole = np.stack(parts, axis=axis)
-        shape = (len(whole), -1, table.shape[2]) if axis == 2 else (*table.shape[:2], -1)
-        return on_components(whole.reshape(shape), unit_matrix(self.components))
+        return np.stack(parts, axis=axis)
 
 
 @lru_cache(maxsize=64)
@@ -155,69 +157,60 @@ def unit_tables(method: Method, count: int, components: int, has_rates: bool) ->
 class Frame:
     """Tables of B steps of length h.
 
+    Parameters
+    ----------
+    unit, damping
+        Tables of steps of length 1, and what damps; None: nothing does.
+    h, count
+        Length and number of the steps.
+
     Attributes
     ----------
-    to_loads, test_sum
-        Damping forces, and a force of 1, to load vectors: ``(s + 1, m)``, ``(s + 1,)``.
+    to_loads, weights, test_sum
+        Damping forces to load vectors of their step, ``(s + 1, m)``, and to its momentum, ``(m,)``;
+        a force of 1 to load vectors, ``(s + 1,)``.
     displacement, stiff
         U to displacements, a lag sequence ``(B, r, s)``; by the stiffness within a step.
-    kernels
-        Of the memory; None without one.
-    damp, local, lags, response
-        For every direction: U to the equations of a step ``(s, s)``, inputs to forces
-        ``(B m, B i)``, inputs of the steps before, the latest last, to the forces of a step
-        ``(m, (B - 1) i)``, and states to forces ``(B m, J)``.
-    caputo_offset
-        For every direction that acts relative to the start velocity, the force of a start velocity
-        of 1 that its own steps bring, ``(B m,)``; zero for others.
+    damping
+        Tables of the memory; None without damping.
+    damp
+        For every direction U to the equations of a step, ``(q or 1, s, s)``.
     """
 
     def __init__(
-        self,
-        method: Method,
-        unit: UnitTables,
-        memory: Memory | None,
-        terms: Sequence[Term],
-        directions: Sequence[Direction],
-        h: float,
-        count: int,
+        self, sampling: Sampling, unit: UnitTables, damping: Damping | None, h: float, count: int
     ) -> None:
-        sampling = sampling_of(method)
         self.h, self.count, self.unit, self.tables = h, count, unit, unit.tables
         self.sampling = sampling
         self.to_loads, self.test_sum = h * sampling.to_loads, h * unit.test_sum
+        self.weights = self.to_loads.sum(axis=0)
         self.displacement, self.stiff = h * unit.displacement, h * h * unit.stiff
-        self.kernels = k = None if memory is None else memory.kernels(h, count)
-        m, i = sampling.to_loads.shape[1], sampling.to_inputs.shape[0]
-        self.damp: list[Array] = []
-        self.local: list[Array] = []
-        self.lags: list[Array] = []
-        self.response: list[Array] = []
-        self.caputo_offset: list[Array] = []
-        for one in directions:
-            table = np.zeros((count, m, i))
-            if one.rate:
-                table[0] += one.rate * np.eye(m, i)
-            response = np.zeros((count * m, 0 if k is None else k.response.shape[2]))
-            for term, factor in zip(one.terms, one.factors, strict=True):
-                if k is None:
-                    raise ValueError("terms: there is no memory for them")
-                place = terms.index(term)
-                table[0] += factor * k.local[place]
-                table[1:] += factor * k.lags[place]
-                response += factor * k.response[place]
-            self.damp.append(h * (sampling.to_loads[:-1] @ table[0] @ sampling.to_inputs))
-            self.lags.append(table[:0:-1].transpose(1, 0, 2).reshape(m, -1))
-            self.response.append(response)
-            self.local.append(expand(table))
-            offset = np.zeros(count * m)
-            if one.is_relative and memory is not None:
-                if memory.column is None:
-                    own = table[0].sum(axis=1) + response[:m].sum(axis=1)
-                    offset = np.tile(-own, count)
-                else:
-                    offset = self.local[-1] @ np.tile(memory.column, count)
-            self.caputo_offset.append(offset)
+        self.damping = None if damping is None else damping.tables(h, count)
+        self.sequences = () if self.damping is None else self.damping.sequences
+        test, drive = self.to_loads[:-1], sampling.to_inputs
+        self.damp = [test @ one[:, 0] @ drive for one in self.sequences]
+
+    @cached_property
+    def local(self) -> list[Array]:
+        """For every direction inputs to forces, ``(q or 1, B m, B i)``."""
+        return [expand(one) for one in self.sequences]
+
+    @cached_property
+    def kicks(self) -> list[Array]:
+        """For every direction inputs to changes of momentum, ``(q or 1, B, B i)``."""
+        return [expand(np.matmul(self.weights, one)[:, :, None]) for one in self.sequences]
+
+    @cached_property
+    def lags(self) -> list[Array]:
+        """For every direction inputs of the steps before, the latest last, to forces of a step.
+
+        Shape ``(q or 1, m, (B - 1) i)``.
+        """
+        found = []
+        for one in self.sequences:
+            later = one[:, :0:-1].transpose(0, 2, 1, 3)
+            found.append(later.reshape(*later.shape[:2], -1))
+        return found
 
     @cached_property
     def points(self) -> Array:

@@ -87,13 +87,14 @@ class Newton:
 
     def _largest(self, values: Array) -> Array:
         """Of every component over all points, ``(q, w)``."""
-        return np.asarray(np.abs(values).reshape(self.q, self.n, self.width).max(axis=1))
+        found = np.abs(values).reshape(self.q, self.n, self.width)
+        return np.asarray(np.maximum.reduce(found, axis=1))
 
     def run(self) -> Solution:
         """Iterate until every member and every component has come to rest by itself."""
         engine, state, q = self.engine, self.state, self.q
         points, rest = self._first()
-        live, failed = state.live.copy(), np.zeros(q, dtype=bool)
+        live, failed = state.live, np.zeros(q, dtype=bool)
         iterations = np.zeros(q, dtype=np.int64)
         everyone, done = bool(live.all()), ~live
         floor: Array | None = None
@@ -119,14 +120,15 @@ class Newton:
                 continue
             # the next change would be change^2 / before
             good = change * change <= limit * before
-            if renewed is None and good.all():
-                done = np.ones(q, dtype=bool)
-                break
+            if renewed is None:
+                if good.all():
+                    done = np.ones(q, dtype=bool)
+                    break
+                is_quick = everyone and bool((change <= SLOW * before).all())
+                if is_quick and (q == 1 or not good.all(axis=1).any()):
+                    before = change
+                    continue
             slow = ~(change <= SLOW * before)
-            whole: Mask = np.asarray(good.all(axis=1))
-            if everyone and renewed is None and not slow.any() and not whole.any():
-                before = change
-                continue
             if renewed is not None:
                 good[renewed], slow[renewed] = False, ~np.isfinite(change[renewed])
                 renewed = None
@@ -146,10 +148,10 @@ class Newton:
                     renewed = np.flatnonzero(stuck & ~hopeless)
                     self._renew(renewed, points)
                 failed |= hopeless
-                live &= ~hopeless
+                live = live & ~hopeless
                 everyone = False
             if done.any():
-                live &= ~done
+                live = live & ~done
                 everyone = False
             if not (everyone or live.any()):
                 break
@@ -182,8 +184,8 @@ class Newton:
         v = at[..., e:] if engine.law.has_rates else None
         x = self.state.x[:, None] + at[..., :e]
         fresh = engine.law.linearise(x, v, self.times, per_point=True).of(places)
-        own = [one.of(places) for one in engine.directions]
-        op.put(places, Operator(op.frame, fresh, own, is_linear=False))
+        damping = None if engine.damping is None else engine.damping.of(places)
+        op.put(places, Operator(op.frame, fresh, damping, is_linear=False))
         self.fixed = self.fixed.copy()
         begin = np.concatenate([self.state.x, self.state.p], axis=1)[places]
         self.fixed[places] = apply(op.start[places], begin)

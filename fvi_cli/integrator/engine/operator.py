@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fvi_cli.integrator.engine.directions import Direction
+from fvi_cli.integrator.engine.damping import Damping
 from fvi_cli.integrator.engine.frame import Frame, UnitTables
 from fvi_cli.integrator.engine.law import Linearisation
-from fvi_cli.integrator.engine.tables import expand, on_components, on_members, on_points
+from fvi_cli.integrator.engine.tables import expand, on_components, on_points
 from fvi_cli.mathematics.arrays import Array, Places
 
 
@@ -23,56 +23,69 @@ class Operator:
 
     where :math:`\rho` are remainders of the law at the points, ``points`` U are these points, and
     ``fold`` is the product of ``points`` and ``by_rest``. Where there is a law with remainders,
-    displacements are from the beginning of the block, so that x itself has no part.
+    displacements are from the beginning of the block, so that x itself has no part. The equations
+    of a member without a unique solution give nan.
 
     Parameters
     ----------
-    frame, at, directions
+    frame, at, damping
         Tables, second derivatives and damping of the members.
     is_linear
         Whether there are no remainders.
 
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the equations of a member have no unique solution.
+    Attributes
+    ----------
+    by_load, start
+        Shapes ``(q, B s e, B (s + 1) e)`` and ``(q, B s e, 2 e)``.
+    by_rest, fold, points
+        Shapes ``(q, B s e, B r w)``, ``(q, B r w, B r w)`` and ``(1, B r w, B s e)``.
+    singular
+        Members whose equations have no unique solution, ``(q,)``.
     """
 
     by_rest: Array
     fold: Array
+    by_load: Array
+    start: Array
 
     def __init__(
-        self, frame: Frame, at: Linearisation, directions: Sequence[Direction], *, is_linear: bool
+        self, frame: Frame, at: Linearisation, damping: Damping | None, *, is_linear: bool
     ) -> None:
         self.frame, self.at, self.is_linear = frame, at, is_linear
-        matrix = step_matrix(frame.unit, at, frame.h, frame.damp, directions)
-        inverse: Array = np.asarray(np.linalg.inv(matrix))
-        if frame.count > 1:
-            self._by_impulses(inverse, directions)
-        else:
-            self._of_one_step(inverse)
+        directions = () if damping is None else damping.combinations
+        self._matrices = [np.asarray(one.matrix) for one in directions]
+        matrix = step_matrix(frame.unit, at, frame.h, frame.damp, self._matrices)
+        inverse = _inverse(matrix)
+        self.singular = np.isnan(inverse[:, 0, 0])
+        if self.singular.any():
+            self.singular &= np.isfinite(matrix).all(axis=(1, 2))
+        loads = self._by_impulses(inverse) if frame.count > 1 else self._of_one_step(inverse)
+        self.by_load = expand(loads)
         if not is_linear:
             self.points = frame.points
-            self.by_rest = expand(np.matmul(self._loads, frame.tests))
+            self.by_rest = expand(np.matmul(loads, frame.tests))
             self.fold = np.matmul(self.points, self.by_rest)
 
-    def _of_one_step(self, inverse: Array) -> None:
+    def _of_one_step(self, inverse: Array) -> Array:
+        """Responses to unit loads ``(q, 1, s e, (s + 1) e)``; sets `start`."""
         q, n, _ = inverse.shape
         k = self.at.stiffness
         e = k.shape[-1]
-        self._loads = np.zeros((q, 1, n, n + e))
-        self._loads[:, 0, :, :n] = -inverse
-        self.by_load = self._loads[:, 0]
+        loads = np.zeros((q, 1, n, n + e))
+        loads[:, 0, :, :n] = -inverse
         self.start = np.zeros((q, n, 2 * e))
         self.start[:, :, e:] = -inverse[:, :, :e]
         if self.is_linear:
-            self.start[:, :, :e] = inverse @ on_components(self.frame.test_sum[:-1, None], k)
+            pulled = on_components(self.frame.test_sum[None, :-1, None], k)
+            self.start[:, :, :e] = np.matmul(inverse, pulled)
+        return loads
 
-    def _by_impulses(self, inverse: Array, directions: Sequence[Direction]) -> None:
-        """Step by step for unit loads in the first step and unit position and momentum before it.
+    def _by_impulses(self, inverse: Array) -> Array:
+        """Responses ``(q, B, s e, (s + 1) e)`` to unit loads in the first step; sets `start`.
 
-        The inverse of the whole block loses digits like (B omega h)^3 where modes are stiff. Here
-        position and momentum go along, and K acts on where the position is.
+        Step by step, with the unit position and momentum at its beginning beside them. The inverse
+        of the whole block loses digits like (B omega h)^3 where modes are stiff; here position and
+        momentum go along, and K acts on where the position is.
         """
         f, k = self.frame, self.at.stiffness
         h, count, s = f.h, f.count, f.tables.degree
@@ -82,21 +95,22 @@ class Operator:
         given = unit[: (s + 1) * e].reshape(-1, e, width)
         x = np.broadcast_to(unit[(s + 1) * e : -e] * self.is_linear, (q, e, width)).copy()
         p = np.broadcast_to(unit[-e:], (q, e, width)).copy()
-        weights = f.to_loads.sum(axis=0)
+        weights, m = f.weights, f.weights.size
         to_mean = (h * f.tables.weights)[None] @ f.displacement[0]
         to_inputs = f.sampling.to_inputs
         i = len(to_inputs)
         every = np.empty((q, count, s * e, width))
         inputs = np.empty((q, count * i, e * width))
+        local = [one[:, 0] for one in f.sequences]
         for n in range(count):
             pulled = np.matmul(k, x)
             right = f.test_sum[:-1, None, None] * pulled[:, None]
-            force = np.zeros((q, weights.size, e, width))
+            force = np.zeros((q, m, e, width))
             if n:
-                for lags, one in zip(f.lags, directions, strict=True):
-                    own = np.matmul(lags[:, (count - 1 - n) * i :], inputs[:, : n * i])
-                    force += np.matmul(one.matrix[:, None], own.reshape(q, -1, e, width))
-                carried = np.matmul(f.to_loads[:-1], force.reshape(q, -1, e * width))
+                for lags, matrix in zip(f.lags, self._matrices, strict=True):
+                    own = np.matmul(lags[:, :, (count - 1 - n) * i :], inputs[:, : n * i])
+                    force += np.matmul(matrix[:, None], own.reshape(q, m, e, width))
+                carried = np.matmul(f.to_loads[:-1], force.reshape(q, m, e * width))
                 right = right + carried.reshape(right.shape)
             else:
                 right = right - given[:-1]
@@ -104,31 +118,30 @@ class Operator:
             every[:, n] = np.matmul(inverse, right.reshape(q, s * e, width))
             u = every[:, n].reshape(q, s, e * width)
             own = inputs[:, n * i : (n + 1) * i] = np.matmul(to_inputs, u)
-            for local, one in zip(f.local, directions, strict=True):
-                part = np.matmul(local[: weights.size, :i], own).reshape(q, -1, e, width)
-                force += np.matmul(one.matrix[:, None], part)
+            for first, matrix in zip(local, self._matrices, strict=True):
+                part = np.matmul(first, own).reshape(q, m, e, width)
+                force += np.matmul(matrix[:, None], part)
             bent = np.matmul(k, np.matmul(to_mean, u).reshape(q, e, width))
-            lost = np.matmul(weights, force.reshape(q, -1, e * width)).reshape(p.shape)
+            lost = np.matmul(weights, force.reshape(q, m, e * width)).reshape(p.shape)
             p = p - (lost + (h * pulled + bent))
             if n == 0:
                 p = p + given.sum(axis=0)
             x = x + h * u[:, -1].reshape(x.shape)
         loads = (s + 1) * e
-        self._loads = np.ascontiguousarray(every[..., :loads])
         self.start = np.ascontiguousarray(every[..., loads:]).reshape(q, -1, 2 * e)
-        self.by_load = expand(self._loads)
+        return np.ascontiguousarray(every[..., :loads])
 
     def of(self, places: Places) -> Operator:
         """That of some members, with arrays of its own."""
         part = copy.copy(self)
         part.at = self.at.of(places)
-        for name in ("by_load", "start", "by_rest", "fold"):
+        for name in ("by_load", "start", "by_rest", "fold", "singular"):
             setattr(part, name, getattr(self, name)[places])
         return part
 
     def put(self, places: Places, other: Operator) -> None:
         """Take the tables of `other` for some members."""
-        for name in ("by_load", "start", "by_rest", "fold"):
+        for name in ("by_load", "start", "by_rest", "fold", "singular"):
             getattr(self, name)[places] = getattr(other, name)
         self.at.put(places, other.at)
 
@@ -138,28 +151,42 @@ def step_matrix(
     at: Linearisation,
     h: float | Array,
     damp: Sequence[Array],
-    directions: Sequence[Direction],
+    matrices: Sequence[Array],
 ) -> Array:
     """The matrix of the equations of one step, ``(q, s e, s e)``.
 
     Parameters
     ----------
-    unit, at, directions
-        Tables of a step of length 1, second derivatives and damping of the members.
-    h, damp
-        Length of the step, and U to its equations by every direction, ``(s, s)``; where members
-        have steps of their own ``(q, 1, 1)`` and ``(q, s, s)``.
+    unit, at
+        Tables of a step of length 1, and second derivatives of the members.
+    h
+        Length of the step; where members have steps of their own ``(q, 1, 1)``.
+    damp, matrices
+        For every direction U to the equations of the step, ``(q or 1, s, s)``, and D.
     """
     m, c, k = at
     if k.ndim == 4:
         by_mass, by_mixed, by_transposed, by_stiffness = unit.pairs
-        matrix = on_points(by_mass, m) if m.ndim == 4 else on_components(unit.mass, m)
+        matrix = on_points(by_mass, m) if m.ndim == 4 else on_components(unit.mass[None], m)
         matrix = matrix - h * h * on_points(by_stiffness, k)
         if c is not None:
             matrix += h * (on_points(by_mixed, c) + on_points(by_transposed, c.swapaxes(2, 3)))
     else:
-        matrix = on_components(unit.mass, m) - h * h * on_components(unit.stiff, k)
-    for table, one in zip(damp, directions, strict=True):
-        whole = on_components if table.ndim == 2 else on_members
-        matrix = matrix - whole(table, one.matrix)
-    return matrix
+        matrix = on_components(unit.mass[None], m) - h * h * on_components(unit.stiff[None], k)
+    for table, direction in zip(damp, matrices, strict=True):
+        matrix = matrix - on_components(table, direction)
+    return np.asarray(matrix)
+
+
+def _inverse(matrices: Array) -> Array:
+    """Inverses; nan for members whose matrix has none."""
+    try:
+        return np.asarray(np.linalg.inv(matrices))
+    except np.linalg.LinAlgError:
+        found = np.full(matrices.shape, np.nan)
+        for own, matrix in zip(found, matrices, strict=True):
+            try:
+                own[:] = np.linalg.inv(matrix)
+            except np.linalg.LinAlgError:
+                continue
+        return found

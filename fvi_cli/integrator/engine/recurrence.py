@@ -44,8 +44,8 @@ class Recurrence:
         self._inputs = found.inputs.reshape(n, -1)
         self._change = np.zeros((n, n))
         self._change[: self.held] = self._behind(found.inputs).T
-        if engine.memory is not None and self.frame.kernels is not None:
-            whole = engine.memory.change_of_all(self.frame.kernels, count)
+        if self.frame.damping is not None:
+            whole = self.frame.damping.kernels.change_of_all(count)
             self._change[: self.held, : self.held] += np.kron(whole, np.eye(e))
         self._change[self.held : self.held + e] = found.dx[:, -1].T
         self._change[self.held + e :] = found.dp[:, -1].T
@@ -86,10 +86,10 @@ class Recurrence:
     def _behind(self, inputs: Array) -> Array:
         """States behind a block that begins without a past, ``(n, J e)``."""
         engine = self.engine
-        if engine.memory is None or self.frame.kernels is None:
+        if self.frame.damping is None:
             return np.zeros((len(inputs), 0))
         zero = np.zeros((len(inputs), engine.n_states, engine.e))
-        found = engine.memory.push(self.frame.kernels, zero, inputs, self.count)
+        found = self.frame.damping.kernels.push(zero, inputs, self.count)
         return found.reshape(len(inputs), -1)
 
     @cached_property
@@ -150,22 +150,20 @@ class Recurrence:
 
     def _known(self, state: State, blocks: int, loads: Array | None) -> Array | None:
         """Load vectors of all blocks with those of a start velocity, ``(blocks, B (s + 1) e)``."""
-        engine, count = self.engine, self.count
-        relative = [index for index, one in enumerate(engine.directions) if one.is_relative]
-        if loads is None and not relative:
+        engine, count, damping = self.engine, self.count, self.engine.damping
+        tables = self.frame.damping
+        is_relative = damping is not None and any(one.is_relative for one in damping.directions)
+        if loads is None and not is_relative:
             return None
         flat = np.zeros((blocks, count, engine.tables.degree + 1, engine.e))
         if loads is not None:
             flat += loads[0].reshape(flat.shape)
-        columns = np.zeros((1, engine.n_states))
-        if relative and engine.has_column:
-            columns = np.empty((blocks, engine.n_states))
+        if damping is not None and tables is not None and is_relative:
+            nothing = np.zeros((1, engine.n_states, engine.e))
+            force = damping.past(tables, nothing, state.column, count)
             for index in range(blocks):
-                columns[index] = state.column[0, :, 0]
-                state.column = engine.pushed_column(state.column, self.h, count)
-        for index in relative:
-            own = columns @ self.frame.response[index].T
-            own = own + self.frame.caputo_offset[index]
-            force = own.reshape(len(columns), count, -1) @ self.frame.to_loads.T
-            flat -= force[..., None] * (engine.v0 @ engine.directions[index].matrix[0])
+                if damping.has_column and index:
+                    force = damping.past(tables, nothing, state.column, count)
+                flat[index] -= self.frame.to_loads @ force.reshape(count, -1, engine.e)
+                state.column = damping.push_column(tables, state.column, count)
         return flat.reshape(blocks, -1)

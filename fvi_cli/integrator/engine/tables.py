@@ -6,8 +6,6 @@ matrix ``(..., B a, B b)``; that of fewer steps is a leading slice of it.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
@@ -33,34 +31,24 @@ def constant_lags(first: Array, later: Array, count: int) -> Array:
     return found
 
 
-@lru_cache(maxsize=64)
-def unit_matrix(components: int) -> Array:
-    """The unit matrix as that of one member, ``(1, e, e)``."""
-    found = np.eye(components)[None]
-    found.setflags(write=False)
-    return found
-
-
-def on_components(table: Array, matrices: Array) -> Array:
-    """Kronecker products of ``(..., a, b)`` and ``(q, e, e)``, ``(q, ..., a e, b e)``."""
-    *lead, a, b = table.shape
-    q, e, _ = matrices.shape
-    if e == 1:
-        return np.asarray(table * matrices.reshape(q, *(1,) * table.ndim))
-    if matrices is unit_matrix(e):
-        found = np.zeros((*lead, a, e, b, e))
-        for i in range(e):
-            found[..., i, :, i] = table
-        return found.reshape(1, *lead, a * e, b * e)
-    found = np.einsum("...ab,qxy->q...axby", table, matrices)
-    return np.asarray(found.reshape(q, *lead, a * e, b * e))
-
-
-def on_members(tables: Array, matrices: Array) -> Array:
+def on_components(tables: Array, matrices: Array) -> Array:
     """Kronecker products of ``(q or 1, a, b)`` and ``(q or 1, e, e)``, ``(q, a e, b e)``."""
-    (_, a, b), e = tables.shape, matrices.shape[-1]
-    found = tables[:, :, None, :, None] * matrices[:, None, :, None, :]
-    return np.asarray(found.reshape(-1, a * e, b * e))
+    _, a, b = tables.shape
+    e = matrices.shape[-1]
+    if e == 1:
+        return np.asarray(tables * matrices)
+    whole = tables[:, :, None, :, None] * matrices[:, None, :, None, :]
+    return np.asarray(whole.reshape(-1, a * e, b * e))
+
+
+def on_every_component(table: Array, components: int) -> Array:
+    """The table for each component by itself, ``(..., a, b)`` to ``(..., a e, b e)``."""
+    *lead, a, b = table.shape
+    e = components
+    found = np.zeros((*lead, a, e, b, e))
+    for i in range(e):
+        found[..., i, :, i] = table
+    return found.reshape(*lead, a * e, b * e)
 
 
 def apply(matrices: Array, vectors: Array) -> Array:

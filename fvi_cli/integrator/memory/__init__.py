@@ -1,1 +1,1 @@
-"""What damping remembers of the past."""
+"""The memory of dampers: sums of exponentials, backward differences, and the force of the past."""

@@ -1,20 +1,95 @@
-"""The memory of Runge-Kutta methods: states s' = x (v - s) by the method itself."""
+r"""The memory of Runge-Kutta methods on any mesh: sums of exponentials.
+
+With :math:`\theta = 1 - \gamma` the force of a term at the stages of a step is
+
+.. math:: F_n = h_n^{\theta} A^{\theta} V_n + \sum_j w_j (1 + h_n x_j A)^{-1} 1\, s_{n,j},
+
+and the states follow :math:`s_j' = x_j (v - s_j)` by the method itself
+(:mod:`fvi_cli.integrator.memory.kernel`). Terms differ in their weights w alone: one table of a
+step size serves all terms, and all members of a batch whatever their orders are.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from fvi_cli.integrator.convolution.kernel import Term, power_kernel
-from fvi_cli.integrator.convolution.stages import BlockKernel, StageOperator
-from fvi_cli.integrator.memory.interface import Kernels
+from fvi_cli.integrator.memory.interface import Combination, Kernels, along
+from fvi_cli.integrator.memory.kernel import Kernel, Term, power_kernel
+from fvi_cli.integrator.memory.stages import StageExponentials, StageOperator
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.runge_kutta import tableau
 
-ACCURACY = 1e-14
-"""Of the sums of exponentials, relative to the weights of the past."""
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExponentialKernels(Kernels):
+    """What B equal steps are to sums of exponentials.
+
+    Parameters
+    ----------
+    step
+        Exponentials over one of the steps.
+    response
+        Values at the stages of the block of states that begin with 1, ``(B m, J)``.
+    intake
+        What the inputs of the block add to the states at its end, ``(J, B m)``.
+    """
+
+    step: StageExponentials
+    response: Array
+    intake: Array
+
+    @cached_property
+    def change(self) -> Array:
+        """Change of undriven states over the block, ``(J,)``."""
+        return self.step.changes(self.count)
+
+    def past(
+        self, states: Sequence[Array], combinations: Sequence[Combination], count: int
+    ) -> Array:
+        """Force of the past on the first `count` steps: all directions in one product."""
+        weighted = [
+            along(one.weights[:, :, None] * own, one.matrix)
+            for own, one in zip(states, combinations, strict=True)
+        ]
+        total = weighted[0]
+        for own in weighted[1:]:
+            total = total + own
+        return np.asarray(np.matmul(self.response[: count * self.n_samples], total))
+
+    def past_transposed(
+        self, force: Array, combinations: Sequence[Combination], count: int
+    ) -> list[Array]:
+        """From weights of forces to those of states; the matrices are symmetric."""
+        carried = np.matmul(self.response[: count * self.n_samples].T, force)
+        return [one.weights[:, :, None] * along(carried, one.matrix) for one in combinations]
+
+    def push(self, states: Array, inputs: Array, count: int) -> Array:
+        """States behind the first `count` steps."""
+        change, intake = self._of_first(count)
+        found = change[:, None] * states
+        found += np.matmul(intake, inputs)
+        found += states
+        return np.asarray(found)
+
+    def pull(self, states: Array, count: int) -> tuple[Array, Array]:
+        """From weights of the states behind steps to those before, and to those of the inputs."""
+        change, intake = self._of_first(count)
+        return states + change[:, None] * states, np.matmul(intake.T, states)
+
+    def change_of_all(self, count: int) -> Array:
+        """A diagonal matrix."""
+        return np.diag(self._of_first(count)[0])
+
+    def _of_first(self, count: int) -> tuple[Array, Array]:
+        """Change and intake of the first `count` steps."""
+        if count == self.count:
+            return self.change, self.intake
+        return self.step.changes(count), self.intake[:, (self.count - count) * self.n_inputs :]
 
 
 class Exponentials:
@@ -23,9 +98,15 @@ class Exponentials:
     Parameters
     ----------
     method, terms
-        A Runge-Kutta method, and what is remembered; at least one.
+        A Runge-Kutta method, and what is remembered, each once. The power 0, a damper of order 1,
+        acts on the velocity itself and needs no states.
     shortest_step, final_time, steps
-        As for :func:`fvi_cli.integrator.convolution.kernel.power_kernel`.
+        As for :func:`fvi_cli.integrator.memory.kernel.power_kernel`.
+
+    Attributes
+    ----------
+    kernel
+        Rates and weights; None where no term remembers anything.
     """
 
     column: Array | None = None
@@ -41,46 +122,52 @@ class Exponentials:
         steps: float | None,
     ) -> None:
         self._operator = StageOperator(tableau=tableau(method.cq, method.stages))
-        self._terms, self._inputs = terms, method.stages
-        self.kernel = power_kernel(
-            terms,
-            shortest_step=shortest_step,
-            final_time=final_time,
-            stages=method.stages,
-            steps=steps,
-            accuracy=ACCURACY,
+        self.terms = tuple(terms)
+        self.kernel: Kernel | None = None
+        if any(map(self.remembers, self.terms)):
+            self.kernel = power_kernel(
+                self.terms,
+                shortest_step=shortest_step,
+                final_time=final_time,
+                stages=method.stages,
+                steps=steps,
+            )
+        nothing = np.zeros((len(self.terms), 0))
+        self._rates = nothing[0] if self.kernel is None else self.kernel.rates
+        self.weights = nothing if self.kernel is None else self.kernel.weights
+        self.n_states = self._rates.size
+
+    def remembers(self, term: Term) -> bool:
+        """Whether a term has states: all but the power 0."""
+        return term != 0.0
+
+    def operations_per_step(self, directions: int) -> int:
+        """Multiply-adds for one component in a step with so many directions that remember."""
+        return (directions + 1) * self._operator.n_stages * self.n_states
+
+    def kernels(self, h: float, count: int) -> ExponentialKernels:
+        """Tables of `count` steps of length h."""
+        m = self._operator.n_stages
+        local = np.array([self._operator.local_block(term, h) for term in self.terms])
+        step = self._operator.exponentials(h * self._rates)
+        response, intake = step.stages, step.intake
+        lags = np.zeros((len(self.terms), 0, m, m))
+        if count > 1:
+            powers = step.powers(count)
+            response = (powers[:, None] * step.stages).reshape(count * m, -1)
+            before = response[: (count - 1) * m]
+            # a product of its own for every term
+            lags = np.matmul(before, self.weights[:, :, None] * step.intake)
+            lags = lags.reshape(len(self.terms), count - 1, m, m)
+            intake = (powers[::-1].T[:, :, None] * step.intake[:, None]).reshape(-1, count * m)
+        return ExponentialKernels(
+            count=count,
+            local=local,
+            lags=lags,
+            step=step,
+            response=response,
+            intake=intake,
         )
-        self.n_states = self.kernel.n_states
 
-    def kernels(self, h: float, count: int) -> Kernels:
-        """For `count` steps of length h."""
-        op = self._operator
-        local = np.array(
-            [
-                h**term * op.local_block(term) if isinstance(term, float) else op.law_block(term, h)
-                for term in self._terms
-            ]
-        )
-        block = op.step_tables(self.kernel, h).over(count)
-        return Kernels(local=local, lags=block.lags, response=block.response, block=block)
 
-    def over(self, kernels: Kernels, count: int) -> tuple[Array, Array]:
-        """Change of undriven states ``(J,)`` and intake ``(J, count i)`` of the first steps."""
-        block = kernels.block
-        if not isinstance(block, BlockKernel):
-            raise TypeError("kernels: those of another memory")
-        if count == block.steps:
-            return block.change, block.intake
-        logs = count * block.step.log_magnitudes
-        signs = block.step.signs if count % 2 else np.ones_like(logs)
-        change = np.where(signs > 0, np.expm1(logs), signs * np.exp(logs) - 1)
-        return change, block.intake[:, (block.steps - count) * self._inputs :]
-
-    def push(self, kernels: Kernels, z: Array, inputs: Array, count: int) -> Array:
-        """States behind `count` steps."""
-        change, intake = self.over(kernels, count)
-        return np.asarray(z + (change[:, None] * z + np.matmul(intake, inputs)))
-
-    def change_of_all(self, kernels: Kernels, count: int) -> Array:
-        """A diagonal matrix."""
-        return np.diag(self.over(kernels, count)[0])
+__all__ = ["ExponentialKernels", "Exponentials"]

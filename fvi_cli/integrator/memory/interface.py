@@ -1,60 +1,192 @@
-"""What the engine asks of a memory, whichever method made it."""
+"""What a memory offers, whichever method made it: tables of equal steps, force and new states.
+
+Shapes: q members, e components, m samples of the force and i inputs of a step, J states, B steps,
+K terms. Inputs drive the memory: velocities at the stages of Runge-Kutta methods, the unknowns of
+a step for backward differences.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
-from fvi_cli.integrator.convolution.stages import BlockHistory
-from fvi_cli.mathematics.arrays import Array
+import numpy as np
+
+from fvi_cli.effects.matrices import Form, times
+from fvi_cli.integrator.memory.kernel import Term
+from fvi_cli.mathematics.arrays import Array, Integers, Places
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Kernels:
-    """What B equal steps are to the memory, for each of its terms.
-
-    With m samples of the force and i inputs a step, and J states:
+class Combination:
+    """A sum of terms that act along one matrix of every member; members first, or 1 for all.
 
     Parameters
     ----------
-    local
-        Force at the samples by the inputs of their own step, ``(n_terms, m, i)``.
-    lags
-        The same by those 1 to B - 1 steps before, ``(n_terms, B - 1, m, i)``.
-    response
-        Force by the states at the beginning, ``(n_terms, B m, J)``.
-    block
-        Of what made them.
+    places, factors
+        Numbers of its terms in the memory, and their factors, ``(q or 1, n)``.
+    matrix
+        D, symmetric, ``(q, e, e)``; of one large structure ``(e, e)`` in any form.
+    weights
+        Factors of exponentials in the force, ``(q or 1, J)``; without rows where the memory has
+        none for every term.
     """
 
+    places: Integers
+    factors: Array
+    matrix: Form
+    weights: Array
+
+    @classmethod
+    def made(
+        cls, memory: Memory, terms: Sequence[Sequence[Term]], factors: Array, matrix: Form
+    ) -> Combination:
+        """That of terms of the memory, a row for every member or one for all."""
+        index = {term: place for place, term in enumerate(memory.terms)}
+        places = np.array([[index[term] for term in row] for row in terms])
+        plain = cls(places=places, factors=factors, matrix=matrix, weights=np.zeros((1, 0)))
+        return replace(plain, weights=plain.of(memory.weights))
+
+    def of(self, by_term: Array) -> Array:
+        """Combine what is given for every term, ``(K, ...)`` to ``(q or 1, ...)``.
+
+        Term by term, so that a member has the same bits whatever stands beside it.
+        """
+        rows = max(len(self.factors), len(self.places))
+        total = np.zeros((rows, *by_term.shape[1:]))
+        for place, factor in zip(self.places.T, self.factors.T, strict=True):
+            total += factor.reshape(-1, *(1,) * (by_term.ndim - 1)) * by_term[place]
+        return total
+
+    def of_members(self, members: Places) -> Combination:
+        """That of some members."""
+        own = {
+            name: value if len(value) == 1 else value[members]
+            for name in ("places", "factors", "weights")
+            if isinstance(value := getattr(self, name), np.ndarray)
+        }
+        matrix = self.matrix
+        if isinstance(matrix, np.ndarray) and matrix.ndim == 3:
+            matrix = matrix[members]
+        return replace(self, matrix=matrix, **own)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Kernels(ABC):
+    r"""What B equal steps are to the memory.
+
+    The force of the past and the states behind the steps are linear in states z and inputs U,
+
+    .. math:: F = \sum_c R_c\, z_c D_c, \qquad z' = P z + Q U.
+
+    A leading part of the steps is served by the same tables.
+
+    Parameters
+    ----------
+    count
+        Number B of steps.
+    local
+        Force of every term at the samples by the inputs of their own step, ``(K, m, i)``.
+    lags
+        The same by those 1 to B - 1 steps before, ``(K, B - 1, m, i)``.
+    """
+
+    count: int
     local: Array
     lags: Array
-    response: Array
-    block: BlockHistory
+
+    @property
+    def n_samples(self) -> int:
+        """Number m of samples of the force in a step."""
+        return int(self.local.shape[1])
+
+    @property
+    def n_inputs(self) -> int:
+        """Number i of inputs of a step."""
+        return int(self.local.shape[2])
+
+    @property
+    def sequence(self) -> Array:
+        """Local block and lags, the lag sequences ``(K, B, m, i)``."""
+        return np.concatenate([self.local[:, None], self.lags], axis=1)
+
+    @abstractmethod
+    def past(
+        self, states: Sequence[Array], combinations: Sequence[Combination], count: int
+    ) -> Array:
+        """Force of the past on the first `count` steps, ``(q, count m, e)``.
+
+        Parameters
+        ----------
+        states, combinations
+            At least one combination, and the states on which each acts, ``(q, J, e)``.
+        count
+            At most B.
+        """
+
+    @abstractmethod
+    def past_transposed(
+        self, force: Array, combinations: Sequence[Combination], count: int
+    ) -> list[Array]:
+        """From weights of forces ``(q, count m, e)`` to those of the states of combinations."""
+
+    @abstractmethod
+    def push(self, states: Array, inputs: Array, count: int) -> Array:
+        """States ``(q, J, e)`` behind the first `count` steps, driven by ``(q, count i, e)``."""
+
+    @abstractmethod
+    def pull(self, states: Array, count: int) -> tuple[Array, Array]:
+        """From weights of the states behind steps to those before, and to those of the inputs."""
+
+    @abstractmethod
+    def change_of_all(self, count: int) -> Array:
+        """The matrix P - 1 by which undriven states change over `count` steps, ``(J, J)``."""
 
 
 class Memory(Protocol):
-    """The past of all terms by a number of states.
+    """The past of all terms as states, J of them for every component.
 
     Attributes
     ----------
+    terms
+        What is remembered, each once.
     n_states
-        Number J of states of each component.
+        Number J.
+    weights
+        Factors of the states in the force of every term, ``(K, J)``; ``(K, 0)`` where they are not
+        numbers.
     column
-        Input by which a start velocity of 1 is subtracted, ``(i,)``; None: it is none.
+        Inputs by which the states of a start velocity of 1 are driven in every step, ``(i,)``:
+        what relative terms subtract; None: nothing drives them.
     column_start
-        What the states of that column are at the start.
+        What these states are at the start.
     """
 
+    terms: tuple[Term, ...]
     n_states: int
+    weights: Array
     column: Array | None
     column_start: float
 
     def kernels(self, h: float, count: int) -> Kernels:
-        """For `count` steps of length h."""
+        """Tables of `count` steps of length h."""
 
-    def push(self, kernels: Kernels, z: Array, inputs: Array, count: int) -> Array:
-        """States ``(q, J, e)`` after the first `count` steps, driven by ``(q, count i, e)``."""
+    def remembers(self, term: Term) -> bool:
+        """Whether a term has states."""
 
-    def change_of_all(self, kernels: Kernels, count: int) -> Array:
-        """The matrix by which states change over `count` steps without inputs, ``(J, J)``."""
+    def operations_per_step(self, directions: int) -> int:
+        """Multiply-adds for one component in a step with so many directions that remember."""
+
+
+def along(values: Array, matrix: Form) -> Array:
+    """Values ``(q, n, e)`` times the matrix of every member."""
+    if not isinstance(matrix, np.ndarray) or matrix.ndim == 2:
+        return times(values, matrix)
+    if matrix.shape[-1] == 1:
+        return values * matrix
+    return np.asarray(np.matmul(values, matrix))
+
+
+__all__ = ["Combination", "Kernels", "Memory", "along"]

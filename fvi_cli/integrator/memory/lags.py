@@ -1,31 +1,158 @@
-"""The memory of backward differences: the last steps one by one, sums of exponentials behind."""
+r"""The memory of backward differences on equal steps: lags, and sums of exponentials behind them.
+
+With the unknowns :math:`U_k` of a step (its increments over h) the sampled differences are
+:math:`h (E^T U_k + C^T U_{k-1})`, so that the force at the sampling points is a sum over lags,
+
+.. math:: F_k = \sum_{n=0}^{k} K_n U_{k-n} D, \qquad K_n = h\,(w_n E^T + w_{n-1} C^T),
+
+with the weights w on differences. Near lags are remembered one by one, and behind them the weights
+are exponentials (:mod:`fvi_cli.integrator.memory.backward_differences`), each with one state
+for every unknown of a step: :math:`S_j = \sum_{n \geq 1} e^{-n y_j} U_{k-n}`. Where every sum is
+to be written out all lags are near. Order 1, whose weights end, is a term like the others.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from fvi_cli.integrator.convolution.lags import lag_step, lag_tail
-from fvi_cli.integrator.memory.interface import Kernels
+from fvi_cli.integrator.memory.backward_differences import lag_exponentials
+from fvi_cli.integrator.memory.interface import Combination, Kernels, along
+from fvi_cli.integrator.memory.kernel import Term
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.step_tables import StepTables
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.mathematics.arrays import Array, Integers
+from fvi_cli.mathematics.bdf import difference_weights
 
 
-class Lags:
-    """Powers of backward differences on N equal steps of length h.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LagKernels(Kernels):
+    """What B equal steps are to lags and sums behind them.
 
     Parameters
     ----------
-    method, tables
-        The method and its numbers.
-    exponents
-        1 less the orders of the terms.
-    n_steps, h
-        Number and length of the steps.
+    response
+        Force on the block by unit states at its beginning, ``(K, B m, J)``.
+    n_lags
+        Number L of steps that are remembered one by one.
+    rates, decay
+        y of the sums, and ``exp(-n y)`` for n = B .. 1, ``(sums, B)``.
+    """
+
+    response: Array
+    n_lags: int
+    rates: Array
+    decay: Array
+
+    def past(
+        self,
+        states: Sequence[Array],
+        combinations: Sequence[Combination],
+        count: int,
+    ) -> Array:
+        """Force of the past on the first `count` steps, ``(q, count m, e)``."""
+        total: Array | None = None
+        carried: dict[tuple[int, int], Array] = {}
+        for own, one in zip(states, combinations, strict=True):
+            force: Array | None = None
+            for place, factor in zip(_places(one), one.factors.T, strict=True):
+                key = (id(own), place)
+                if key not in carried:
+                    response = self.response[place, : count * self.n_samples]
+                    carried[key] = np.matmul(response, own)
+                part = factor[:, None, None] * carried[key]
+                force = part if force is None else force + part
+            if force is not None:
+                force = along(force, one.matrix)
+                total = force if total is None else total + force
+        if total is None:
+            raise ValueError("combinations: at least one is needed")
+        return total
+
+    def past_transposed(
+        self, force: Array, combinations: Sequence[Combination], count: int
+    ) -> list[Array]:
+        """From weights of forces to those of states; the matrices are symmetric."""
+        found = []
+        for one in combinations:
+            own = along(force, one.matrix)
+            total = np.zeros((len(force), self.response.shape[2], force.shape[2]))
+            for place, factor in zip(_places(one), one.factors.T, strict=True):
+                response = self.response[place, : count * self.n_samples]
+                total += factor[:, None, None] * np.matmul(response.T, own)
+            found.append(total)
+        return found
+
+    def push(self, states: Array, inputs: Array, count: int) -> Array:
+        """States behind the first `count` steps."""
+        s, (q, _, e) = self.n_inputs, states.shape
+        last, own = self.n_lags * s, count * s
+        found = np.empty_like(states)
+        kept = max(last - own, 0)
+        found[:, :kept] = states[:, last - kept : last]
+        found[:, kept:last] = inputs[:, own - (last - kept) :]
+        if len(self.decay):
+            decay = self._decay(count)
+            sums = states[:, last:].reshape(q, -1, s * e)
+            fresh = np.matmul(decay, inputs.reshape(q, count, s * e))
+            found[:, last:] = (decay[:, :1] * sums + fresh).reshape(q, -1, e)
+        return found
+
+    def pull(self, states: Array, count: int) -> tuple[Array, Array]:
+        """From weights of the states behind steps to those before, and to those of the inputs."""
+        s, (q, _, e) = self.n_inputs, states.shape
+        last, own = self.n_lags * s, count * s
+        before, inputs = np.zeros_like(states), np.zeros((q, own, e))
+        kept = max(last - own, 0)
+        before[:, last - kept : last] = states[:, :kept]
+        inputs[:, own - (last - kept) :] = states[:, kept:last]
+        if len(self.decay):
+            decay = self._decay(count)
+            sums = states[:, last:].reshape(q, -1, s * e)
+            before[:, last:] = (decay[:, :1] * sums).reshape(q, -1, e)
+            inputs += np.matmul(decay.T, sums).reshape(q, own, e)
+        return before, inputs
+
+    def change_of_all(self, count: int) -> Array:
+        """The matrix by which undriven states change over `count` steps, ``(J, J)``."""
+        s, unit = self.n_inputs, np.eye(self.response.shape[2])
+        nothing = np.zeros((1, count * s, self.response.shape[2]))
+        matrix = self.push(unit[None], nothing, count)[0] - unit
+        last = self.n_lags * s
+        matrix[last:, last:] = np.diag(np.repeat(np.expm1(-count * self.rates), s))
+        return np.asarray(matrix)
+
+    def _decay(self, count: int) -> Array:
+        """``exp(-n y)`` for n = count .. 1."""
+        return np.asarray(self.decay[:, self.count - count :])
+
+
+class Lags:
+    """Powers of backward differences on N equal steps.
+
+    The states are the unknowns of the last L steps, in the order of time, and sums over all of
+    them, each for the s unknowns of a step: J is ``(L + sums) s``.
+
+    Parameters
+    ----------
+    method, terms
+        The method, and exponents, 1 less the orders, each once.
+    n_steps, final_time
+        Number and length of all steps.
     writes_out
         Whether every sum over the past is written out.
+
+    Attributes
+    ----------
+    n_lags
+        Number L of steps that are remembered one by one.
+    n_inputs
+        Number s of unknowns of a step.
+    h
+        Length of a step.
     """
 
     column_start = 0.0
@@ -33,47 +160,103 @@ class Lags:
     def __init__(
         self,
         method: Method,
-        tables: StepTables,
-        exponents: Sequence[float],
+        terms: Sequence[Term],
         *,
         n_steps: int,
-        h: float,
-        writes_out: bool,
+        final_time: float,
+        writes_out: bool = False,
     ) -> None:
-        self._inputs, self.h = tables.degree, h
-        orders = tuple(1.0 - one for one in exponents)
-        tail = lag_tail(method.bdf_order, orders, n_steps, writes_out=writes_out)
-        self._step = lag_step(method.bdf_order, tables, orders, tail, h)
-        self.n_states = self._step.n_states
+        tables = step_tables(method)
+        exponents = [term for term in terms if isinstance(term, float)]
+        if len(exponents) < len(terms):
+            raise ValueError("terms: backward differences take powers only")
+        self.terms, self.h = tuple(terms), final_time / n_steps
         self.column: Array | None = -tables.control_points[1:]
-        self._decays: dict[int, Array] = {}
+        orders = [1.0 - term for term in exponents]
+        tail = lag_exponentials(method.bdf_order, orders, n_steps, writes_out=writes_out)
+        self.n_lags, self._rates = tail.near, tail.rates
+        self.n_inputs, self.bdf_order = tables.degree, method.bdf_order
+        self.n_states = (self.n_lags + self._rates.size) * tables.degree
+        self.weights = np.zeros((len(self.terms), 0))
+        self._tail, self._tables = tail, tables
 
-    def kernels(self, h: float, count: int) -> Kernels:
-        """For `count` steps."""
-        block = self._step.over(count)
-        return Kernels(
-            local=self._step.kernels[:, 0], lags=block.lags, response=block.response, block=block
+    @cached_property
+    def _weights(self) -> tuple[Array, Array, Array]:
+        """:math:`K_n`, ``(K, L + 1, m, s)``, these less the sums, and those of the sums.
+
+        The latter are the factors of the sums in the force on the next step, ``(K, sums, m, s)``.
+        Made when they are first asked for: plans need counts alone.
+        """
+        tail, tables = self._tail, self._tables
+        exponents = [float(term) for term in self.terms if isinstance(term, float)]
+        units = np.array([self.h**exponent for exponent in exponents])
+        weights = np.array(
+            [
+                unit * difference_weights(self.bdf_order, 1.0 - exponent, tail.near + 1)
+                for unit, exponent in zip(units, exponents, strict=True)
+            ]
         )
+        sample = tables.sample_basis[1:].T
+        carry = np.eye(tables.degree)[-1:] - sample
+        kernels = weights[..., None, None] * sample
+        kernels[:, 1:] += weights[:, :-1, None, None] * carry
+        factors = (units[:, None] * tail.factors)[..., None, None]
+        far = factors * (sample + np.exp(tail.rates)[:, None, None] * carry)
+        near = kernels.copy()
+        near[:, 0] = 0.0
+        if tail.rates.size:
+            near[:, 1:] -= _decayed(np.arange(1, tail.near + 1), tail.rates, far)
+        return kernels, near, far
 
-    def push(self, kernels: Kernels | None, z: Array, inputs: Array, count: int) -> Array:
-        """States behind `count` steps."""
-        s, step = self._inputs, self._step
-        last, own = step.n_lags * s, count * s
-        found = np.empty_like(z)
-        kept = max(last - own, 0)
-        found[:, :kept] = z[:, last - kept : last]
-        found[:, kept:last] = inputs[:, own - (last - kept) :]
-        if step.rates.size:
-            if count not in self._decays:
-                powers = np.outer(step.rates, np.arange(count, 0, -1))
-                self._decays[count] = np.exp(-powers)
-            decay = self._decays[count]
-            q, _, e = z.shape
-            sums = z[:, last:].reshape(q, -1, s * e)
-            fresh = np.matmul(decay, inputs.reshape(q, count, s * e))
-            found[:, last:] = (decay[:, :1] * sums + fresh).reshape(q, -1, e)
+    def at_lags(self, lags: Integers) -> Array:
+        """:math:`K_n` at any lags n >= 1, shape ``(K, n, m, s)``."""
+        kernels, _, far = self._weights
+        found = np.zeros((len(kernels), lags.size, *kernels.shape[2:]))
+        inside = lags <= self.n_lags
+        found[:, inside] = kernels[:, lags[inside]]
+        if self._rates.size and not inside.all():
+            found[:, ~inside] = _decayed(lags[~inside], self._rates, far)
         return found
 
-    def change_of_all(self, kernels: Kernels, count: int) -> Array:
-        """By the block of the same number of steps."""
-        return self._step.over(count).change_of_all()
+    def remembers(self, term: Term) -> bool:
+        """Whether a term has states: all, order 1 for the few lags of its formula."""
+        return term in self.terms
+
+    def operations_per_step(self, directions: int) -> int:
+        """Multiply-adds for one component in a step with so many directions."""
+        samples = self._tables.sample_points.size
+        return directions * samples * self.n_states + self._rates.size * self.n_inputs
+
+    def kernels(self, h: float, count: int) -> LagKernels:
+        """Tables of `count` steps; all are of one length."""
+        kernels, near, far = self._weights
+        lags = self.n_lags - np.arange(self.n_lags) + np.arange(count)[:, None]
+        inside = (lags <= self.n_lags)[..., None, None]
+        of_lags = near[:, np.minimum(lags, self.n_lags)] * inside
+        decay = np.exp(-np.outer(np.arange(count), self._rates))[None, :, :, None, None]
+        both = np.concatenate([of_lags, decay * far[:, None]], axis=2)
+        response = np.ascontiguousarray(both.transpose(0, 1, 3, 2, 4))
+        return LagKernels(
+            count=count,
+            local=kernels[:, 0],
+            lags=self.at_lags(np.arange(1, count)),
+            response=response.reshape(len(kernels), count * kernels.shape[2], self.n_states),
+            n_lags=self.n_lags,
+            rates=self._rates,
+            decay=np.exp(-np.outer(self._rates, np.arange(count, 0, -1))),
+        )
+
+
+def _places(one: Combination) -> list[int]:
+    if len(one.places) > 1:
+        raise ValueError("combinations: members with backward differences have the same orders")
+    return [int(place) for place in one.places[0]]
+
+
+def _decayed(lags: Integers, rates: Array, factors: Array) -> Array:
+    """``sum_j exp(-n y_j) factors_j`` for lags n, ``(K, n, m, s)``."""
+    decay = np.exp(-np.outer(lags, rates))
+    return np.asarray(np.einsum("nj,tjms->tnms", decay, factors))
+
+
+__all__ = ["LagKernels", "Lags"]

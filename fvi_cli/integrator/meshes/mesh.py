@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 
 LARGEST_GRADING = 20.0
@@ -62,16 +63,20 @@ class Mesh:
 
     def __post_init__(self) -> None:
         if not self.stretches or self.stretches[0].begin != 0:
-            raise ValueError("mesh: it must begin at 0")
+            raise ArgumentError("mesh", "it must begin at 0")
         for one, following in itertools.zip_longest(self.stretches, self.stretches[1:]):
             if following is not None and following.begin != one.end:
-                raise ValueError(f"mesh: a gap at t = {one.end:g}")
+                raise ArgumentError("mesh", f"a gap at t = {one.end:g}")
             length = one.end - one.begin
             if one.n_steps < 1 or not length > 0 or not math.isfinite(length):
-                raise ValueError(f"mesh: {one.n_steps} steps from {one.begin:g} to {one.end:g}")
+                raise ArgumentError(
+                    "mesh", f"{one.n_steps} steps from {one.begin:g} to {one.end:g}"
+                )
             way = one.n_steps * one.step_size
             if abs(way - length) > 1e-9 * length + 1e-14 * one.end:
-                raise ValueError(f"mesh: {one.n_steps} steps of {one.step_size:g} make {way:g}")
+                raise ArgumentError(
+                    "mesh", f"{one.n_steps} steps of {one.step_size:g} make {way:g}"
+                )
 
     @property
     def final_time(self) -> float:
@@ -115,9 +120,10 @@ class Mesh:
             place = (time - one.begin) / one.step_size
             beside = abs(place - round(place))
             if beside > ON_GRID * max(1.0, place) + 4 * math.ulp(time) / one.step_size:
-                raise ValueError(
-                    f"mesh: the break point t = {time:g} of the forcing lies inside of a step of "
-                    f"length {one.step_size:g}; make it a point of the mesh"
+                raise ArgumentError(
+                    "mesh",
+                    f"the break point t = {time:g} of the forcing lies inside of a step of "
+                    f"length {one.step_size:g}; make it a point of the mesh",
                 )
 
 
@@ -131,12 +137,12 @@ def mesh_of(times: Array, breaks: tuple[float, ...] = ()) -> Mesh:
     """
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or times.size < 2 or times[0] != 0 or not (np.diff(times) > 0).all():
-        raise ValueError("mesh: the times must increase from 0")
+        raise ArgumentError("mesh", "the times must increase from 0")
     fresh = {0}
     for one in breaks:
         index = int(np.abs(times - one).argmin())
         if abs(times[index] - one) > ON_GRID * float(np.diff(times).min()):
-            raise ValueError(f"mesh: the break point t = {one:g} is not one of its points")
+            raise ArgumentError("mesh", f"the break point t = {one:g} is not one of its points")
         fresh.add(index)
     return Mesh(
         stretches=tuple(
@@ -156,9 +162,10 @@ def steps_of_parts(ends: tuple[float, ...], n_steps: int) -> tuple[int, ...]:
     """
     lengths = [b - a for a, b in itertools.pairwise(ends)]
     if n_steps < len(lengths):
-        raise ValueError(
-            f"n_steps: {n_steps} is not allowed; {len(lengths)} parts between break points need "
-            "at least one step each"
+        raise ArgumentError(
+            "n_steps",
+            f"{n_steps} is not allowed; {len(lengths)} parts between break points need "
+            "at least one step each",
         )
     shares = [n_steps * length / sum(lengths) for length in lengths]
     counts = [max(1, math.floor(share)) for share in shares]
@@ -219,17 +226,18 @@ def check_graded(ends: tuple[float, ...], n_steps: int, grading: float) -> tuple
         than parts.
     """
     if not 1 <= grading <= LARGEST_GRADING:
-        raise ValueError(
-            f"grading: {grading!r} is not allowed; it must be 1 to {LARGEST_GRADING:g}"
+        raise ArgumentError(
+            "grading", f"{grading!r} is not allowed; it must be 1 to {LARGEST_GRADING:g}"
         )
     counts = steps_of_parts(ends, n_steps)
     for (a, b), count in zip(itertools.pairwise(ends), counts, strict=True):
         first = (b - a) * (1.0 / count) ** grading
         # the second point must differ from the first, and the third from the second
         if not a + first > a + 1e-3 * first > a:
-            raise ValueError(
-                f"grading: {grading:g} with {n_steps} steps makes a first step of "
-                f"{first:.3g}, which vanishes in round-off; take a smaller grading"
+            raise ArgumentError(
+                "grading",
+                f"{grading:g} with {n_steps} steps makes a first step of "
+                f"{first:.3g}, which vanishes in round-off; take a smaller grading",
             )
     return counts
 

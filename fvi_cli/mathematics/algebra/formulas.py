@@ -146,6 +146,7 @@ class FormulaSystem:
 
     @cached_property
     def on_arrays(self) -> Callable[..., list[Any]]:
+        """The program as a function of arrays, one for each of :attr:`names`, without checks."""
         return FunctionType(self._code, {"__builtins__": {}, **_EVERY})
 
     def _on(self, functions: Mapping[str, Callable[..., T]]) -> Callable[..., list[Any]]:
@@ -177,7 +178,7 @@ def _call(name: str, function: Callable[..., Any] | None, *arguments: Any) -> An
     if all(isinstance(one, float) for one in arguments):
         return np.float64(_EVERY[name](*arguments))
     if function is None:
-        raise ExpressionError(f"the function {name!r} is not available here")
+        raise ExpressionError(f"the function {name!r} is not available here", unknown=name)
     return function(*arguments)
 
 

@@ -14,6 +14,7 @@ from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.laws.tempered import tempered
 from fvi_cli.effects.matrices import Factored, SparseMatrix, dense
+from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.containers import ByForm, ListOf
 from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.records import ByKind, Key, Record, Refusal, optional
@@ -215,14 +216,14 @@ def build_damping(
                 continue
             own = {key.name: entry[key.name] for key in _LAWS[law]}
             laws.append(_MAKE[law](**own, coefficient=coefficient))
-        except ValueError as error:
-            raise ValueError(f"damping.{index}.{error}") from None
+        except ArgumentError as error:
+            raise error.below(f"damping.{index}") from None
     return tuple(terms), tuple(laws)
 
 
 def _coefficient(entry: Mapping[str, Any], names: tuple[str, ...], *, sparse: bool) -> Coefficient:
     if "matrix" in entry and "coefficient" in entry:
-        raise ValueError("matrix: give this or coefficient, not both")
+        raise ArgumentError("matrix", "give this or coefficient, not both")
     given = coefficient_of(entry)
     if "acts_on" in entry:
         directions = Directions.from_text([str(text) for text in entry["acts_on"]], names)

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from fvi_cli.effects.forcing import ForcingPiece
+from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Formula, Number
 from fvi_cli.mathematics.arrays import Array
@@ -30,7 +31,7 @@ class DerivativeKind(Kind):
         values = with_parameters(values)
         (function,) = expressions(values["function"], 1, "function")
         if not 0 < order < 2:
-            raise ValueError(f"order: {order!r} is not allowed; it must lie in (0, 2)")
+            raise ArgumentError("order", f"{order!r} is not allowed; it must lie in (0, 2)")
         if values["exact"] == "auto":
             exact = _termwise_derivative(function, order, final_time)
             source = "power series, term by term"
@@ -61,17 +62,20 @@ def _termwise_derivative(
         series = expand(function, SERIES_CUTOFF).without_initial_terms(order)
         derivative = series.fractional_derivative(order)
     except SeriesError as error:
-        raise ValueError(f"exact: auto needs an expansion of the function: {error}") from None
+        raise ArgumentError("exact", f"auto needs an expansion of the function: {error}") from None
     if derivative.exponents.size and derivative.exponents[0] < 0:
-        raise ValueError("exact: the derivative is not bounded at 0; it cannot be measured there")
+        raise ArgumentError(
+            "exact", "the derivative is not bounded at 0; it cannot be measured there"
+        )
     sizes = np.abs(derivative.coefficients) * final_time**derivative.exponents
     last = sizes[derivative.exponents > SERIES_CUTOFF - order - 6.0]
     if last.sum() > 1e-16 * sizes.sum() or sizes.max(initial=0.0) > 100 * abs(
         float(derivative(np.array(final_time)))
     ):
-        raise ValueError(
-            f"exact: the expansion of {function.text!r} does not converge on [0, {final_time:g}] "
-            "fast enough; give the derivative as an expression"
+        raise ArgumentError(
+            "exact",
+            f"the expansion of {function.text!r} does not converge on [0, {final_time:g}] "
+            "fast enough; give the derivative as an expression",
         )
     return lambda time: derivative(time)[:, None]
 

@@ -13,6 +13,7 @@ import numpy as np
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.matrices import is_sparse
 from fvi_cli.effects.scene import Derivative, Scene
+from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.mathematics.arrays import Array
@@ -187,7 +188,7 @@ class SceneKind(Kind):
         }
         drivers = {key: self._driver(values, key, names) for key in self.forces}
         if sum(driver is not None for driver in drivers.values()) > 1:
-            raise ValueError(f"{self.forces[1]}: give this or {self.forces[0]}, not both")
+            raise ArgumentError(self.forces[1], f"give this or {self.forces[0]}, not both")
         return self.make(**{**own, **data, **drivers})
 
     def _driver(self, values: Values, key: str, names: tuple[str, ...]) -> Forcing | None:
@@ -211,7 +212,7 @@ class SceneKind(Kind):
             components = expressions(given, scene.dimension, "exact")
             exact, source = ForcingPiece(components=components).evaluate, "expression"
             if said := objection(exact, scene):
-                raise ValueError(f"exact: {said}")
+                raise ArgumentError("exact", said)
         elif search and scene.is_linear:
             # looking for it takes long to import
             from fvi_cli.scenes.linear_response import match_scene

@@ -11,6 +11,7 @@ from typing import Any, Final, cast
 import numpy as np
 
 from fvi_cli.effects.sampled import Interpolation, SampledForce
+from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import excerpt
 from fvi_cli.mathematics.arrays import Array
 
@@ -77,15 +78,16 @@ def sampled_component(specification: Mapping[str, Any], final_time: float) -> Sa
     """
     name, column = str(specification["file"]), str(specification.get("column", "acceleration"))
     if "content" not in specification:
-        raise ValueError(f"content: missing; what {name} holds is needed as well")
+        raise ArgumentError("content", f"missing; what {name} holds is needed as well")
     time, values = samples_from_text(str(specification["content"]))
     slack = 1e-9 * final_time
     ends_early = time[-1] < final_time - slack
     if time[0] > slack or (ends_early and specification.get("beyond") != "zero"):
         hint = "" if time[0] > slack else "; with beyond: zero there is no force behind them"
-        raise ValueError(
-            f"{name}: its samples reach from t = {time[0]:g} to {time[-1]:g}; they must reach from "
-            f"0 to final_time = {final_time:g}{hint}"
+        raise ArgumentError(
+            name,
+            f"its samples reach from t = {time[0]:g} to {time[-1]:g}; they must reach from "
+            f"0 to final_time = {final_time:g}{hint}",
         )
     return SampledForce.through(
         time,

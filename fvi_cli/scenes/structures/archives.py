@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.scenes.records.data_files import DataFileError
 from fvi_cli.scenes.structures.declared import (
@@ -74,14 +75,14 @@ def read_npz(content: bytes, name: str, variable: str | None) -> Any:
 
         def read(which: str) -> NDArray[Any]:
             if which not in members:
-                raise ValueError(f"{which}: missing")
+                raise ArgumentError(which, "missing")
             return read_npy(_unpacked_member(archive, members[which], len(content)))
 
         if variable is None and {"format", "shape", "data"} <= set(members):
             kind = read("format").ravel()[:1].astype("U").tolist()
             shape = read("shape").ravel()
             if shape.dtype.kind not in "iu" or len(shape) != 2:
-                raise ValueError("shape: two whole numbers are needed")
+                raise ArgumentError("shape", "two whole numbers are needed")
             check_rows(shape.tolist(), sparse=True)
             parts = {str(part): read(part) for part in _SPARSE_PARTS if part in members}
             return sparse_matrix(excerpt("".join(kind)), shape.tolist(), parts)

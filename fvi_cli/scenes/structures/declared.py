@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import SparseMatrix
+from fvi_cli.errors import ArgumentError
 
 MOST_ROWS: Final = 300_000
 """Rows of a sparse matrix, at most."""
@@ -78,17 +79,19 @@ def sparse_matrix(
     if kind == "dia":
         offsets = _indices(parts, "offsets", 1 - rows, rows, len(data))
         if len(set(offsets.tolist())) != len(offsets):
-            raise ValueError("offsets: one of them stands there twice")
+            raise ArgumentError("offsets", "one of them stands there twice")
         return cast(SparseMatrix, dia_array((data, offsets), shape=size))
     if kind not in ("csr", "csc", "bsr"):
         raise ValueError(f"format {kind!r} is not known; save it as csr, csc, coo, bsr or dia")
     high, wide = data.shape[1:] if kind == "bsr" else (1, 1)
     if not high or not wide or rows % high or rows % wide:
-        raise ValueError(f"data: blocks of {high} x {wide} do not fill {rows} rows and columns")
+        raise ArgumentError(
+            "data", f"blocks of {high} x {wide} do not fill {rows} rows and columns"
+        )
     indices = _indices(parts, "indices", 0, rows // wide, len(data))
     ends = _indices(parts, "indptr", 0, len(data) + 1, rows // high + 1)
     if ends[0] != 0 or ends[-1] != len(data) or np.any(ends[1:] < ends[:-1]):
-        raise ValueError(f"indptr: must increase from 0 to the number of entries, {len(data)}")
+        raise ArgumentError("indptr", f"must increase from 0 to the number of entries, {len(data)}")
     makers: dict[str, Any] = {"csr": csr_array, "csc": csc_array, "bsr": bsr_array}
     return cast(SparseMatrix, makers[kind]((data, indices, ends), shape=size))
 
@@ -109,12 +112,12 @@ def checked_sparse(found: Any) -> SparseMatrix:
 def _part(parts: Mapping[str, NDArray[Any]], name: str, kinds: str, dimension: int) -> NDArray[Any]:
     """One of the arrays."""
     if name not in parts:
-        raise ValueError(f"{name}: missing")
+        raise ArgumentError(name, "missing")
     found = parts[name]
     if found.dtype.kind not in kinds or found.ndim != dimension:
         what = "whole numbers" if kinds == _WHOLE else "numbers"
-        raise ValueError(
-            f"{name}: {found.ndim} dimensions of {found.dtype}; {dimension} of {what} are needed"
+        raise ArgumentError(
+            name, f"{found.ndim} dimensions of {found.dtype}; {dimension} of {what} are needed"
         )
     return found
 
@@ -125,10 +128,10 @@ def _indices(
     """So many whole numbers from `least` up to below `end`."""
     found = _part(parts, name, _WHOLE, 1)
     if len(found) != count:
-        raise ValueError(f"{name}: {len(found)} numbers where there must be {count}")
+        raise ArgumentError(name, f"{len(found)} numbers where there must be {count}")
     wrong = np.flatnonzero((found < least) | (found >= end))
     if wrong.size:
-        raise ValueError(
-            f"{name}: {found[wrong[0]]} is not allowed; it must be {least} to {end - 1}"
+        raise ArgumentError(
+            name, f"{found[wrong[0]]} is not allowed; it must be {least} to {end - 1}"
         )
     return found.astype(np.int32)

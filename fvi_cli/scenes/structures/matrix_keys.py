@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from fvi_cli.effects.matrices import Form, added, entries, is_definite, scaled, sparse_unit
+from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.containers import Checked
 from fvi_cli.keys.cursor import INVALID, Cursor
 from fvi_cli.keys.records import Key, Record, optional
@@ -122,11 +123,11 @@ def file_form(value: object) -> Form | None:
     if not isinstance(value, Mapping) or "file" not in value:
         return None
     if "content" not in value:
-        raise ValueError(f"content: missing; what {value['file']} holds is needed as well")
+        raise ArgumentError("content", f"missing; what {value['file']} holds is needed as well")
     try:
         return matrix_from_text(str(value["content"]))
     except ValueError as error:
-        raise ValueError(f"content: {error}") from None
+        raise ArgumentError("content", str(error)) from None
 
 
 def rows_of(value: object) -> int | None:

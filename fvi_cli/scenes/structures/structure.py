@@ -13,6 +13,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.matrices import Form, added, dense, is_sparse, scaled, times
 from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.chains import ground_force
 from fvi_cli.scenes.data import SceneData, per_coordinate
@@ -70,8 +71,8 @@ def structure(
     if ground_acceleration is not None:
         along = per_coordinate(ground_direction, size)
         if along.shape != (size,):
-            raise ValueError(
-                f"ground_direction: {along.size} entries for {size} degrees of freedom"
+            raise ArgumentError(
+                "ground_direction", f"{along.size} entries for {size} degrees of freedom"
             )
         data["forcing"] = ground_force(ground_acceleration, times(along, m))
     data["damping"] = damping
@@ -95,12 +96,13 @@ def modal_matrix(mass: Form, stiffness: Form, ratios: Sequence[float]) -> Array:
     """
     size = mass.shape[0]
     if size > LARGEST_MODAL:
-        raise ValueError(
-            f"modal_damping: its matrix is full, {size} x {size} numbers; it is for up to "
-            f"{LARGEST_MODAL} degrees of freedom; use proportional, or damping with a file"
+        raise ArgumentError(
+            "modal_damping",
+            f"its matrix is full, {size} x {size} numbers; it is for up to "
+            f"{LARGEST_MODAL} degrees of freedom; use proportional, or damping with a file",
         )
     if len(ratios) > size:
-        raise ValueError(f"modal_damping: {len(ratios)} ratios for {size} modes")
+        raise ArgumentError("modal_damping", f"{len(ratios)} ratios for {size} modes")
     m, k = dense(mass), dense(stiffness)
     root = np.linalg.cholesky(m)
     reduced = np.linalg.solve(root, np.linalg.solve(root, k).T)

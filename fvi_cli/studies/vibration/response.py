@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from fvi_cli.effects.directions import Directions
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.scenes.data import per_coordinate
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
@@ -198,5 +199,5 @@ def forms_of(texts: Sequence[str], coordinates: Sequence[str]) -> Array:
     """
     try:
         return Directions.from_text(list(texts), coordinates).rows
-    except ValueError as error:
-        raise ValueError(str(error).partition(": ")[2] or str(error)) from None
+    except ArgumentError as error:
+        raise ValueError(error.message) from None

@@ -171,6 +171,33 @@ def test_removal_is_refused_where_a_term_matters_and_parts_of_a_spectrum_are_ter
     assert needless.words in found.warnings
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_parameters_that_can_be_traded_have_no_interval(seed):
+    """Two springpots of one order side by side: only the sum of their coefficients is known."""
+    draw = np.random.default_rng([31, seed])
+    stiffness, total = 10.0 ** draw.uniform(0, 2), 10.0 ** draw.uniform(-1, 0.5)
+    order, share = float(draw.uniform(0.2, 1.8)), float(draw.uniform(0.1, 0.9))
+    truth = springpot_response(HERTZ, stiffness, (order, total))
+    noise = 0.01 * float(np.abs(truth).mean())
+    data, _ = responses(truth, noise, seed)
+    keys = {
+        "stiffness": (stiffness, 0.0, np.inf),
+        "damping.0.coefficient": (share * total, 0.0, np.inf),
+        "damping.1.coefficient": ((1 - share) * total, 0.0, np.inf),
+    }
+    springpots = [
+        {"order": order, "coefficient": keys[f"damping.{i}.coefficient"][0]} for i in (0, 1)
+    ]
+    found = fitted(data, springpots, keys, noise)
+    assert not found.is_converged
+    assert "some can be traded" in found.message
+    assert all(np.isnan([one.low, one.high]).all() for one in found.estimates)
+    # the control: one of them alone
+    alone = fitted(data, springpots[:1], dict(list(keys.items())[:2]), noise)
+    assert alone.is_converged
+    assert all(one.low < one.value < one.high for one in alone.estimates)
+
+
 @pytest.mark.parametrize(("given", "said"), [(1e-5, "too short"), (10.0, "too long"), (0.01, "")])
 def test_a_given_noise_that_the_data_do_not_have_is_told(given, said):
     data, _ = responses(springpot_response(HERTZ, 5.0, (0.6, 0.5)), 0.01, 0)

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from oracles.least_squares import restricted_deviations
+from oracles.least_squares import restricted_deviations, viscous_motion
+from scipy.stats import t as student
 
 from benchmarks.fit_coverage import (
     _derivatives,
@@ -16,7 +17,7 @@ from benchmarks.fit_kinds import KINDS, kind_named
 from fvi_cli.studies.fits.fitting import fit_model
 from fvi_cli.studies.fits.model import Evaluation
 from fvi_cli.studies.fits.profile import CONFIDENCE, quantile
-from fvi_cli.studies.fits.settings import DataSet, FitSettings, Series
+from fvi_cli.studies.fits.settings import DataSet, FitModel, FitParameter, FitSettings, Series
 from fvi_cli.studies.fits.statistics import freedoms, own_freedoms
 
 DRAWS = 600
@@ -67,6 +68,46 @@ def test_the_noise_of_columns_is_that_of_restricted_likelihood(ratio):
     expected = restricted_deviations(noise, _derivatives(kind) * given[:, None], sizes_of(kind))
     # the motion is not quite linear
     np.testing.assert_allclose([one.deviation for one in found.series], expected, rtol=0.02)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_length_of_an_interval_is_that_of_the_freedom_of_its_column(seed):
+    """A short precise column determines all: 5 values less 2 parameters, not 45 less 2."""
+    draw = np.random.default_rng([30, seed])
+    stiffness, coefficient = draw.uniform(2.0, 9.0), draw.uniform(0.1, 0.6)
+    few, many = np.linspace(0.4, 3.6, 5), np.linspace(0.1, 3.9, 40)
+
+    def motion(at):
+        return viscous_motion(at, stiffness, coefficient, 0.0)
+
+    speed = (motion(many + 1e-5) - motion(many - 1e-5)) / 2e-5
+    x = motion(few) + 1e-5 * draw.standard_normal(few.size)
+    vx = speed + 0.1 * draw.standard_normal(many.size)
+    series = (
+        Series(name="x", column="x", times=few, values=x),
+        Series(name="vx", column="vx", times=many, values=vx, is_velocity=True),
+    )
+    model = FitModel(
+        name="",
+        specification={
+            "kind": "damped-oscillator",
+            "stiffness": stiffness,
+            "damping": [{"order": 1.0, "coefficient": coefficient}],
+            "initial": {"position": 1.0, "velocity": 0.0},
+            "final_time": 4.0,
+        },
+        parameters=(
+            FitParameter(key="problem.stiffness", start=stiffness, low=0.0),
+            FitParameter(key="problem.damping.0.coefficient", start=coefficient, low=0.0),
+        ),
+    )
+    data = (DataSet(name="a", series=series),)
+    found = fit_model(FitSettings(data=data, models=()), model, with_scan=False)
+    for one in found.estimates:
+        times = 0.5 * (one.high - one.low) / one.standard_error
+        assert times == pytest.approx(student.ppf(0.975, 3), rel=0.05)
+        # the control: as if every value told of it
+        assert abs(times / student.ppf(0.975, 43) - 1) > 0.4
 
 
 @pytest.mark.parametrize(

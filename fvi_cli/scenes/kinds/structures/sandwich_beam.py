@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from fvi_cli.effects.laws.cole_cole import fractional_zener
 from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.records import Key, Record
 from fvi_cli.keys.scalars import Integer, Number
 from fvi_cli.scenes.kinds.kind import SceneKind, Values, scene_record
@@ -62,8 +63,8 @@ def _make(elements: int, core: dict[str, Any], **given: Any) -> Scene:
     mass, faces, shear = beam_matrices(elements, **own)
     try:
         law = fractional_zener(**core, coefficient=shear)
-    except ValueError as error:
-        raise ValueError(f"core.{error}") from None
+    except ArgumentError as error:
+        raise error.below("core") from None
     return beam_scene(mass, faces, law, **given)
 
 

@@ -1,0 +1,86 @@
+"""Damping forces and stored energy along a finished run, by damper.
+
+The force of the past is found anew from what drove the memory in every step: velocities at the
+stages of Runge-Kutta methods, the unknowns U for backward differences. At the stages of a
+Runge-Kutta step the force is that of the scheme; between them it is the polynomial through these
+values, :attr:`fvi_cli.integrator.step_tables.StepTables.stage_basis`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+
+from fvi_cli.integrator.engine.damping import Damping, DampingTables
+from fvi_cli.mathematics.arrays import Array
+
+PIECE = 64
+"""Equal steps that are worked out together."""
+
+
+def forces_of_dampers(damping: Damping, step_sizes: Array, inputs: Array) -> Array:
+    """Force of every direction at the samples of every step, ``(n_directions, q, n, m, e)``.
+
+    Parameters
+    ----------
+    damping
+        Of the members; made with ``is_separate`` it has a direction for every damper.
+    step_sizes
+        Shape ``(n,)``.
+    inputs
+        Of the memory in every step, ``(q, n, i, e)``, the same for all dampers.
+    """
+    found: list[Array] = []
+    states, column = damping.start()
+    q, n, _, e = inputs.shape
+    for first, tables in _pieces(damping, step_sizes):
+        count = tables.kernels.count
+        driven = inputs[:, first : first + count].reshape(q, -1, e)
+        forces = [
+            damping.past(tables, states, column, count, index) + damping.own(tables, driven, index)
+            for index in range(len(damping.directions))
+        ]
+        found.append(np.array(forces).reshape(len(forces), q, count, -1, e))
+        states = damping.push(tables, states, driven, count)
+        column = damping.push_column(tables, column, count)
+    if not found:
+        return np.zeros((len(damping.directions), q, n, 0, e))
+    return np.concatenate(found, axis=2)
+
+
+def stored_energy(damping: Damping, step_sizes: Array, inputs: Array) -> Array | None:
+    """Energy that every direction stores at the points of a run, ``(n_directions, q, n + 1)``.
+
+    None for backward differences.
+
+    Parameters
+    ----------
+    damping, step_sizes, inputs
+        As for :func:`forces_of_dampers`.
+    """
+    states, column = damping.start()
+    found = [damping.energy(states, column)]
+    for first, h in enumerate(step_sizes.tolist()):
+        tables = damping.tables(h, 1)
+        states = damping.push(tables, states, inputs[:, first], 1)
+        column = damping.push_column(tables, column, 1)
+        found.append(damping.energy(states, column))
+    known = [one for one in found if one is not None]
+    return np.stack(known, axis=-1) if len(known) == len(found) else None
+
+
+def _pieces(damping: Damping, step_sizes: Array) -> Iterator[tuple[int, DampingTables]]:
+    """First step and tables of pieces of equal steps, none longer than :data:`PIECE`."""
+    made: dict[tuple[float, int], DampingTables] = {}
+    ends = [0, *(np.flatnonzero(np.diff(step_sizes)) + 1).tolist(), step_sizes.size]
+    for begin, end in itertools.pairwise(ends):
+        for first in range(begin, end, PIECE):
+            key = float(step_sizes[first]), min(PIECE, end - first)
+            if key not in made:
+                made[key] = damping.tables(*key)
+            yield first, made[key]
+
+
+__all__ = ["forces_of_dampers", "stored_energy"]

@@ -1,0 +1,272 @@
+r"""Powers of integration and relaxation laws as integrals over rates: one set of rates for all.
+
+For an operator I with :math:`(x + I^{-1})^{-1}` bounded for every x > 0, as integration in time
+and its discretisation by a Runge-Kutta method on any mesh,
+
+.. math:: I^\theta = \frac{\sin \pi\theta}{\pi} \int_0^\infty x^{-\theta} (x + I^{-1})^{-1} dx,
+          \qquad 0 < \theta < 1
+
+(Balakrishnan; Higham, *Functions of Matrices*, section 7), where
+:math:`z = (x + I^{-1})^{-1} V` solves z' = -x z + V, z(0) = 0. For -1 < theta < 0 there is the
+same integral over :math:`z - V/x`. Behind a step all V is past, and its effect on that step is
+:math:`\frac{\sin \pi\theta}{\pi} \int x^{-\theta} \ldots z\, dx` for both signs. For theta = 0 it
+vanishes, and its derivative by theta is that of :math:`I^\theta \log I`.
+
+The rates depend on the mesh and on relaxation laws with narrow spectra, never on exponents: terms
+of all orders, their derivatives by the order and the members of a batch share their states.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TypeGuard
+
+import numpy as np
+
+from fvi_cli.effects.laws.law import RelaxationKernel
+from fvi_cli.integrator.memory.rates import RateRule, rate_rule
+from fvi_cli.mathematics.arrays import Array
+
+_CACHED_KERNELS = 256
+LARGEST_EXPONENT = math.nextafter(1.0, 0.0)
+"""For orders so small that 1 minus the order is 1; the rates serve all exponents up to it."""
+
+
+@dataclass(frozen=True)
+class Slope:
+    r"""The derivative :math:`I^\theta \log I` of a power of integration by its exponent."""
+
+    exponent: float
+
+
+Term = float | Slope | RelaxationKernel
+"""An exponent in (-1, 1), the derivative by one, or the kernel of a relaxation law."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Kernel:
+    r"""Rates and weights of one or several terms.
+
+    The states are the weighted means :math:`s_j = x_j z_j`, :math:`s_j' = x_j (v - s_j)`,
+    :math:`s_j(0) = 0`, of the velocity v: none is larger than v has been, all have its unit,
+    and all terms share them.
+
+    Parameters
+    ----------
+    terms
+        Exponents theta in (-1, 1), integrals where positive, derivatives where negative; slopes;
+        kernels of relaxation laws.
+    rates
+        Rates x_j > 0, ascending, 1/time, shape ``(J,)``.
+    weights
+        Factors :math:`w_{kj}` with which the states enter the force of term k, shape
+        ``(n_terms, J)``: quadrature weights of
+        :math:`\frac{\sin \pi\theta}{\pi} x^{-\theta - 1} dx` (time^theta, of the sign of theta),
+        of the derivative of this by theta for a slope, of :math:`\rho(x) dx / x` for a law.
+
+    Raises
+    ------
+    ValueError
+        For shapes that do not fit, rates out of order and weights of the wrong sign.
+
+    Notes
+    -----
+    Discretised by a Runge-Kutta method with matrix A and weights b,
+
+    .. math:: (I^\theta V)_n = h_n^\theta A^\theta V_n + \sum_j w_j (1 + h_n x_j A)^{-1} 1 s_{n,j},
+              \quad
+              s_{n+1,j} = R(-h_n x_j) s_{n,j} + h_n x_j b^T (1 + h_n x_j A)^{-1} V_n.
+
+    If all s and all V grow by the same constant, a derivative (theta < 0) does not change.
+    """
+
+    terms: tuple[Term, ...]
+    rates: Array
+    weights: Array
+
+    def __post_init__(self) -> None:
+        shape = (len(self.terms), self.rates.size)
+        if self.rates.ndim != 1 or self.weights.shape != shape:
+            raise ValueError(
+                f"kernel: rates of shape {self.rates.shape} and weights of shape "
+                f"{self.weights.shape} are not allowed for {shape[0]} terms"
+            )
+        if not (np.all(np.diff(self.rates) > 0) and np.all(self.rates > 0)):
+            raise ValueError("kernel: rates must be positive and increase strictly")
+        for term, weights in zip(self.terms, self.weights, strict=True):
+            sign = np.sign(term) if isinstance(term, float) else 1.0
+            if not isinstance(term, Slope) and not np.all(weights * sign >= 0):
+                raise ValueError("kernel: weights must have the signs of their exponents")
+        self.rates.setflags(write=False)
+        self.weights.setflags(write=False)
+
+    @property
+    def n_states(self) -> int:
+        """Number J of rates."""
+        return int(self.rates.size)
+
+    @property
+    def energy_weights(self) -> Array:
+        r"""Weights :math:`e_{kj} = |w_{kj}| / x_j` of the stored energy, shape ``(n_terms, J)``.
+
+        The energy in the memory of ``mu I^theta v`` is :math:`\mu/2 \sum_j e_j s_j^2`. In a step
+        of a Gauss method the work of the damping force is its increase and the dissipation,
+
+        .. math:: \mu h \sum_j |w_j| \sum_i b_i S_{ij}^2 \;(\theta > 0), \qquad
+                  \mu h \sum_j |w_j| \sum_i b_i (V_i - S_{ij})^2 \;(\theta < 0),
+
+        with the stages :math:`S_j = (1 + h x_j A)^{-1} (1 s_j + h x_j A V)` of the states; the
+        difference is :math:`V - S_j = (1 + h x_j A)^{-1} (V - 1 s_j)`, to be taken in this form.
+        """
+        return np.asarray(np.abs(self.weights) / self.rates)
+
+
+def power_kernel(
+    terms: Sequence[Term],
+    *,
+    shortest_step: float,
+    final_time: float,
+    stages: int,
+    steps: float | None = None,
+    accuracy: float = 1e-14,
+) -> Kernel:
+    r"""Rates and weights of terms, for all meshes of certain steps.
+
+    Parameters
+    ----------
+    terms
+        At least one.
+    shortest_step, final_time
+        Shortest step and length of the mesh, time.
+    stages
+        Number of stages of the Gauss method; those of Radau IIA and Lobatto IIIC need less.
+    steps
+        Number of steps, or ``shortest_step * sum(1 / h_n)`` where that is known to be less;
+        None: as many as there is room for.
+    accuracy
+        Permitted error of the weights of the history, relative to their size, 1e-15 to 0.1.
+
+    Returns
+    -------
+    Kernel
+        Kept and shared for the powers of 2 next to the arguments.
+
+    Raises
+    ------
+    ValueError
+        For arguments out of range.
+
+    Notes
+    -----
+    The trapezoidal rule in u with :math:`\log x = u - e^{u_0 - u} + e^{u - u_1}` (for the lower
+    end: McLean, *Exponential sum approximations for t^{-beta}*, 2018). Below 1/T the integrand is
+    :math:`x^{-\theta}` times an analytic function of x, above K N / h it is
+    :math:`x^{-\theta - 2}` times an analytic function of 1/x, because
+    :math:`R(-z) = \pm \exp(-K/z + \ldots)`, K = 2 m (m + 1); there the substitution makes it
+    fall doubly exponentially, and nodes at which x no longer differs from its limit are merged.
+    Rates that serve all exponents are up to a tenth more than those of one.
+
+    A law whose density has a narrow peak at c, singular at a distance :math:`\delta` beside the
+    real axis, has equal steps of :math:`u + \sinh^{-1}((u - c) / \delta)` in place of u, in which
+    that distance is more than :math:`\pi / 2`. A density from a least rate l on is integrated
+    over x - l.
+    """
+    numbers = [theta for theta in map(_exponent, terms) if theta is not None]
+    if not terms or not all(abs(theta) < 1 for theta in numbers):
+        raise ValueError(f"exponents: {numbers}; each must lie in (-1, 1)")
+    if not 0 < shortest_step <= final_time < math.inf:
+        raise ValueError(
+            f"shortest_step: {shortest_step} is not allowed; it must be positive and at most the "
+            f"final time {final_time}"
+        )
+    if stages < 1:
+        raise ValueError(f"stages: {stages} is not allowed; it must be at least 1")
+    if not 1e-15 <= accuracy <= 0.1:
+        raise ValueError(f"accuracy: {accuracy} is not allowed; permitted are 1e-15 to 0.1")
+    if steps is not None and not steps >= 1:
+        raise ValueError(f"steps: {steps} is not allowed; it must be at least 1")
+    most = final_time / shortest_step if steps is None else float(steps)
+    return _kernel(
+        tuple(float(term) if isinstance(term, int | float) else term for term in terms),
+        math.floor(math.log2(shortest_step)),
+        math.ceil(math.log2(final_time)),
+        math.ceil(math.log2(most)),
+        stages,
+        accuracy,
+    )
+
+
+@lru_cache(maxsize=_CACHED_KERNELS)
+def _kernel(
+    terms: tuple[Term, ...], step: int, time: int, steps: int, stages: int, accuracy: float
+) -> Kernel:
+    """The kernel for powers of 2: shortest step, final time and number of steps."""
+    # between these a mesh sees more than powers of the rate
+    first = -time * math.log(2)
+    last = math.log(2 * stages * (stages + 1)) + (steps - step) * math.log(2)
+    found = []
+    for shift in sorted({_shift(term) for term in terms if _ends(term)}):
+        chosen = [i for i, one in enumerate(terms) if _ends(one) and _shift(one) == shift]
+        own = [terms[i] for i in chosen]
+        rule = rate_rule(
+            sorted({end for term in own for end in _ends(term)}),
+            first=first,
+            last=last,
+            accuracy=accuracy,
+            shift=shift,
+            peaks=[one.peak for one in own if _is_law(one) and one.peak is not None],
+        )
+        columns = np.zeros((len(terms), rule.n_kept))
+        masses, factors = zip(*(_density(one, rule) for one in own), strict=True)
+        columns[chosen] = rule.merged(np.array(masses), np.array(factors))
+        found.append((rule.rates, columns))
+    for index, one in enumerate(terms):
+        for rate, mass in one.masses if _is_law(one) else ():
+            column = np.zeros((len(terms), 1))
+            column[index] = mass / rate
+            found.append((np.array([rate]), column))
+    rates, place = np.unique(np.concatenate([one for one, _ in found]), return_inverse=True)
+    weights = np.zeros((len(terms), rates.size))
+    np.add.at(weights.T, place, np.concatenate([columns for _, columns in found], axis=1).T)
+    return Kernel(terms=terms, rates=rates, weights=weights)
+
+
+def _is_law(term: Term) -> TypeGuard[RelaxationKernel]:
+    return not isinstance(term, float | Slope)
+
+
+def _exponent(term: Term) -> float | None:
+    """The exponent of a power or of its derivative; None for a law."""
+    if isinstance(term, Slope):
+        return term.exponent
+    return float(term) if isinstance(term, int | float) else None
+
+
+def _ends(term: Term) -> tuple[tuple[float, float], ...]:
+    """Powers of a density per logarithm at both ends: of all exponents, or of a law with one."""
+    if not _is_law(term):
+        return ((1 - LARGEST_EXPONENT,) * 2, (math.nextafter(2.0, 0.0),) * 2)
+    return () if term.ends is None else (term.ends,)
+
+
+def _shift(term: Term) -> float:
+    return term.shift if _is_law(term) else 0.0
+
+
+def _density(term: Term, rule: RateRule) -> tuple[Array, Array]:
+    """Logarithms of the density of a term at all nodes, and what they are to be multiplied by."""
+    if _is_law(term):
+        return term.log_density(rule.logs), rule.density
+    theta = _exponent(term) or 0.0
+    # sin(pi theta) / pi in full relative accuracy up to -1 and 1
+    sine = math.copysign(math.sin(math.pi * min(abs(theta), 1 - abs(theta))), theta) / math.pi
+    factors = sine * rule.density
+    if isinstance(term, Slope):
+        factors = math.cos(math.pi * theta) * rule.density - factors * rule.logs
+    return (1 - theta) * rule.logs, factors
+
+
+__all__ = ["LARGEST_EXPONENT", "Kernel", "Slope", "Term", "power_kernel"]

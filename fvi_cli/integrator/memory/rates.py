@@ -1,0 +1,185 @@
+r"""Rates for integrals over spectra of memory, by the trapezoidal rule in a stretched logarithm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fvi_cli.mathematics.arrays import Array
+
+# With log x = u - exp(first - u) + exp(u - last) the ends begin where x T respectively its
+# counterpart K N / (h x) is 1; the integrand grows by exp(1) beside the real axis.
+_END_ERROR = 20.0
+# densities that are singular nearer to the real axis than this have nodes crowded around there
+_WIDE = 0.55 * math.pi
+_BESIDE_PEAK = 3.0
+# by so much at a time are ends moved for a peak: laws that differ a little have the same rates
+_ROOM = 2.0
+# nodes so far (as logarithms) beyond what a mesh sees are alike there to every accuracy
+_ALIKE = 120.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RateRule:
+    """The trapezoidal rule for some densities, with the nodes that are merged at its ends.
+
+    Parameters
+    ----------
+    logs, density
+        Logarithms of the nodes y, and their weights for integrals over log y, of the merged ones
+        as well.
+    n_below, n_kept
+        Nodes that are merged into the first one, and nodes that are kept.
+    shift
+        Rate l >= 0 from which on there is a density: a node stands for the rate l + y.
+    """
+
+    logs: Array
+    density: Array
+    n_below: int
+    n_kept: int
+    shift: float = 0.0
+
+    @property
+    def rates(self) -> Array:
+        """The rates that are kept, shape ``(J,)``."""
+        kept = self.logs[self.n_below : self.n_below + self.n_kept]
+        return np.asarray(self.shift + np.exp(kept))
+
+    def merged(self, log_masses: Array, factors: Array) -> Array:
+        """Weights of the states, ``factors exp(log_masses) / rates`` with the ends merged.
+
+        Parameters
+        ----------
+        log_masses, factors
+            For every term and node, shape ``(n_terms, n)``: what is integrated over log y, times
+            `density`, is the product of the factor and the exponential.
+
+        Returns
+        -------
+        Array
+            Shape ``(n_terms, J)``.
+        """
+        rates, end = np.log(self.rates), self.n_below + self.n_kept
+        below, kept, above = slice(0, self.n_below), slice(self.n_below, end), slice(end, None)
+        weights = factors[:, kept] * np.exp(log_masses[:, kept] - rates)
+        under = factors[:, below] * np.exp(log_masses[:, below] - rates[0])
+        falling = log_masses[:, above] - 2 * self.logs[above] + rates[-1]
+        over = factors[:, above] * np.exp(falling)
+        weights[:, 0] += under.sum(axis=1)
+        weights[:, -1] += over.sum(axis=1)
+        return np.asarray(weights)
+
+
+def rate_rule(
+    ends: Sequence[tuple[float, float]],
+    *,
+    first: float,
+    last: float,
+    accuracy: float,
+    shift: float = 0.0,
+    peaks: Sequence[tuple[float, float]] = (),
+) -> RateRule:
+    """The rule for densities that are like powers at both ends.
+
+    Parameters
+    ----------
+    ends
+        For every density its powers per logarithm at small and at large rates.
+    first, last
+        Logarithms between which the integrand is no such power.
+    accuracy
+        Of the integrals, relative.
+    shift
+        Rate from which on there are densities.
+    peaks
+        Logarithms at which densities bend, and how far from the real axis they are singular there.
+    """
+    nearest, farthest = first - _ALIKE, last + _ALIKE
+    below = max([0.0, *(first - place + _BESIDE_PEAK for place, _ in peaks)])
+    # the rates themselves are a power of those beyond the shift from there on only
+    beyond = [place for place, _ in peaks] + ([math.log(shift)] if shift else [])
+    above = max([0.0, *(place + _BESIDE_PEAK - last for place in beyond)])
+    first -= _ROOM * math.ceil(below / _ROOM)
+    last += _ROOM * math.ceil(above / _ROOM)
+    narrow = sorted({(place, size) for place, size in peaks if size < _WIDE})
+    crowds = _Crowds(tuple((_u_of(place, first, last), size) for place, size in narrow))
+    width = _width([1 - low for low, _ in ends], accuracy)
+    # an end has no effect left at exp(-cut), in the units of x and of the integrand
+    cut = -math.log(accuracy) + 3.0
+    tail = math.log(cut) + 0.5
+    # the same for the powers of the density per logarithm, with two powers less above, merged
+    under = max(tail, math.log(cut / min(low for low, _ in ends)) + 0.5)
+    over = max(tail, math.log(cut / (2 - max(high for _, high in ends))) + 0.5)
+    origin, end = crowds.stretched(np.array([first - tail, last + tail]))
+    lowest, highest = crowds.stretched(np.array([first - under, last + over]))
+    n_below = math.ceil((origin - lowest) / width)
+    n_middle = math.ceil((end - origin) / width)
+    n_above = math.ceil((highest - end) / width)
+    u, density = crowds.places(origin + width * np.arange(-n_below, n_middle + n_above + 1))
+    left, right = np.exp(first - u), np.exp(u - last)
+    logs = u - left + right
+    # peaks may lie at rates that no number can hold
+    begin = max(n_below, int(np.searchsorted(logs, nearest)))
+    end_kept = min(n_below + n_middle + 1, int(np.searchsorted(logs, farthest)))
+    return RateRule(
+        logs=logs,
+        density=width * density * (1 + left + right),
+        n_below=begin,
+        n_kept=end_kept - begin,
+        shift=shift,
+    )
+
+
+def _u_of(log_rate: float, first: float, last: float) -> float:
+    """The u of a rate that lies well inside of the ends."""
+    u = log_rate
+    for _ in range(30):
+        u = log_rate + math.exp(first - u) - math.exp(u - last)
+    return u
+
+
+class _Crowds:
+    r"""The map :math:`w = u + \sum \sinh^{-1}((u - c) / \delta)`: equal w crowd around c."""
+
+    def __init__(self, peaks: tuple[tuple[float, float], ...]) -> None:
+        self._peaks = peaks
+
+    def stretched(self, u: Array) -> Array:
+        """The variable w of u."""
+        return u + sum(np.arcsinh((u - place) / size) for place, size in self._peaks)
+
+    def places(self, w: Array) -> tuple[Array, Array]:
+        """The u of w, and du / dw."""
+        if not self._peaks:
+            return w, np.ones_like(w)
+        reach = sum(np.arcsinh((np.abs(w) + abs(place)) / size) for place, size in self._peaks)
+        low, high = w - reach, w + reach
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            is_low = self.stretched(middle) < w
+            low, high = np.where(is_low, middle, low), np.where(is_low, high, middle)
+        u = 0.5 * (low + high)
+        slope = 1 + sum(1 / np.hypot(u - place, size) for place, size in self._peaks)
+        return u, np.asarray(1 / slope)
+
+
+def _width(exponents: Sequence[float], accuracy: float) -> float:
+    r"""Width of the trapezoidal rule for :math:`\int e^{(1 - \theta) u - e^u} du`.
+
+    Its relative error is :math:`2 |\Gamma(1 - \theta + i \omega)| / \Gamma(1 - \theta)` at
+    :math:`\omega = 2 \pi / width`, with Stirling's formula; near theta = 1 that of the lower end
+    is larger.
+    """
+    width = math.inf
+    for theta in exponents:
+        omega = 10.0
+        for _ in range(20):
+            size = 2 * math.sqrt(2 * math.pi) * omega ** (0.5 - theta) / math.gamma(1 - theta)
+            size = max(size, _END_ERROR)
+            omega = max(2 / math.pi * math.log(size / accuracy), 1.0)
+        width = min(width, 2 * math.pi / omega)
+    return width

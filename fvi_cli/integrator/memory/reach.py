@@ -1,0 +1,110 @@
+"""What dampers reach: the few directions of a large structure that are remembered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.matrices import Factored, Form, as_csr, form, touched
+from fvi_cli.effects.matrix_force import MatrixForce
+from fvi_cli.mathematics.arrays import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reach:
+    r"""Linear forms :math:`y = B q`, on which every damping matrix acts as :math:`B^T C B`.
+
+    Parameters
+    ----------
+    rows
+        B, shape ``(r, d)``.
+    components
+        The component that each row is, where rows are components; None: they are combinations.
+    """
+
+    rows: Form
+    components: NDArray[np.intp] | None
+
+    @cached_property
+    def _compact(self) -> tuple[NDArray[np.intp], Array]:
+        """Columns of B that hold anything, and B in these alone: few of thousands."""
+        sparse = as_csr(self.rows).tocsc()
+        columns = np.flatnonzero(np.diff(sparse.indptr))
+        return columns, np.asarray(sparse[:, columns].toarray())
+
+    @property
+    def count(self) -> int:
+        """Number r of forms."""
+        return int(self.rows.shape[0])
+
+    def along(self, values: Array) -> Array:
+        """Values ``(..., d)`` along the forms, ``(..., r)``."""
+        if self.components is not None:
+            return values[..., self.components]
+        columns, factors = self._compact
+        return np.asarray(values[..., columns] @ factors.T)
+
+    def spread(self, forces: Array) -> Array:
+        """Forces along the forms ``(..., r)`` on all components ``(..., d)``."""
+        if self.components is not None:
+            total = np.zeros((*forces.shape[:-1], self.rows.shape[1]))
+            total[..., self.components] = forces
+            return total
+        columns, factors = self._compact
+        total = np.zeros((*forces.shape[:-1], self.rows.shape[1]))
+        total[..., columns] = forces @ factors
+        return total
+
+    def inner(self, term: MatrixForce) -> Form:
+        """The matrix C of a term, shape ``(r, r)``."""
+        if self.components is not None:
+            if isinstance(term.form, np.ndarray):
+                return form(term.form[np.ix_(self.components, self.components)])
+            return cast(Form, as_csr(term.form)[self.components][:, self.components])
+        if term.factored is None:
+            raise ValueError("damping: a term that reaches every component is not remembered so")
+        places = _places(self.rows, term.factored)
+        whole = np.zeros((self.count, self.count))
+        np.add.at(whole, np.ix_(places, places), term.factored.inner)
+        return form(whole)
+
+
+def find_reach(terms: Sequence[MatrixForce]) -> Reach | None:
+    """The fewest forms that hold all that damping terms act on; None: there are none but all."""
+    reached = np.any([touched(term.form) for term in terms], axis=0)
+    components = np.flatnonzero(reached)
+    factors = [term.factored for term in terms]
+    if all(one is not None for one in factors):
+        stacked = np.concatenate([one.rows for one in factors if one is not None])
+        rows = np.unique(stacked, axis=0)
+        if rows.shape[0] < components.size:
+            return Reach(rows=cast(Form, as_csr(rows)), components=None)
+    if components.size == reached.size:
+        return None
+    from scipy.sparse import eye_array
+
+    units = as_csr(cast(Form, eye_array(reached.size, format="csr")))[components]
+    return Reach(rows=cast(Form, units), components=components)
+
+
+def _places(rows: Form, factored: Factored) -> list[int]:
+    """Where the rows of a factored matrix stand among others."""
+    kept = [_entries_of(rows, index) for index in range(rows.shape[0])]
+    wanted = form(factored.rows)
+    return [kept.index(_entries_of(wanted, index)) for index in range(wanted.shape[0])]
+
+
+def _entries_of(rows: Form, index: int) -> dict[int, float]:
+    """The entries of a row that are not zero, by their column."""
+    if isinstance(rows, np.ndarray):
+        columns = np.flatnonzero(rows[index])
+        return dict(zip(columns.tolist(), rows[index, columns].tolist(), strict=True))
+    one = as_csr(rows)
+    kept = slice(int(one.indptr[index]), int(one.indptr[index + 1]))
+    pairs = zip(one.indices[kept].tolist(), one.data[kept].tolist(), strict=True)
+    return {column: value for column, value in pairs if value != 0}
