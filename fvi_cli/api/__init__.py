@@ -89,6 +89,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.effects.symmetry import Symmetry
 from fvi_cli.errors import ConfigError, FviError, RequestError, StorageError
 from fvi_cli.integrator.balances.diagnostics import Asked as DiagnosticsRequest
+from fvi_cli.integrator.engine.checkpoint import Checkpoint
 from fvi_cli.integrator.gradients.quantity import (
     Quantity,
     acceleration_at,
@@ -101,7 +102,6 @@ from fvi_cli.integrator.gradients.quantity import (
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, mesh_of, uniform_mesh
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.run.checkpoint import Checkpoint
 from fvi_cli.integrator.stability.prediction import StabilityPrediction
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.render.results import as_text, compare, figures, order_tables, write

@@ -11,23 +11,23 @@ from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.stability.determinant import (
-    matrix_pencil,
-    number_of_unknowns,
-    step_determinant,
-)
+from fvi_cli.integrator.stability.determinants import number_of_unknowns, step_determinant
+from fvi_cli.integrator.stability.exact_modes import growing_frequencies
+from fvi_cli.integrator.stability.growing_modes import growing_modes
 from fvi_cli.integrator.stability.limits import largest_stable_step, stable_method
 from fvi_cli.integrator.stability.linearisation import linearised_at_start
-from fvi_cli.integrator.stability.prediction import exact_growth, predict_stability
+from fvi_cli.integrator.stability.prediction import predict_stability
+from fvi_cli.integrator.stability.systems import MatrixPencil, matrix_pencil
 from fvi_cli.mathematics.transforms.characteristic import (
     CharacteristicFunction,
     characteristic_zeros,
 )
-from fvi_cli.mathematics.transforms.disc_zeros import (
+from fvi_cli.mathematics.transforms.zeros import (
+    UNDECIDED,
+    OneFunction,
     ZeroCountError,
-    enclosed_zero_modulus,
+    count_zeros,
     find_zeros,
-    zeros_in_disc,
 )
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 
@@ -58,6 +58,10 @@ def polynomial_with(zeros):
     return logarithm
 
 
+def number_of_zeros(logarithm, radius, degree=8):
+    return count_zeros(OneFunction(logarithm), 1, radius, degree)[0]
+
+
 @pytest.mark.parametrize(
     ("zeros", "radius", "inside"),
     [
@@ -72,18 +76,19 @@ def polynomial_with(zeros):
     ],
 )
 def test_zeros_are_counted(zeros, radius, inside):
-    assert zeros_in_disc(polynomial_with(zeros), radius).count == inside
+    assert number_of_zeros(polynomial_with(zeros), radius) == inside
 
 
 def test_a_zero_on_the_circle_is_an_error():
     with pytest.raises(ZeroCountError, match="radius"):
-        zeros_in_disc(polynomial_with([0.5]), 0.5)
+        find_zeros(polynomial_with([0.5]), 0.5)
+    assert number_of_zeros(polynomial_with([0.5]), 0.5) == UNDECIDED
 
 
 @pytest.mark.parametrize("radius", [0.0, 1.0, -0.5, math.nan])
 def test_the_radius_is_checked(radius):
     with pytest.raises(ValueError, match="must lie in"):
-        zeros_in_disc(polynomial_with([0.5]), radius)
+        find_zeros(polynomial_with([0.5]), radius)
 
 
 def test_zeros_are_found():
@@ -93,10 +98,10 @@ def test_zeros_are_found():
     expected = sorted(zeros[:4], key=abs)
     assert np.abs(np.sort_complex(found) - np.sort_complex(expected)).max() < 1e-12
     assert find_zeros(polynomial_with([1.1]), 0.99).size == 0
-    # a double zero is not told apart, but its modulus is bounded all the same
-    double = polynomial_with([0.7, 0.7, 0.9])
-    assert find_zeros(double, 0.99) is None
-    assert enclosed_zero_modulus(double, 0.99) == pytest.approx(0.7, rel=1e-6)
+    # a double zero is found twice, to half of the digits
+    double = find_zeros(polynomial_with([0.7, 0.7, 0.9]), 0.99)
+    assert double is not None
+    assert double == pytest.approx([0.7, 0.7, 0.9], abs=1e-6)
 
 
 @spread(
@@ -168,7 +173,7 @@ def test_true_growth_is_not_called_unstable(stiffness, damping, method):
     assert prediction.growth_per_step == pytest.approx(largest * 0.01, rel=0.05)
     # the growth is that of the equation, so an equation of the opposite sign has none
     system = matrix_pencil(oscillator(30.0, stiffness=1.0, damping=((0.5, 0.3),)))
-    assert exact_growth(system, 30.0, 0.01) == 0.0
+    assert growing_frequencies(system, 30.0, 0.01).size == 0
 
 
 def test_classical_growth_by_a_formula():
@@ -328,10 +333,24 @@ def test_many_coupled_modes_are_counted_as_one_by_one():
         degree = number_of_unknowns(whole, method)
         radius = 1 - 1e-4
         expected = sum(part.growing_modes for part in parts)
-        assert zeros_in_disc(together, radius, degree).count == expected >= 8
+        assert number_of_zeros(together, radius, degree) == expected >= 8
         worst = max(part.growth_per_step for part in parts)
-        found = -math.log(enclosed_zero_modulus(together, radius, degree))
-        assert found == pytest.approx(worst, rel=1e-6)
+        found = growing_modes([whole], method, 0.1, 1000)
+        assert found.count == expected
+        assert found.growth == pytest.approx(worst, rel=1e-6)
+
+
+def test_the_growth_of_modes_that_coincide():
+    # a double zero is not located, but closed in: the same oscillator twice, coupled by a turn
+    random = np.random.default_rng(4)
+    turn, _ = np.linalg.qr(random.standard_normal((2, 2)))
+    stiffness, damping = turn.T @ np.diag([1.0, 1.0]) @ turn, turn.T @ np.diag([0.5, 0.5]) @ turn
+    twice = MatrixPencil(mass=np.eye(2), stiffness=stiffness, damping=((1.5, damping),))
+    once = MatrixPencil(mass=np.eye(1), stiffness=np.eye(1), damping=((1.5, 0.5 * np.eye(1)),))
+    two, one = (growing_modes([system], nodes(6), 0.1, 1000) for system in (twice, once))
+    assert (two.count, one.count) == (2 * one.count, one.count)
+    assert one.count > 0
+    assert two.growth == pytest.approx(one.growth, rel=1e-6)
 
 
 def test_too_many_coupled_components_are_left_alone():

@@ -13,16 +13,12 @@ from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.stability.determinant import (
-    MatrixPencil,
-    number_of_unknowns,
-    step_determinant,
-)
+from fvi_cli.integrator.stability.determinants import number_of_unknowns, step_determinant
 from fvi_cli.integrator.stability.linearisation import linearised_along
 from fvi_cli.integrator.stability.prediction import predict_stability, stability_along
 from fvi_cli.integrator.stability.region import GROWTH_LEVELS, stability_map
-from fvi_cli.mathematics.transforms.disc_zeros import zeros_in_disc
-from fvi_cli.mathematics.transforms.many_discs import UNDECIDED, count_zeros_of_many
+from fvi_cli.integrator.stability.systems import MatrixPencil
+from fvi_cli.mathematics.transforms.zeros import UNDECIDED, OneFunction, count_zeros
 from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.stability import COLUMNS, stability_report
 from fvi_cli.studies.stability_study import distinct_regions, observe, regions, stability_rows
@@ -53,13 +49,9 @@ class Polynomials:
     def tabulate(self, z):
         return z
 
-    def all_logarithms(self, table, functions):
+    def logarithms(self, table, rows, numbers):
         with np.errstate(divide="ignore"):
-            return np.log(table[None, :, None] - self.pairs[functions][:, None, :]).sum(axis=2)
-
-    def logarithms(self, table, functions):
-        with np.errstate(divide="ignore"):
-            return np.log(table[:, None] - self.pairs[functions]).sum(axis=1)
+            return np.log(table[rows][..., None] - self.pairs[numbers]).sum(axis=-1)
 
 
 def test_zeros_of_many_functions_are_counted_together():
@@ -74,10 +66,10 @@ def test_zeros_of_many_functions_are_counted_together():
         (0.89999, 0.90001),
         (0.9, 0.1),
     ]
-    counts = count_zeros_of_many(Polynomials(pairs), len(pairs), 0.9, 8)
+    counts = count_zeros(Polynomials(pairs), len(pairs), 0.9, 8)
     assert counts.tolist() == [2, 0, 1, 2, 0, 1, UNDECIDED]
     with pytest.raises(ValueError, match="must lie in"):
-        count_zeros_of_many(Polynomials(pairs), len(pairs), 1.0, 8)
+        count_zeros(Polynomials(pairs), len(pairs), 1.0, 8)
 
 
 PLANE_METHODS = (
@@ -106,7 +98,8 @@ def test_a_map_says_what_the_determinants_say_one_by_one(method):
                 determinant = step_determinant(system, method, 1.0)
                 degree = number_of_unknowns(system, method)
                 radii = [math.exp(-growth) for growth in GROWTH_LEVELS]
-                counts = [zeros_in_disc(determinant, one, degree).count for one in radii]
+                alone = OneFunction(determinant)
+                counts = [count_zeros(alone, 1, one, degree)[0] for one in radii]
                 level = next((n for n, count in enumerate(counts) if not count), len(counts))
                 assert found.level[row, column] == level, (order, k, mu)
     assert found.share_stable == (1.0 if method is GAUSS else pytest.approx(0.5, abs=0.45))

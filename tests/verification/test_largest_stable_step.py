@@ -10,9 +10,8 @@ from oracles.stability import LARGEST_FACTOR, STEPS, Oscillator, Steps, grows, r
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method, RuleSpecification
 from fvi_cli.integrator.stability import limits
-from fvi_cli.integrator.stability.limits import largest_stable_step
+from fvi_cli.integrator.stability.limits import SPACING, largest_stable_step
 from fvi_cli.integrator.stability.prediction import predict_stability
-from fvi_cli.integrator.stability.scan import SPACING
 
 WINDOWS = [
     (Oscillator(stiffness=1.5, order=1.55, coefficient=0.008),

@@ -13,8 +13,8 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.on_mesh import path_from
-from fvi_cli.integrator.stability.determinant import independent_systems
 from fvi_cli.integrator.stability.prediction import predict_stability
+from fvi_cli.integrator.stability.systems import independent_systems
 
 FEWEST_STEPS = 2000
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -51,6 +52,23 @@ class DampingTables:
     sequences: tuple[Array, ...]
     offsets: tuple[Array | None, ...]
 
+    @cached_property
+    def local(self) -> tuple[Array, ...]:
+        """For every direction inputs of the block to its forces, ``(q or 1, B m, B i)``."""
+        return tuple(expand(one) for one in self.sequences)
+
+    def of(self, places: Places) -> DampingTables:
+        """Those of some members."""
+
+        def own(table: Array) -> Array:
+            return table if len(table) == 1 else table[places]
+
+        return replace(
+            self,
+            sequences=tuple(own(one) for one in self.sequences),
+            offsets=tuple(None if one is None else own(one) for one in self.offsets),
+        )
+
 
 class Damping:
     """All that damps the members of a batch.
@@ -81,7 +99,8 @@ class Damping:
             Combination.made(memory, one.terms, one.factors, one.matrix) for one in self.directions
         )
         relative = any(one.is_relative for one in self.directions)
-        plain = any(not one.is_relative and self._remembers(one) for one in self.directions)
+        # whether or not the others remember: members of order 1 stand beside other orders
+        plain = any(not one.is_relative for one in self.directions)
         self.has_column = relative and (plain or memory.column is not None)
         self._starts_relative = relative and not self.has_column
 
@@ -97,7 +116,7 @@ class Damping:
         """Tables of `count` steps of length h."""
         kernels = self.memory.kernels(h, count)
         every = kernels.sequence
-        sequences = tuple(one.of(every) for one in self.combinations)
+        sequences = tuple(one.combine(every) for one in self.combinations)
         offsets = tuple(
             self._offset(kernels, sequence, combination) if one.is_relative else None
             for sequence, combination, one in zip(
@@ -157,7 +176,7 @@ class Damping:
         memory = self.memory
         if self._jump is None or not isinstance(memory, Lags):
             return np.zeros((len(self._velocity), 0, 0, self._velocity.shape[2]))
-        kernels = memory.at_lags(np.arange(1, memory.bdf_order + 2))
+        kernels = memory.at_lags(np.arange(1, min(memory.bdf_order + 1, memory.n_steps) + 1))
         first = self._jump_inputs(memory)
         whole, total = np.zeros((2, len(first), *kernels.shape[1:3], first.shape[2]))
         for one in self.combinations:
@@ -201,32 +220,41 @@ class Damping:
         moved = states + column * self._velocity if self.has_column else states
         return [moved if one.is_relative else states for one in self.directions]
 
-    def own(self, tables: DampingTables, inputs: Array, direction: int) -> Array:
-        """Force of a direction by inputs ``(q, count i, e)`` of its own steps."""
-        sequence = tables.sequences[direction][:, : inputs.shape[1] // tables.kernels.n_inputs]
-        force = np.matmul(expand(sequence), inputs)
-        return along(force, self.combinations[direction].matrix)
+    def own(
+        self, tables: DampingTables, inputs: Array, count: int, direction: int | None = None
+    ) -> Array:
+        """Force of the first `count` steps on each other, ``(q, count m, e)``, as for `past`.
+
+        Inputs are ``(q, count i, e)``.
+        """
+        size = count * tables.kernels.n_samples
+        chosen = range(len(self.directions)) if direction is None else [direction]
+        total = np.zeros((len(inputs), size, inputs.shape[2]))
+        for index in chosen:
+            force = np.matmul(tables.local[index][:, :size, : inputs.shape[1]], inputs)
+            total += along(force, self.combinations[index].matrix)
+        return total
 
     def energy(self, states: Array, column: Array) -> Array | None:
-        r"""Energy that every direction stores, ``(n_directions, q)``; None where it has no weights.
+        r"""Energy that every direction stores, ``(n_directions, ..., q)``.
 
         .. math:: E = \tfrac12 \sum_j e_j\, s_j \cdot D s_j
 
-        with the states of a relative term less the start velocity. The weights of backward
-        differences are no positive sum of squares.
+        with the states ``(..., q, J, e)`` of a relative term less the start velocity. None for
+        backward differences: their weights are no positive sum of squares.
         """
         memory = self.memory
         if not isinstance(memory, Exponentials):
             return None
-        found = np.zeros((len(self.directions), len(states)))
+        found = np.zeros((len(self.directions), *states.shape[:-2]))
         if memory.kernel is None:
             return found
         by_term = memory.kernel.energy_weights
         every = zip(self._acted_on(states, column), self.combinations, self.directions, strict=True)
         for index, (acted, one, direction) in enumerate(every):
             free = acted - self._velocity if direction.is_relative else acted
-            squares = (free * along(free, one.matrix)).sum(axis=2)
-            found[index] = 0.5 * (one.of(by_term) * squares).sum(axis=1)
+            squares = (free * along(free, one.matrix)).sum(axis=-1)
+            found[index] = 0.5 * (one.combine(by_term) * squares).sum(axis=-1)
         return found
 
     def push(self, tables: DampingTables, states: Array, inputs: Array, count: int) -> Array:
@@ -249,11 +277,11 @@ class Damping:
         return part
 
     def of(self, places: Places) -> Damping:
-        """That of some members; tables that are not shared are made anew."""
+        """That of some members; tables that are not shared have theirs."""
         part = copy.copy(self)
         part._velocity = self._velocity[places]
         part._jump = None if self._jump is None else self._jump[places]
-        part.combinations = tuple(one.of_members(places) for one in self.combinations)
+        part.combinations = tuple(one.of(places) for one in self.combinations)
         return part
 
 

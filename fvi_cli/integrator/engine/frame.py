@@ -8,6 +8,7 @@ before it in the same block, so that tables are lag sequences
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -21,7 +22,7 @@ from fvi_cli.integrator.engine.tables import (
 )
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables, step_tables
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, Places
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -190,10 +191,22 @@ class Frame:
         test, drive = self.to_loads[:-1], sampling.to_inputs
         self.damp = [test @ one[:, 0] @ drive for one in self.sequences]
 
-    @cached_property
-    def local(self) -> list[Array]:
+    def of(self, places: Places) -> Frame:
+        """That of some members."""
+        if self.damping is None or all(len(one) == 1 for one in self.sequences):
+            return self
+        part = copy.copy(self)
+        part.damping = self.damping.of(places)
+        part.sequences = part.damping.sequences
+        part.damp = [one if len(one) == 1 else one[places] for one in self.damp]
+        for name in ("kicks", "lags"):
+            part.__dict__.pop(name, None)
+        return part
+
+    @property
+    def local(self) -> tuple[Array, ...]:
         """For every direction inputs to forces, ``(q or 1, B m, B i)``."""
-        return [expand(one) for one in self.sequences]
+        return () if self.damping is None else self.damping.local
 
     @cached_property
     def kicks(self) -> list[Array]:

@@ -13,16 +13,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from fvi_cli.integrator.memory.interface import Combination, Kernels, along
 from fvi_cli.integrator.memory.kernel import Kernel, Term, power_kernel
-from fvi_cli.integrator.memory.stages import StageExponentials, StageOperator
+from fvi_cli.integrator.memory.stages import (
+    StageExponentials,
+    StageOperator,
+    stage_operator,
+)
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.runge_kutta import tableau
+
+STEPS_KEPT = 256
+"""Step sizes whose exponentials are kept in a process: some 20 kilobytes each."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,12 +67,9 @@ class ExponentialKernels(Kernels):
             total = total + own
         return np.asarray(np.matmul(self.response[: count * self.n_samples], total))
 
-    def past_transposed(
-        self, force: Array, combinations: Sequence[Combination], count: int
-    ) -> list[Array]:
-        """From weights of forces to those of states; the matrices are symmetric."""
-        carried = np.matmul(self.response[: count * self.n_samples].T, force)
-        return [one.weights[:, :, None] * along(carried, one.matrix) for one in combinations]
+    def response_of(self, one: Combination) -> Array:
+        """Force of unit states on the block."""
+        return np.asarray(self.response * one.weights[:, None])
 
     def push(self, states: Array, inputs: Array, count: int) -> Array:
         """States behind the first `count` steps."""
@@ -109,6 +112,7 @@ class Exponentials:
         Rates and weights; None where no term remembers anything.
     """
 
+    n_lags = 0
     column: Array | None = None
     column_start = 1.0
 
@@ -121,7 +125,7 @@ class Exponentials:
         final_time: float,
         steps: float | None,
     ) -> None:
-        self._operator = StageOperator(tableau=tableau(method.cq, method.stages))
+        self._operator = stage_operator(method.cq, method.stages)
         self.terms = tuple(terms)
         self.kernel: Kernel | None = None
         if any(map(self.remembers, self.terms)):
@@ -133,9 +137,8 @@ class Exponentials:
                 steps=steps,
             )
         nothing = np.zeros((len(self.terms), 0))
-        self._rates = nothing[0] if self.kernel is None else self.kernel.rates
         self.weights = nothing if self.kernel is None else self.kernel.weights
-        self.n_states = self._rates.size
+        self.n_states = int(self.weights.shape[1])
 
     def of_steps(self, sizes: Array) -> tuple[Array, Array, Array, Array]:
         """Tables of single steps of u lengths at once.
@@ -148,7 +151,8 @@ class Exponentials:
         """
         u, j, m = sizes.size, self.n_states, self._operator.n_stages
         local = [[self._operator.local_block(term, h) for term in self.terms] for h in sizes]
-        step = self._operator.exponentials(np.outer(sizes, self._rates).ravel())
+        rates = np.zeros(0) if self.kernel is None else self.kernel.rates
+        step = self._operator.exponentials(np.outer(sizes, rates).ravel())
         return (
             np.array(local).reshape(u, len(self.terms), m, m),
             step.stages.reshape(m, u, j).swapaxes(0, 1),
@@ -168,7 +172,7 @@ class Exponentials:
         """Tables of `count` steps of length h."""
         m = self._operator.n_stages
         local = np.array([self._operator.local_block(term, h) for term in self.terms])
-        step = self._operator.exponentials(h * self._rates)
+        step = _over_one_step(self._operator, self.kernel, h)
         response, intake = step.stages, step.intake
         lags = np.zeros((len(self.terms), 0, m, m))
         if count > 1:
@@ -187,6 +191,12 @@ class Exponentials:
             response=response,
             intake=intake,
         )
+
+
+@lru_cache(maxsize=STEPS_KEPT)
+def _over_one_step(operator: StageOperator, kernel: Kernel | None, h: float) -> StageExponentials:
+    """Exponentials over a step; runs of one scene, and of many alike, take the same sizes."""
+    return operator.exponentials(h * kernel.rates if kernel is not None else np.zeros(0))
 
 
 __all__ = ["ExponentialKernels", "Exponentials"]

@@ -47,9 +47,22 @@ class Combination:
         index = {term: place for place, term in enumerate(memory.terms)}
         places = np.array([[index[term] for term in row] for row in terms])
         plain = cls(places=places, factors=factors, matrix=matrix, weights=np.zeros((1, 0)))
-        return replace(plain, weights=plain.of(memory.weights))
+        return replace(plain, weights=plain.combine(memory.weights))
 
-    def of(self, by_term: Array) -> Array:
+    @property
+    def matrices(self) -> Array:
+        """D of every member, ``(q, e, e)``.
+
+        Raises
+        ------
+        TypeError
+            For one large structure.
+        """
+        if isinstance(self.matrix, np.ndarray):
+            return self.matrix
+        raise TypeError("matrix: that of a large structure is kept in another form")
+
+    def combine(self, by_term: Array) -> Array:
         """Combine what is given for every term, ``(K, ...)`` to ``(q or 1, ...)``.
 
         Term by term, so that a member has the same bits whatever stands beside it.
@@ -60,7 +73,7 @@ class Combination:
             total += factor.reshape(-1, *(1,) * (by_term.ndim - 1)) * by_term[place]
         return total
 
-    def of_members(self, members: Places) -> Combination:
+    def of(self, members: Places) -> Combination:
         """That of some members."""
         own = {
             name: value if len(value) == 1 else value[members]
@@ -127,10 +140,21 @@ class Kernels(ABC):
         """
 
     @abstractmethod
+    def response_of(self, one: Combination) -> Array:
+        """Force of unit states on the block, without the matrix, ``(q or 1, B m, J)``."""
+
     def past_transposed(
         self, force: Array, combinations: Sequence[Combination], count: int
     ) -> list[Array]:
-        """From weights of forces ``(q, count m, e)`` to those of the states of combinations."""
+        """From weights of forces ``(q, count m, e)`` to those of the states of combinations.
+
+        The matrices are symmetric.
+        """
+        size = count * self.n_samples
+        return [
+            np.matmul(self.response_of(one)[:, :size].swapaxes(1, 2), along(force, one.matrix))
+            for one in combinations
+        ]
 
     @abstractmethod
     def push(self, states: Array, inputs: Array, count: int) -> Array:
@@ -152,8 +176,8 @@ class Memory(Protocol):
     ----------
     terms
         What is remembered, each once.
-    n_states
-        Number J.
+    n_states, n_lags
+        Number J, and steps of the past that are remembered one by one, in states of their own.
     weights
         Factors of the states in the force of every term, ``(K, J)``; ``(K, 0)`` where they are not
         numbers.
@@ -166,6 +190,7 @@ class Memory(Protocol):
 
     terms: tuple[Term, ...]
     n_states: int
+    n_lags: int
     weights: Array
     column: Array | None
     column_start: float

@@ -72,19 +72,9 @@ class LagKernels(Kernels):
             raise ValueError("combinations: at least one is needed")
         return total
 
-    def past_transposed(
-        self, force: Array, combinations: Sequence[Combination], count: int
-    ) -> list[Array]:
-        """From weights of forces to those of states; the matrices are symmetric."""
-        found = []
-        for one in combinations:
-            own = along(force, one.matrix)
-            total = np.zeros((len(force), self.response.shape[2], force.shape[2]))
-            for place, factor in zip(_places(one), one.factors.T, strict=True):
-                response = self.response[place, : count * self.n_samples]
-                total += factor[:, None, None] * np.matmul(response.T, own)
-            found.append(total)
-        return found
+    def response_of(self, one: Combination) -> Array:
+        """Force of unit states on the block."""
+        return one.combine(self.response)
 
     def push(self, states: Array, inputs: Array, count: int) -> Array:
         """States behind the first `count` steps."""
@@ -151,8 +141,8 @@ class Lags:
         Number L of steps that are remembered one by one.
     n_inputs
         Number s of unknowns of a step.
-    h
-        Length of a step.
+    n_steps, h
+        Number and length of the steps.
     """
 
     column_start = 0.0
@@ -170,7 +160,8 @@ class Lags:
         exponents = [term for term in terms if isinstance(term, float)]
         if len(exponents) < len(terms):
             raise ValueError("terms: backward differences take powers only")
-        self.terms, self.h = tuple(terms), final_time / n_steps
+        self.terms = tuple(terms)
+        self.n_steps, self.h = n_steps, final_time / n_steps
         self.column: Array | None = -tables.control_points[1:]
         orders = [1.0 - term for term in exponents]
         tail = lag_exponentials(method.bdf_order, orders, n_steps, writes_out=writes_out)

@@ -83,6 +83,10 @@ class StageOperator:
     def __post_init__(self) -> None:
         _matrix_entries(self.tableau)
 
+    @cached_property
+    def _entries(self) -> tuple[Array, float]:
+        return _matrix_entries(self.tableau)
+
     @property
     def n_stages(self) -> int:
         """Number m of stages."""
@@ -105,7 +109,7 @@ class StageOperator:
     @cached_property
     def matrix(self) -> Array:
         """The tridiagonal matrix X of the method in coefficients, shape ``(m, m)``."""
-        off, corner = _matrix_entries(self.tableau)
+        off, corner = self._entries
         matrix = np.diag(off, -1) - np.diag(off, 1)
         matrix[0, 0] += 0.5
         matrix[-1, -1] += corner
@@ -146,24 +150,18 @@ class StageOperator:
 
     def _resolvent(self, z: Array) -> tuple[Array, Array, Array]:
         """First column of ``(1 + z X)^{-1}``, shape ``(m, J)``, sign and logarithm of R(-z)."""
-        off, corner = _matrix_entries(self.tableau)
+        off, corner = self._entries
         m = self.n_stages
+        tails = np.empty((m, z.size))
+        tails[-1] = 1.0 + corner * z
+        squares = (off * off)[:, None] * (z * z)
+        for k in range(m - 2, -1, -1):
+            tails[k] = squares[k] / tails[k + 1] + 1.0
+        rest, half = tails[0], 0.5 * z
         columns = np.empty((m, z.size))
-        tail = 1.0 + corner * z
-        if m == 1:
-            rest = corner * z
-        else:
-            square = z * z
-            tails = [tail]
-            for value in off[:0:-1]:
-                tail = 1.0 + (value * value) * square / tail
-                tails.append(tail)
-            rest = (off[0] * off[0]) * square / tail
-        rest = 1.0 + rest
-        half = 0.5 * z
         columns[0] = 1.0 / (rest + half)
-        for k in range(1, m):
-            columns[k] = columns[k - 1] * ((-off[k - 1]) * z / tails[m - 1 - k])
+        columns[1:] = -off[:, None] * z / tails[1:]
+        columns = np.multiply.accumulate(columns, axis=0)
         # R = (1 - q) / (1 + q): nothing cancels at either end
         q = half / rest
         with np.errstate(divide="ignore"):
@@ -187,13 +185,14 @@ def _matrix_entries(method: ButcherTableau) -> tuple[Array, float]:
 
 
 @cache
-def _operator(name: str, n_stages: int) -> StageOperator:
+def stage_operator(name: str, n_stages: int) -> StageOperator:
+    """That of a method, the same one every time."""
     return StageOperator(tableau=tableau(name, n_stages))
 
 
 def _in_values(name: str, n_stages: int, coefficients: Array) -> Array:
     """A matrix on coefficients as one on values at the stages."""
-    operator = _operator(name, n_stages)
+    operator = stage_operator(name, n_stages)
     found = np.asarray(operator.to_values @ coefficients @ operator.to_coefficients)
     found.setflags(write=False)
     return found
@@ -201,7 +200,7 @@ def _in_values(name: str, n_stages: int, coefficients: Array) -> Array:
 
 @cache
 def _power_of_coefficients(name: str, n_stages: int, theta: float) -> Array:
-    power = matrix_power(_operator(name, n_stages).matrix, theta)
+    power = matrix_power(stage_operator(name, n_stages).matrix, theta)
     power.setflags(write=False)
     return power
 
@@ -217,7 +216,7 @@ def _power(name: str, n_stages: int, theta: float) -> Array:
 def _logarithm(name: str, n_stages: int) -> Array:
     from scipy.linalg import logm
 
-    return _in_values(name, n_stages, np.real(logm(_operator(name, n_stages).matrix)))
+    return _in_values(name, n_stages, np.real(logm(stage_operator(name, n_stages).matrix)))
 
 
-__all__ = ["StageExponentials", "StageOperator"]
+__all__ = ["StageExponentials", "StageOperator", "stage_operator"]

@@ -1,4 +1,4 @@
-"""The modes of the step equations that grow, of one system or of very many."""
+"""The modes of the step equations that grow."""
 
 from __future__ import annotations
 
@@ -9,29 +9,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.integrator.method import AnyMethod
-from fvi_cli.integrator.stability.determinant import (
-    MatrixPencil,
+from fvi_cli.integrator.stability.determinants import (
     number_of_unknowns,
     step_determinant,
+    step_determinants,
 )
-from fvi_cli.integrator.stability.region import modal_family
-from fvi_cli.mathematics.transforms.argument import LogFunction
-from fvi_cli.mathematics.transforms.disc_zeros import (
+from fvi_cli.integrator.stability.systems import MatrixPencil
+from fvi_cli.mathematics.arrays import Integers
+from fvi_cli.mathematics.transforms.zeros import (
+    UNDECIDED,
     ZeroCountError,
-    enclosed_zero_modulus,
-    zeros_in_disc,
+    count_zeros,
+    find_zeros,
 )
-from fvi_cli.mathematics.transforms.many_discs import UNDECIDED, count_zeros_of_many
-
-FEW = 8
-"""Systems up to which each of them is looked at by itself."""
 
 FASTEST = 700.0
 """Growth per step, as a logarithm, beyond every number."""
 
+FEW = 8
+"""Modes up to which the worst is found among all."""
+
+ACCURACY = 1e-9
+"""Relative, of the growth of modes that cannot be told apart."""
+
 # a little different where a zero lies on the circle itself
 _SHARES = (10.0, 10.7, 9.1)
-_ROUNDS = 40
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,64 +62,65 @@ def growing_modes(
     ZeroCountError
         Where they cannot be counted.
     """
-    if len(systems) > FEW and all(system.mass.shape[0] == 1 for system in systems):
-        count, suspects = _growing_among_many(systems, method, step_size, n_steps)
-    else:
-        count, suspects = 0, list(systems)
-    each = [
-        _of_one(
-            step_determinant(system, method, step_size), n_steps, number_of_unknowns(system, method)
-        )
-        for system in suspects
-    ]
-    return GrowingModes(
-        count=count or sum(modes.count for modes in each),
-        growth=max((modes.growth for modes in each), default=0.0),
-    )
-
-
-def _of_one(log_determinant: LogFunction, n_steps: int, degree: int) -> GrowingModes:
-    for share in _SHARES:
-        radius = 1.0 - 1.0 / (share * n_steps)
-        try:
-            found = zeros_in_disc(log_determinant, radius, degree)
-            if found.count == 0:
-                return GrowingModes(count=0, growth=0.0)
-            if found.zeros is None:
-                modulus = enclosed_zero_modulus(log_determinant, radius, degree)
-            else:
-                modulus = float(np.abs(found.zeros[0]))
-        except ZeroCountError:
-            continue
-        growth = -math.log(modulus) if modulus > 0 else FASTEST
-        return GrowingModes(count=found.count, growth=growth)
-    raise ZeroCountError("a mode lies too close to the circle of no growth to be counted")
-
-
-def _growing_among_many(
-    systems: Sequence[MatrixPencil], method: AnyMethod, step_size: float, n_steps: int
-) -> tuple[int, list[MatrixPencil]]:
-    """Number of growing modes of scalar systems, and those systems that may have the worst."""
-    family = modal_family(systems, method, step_size)
-    degree = number_of_unknowns(systems[0], method)
     counts = np.full(len(systems), UNDECIDED)
     for share in _SHARES:
-        left = np.flatnonzero(counts == UNDECIDED)
-        if left.size:
+        left = np.flatnonzero(counts == UNDECIDED).tolist()
+        if left:
             radius = 1.0 - 1.0 / (share * n_steps)
-            counts[left] = count_zeros_of_many(family.part(left), left.size, radius, degree)
+            counts[left] = _counts([systems[i] for i in left], method, step_size, radius)
     if np.any(counts == UNDECIDED):
         raise ZeroCountError("a mode lies too close to the circle of no growth to be counted")
-    suspects = np.flatnonzero(counts)
-    low, high = math.log(0.1 / n_steps), math.log(20.0)
-    for _ in range(_ROUNDS):
-        if suspects.size <= FEW:
-            break
-        middle = 0.5 * (low + high)
-        radius = math.exp(-math.exp(middle))
-        faster = count_zeros_of_many(family.part(suspects), suspects.size, radius, degree) != 0
-        if faster.any():
-            suspects, low = suspects[faster], middle
+    count = int(counts.sum())
+    if not count:
+        return GrowingModes(count=0, growth=0.0)
+    suspects = [systems[i] for i in np.flatnonzero(counts).tolist()]
+    least = -math.log1p(-1.0 / (_SHARES[-1] * n_steps))
+    return GrowingModes(count=count, growth=_worst(suspects, method, step_size, least, count))
+
+
+def _counts(
+    systems: Sequence[MatrixPencil], method: AnyMethod, step_size: float, radius: float
+) -> Integers:
+    degree = number_of_unknowns(systems[0], method)
+    determinants = step_determinants(systems, method, step_size)
+    return count_zeros(determinants, len(systems), radius, degree)
+
+
+def _worst(
+    systems: Sequence[MatrixPencil], method: AnyMethod, step_size: float, low: float, count: int
+) -> float:
+    """Growth of the worst mode, which exceeds `low`: located where few modes are that fast."""
+    high, located = FASTEST, 0
+    while high > (1.0 + ACCURACY) * low:
+        if count <= FEW and count != located:
+            growth, located = _located(systems, method, step_size, math.exp(-low)), count
+            if growth is not None:
+                return growth
+        middle = math.sqrt(low * high)
+        counts = _counts(systems, method, step_size, math.exp(-middle))
+        faster = np.flatnonzero(counts).tolist()
+        if faster:
+            systems, low = [systems[i] for i in faster], middle
+            count = int(np.abs(counts).sum())
         else:
             high = middle
-    return int(counts.sum()), [systems[index] for index in suspects[: 4 * FEW]]
+    return low
+
+
+def _located(
+    systems: Sequence[MatrixPencil], method: AnyMethod, step_size: float, radius: float
+) -> float | None:
+    """The same by the modes themselves; None where they cannot be told apart."""
+    degree = number_of_unknowns(systems[0], method)
+    smallest = math.inf
+    for system in systems:
+        try:
+            zeros = find_zeros(step_determinant(system, method, step_size), radius, degree)
+        except ZeroCountError:
+            return None
+        if zeros is None:
+            return None
+        smallest = min(smallest, float(np.abs(zeros).min(initial=math.inf)))
+    if smallest == math.inf:
+        return None
+    return -math.log(smallest) if smallest > math.exp(-FASTEST) else FASTEST

@@ -1,4 +1,9 @@
-"""Up to which step a method is stable, and what to do beyond."""
+"""Up to which step a method is stable, and what to do beyond.
+
+Windows of instability lie between stable steps, so that halving a step may find none. The zeros of
+the step determinants of many steps are counted at once; those with zeros are then predicted one by
+one.
+"""
 
 from __future__ import annotations
 
@@ -7,26 +12,48 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.stability.determinant import MatrixPencil, independent_systems
+from fvi_cli.integrator.stability.determinants import (
+    determinants_over_steps,
+    number_of_unknowns,
+)
+from fvi_cli.integrator.stability.exact_modes import growing_frequencies
 from fvi_cli.integrator.stability.linearisation import linearised_at_start
 from fvi_cli.integrator.stability.prediction import (
     RESOLVED,
     TOLERATED_GROWTH,
     StabilityPrediction,
     gains_no_energy,
-    growing_frequencies,
     predict_stability,
 )
-from fvi_cli.integrator.stability.scan import FEW, grow_faster, numbers_of_steps, suspects
+from fvi_cli.integrator.stability.systems import MatrixPencil, independent_systems
 from fvi_cli.mathematics.arrays import Array, Integers
+from fvi_cli.mathematics.transforms.zeros import count_zeros
 
 LARGEST_N_STEPS = 1 << 30
 
 NEGLIGIBLE = 1e-3
 """Forces of a step this small beside inertia make no mode grow."""
+
+EVERY_UP_TO = 200
+"""Numbers of steps up to which each is looked at."""
+
+SPACING = 0.005
+"""Relative distance of the steps that are looked at beyond: windows that are wider are seen."""
+
+FEW = 8
+"""Independent systems of a scene up to which that is so."""
+
+WIDE_SPACING = 0.05
+"""The same of more systems, and of scenes that are fed."""
+
+_BLOCK = 2.0
+"""Ratio of the numbers of steps that are looked at together."""
+_FASTEST = 300.0
+"""Growth per step, as a logarithm, that nothing exceeds which is counted."""
 
 
 def least_stable_n_steps(scene: Scene, method: AnyMethod, *, fewest: int = 1) -> int | None:
@@ -57,42 +84,33 @@ def least_stable_n_steps(scene: Scene, method: AnyMethod, *, fewest: int = 1) ->
         return fewest
 
     def is_stable(n_steps: int) -> bool:
-        if not is_fed:
-            # the prediction, without the modes themselves
-            step_size = np.array([scene.final_time / n_steps])
-            tolerated = math.log(TOLERATED_GROWTH) / n_steps
-            return not grow_faster(systems, method, step_size, tolerated).any()
-        return predict_stability(linear, method, n_steps).verdict == "stable"
+        if is_fed:
+            return predict_stability(linear, method, n_steps).verdict == "stable"
+        # the same without the modes themselves
+        step_size = np.array([scene.final_time / n_steps])
+        tolerated = math.log(TOLERATED_GROWTH) / n_steps
+        return not _grow_faster(systems, method, step_size, tolerated).any()
 
-    most = fewest
-    sizes = [pair for system in systems for pair in system.sizes]
-    while most < LARGEST_N_STEPS and _largest_force(sizes, scene.final_time / most) >= NEGLIGIBLE:
-        most *= 2
-    # each step of a scene that is fed is predicted by itself
-    numbers = numbers_of_steps(fewest, most, is_wide=is_fed or len(systems) > FEW)
+    numbers = numbers_of_steps(
+        fewest,
+        _most_steps(systems, scene.final_time, fewest),
+        is_wide=is_fed or len(systems) > FEW,
+    )
     growth = _permitted_growth(systems, scene.final_time, numbers)
-    last = None
-    candidates: Iterator[int] = suspects(systems, method, scene.final_time, numbers, growth)
+    candidates = _suspects(systems, method, scene.final_time, numbers, growth)
     if is_fed:
         # also what outgrows the exact scene by less than a mode of it may be resolved
-        doubled = numbers[
-            np.searchsorted(numbers, fewest * 2.0 ** np.arange(32)).clip(max=numbers.size - 1)
-        ]
-        candidates = heapq.merge(candidates, np.unique(doubled)[::-1].tolist(), reverse=True)
-    for n_steps in candidates:
-        if not is_stable(n_steps):
-            last = n_steps
-            break
-    if last is None:
+        doubled = np.searchsorted(numbers, fewest * 2.0 ** np.arange(32))
+        doubled = np.unique(numbers[doubled.clip(max=numbers.size - 1)])
+        candidates = heapq.merge(candidates, doubled[::-1].tolist(), reverse=True)
+    low = next((n_steps for n_steps in candidates if not is_stable(n_steps)), None)
+    if low is None:
         return fewest
-    if last < numbers[-1]:
-        low, high = last, int(numbers[np.searchsorted(numbers, last) + 1])
-    else:
-        low, high = last, 2 * last
-        while high <= LARGEST_N_STEPS and not is_stable(high):
-            low, high = high, 2 * high
-        if high > LARGEST_N_STEPS:
-            return None
+    high = int(min(numbers[numbers > low], default=2 * low))
+    while high <= LARGEST_N_STEPS and not is_stable(high):
+        low, high = high, 2 * high
+    if high > LARGEST_N_STEPS:
+        return None
     while high - low > max(1, low // 1024):
         middle = (low + high) // 2
         if is_stable(middle):
@@ -102,27 +120,80 @@ def least_stable_n_steps(scene: Scene, method: AnyMethod, *, fewest: int = 1) ->
     return high
 
 
-def _largest_force(sizes: Sequence[tuple[float, float]], step_size: float) -> float:
-    """Of a step, beside inertia."""
-    return max((size * step_size ** (2.0 - order) for order, size in sizes), default=0.0)
+def numbers_of_steps(fewest: int, most: int, *, is_wide: bool = False) -> Integers:
+    """Those that are looked at, increasing."""
+    spacing, every = (WIDE_SPACING, EVERY_UP_TO // 4) if is_wide else (SPACING, EVERY_UP_TO)
+    each = np.arange(fewest, min(most, every) + 1)
+    if most <= every:
+        return each
+    first = max(fewest, every)
+    count = 1 + math.ceil(math.log(most / first) / math.log1p(spacing))
+    return np.unique(np.concatenate([each, np.geomspace(first, most, count).round().astype(int)]))
+
+
+def _most_steps(systems: Sequence[MatrixPencil], final_time: float, fewest: int) -> int:
+    """Doubled from `fewest` until nothing but inertia matters in a step."""
+    sizes = [pair for system in systems for pair in system.sizes]
+    most = fewest
+    while most < LARGEST_N_STEPS:
+        h = final_time / most
+        if max((size * h ** (2.0 - order) for order, size in sizes), default=0.0) < NEGLIGIBLE:
+            break
+        most *= 2
+    return most
 
 
 def _permitted_growth(
     systems: Sequence[MatrixPencil], final_time: float, numbers: Integers
 ) -> Array:
     """Logarithm of the growth over the run that is the exact scene's, resolved or tolerated."""
-    finest = final_time / int(numbers[-1])
-    found = [growing_frequencies(system, final_time, finest) for system in systems]
     rates = np.zeros(numbers.size)
-    for frequencies in found:
-        if frequencies is None:
+    for system in systems:
+        found = growing_frequencies(system, final_time, final_time / int(numbers[-1]))
+        if found is None:
             # as in the prediction, what cannot be told apart is not held against the method
-            rates[:] = np.inf
-            continue
-        for s in frequencies.tolist():
+            return np.full(numbers.size, np.inf)
+        for s in found.tolist():
             is_seen = abs(s.imag) * final_time / numbers < math.pi
             rates = np.maximum(rates, np.where(is_seen, s.real, 0.0))
     return np.asarray((1.0 + RESOLVED) * final_time * rates + math.log(TOLERATED_GROWTH))
+
+
+def _suspects(
+    systems: Sequence[MatrixPencil],
+    method: AnyMethod,
+    final_time: float,
+    numbers: Integers,
+    growth: Array,
+) -> Iterator[int]:
+    """Numbers of steps, decreasing, at which a mode outgrows `growth`, or where it may.
+
+    The growths are logarithms over the whole run, one for each of `numbers`.
+    """
+    end = numbers.size
+    while end:
+        begin = int(np.searchsorted(numbers, numbers[end - 1] / _BLOCK))
+        some = numbers[begin:end]
+        # one circle for all: that of the slowest growth
+        slowest = float((growth[begin:end] / some).min())
+        if slowest <= _FASTEST:
+            grows = _grow_faster(systems, method, final_time / some, slowest)
+            yield from some[grows][::-1].tolist()
+        end = begin
+
+
+def _grow_faster(
+    systems: Sequence[MatrixPencil], method: AnyMethod, step_sizes: Array, growth: float
+) -> NDArray[np.bool_]:
+    """At which step sizes a mode grows by more than this in a step, or may, a logarithm."""
+    grows = np.zeros(step_sizes.size, dtype=bool)
+    for system in systems:
+        left = np.flatnonzero(~grows)
+        if left.size:
+            determinants = determinants_over_steps(system, method, step_sizes[left])
+            degree = number_of_unknowns(system, method)
+            grows[left] = count_zeros(determinants, left.size, math.exp(-growth), degree) != 0
+    return grows
 
 
 def largest_stable_step(scene: Scene, method: AnyMethod, *, fewest: int = 1) -> float | None:

@@ -26,17 +26,17 @@ with small matrices :math:`A_i(z)`, the patterns, in which momenta are counted i
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from fvi_cli.integrator.memory.stages import StageOperator
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.integrator.stability.stage_basis import StageBasis, legendre_stages
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.mathematics.bdf import symbol_at
-from fvi_cli.mathematics.runge_kutta_symbol import symbol_power
+from fvi_cli.mathematics.runge_kutta import tableau
 
 Patterns = Callable[[ComplexArray], ComplexArray]
 
@@ -82,7 +82,7 @@ def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
             return _central_patterns(orders)
         return _euler_patterns(method, orders)
     tables = step_tables(method)
-    forms = _forms(method, tables)
+    damping = _damping(method, tables)
     s = tables.degree
     n = s + 2
     constant = np.zeros((DAMPING, n, n))
@@ -97,14 +97,14 @@ def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
     linear[STIFFNESS, p, u] = tables.weights @ tables.basis[1:].T
     constant[STIFFNESS, u, x] = -tables.test_weights[:-1].sum(axis=1)
     constant[STIFFNESS, u, u] = -np.einsum("ni,mi->nm", tables.test_weights[:-1], tables.basis[1:])
-    momentum_weights = forms.force_weights.sum(axis=0)
+    momentum_weights = damping.force_weights.sum(axis=0)
 
     def patterns(z: ComplexArray) -> ComplexArray:
         at = z[:, None, None]
         result = np.zeros((z.size, DAMPING + len(orders), n, n), dtype=np.complex128)
         result[:, :DAMPING] = constant + at[..., None] * linear
-        for index, force in enumerate(forms.forces(z, orders, forms.samples(z))):
-            result[:, DAMPING + index, u, u] = -(forms.force_weights[:-1] @ force)
+        for index, force in enumerate(damping.forces(z, orders)):
+            result[:, DAMPING + index, u, u] = -(damping.force_weights[:-1] @ force)
             result[:, DAMPING + index, p, u] = z[:, None] * (momentum_weights @ force)
         return result
 
@@ -143,86 +143,82 @@ def _euler_patterns(method: Baseline, orders: tuple[float, ...]) -> Patterns:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Forms:
-    """Dimensionless sample and force matrices of a method (step size 1)."""
+class _Damping:
+    """Dimensionless sample and force matrices of a method (step size 1).
+
+    Samples are values for backward differences, coefficients of the stages for Runge-Kutta.
+    """
 
     method: Method
-    sample_matrix: Array
-    carry_matrix: Array
+    samples: Array
+    carried: Array
     force_weights: Array
-    basis: StageBasis | None
+    stages: StageOperator | None
 
-    def samples(self, z: ComplexArray) -> ComplexArray:
-        """Samples from increments at each z, shape ``(n, m, s)``."""
-        return np.asarray(self.sample_matrix.T + z[:, None, None] * self.carry_matrix.T)
-
-    def forces(
-        self, z: ComplexArray, orders: tuple[float, ...], samples: ComplexArray
-    ) -> list[ComplexArray]:
-        """Force of the samples for each order, shape ``(n, m, s)``."""
-        if self.basis is None:
+    def forces(self, z: ComplexArray, orders: tuple[float, ...]) -> list[ComplexArray]:
+        """Force of the increments for each order, shape ``(n, m, s)``."""
+        samples = np.asarray(self.samples.T + z[:, None, None] * self.carried.T)
+        if self.stages is None:
             # A(alpha) stability: the symbol keeps away from the cut along the negative axis
             symbol = symbol_at(self.method.bdf_order, z)
             factors = [symbol**order / (1.0 - z) for order in orders]
             return [np.asarray(factor[:, None, None] * samples) for factor in factors]
         if all(order == 1.0 for order in orders):
             return [samples for _ in orders]
-        powers = self._symbol_powers(z, self.basis, tuple(order - 1.0 for order in orders))
+        powers = _symbol_powers(self.stages, z, [order - 1.0 for order in orders])
         return [np.asarray(power @ samples) for power in powers]
 
-    def _symbol_powers(
-        self, z: ComplexArray, basis: StageBasis, exponents: tuple[float, ...]
-    ) -> list[ComplexArray]:
-        r"""Powers of the symbol between Legendre coefficients, each of shape ``(n, m, m)``.
 
-        There :math:`\Delta(z)^{-1} = T A T^{-1} + z / (1 - z) e_1 e_1^T`: near z = 1 one large
-        entry beside a matrix of moderate ones, whose small eigenvalues are not drowned in it.
-        """
-        from fvi_cli.mathematics.runge_kutta import tableau as named_tableau
+def _symbol_powers(
+    stages: StageOperator, z: ComplexArray, exponents: Sequence[float]
+) -> list[ComplexArray]:
+    r"""Powers of the symbol :math:`\Delta(z)` between coefficients, each ``(n, m, m)``.
 
-        tableau = named_tableau(self.method.cq, self.method.stages)
-        inverse = basis.to_coefficients @ tableau.A @ basis.to_values
-        matrices = np.tile(inverse.astype(np.complex128), (z.size, 1, 1))
-        matrices[:, 0, 0] += z / (1.0 - z)
-        if matrices.shape[1] == 1:
-            return [matrices**-exponent for exponent in exponents]
-        values, vectors = np.linalg.eig(matrices)
-        try:
-            inverses = np.linalg.inv(vectors)
-        except np.linalg.LinAlgError:
-            inverses = np.full_like(vectors, np.inf)
-        # Frobenius norms: the product bounds the condition from above
-        with np.errstate(over="ignore", invalid="ignore"):
-            sizes = [(np.abs(one) ** 2).sum(axis=(1, 2)) for one in (vectors, inverses)]
-            poor = ~(sizes[0] * sizes[1] < LARGEST_CONDITION**2)
-        if poor.any():
-            inverses[poor] = 0.0
-        result: list[ComplexArray] = []
-        for exponent in exponents:
-            power = (vectors * values[:, None, :] ** -exponent) @ inverses
-            if poor.any():
-                # eigenvalues that meet
-                rest = symbol_power(tableau, exponent, z[poor])
-                power[poor] = basis.to_coefficients @ rest @ basis.to_values
-            result.append(np.asarray(power))
-        return result
+    There :math:`\Delta(z)^{-1} = X + z / (1 - z) e_1 e_1^T`: near z = 1 one large entry beside a
+    matrix of moderate ones, whose small eigenvalues are not drowned in it.
+    """
+    matrices: ComplexArray = np.tile(stages.matrix.astype(np.complex128), (z.size, 1, 1))
+    matrices[:, 0, 0] += z / (1.0 - z)
+    if stages.n_stages == 1:
+        return [np.asarray(matrices**-exponent) for exponent in exponents]
+    values, vectors = np.linalg.eig(matrices)
+    try:
+        inverses = np.linalg.inv(vectors)
+    except np.linalg.LinAlgError:
+        inverses = np.full_like(vectors, np.inf)
+    # Frobenius norms: the product bounds the condition from above
+    with np.errstate(over="ignore", invalid="ignore"):
+        sizes = [(np.abs(one) ** 2).sum(axis=(1, 2)) for one in (vectors, inverses)]
+        poor = np.flatnonzero(~(sizes[0] * sizes[1] < LARGEST_CONDITION**2))
+    inverses[poor] = 0.0
+    found = [
+        np.asarray((vectors * values[:, None, :] ** -exponent) @ inverses, dtype=np.complex128)
+        for exponent in exponents
+    ]
+    if poor.size:
+        from scipy.linalg import fractional_matrix_power
+
+        for power, exponent in zip(found, exponents, strict=True):
+            for index in poor:
+                power[index] = fractional_matrix_power(matrices[index], -exponent)
+    return found
 
 
-def _forms(method: Method, tables: StepTables) -> _Forms:
+def _damping(method: Method, tables: StepTables) -> _Damping:
     if method.is_runge_kutta:
-        basis = legendre_stages(tables.sample_points)
-        return _Forms(
+        stages = StageOperator(tableau=tableau(method.cq, method.stages))
+        return _Damping(
             method=method,
-            sample_matrix=tables.slopes[1:] @ basis.to_coefficients.T,
-            carry_matrix=np.zeros((tables.degree, tables.sample_points.size)),
-            force_weights=tables.sample_test_weights @ basis.to_values,
-            basis=basis,
+            samples=tables.slopes[1:] @ stages.to_coefficients.T,
+            carried=np.zeros((tables.degree, tables.sample_points.size)),
+            force_weights=tables.sample_test_weights @ stages.to_values,
+            stages=stages,
         )
-    sample = tables.sample_basis[1:]
-    return _Forms(
+    samples = tables.sample_basis[1:]
+    return _Damping(
         method=method,
-        sample_matrix=sample,
-        carry_matrix=np.eye(tables.degree)[:, -1:] - sample,
+        samples=samples,
+        carried=np.eye(tables.degree)[:, -1:] - samples,
         force_weights=tables.sample_test_weights,
-        basis=None,
+        stages=None,
     )

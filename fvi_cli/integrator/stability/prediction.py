@@ -19,6 +19,7 @@ the growth is so long, or so poorly resolved, that a small error of its rate mak
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -26,19 +27,15 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Baseline
-from fvi_cli.integrator.stability.determinant import (
-    MatrixPencil,
-    half_plane,
-    independent_systems,
-    number_of_unknowns,
-    step_determinant,
-)
+from fvi_cli.integrator.stability.determinants import number_of_unknowns, step_determinant
+from fvi_cli.integrator.stability.exact_modes import growing_frequencies, largest_rate
 from fvi_cli.integrator.stability.growing_modes import growing_modes
 from fvi_cli.integrator.stability.linearisation import linearised_along, linearised_at_start
 from fvi_cli.integrator.stability.patterns import has_patterns
+from fvi_cli.integrator.stability.systems import MatrixPencil, independent_systems
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import ComplexArray
-from fvi_cli.mathematics.transforms.disc_zeros import ZeroCountError, find_zeros, zeros_in_disc
+from fvi_cli.mathematics.transforms.zeros import ZeroCountError, find_zeros
 
 Verdict = Literal["stable", "unstable", "unknown"]
 
@@ -127,46 +124,51 @@ def predict_stability(scene: Scene, method: AnyMethod, n_steps: int) -> Stabilit
             linearised_verdict=linearised.verdict,
             reason=f"nonlinear; linearised at the start: {linearised.reason}",
         )
-    if scene.is_sparse or scene.active_laws:
-        return _by_energy(scene, method)
-    systems = independent_systems(scene)
-    if gains_no_energy(method) and all(system.is_dissipative for system in systems):
+    has_determinants = not (scene.is_sparse or scene.active_laws)
+    systems = independent_systems(scene) if has_determinants else ()
+    if gains_no_energy(method) and scene.is_dissipative:
         return NO_GAIN
-    h = scene.final_time / n_steps
-    if reason := _too_large(systems):
+    if reason := _why_not(scene, systems):
         return StabilityPrediction(verdict="unknown", reason=reason)
-    exact = h * max(exact_growth(system, scene.final_time, h) for system in systems)
+    h = scene.final_time / n_steps
+    found = [(part, growing_frequencies(part, scene.final_time, h)) for part in systems]
+    exact = h * max(largest_rate(part, frequencies, h) for part, frequencies in found)
     try:
-        modes = growing_modes(systems, method, h, n_steps)
+        growing = growing_modes(systems, method, h, n_steps)
         limit = exact + math.log(TOLERATED_GROWTH) / n_steps
-        is_spurious = modes.growth > limit and (
+        is_spurious = growing.growth > limit and (
             exact == 0.0
-            or any(_has_spurious_mode(part, method, h, scene.final_time, limit) for part in systems)
+            or any(
+                _has_spurious_mode(part, exact_modes, method, h, limit)
+                for part, exact_modes in found
+            )
         )
     except ZeroCountError as error:
         return StabilityPrediction(verdict="unknown", exact_growth=exact, reason=str(error))
-    growths = (
-        f"a mode grows by a factor {_factor(modes.growth)} per step, the exact scene by "
+    reason = (
+        f"a mode grows by a factor {_factor(growing.growth)} per step, the exact scene by "
         f"{_factor(exact)}"
     )
-    if is_spurious:
-        reason = growths
-    elif modes.growth > limit:
-        reason = f"{growths}: the same mode, not resolved well"
-    else:
-        reason = "no mode grows" if not modes.count else "no mode outgrows the exact scene"
+    if growing.growth <= limit:
+        reason = "no mode outgrows the exact scene" if growing.count else "no mode grows"
+    elif not is_spurious:
+        reason += ": the same mode, not resolved well"
     return StabilityPrediction(
         verdict="unstable" if is_spurious else "stable",
-        growth_per_step=modes.growth,
+        growth_per_step=growing.growth,
         exact_growth=exact,
-        growing_modes=modes.count,
+        growing_modes=growing.count,
         reason=reason,
     )
 
 
-def _too_large(systems: tuple[MatrixPencil, ...]) -> str:
-    """Why the determinants of these systems are not looked at; nothing if they are."""
-    size = max(system.mass.shape[0] for system in systems)
+def _why_not(scene: Scene, systems: Sequence[MatrixPencil]) -> str:
+    """Why the determinants of a scene are not looked at; nothing if they are."""
+    if scene.active_laws:
+        return "the modes of scenes with relaxation laws are not looked at"
+    if scene.is_sparse:
+        return f"the modes of {scene.dimension} coupled components are not looked at"
+    size = systems[0].dimension
     if size > LARGEST_DIMENSION:
         return (
             f"{size} components that do not fall apart into modes are too many to be looked at; "
@@ -222,77 +224,23 @@ def _factor(growth: float) -> str:
 
 
 def _has_spurious_mode(
-    system: MatrixPencil, method: AnyMethod, step_size: float, final_time: float, limit: float
+    system: MatrixPencil,
+    frequencies: ComplexArray | None,
+    method: AnyMethod,
+    step_size: float,
+    limit: float,
 ) -> bool:
     """Whether a mode that grows faster than `limit` per step is none of the exact scene."""
     log_determinant = step_determinant(system, method, step_size)
-    found = zeros_in_disc(log_determinant, math.exp(-limit), number_of_unknowns(system, method))
-    if not found.count:
+    zeros = find_zeros(log_determinant, math.exp(-limit), number_of_unknowns(system, method))
+    if zeros is not None and not zeros.size:
         return False
-    exact = growing_frequencies(system, final_time, step_size)
-    if found.zeros is None or exact is None or not exact.size:
+    if zeros is None or frequencies is None or not frequencies.size:
         return True
     with np.errstate(divide="ignore"):
-        modes = -np.log(found.zeros)[:, None] / step_size
+        modes = -np.log(zeros)[:, None] / step_size
     # the logarithm is ambiguous where the mode alternates, and zeros come in conjugate pairs
-    exact = np.concatenate([exact, exact.conj()])[None, :]
+    exact = np.concatenate([frequencies, frequencies.conj()])[None, :]
     is_near = np.abs(modes - exact) <= RESOLVED * np.abs(exact)
     is_no_faster = modes.real <= (1.0 + RESOLVED) * exact.real
     return not bool((is_near & is_no_faster).any(axis=1).all())
-
-
-def _by_energy(scene: Scene, method: AnyMethod) -> StabilityPrediction:
-    """Of a scene whose modes are not looked at: with sparse matrices, or relaxation laws."""
-    if gains_no_energy(method) and scene.is_dissipative:
-        return NO_GAIN
-    reason = f"the modes of {scene.dimension} coupled components are not looked at"
-    if scene.active_laws:
-        reason = "the modes of scenes with relaxation laws are not looked at"
-    return StabilityPrediction(verdict="unknown", reason=reason)
-
-
-def exact_growth(system: MatrixPencil, final_time: float, step_size: float) -> float:
-    r"""Largest Re s of the exact scene that a step of this size can follow; 0 where none grows.
-
-    Parameters
-    ----------
-    system
-        The scene's matrices.
-    final_time, step_size
-        T and h: growth by less than a tenth over T is none, and zeros with
-        :math:`|\mathrm{Im}\, s| h \ge \pi` are left out.
-    """
-    found = growing_frequencies(system, final_time, step_size)
-    if found is None:
-        # what cannot be told apart is not held against the method
-        return half_plane(system, step_size).scale
-    return max(0.0, float(found.real.max(initial=0.0)))
-
-
-def growing_frequencies(
-    system: MatrixPencil, final_time: float, step_size: float
-) -> ComplexArray | None:
-    r"""Zeros s of the exact scene with Re s > 0 that a step of this size can follow.
-
-    None where they cannot be told apart; `final_time` and `step_size` as in
-    :func:`exact_growth`.
-    """
-    none = np.empty(0, dtype=np.complex128)
-    if system.is_dissipative:
-        return none
-    plane = half_plane(system, step_size)
-    least = 0.05 / final_time
-    if least >= plane.scale:
-        return none
-    for nudge in (1.0, 1.1, 0.9):
-        radius = plane.radius(least * nudge)
-        try:
-            zeros = find_zeros(plane.log_determinant, radius, 4 * system.mass.shape[0])
-        except ZeroCountError:
-            continue
-        if zeros is None:
-            continue
-        s = plane.frequency(zeros)
-        seen = s[np.abs(s.imag) * step_size < math.pi]
-        return np.asarray(seen)
-    return None

@@ -24,10 +24,10 @@ import numpy as np
 from fvi_cli.effects.matrices import Form, Solve, dense, form, times
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.integrator.convolution.damping import Damping, DampingTables, no_damping
+from fvi_cli.integrator.engine.algebra import kronecker, solver_of
 from fvi_cli.integrator.failure import StepFailedError
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables
-from fvi_cli.integrator.steps.algebra import kronecker, solver_of
 from fvi_cli.integrator.steps.dynamics import General, Separable
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.convergence import NOISE, UNIT, Mask, judge

@@ -7,6 +7,7 @@ two terms each, and counted by the argument principle.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,12 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.mathematics.arrays import LongArray, LongComplexArray
+from fvi_cli.mathematics.arrays import Array, ComplexArray, LongArray, LongComplexArray
+from fvi_cli.mathematics.transforms.zeros import OneFunction, Path, contour_integrals
 
 _LARGEST_LOGARITHM = 700.0
 _STRIPS = (2.95, 2.9, 3.0, 2.85, 3.05)
 _SAME_ZERO = 5e-3
 _SAME_POSITIVE_ZERO = 0.1
+FIRST_STEPS = 10.0
+"""Of a path in a unit of w, to begin with."""
 _CONVERGED = 4 * np.finfo(np.longdouble).eps
 
 
@@ -195,28 +199,36 @@ def _polished(powers: LongArray, coefficients: LongArray, w: LongComplexArray) -
     return w.real + 1j * np.abs(w.imag)
 
 
-def _unwrapped_change(values: LongComplexArray) -> float | None:
-    steps = np.angle((values[1:] / values[:-1]).astype(complex))
-    return None if np.abs(steps).max() > 1.0 else float(steps.sum())
+def _turn(powers: LongArray, coefficients: LongArray, path: Path, parameters: Array) -> float:
+    """Change of the argument of the sum along a path of w; nan if a zero lies on it."""
+
+    def logarithm(w: ComplexArray) -> ComplexArray:
+        sums = _sums(powers, coefficients, w.astype(np.clongdouble))[0]
+        return np.asarray(np.log(sums), dtype=np.complex128)
+
+    return float(contour_integrals(OneFunction(logarithm), 1, path, parameters)[0, 0])
 
 
 def _count(
     powers: LongArray, coefficients: LongArray, low: float, high: float, strip: float
 ) -> int | None:
     """Zeros with abs(arg) < strip by the argument principle; None if one is on the boundary."""
-    angles = 1j * np.linspace(0.0, strip, 400)
-    across = np.arange(high, low, -0.02)
-    for factor in (1, 16):
-        line = np.linspace(high, low, factor * (len(across) + 2))
-        total = 0.0
-        for path in (high + angles, line + 1j * strip, low + angles[::-1]):
-            change = _unwrapped_change(_sums(powers, coefficients, path.astype(np.clongdouble))[0])
-            if change is None:
-                break
-            total += change
-        else:
-            return round(total / math.pi)
-    return None
+    corners = (complex(high, 0.0), complex(high, strip), complex(low, strip), complex(low, 0.0))
+    turn = 0.0
+    for begin, end in itertools.pairwise(corners):
+        steps = 2 + math.ceil(FIRST_STEPS * abs(end - begin))
+        turn += _turn(powers, coefficients, _line(begin, end), np.linspace(0.0, 1.0, steps))
+    return None if math.isnan(turn) else round(turn / math.pi)
+
+
+def _line(begin: complex, end: complex) -> Path:
+    return lambda part: np.asarray(begin + part * (end - begin), dtype=np.complex128)
+
+
+def _circle(center: complex, radius: float) -> Path:
+    return lambda part: np.asarray(
+        center + radius * np.exp(2j * math.pi * part), dtype=np.complex128
+    )
 
 
 def _linked(first: LongComplexArray, second: LongComplexArray) -> NDArray[np.bool_]:
@@ -248,9 +260,9 @@ def _clusters(
         inner = float(np.abs(members - center).max())
         outer = min([0.5, *np.abs(others - center).astype(float)])
         radius = math.sqrt(max(inner, 1e-6) * outer)
-        circle = center + radius * np.exp(2j * np.pi * np.arange(257) / 256)
-        change = _unwrapped_change(_sums(powers, coefficients, circle.astype(np.clongdouble))[0])
-        multiplicity = 0 if change is None else round(change / (2 * math.pi))
+        around = _circle(complex(center), radius)
+        turn = _turn(powers, coefficients, around, np.linspace(0.0, 1.0, 65))
+        multiplicity = 0 if math.isnan(turn) else round(turn / (2 * math.pi))
         if multiplicity == 1:
             # The best of the copies, not their mean, which remembers where they came from.
             center = members[np.abs(_sums(powers, coefficients, members)[0]).argmin()]

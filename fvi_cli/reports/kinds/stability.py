@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
+from fvi_cli.integrator.stability.limits import EVERY_UP_TO, FEW, SPACING, WIDE_SPACING
 from fvi_cli.integrator.stability.prediction import TOLERATED_GROWTH
-from fvi_cli.integrator.stability.scan import EVERY_UP_TO, FEW, SPACING, WIDE_SPACING
 from fvi_cli.reports.document import Block, Code, Grid, Heading, Paragraph
 from fvi_cli.reports.naming import method_names
 from fvi_cli.reports.table import Column, Report, Row, Sheet, Within, row_of

@@ -30,16 +30,8 @@ SHIFT = 1e-6
 """Relative change of the start that tells how round-off grows."""
 
 
-def on_same_mesh(one: Trajectory, other: Trajectory) -> Array:
-    """Largest difference of positions at the points of a common mesh, shape ``(n,)``."""
-    if one.position.shape != other.position.shape:
-        return np.array([math.inf])
-    found = np.abs(one.position - other.position).max(axis=1)
-    return np.where(np.isfinite(found), found, math.inf)
-
-
-def on_other_mesh(coarse: Trajectory, fine: Trajectory) -> tuple[Array, Array]:
-    """Times, and differences of positions there, of runs on unrelated meshes."""
+def differences_of(coarse: Trajectory, fine: Trajectory) -> tuple[Array, Array]:
+    """Times of the mesh of one run, and differences of positions from another one there."""
     steps = coarse.steps
     if steps is None or coarse.status != "ok" or fine.status != "ok":
         return np.zeros(1), np.array([math.inf])

@@ -11,9 +11,9 @@ import numpy as np
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 
-LOOSE: Final = 100.0
+LOOSE: Final = 30.0
 POWER: Final = 1.3
-"""The error of the delivered run is below (local tolerance)^1.3 / 100, relative to the motion."""
+"""The error of the delivered run is below (local tolerance)^1.3 / 30, relative to the motion."""
 COARSEST: Final = 0.01
 """No local tolerance is larger than this share of the motion."""
 

@@ -1,24 +1,22 @@
 """A run for a tolerance: steps by a local one, the error of the whole by a second run.
 
 A run with m stages finds its steps by a local tolerance; one with two stages more on the same mesh
-tells how far it is from the truth, and is the one that is delivered. Formulas with kinks, whose
-places are points of the mesh, and those of which walls and pulses are made are run on an unrelated
-mesh as well. Forces by samples have the samples as points of the mesh.
+tells how far it is from the truth, and is the one that is delivered. Where forces have kinks, or
+are of the kind of which walls and pulses are made, it finds steps of its own: on one mesh both
+might miss the same. Forces by samples have the samples as points of the mesh.
 """
 
 from __future__ import annotations
 
-import functools
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.engine.checkpoint import RunKeeper, part_of
 from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.local_error.pulses import Pulses, pulses_that_move
-from fvi_cli.integrator.run.unfinished import RunKeeper, part_of
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.accuracy_settings import Accuracy
@@ -27,10 +25,9 @@ from fvi_cli.studies.tolerance.differences import (
     ROUNDED,
     SHIFT,
     between_points,
+    differences_of,
     growth_of,
     local_errors,
-    on_other_mesh,
-    on_same_mesh,
     shifted,
 )
 from fvi_cli.studies.tolerance.rounds import COARSEST, Round, amplitude_of, first_local
@@ -45,32 +42,28 @@ from fvi_cli.studies.tolerance.runs import (
 from fvi_cli.studies.tolerance.scales import likely_amplitude
 
 MOST_ROUNDS: Final = 10
-FEW_DIGITS: Final = 5.0
-"""Up to so many digits 6 stages are taken, 8 beyond."""
-ROUGHLY: Final = 100.0
-"""The first run aims at so many tolerances: it tells how loose the second one may be."""
+FEW_DIGITS: Final = 7.0
+"""Up to so many digits the worse one of two runs has 8 stages, 10 beyond."""
 LEAST_GAIN: Final = 0.03
 """Least share of a difference by which the better of two runs is thought to err."""
 SAMPLED_GAIN: Final = 0.3
 """The same of two stages more on the samples of a record, where the slope of the force jumps."""
 PROBED: Final = 1e-9
 """For tolerances below this share of a nonlinear motion it is looked how round-off grows."""
-LOOSER: Final = 30.0
-"""Local tolerance of a run that is there to be compared with, relative to a better one at least."""
 CAUTION: Final = 10.0
 """In what local errors tell of the errors of two runs."""
-STEEPNESS: Final = 1.25
-"""An error that is to fall by a factor takes a local tolerance smaller by this power of it."""
-AIMED_AT: Final = 0.2
+AIMED_AT: Final = 0.3
 """Share of the tolerance at which a new local tolerance aims."""
+SHRINKS_TO: Final = (1e-6, 0.3)
+"""Least and largest factor from a local tolerance to the next."""
+UNRELATED: Final = 0.3
+"""Local tolerance of a run on a mesh of its own, relative to that of the first one."""
 STILL: Final = 0.3
 """An error of more than this share of the one before has not fallen."""
 LEAP: Final = 0.01
 """Factor of the local tolerance where less of it has not helped."""
 BY_ACCIDENT: Final = 0.2
 """Share of the tolerance that is demanded of an error that does not fall with the steps."""
-UNRELATED: Final = 0.3
-"""Local tolerance of the run on an unrelated mesh, relative to the first one."""
 SENSITIVE: Final = 1e3
 """Differences that grow by more than this in a run make it unreliable."""
 MOST_PER_INTERVAL: Final = 64
@@ -174,40 +167,45 @@ class _Search:
         guess = likely_amplitude(self.scene)
         target = self.target(guess)
         digits = math.log10(max(guess, 1e-300) / target) if target > 0 else 0.0
-        least = 6 if digits <= FEW_DIGITS else 8
-        local = first_local(ROUGHLY * target, guess)
+        degree = 8 if digits <= FEW_DIGITS else 10
+        local = first_local(target, guess)
         most_steps = MOST_KINKED_STEPS if forces.has_kinks else MOST_STEPS
-        runs_of = functools.partial(AdaptiveRuns, points=knots, most_steps=most_steps)
-        by_degree: dict[int, AdaptiveRuns] = {}
-        # errors of steps that two runs have in common show where their degrees differ
-        degrees = itertools.chain([least], itertools.cycle([least + 2, least + 1]))
-        least_gain = 1.0 if forces.has_kinks or forces.is_steep else LEAST_GAIN
-        other: Trajectory | None = None
-        before, still, failed, doubted, is_looser = math.inf, 0, 0, False, False
-        for degree in itertools.islice(degrees, MOST_ROUNDS):
-            if degree not in by_degree:
-                by_degree[degree] = runs_of(self.scene, degree, checkpoints=self.checkpoints)
-            run = by_degree[degree].run(local, self.first_step)
-            words = f"gauss{degree}, local tolerance {local:.2g}: {run.n_steps} steps"
-            if run.status != "ok" or run.steps is None:
+        runs, finer = (
+            AdaptiveRuns(
+                self.scene, one, points=knots, most_steps=most_steps, checkpoints=self.checkpoints
+            )
+            for one in (degree, degree + 2)
+        )
+        # on one mesh two runs may miss the same thing
+        is_rough = forces.has_kinks or forces.is_steep
+        least_gain = 1.0 if is_rough else LEAST_GAIN
+        before, still, failed, doubted = math.inf, 0, 0, False
+        for _ in range(MOST_ROUNDS):
+            run = coarse = runs.run(local, self.first_step)
+            words = f"gauss{degree}, local tolerance {local:.2g}: {coarse.n_steps} steps"
+            if coarse.status == "ok" and coarse.steps is not None:
+                mesh = coarse.steps.mesh(self.scene.break_points)
+                if is_rough:
+                    run = finer.run(UNRELATED * local, self.first_step)
+                else:
+                    run = run_on(self.scene, degree + 2, mesh, self.checkpoints)
+                    run = replace(run, doubts=coarse.doubts, rejected=coarse.rejected)
+            if run.status != "ok" or run.steps is None or coarse.steps is None:
                 self._note(Round(run=run, line=f"{words}; {run.status}: {run.message}"))
                 failed += 1
-                if failed > 2 or run.n_steps >= most_steps:
+                if failed > 2 or coarse.n_steps >= most_steps:
                     break
                 local *= 0.03
                 continue
-            pair = (run, other)
-            if is_looser:
-                pair, is_looser = (other or run, run), False
+            amplitude = amplitude_of(run)
             is_probed = self.scene.is_linear or self.rounding is not None
-            if not is_probed and self.target(amplitude_of(run)) < PROBED * amplitude_of(run):
+            if not is_probed and self.target(amplitude) < PROBED * amplitude:
                 own = part_of(self.checkpoints, "moved")
-                moved = runs_of(shifted(self.scene, run), degree, checkpoints=own)
-                self.rounding = on_other_mesh(run, moved.run(local, self.first_step))
-            one = self._compared(*pair, least_gain, words)
-            run = one.run
+                moved = run_on(shifted(self.scene, run), degree, mesh, own)
+                self.rounding = differences_of(coarse, moved)
+            gain = CAUTION * local_errors(run.steps) / local_errors(coarse.steps)
+            one = self._compared(coarse, run, max(least_gain, min(1.0, gain)), words)
             self._note(one)
-            amplitude = one.amplitude
             if amplitude == 0.0 and self.wanted.relative is not None:
                 return self._ended(
                     one, "refused", "relative: the motion stays at zero; give tolerance"
@@ -216,7 +214,7 @@ class _Search:
             if run.doubts and self.first_step is None and run.doubts[0][0] == 0.0:
                 self.first_step = SHORTER_START * self.scene.final_time
                 continue
-            if self.rounding is not None and other is not None and self._rounded(run) > target:
+            if self.rounding is not None and self._rounded(run) > target:
                 return self._ended_by_rounding(one, target)
             # what round-off makes of runs may agree by accident
             if one.estimate <= (target if still == 0 else BY_ACCIDENT * target):
@@ -225,48 +223,34 @@ class _Search:
                 if doubted:
                     break
                 doubted = True
-            if other is None and one.between <= AIMED_AT * target:
-                # good enough: the other one is there to be compared with
-                other, is_looser = run, True
-                looser = max(LOOSER * local, first_local(target, amplitude))
-                local = max(local, min(COARSEST * amplitude, looser))
-                continue
-            factor = max(1e-6, min(1.0, AIMED_AT * target / max(one.between, 1e-300)) ** STEEPNESS)
-            if other is not None:
-                # the square of it, at the points
-                factor = min(factor, math.sqrt(AIMED_AT * target / max(one.at_points, 1e-300)))
-            if other is not None and one.estimate > STILL * before:
+            factor = min(SHRINKS_TO[1], AIMED_AT * target / max(one.estimate, 1e-300))
+            if one.estimate > STILL * before:
                 # a little may change nothing; what does not help either is round-off
                 still += 1
                 factor = min(factor, LEAP)
             if still > 2 or local <= 10 * EPSILON * amplitude:
                 break
-            before, other = one.estimate, run
-            local = min(UNRELATED * local, factor * local, COARSEST * amplitude or local)
+            before = one.estimate
+            local = min(max(SHRINKS_TO[0], factor) * local, COARSEST * amplitude or local)
         return self._given_up()
 
-    def _compared(
-        self, run: Trajectory, other: Trajectory | None, least_gain: float, words: str
-    ) -> Round:
-        """A run with its error by a worse one on an unrelated mesh; None: there is none yet."""
+    def _compared(self, coarse: Trajectory, run: Trajectory, gain: float, words: str) -> Round:
+        """A run with its error by a worse one, of whose error it has a share `gain`."""
         if run.steps is None:  # pragma: no cover - it was asked for
             raise ValueError("tolerance: a run without its polynomials")
-        between = float(between_points(self.scene, run.steps).max())
-        if other is None or other.steps is None:
-            return Round(run=run, between=between, line=f"{words}, {between:.2g} between points")
-        times, differences = on_other_mesh(other, run)
+        times, differences = differences_of(coarse, run)
         difference = float(differences.max())
-        own, others = local_errors(run.steps), local_errors(other.steps)
-        gain = max(least_gain, min(1.0, CAUTION * own / others))
         at_points = max(gain * difference, self._rounded(run))
+        between = float(between_points(self.scene, run.steps).max())
+        steps = "the same" if run.n_steps == coarse.n_steps else f"{run.n_steps}"
         return Round(
             run=run,
             times=times,
             differences=differences,
             at_points=at_points,
             between=between,
-            line=f"{words}, differs by {difference:.2g} from the one before: errs by "
-            f"{at_points:.2g} at points, {between:.2g} between them",
+            line=f"{words}, gauss{run.steps.tables.degree} on {steps} differs by "
+            f"{difference:.2g}: errs by {at_points:.2g} at points, {between:.2g} between them",
         )
 
     def _rounded(self, run: Trajectory) -> float:
@@ -305,19 +289,7 @@ class _Search:
             fine = run_on(self.scene, degree + 2, mesh, self.checkpoints)
             if fine.status != "ok" or fine.steps is None:
                 return None
-            differences = on_same_mesh(coarse, fine)
-            difference = float(differences.max())
-            at_points = max(SAMPLED_GAIN * difference, self._rounded(fine))
-            between = float(between_points(self.scene, fine.steps).max())
-            one = Round(
-                run=fine,
-                times=coarse.steps.time,
-                differences=differences,
-                at_points=at_points,
-                between=between,
-                line=f"{line}; gauss{degree + 2} on the same differs by {difference:.2g}: errs by "
-                f"{at_points:.2g} at points, {between:.2g} between them",
-            )
+            one = self._compared(coarse, fine, SAMPLED_GAIN, line)
             self._note(one)
             if one.amplitude == 0.0 and self.wanted.relative is not None:
                 return self._ended(

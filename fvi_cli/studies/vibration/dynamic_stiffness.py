@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.matrices import Form, SparseMatrix, as_csr, is_zero, negative_pivots
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.stability.determinant import log_determinants
+from fvi_cli.integrator.stability.determinants import log_determinants
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 
 if TYPE_CHECKING:

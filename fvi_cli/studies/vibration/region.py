@@ -24,6 +24,7 @@ from typing import Final
 import numpy as np
 
 from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.matrices import SEMIDEFINITE_TOLERANCE, is_semidefinite
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness, Symbol
 from fvi_cli.studies.vibration.sector import Sector
@@ -32,8 +33,6 @@ LARGEST_RATIO: Final = 0.995
 """Damping ratio up to which modes are counted, of decay and of growth."""
 DISSIPATIVE_ANGLE: Final = 0.45 * math.pi
 """Where nothing feeds the scene no mode has a smaller argument than pi / 2."""
-ROUND_OFF: Final = 1e-13
-"""Of an eigenvalue relative to the largest."""
 _SEARCHED = 100.0
 """Powers of e on both sides of the geometric mean of the frequencies."""
 _STEP = 0.5
@@ -46,14 +45,10 @@ class _Term:
 
     matrix: Array
     norm: float
-    least: float
+    is_semidefinite: bool
     size: Callable[[float], float]
     is_law: bool
     power: float
-
-    @property
-    def is_semidefinite(self) -> bool:
-        return self.least >= -ROUND_OFF * self.norm
 
 
 def region_of_all_modes(
@@ -128,7 +123,7 @@ def _terms(stiffness: DynamicStiffness) -> list[_Term]:
             _Term(
                 matrix=matrix,
                 norm=float(np.abs(values).max()),
-                least=float(values[0]),
+                is_semidefinite=is_semidefinite(stiffness.forms[index]),
                 size=_size_of(stiffness.symbol(index)),
                 is_law=power is None,
                 power=1.0 if power is None else power,
@@ -157,7 +152,7 @@ def _stiffness_outweighs(terms: list[_Term], r: float, cosine: float) -> bool:
     if still:
         # an indefinite stiffness: its smallest singular value against all others
         values = np.abs(np.linalg.eigvalsh(still[0].matrix))
-        if values.min() <= ROUND_OFF * values.max():
+        if values.min() <= SEMIDEFINITE_TOLERANCE * values.max():
             return False
         rest = [one for one in terms if one is not still[0]]
         against = sum(one.size(r) * one.norm / (cosine if one.is_law else 1.0) for one in rest)
@@ -165,7 +160,7 @@ def _stiffness_outweighs(terms: list[_Term], r: float, cosine: float) -> bool:
     if not low:
         return False
     values = np.linalg.eigvalsh(np.sum([one.size(r) * one.matrix for one in low], axis=0))
-    if values[0] <= ROUND_OFF * values[-1]:
+    if values[0] <= SEMIDEFINITE_TOLERANCE * values[-1]:
         return False
     against = sum(one.size(r) * one.norm / (cosine if one.is_law else 1.0) for one in others)
     return bool(cosine * values[0] > r * r + against)
@@ -178,7 +173,7 @@ def _floor(terms: list[_Term], largest: float) -> float:
         for one in terms
         if one.power == 0.0
         for value in np.linalg.eigvalsh(one.matrix)
-        if abs(value) > ROUND_OFF * one.norm
+        if abs(value) > SEMIDEFINITE_TOLERANCE * one.norm
     ]
     slowest = 0.5 * math.log(min(squares)) if squares else largest
     return min(slowest, largest) - _BELOW

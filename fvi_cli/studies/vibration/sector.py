@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fvi_cli.mathematics.arrays import Array, ComplexArray
-from fvi_cli.mathematics.transforms.argument import PathError, follow
+from fvi_cli.mathematics.transforms.zeros import OneFunction, contour_integrals
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 
 FIRST_STEPS = 4
@@ -113,10 +113,10 @@ def count_modes(stiffness: DynamicStiffness, sector: Sector, known: Sequence[com
         def edge(part: Array, first: complex = first, last: complex = last) -> ComplexArray:
             return np.exp((1.0 - part) * first + part * last)
 
-        try:
-            total += follow(log_rest, edge, _first_parts(first, last, density)).turn
-        except PathError as error:
-            raise CountError("a mode lies on the edge of the region that is counted") from error
+        parts = _first_parts(first, last, density)
+        total += float(contour_integrals(OneFunction(log_rest), 1, edge, parts)[0, 0])
+    if math.isnan(total):
+        raise CountError("a mode lies on the edge of the region that is counted")
     return round(total / (2.0 * math.pi)) + sum(sector.holds(s) for s in known)
 
 

@@ -1,0 +1,201 @@
+"""Large linear scenes: matrices of any form, and a memory of what dampers reach alone.
+
+Steps are solved one after the other, by a factorisation in place of the inverse of a block. The
+force of the past is evaluated for a group of steps at once.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from fvi_cli.effects.matrices import Form, Solve, as_csr, form, times
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.decoupling import Decoupling
+from fvi_cli.integrator.engine.algebra import solver_of
+from fvi_cli.integrator.engine.frame import Frame
+from fvi_cli.integrator.engine.law import Linearisation
+from fvi_cli.integrator.engine.state import State, Steps
+from fvi_cli.integrator.engine.tables import expand
+from fvi_cli.integrator.memory.interface import Combination
+from fvi_cli.integrator.memory.reach import Reach, find_reach
+from fvi_cli.integrator.method import Method
+from fvi_cli.mathematics.arrays import Array, Places
+
+if TYPE_CHECKING:
+    from fvi_cli.integrator.engine.engine import Engine
+
+GROUP = 16
+"""Steps whose past is evaluated at once."""
+LARGEST_DENSE, LEAST_BLOCK = 1024, 4
+"""A scene is large where the inputs of the shortest block of steps are more than so many."""
+KEPT, KEPT_UNKNOWNS = 128, 2**20
+"""Step sizes whose factors are kept, at most, and the unknowns of their steps in all."""
+
+
+def is_structure(
+    scenes: Sequence[Scene], method: Method, modes: Sequence[Decoupling] | None
+) -> bool:
+    """Whether this is one scene of large or sparse linear equations that do not fall apart."""
+    if len(scenes) > 1 or not scenes[0].is_linear:
+        return False
+    if modes is None:
+        return True
+    is_large = scenes[0].dimension * method.degree * LEAST_BLOCK > LARGEST_DENSE
+    return modes[0].batch == 1 and is_large
+
+
+class StructureLaw:
+    """Constant mass and stiffness of one scene in any form, ``(d, d)``.
+
+    Attributes
+    ----------
+    reach
+        What dampers reach; None: all components.
+    """
+
+    is_linear, has_rates = True, False
+
+    def __init__(self, scene: Scene) -> None:
+        self._inertia, self.mass = scene.inertia, form(scene.inertia.form)
+        self.stiffness: Form | None = None
+        if isinstance(scene.potential, QuadraticPotential):
+            self.stiffness = form(scene.potential.form)
+        self.reach = find_reach(scene.active_forces) if scene.active_forces else None
+        self._solvers: OrderedDict[float, Solve] = OrderedDict()
+
+    def of(self, places: Places) -> StructureLaw:
+        """A structure is one member."""
+        return self
+
+    def momentum(self, x: Array, v: Array, t: float) -> Array:
+        """M v."""
+        return times(v, self.mass)
+
+    def velocity(self, x: Array, p: Array, t: float) -> Array:
+        """Inverse of M times p."""
+        return self._inertia.velocity(p)
+
+    def pull(self, x: Array) -> Array:
+        """K x."""
+        return np.zeros_like(x) if self.stiffness is None else times(x, self.stiffness)
+
+    def linearise(
+        self, x: Array, v: Array | None, t: Array | float, *, per_point: bool = False
+    ) -> Linearisation:
+        """Refused: matrices of other forms are no arrays over members."""
+        raise TypeError("structure: its matrices are no arrays over members")
+
+    def remainder(
+        self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
+    ) -> Array:
+        """Zero."""
+        return np.zeros_like(points)
+
+    def solver(self, frame: Frame, damping: Sequence[Combination]) -> Solve:
+        """What solves the equations of a step, ``(s d,)`` to the same.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If they have no unique solution.
+        """
+        kept = self._solvers
+        if frame.h not in kept:
+            parts: list[tuple[Array, Form]] = [(frame.unit.mass, self.mass)]
+            if self.stiffness is not None:
+                parts.append((-frame.stiff, self.stiffness))
+            for damp, one in zip(frame.damp, damping, strict=True):
+                parts.append((-damp[0], _whole(one, self.reach)))
+            kept[frame.h] = solver_of(parts)
+            unknowns = len(frame.unit.mass) * self.mass.shape[0]
+            if len(kept) > max(8, min(KEPT, KEPT_UNKNOWNS // unknowns)):
+                kept.popitem(last=False)
+        kept.move_to_end(frame.h)
+        return kept[frame.h]
+
+    def along(self, values: Array) -> Array:
+        """What is remembered of velocities, ``(..., d)`` to ``(..., r)``."""
+        return values if self.reach is None else self.reach.along(values)
+
+    def spread(self, forces: Array) -> Array:
+        """Forces on what is remembered as those on all components."""
+        return forces if self.reach is None else self.reach.spread(forces)
+
+
+def solve_one_by_one(
+    engine: Engine, law: StructureLaw, state: State, h: float, count: int, loads: Array | None
+) -> Steps:
+    """Solve `count` steps; as :meth:`fvi_cli.integrator.engine.engine.Engine.solve`."""
+    frame, t, damping = engine.frame(h, count), engine.tables, engine.damping
+    combinations = () if damping is None else damping.combinations
+    solve, drive = law.solver(frame, combinations), engine.sampling.to_inputs
+    (m, i), (s, e) = (frame.weights.size, len(drive)), (t.degree, engine.e)
+    r, matrices = state.z.shape[2], [_form_of(one) for one in combinations]
+    every = [expand(one[0]) for one in frame.sequences]
+    past = np.zeros((count * m, r))
+    if damping is not None and frame.damping is not None:
+        past = damping.past(frame.damping, state.z, state.column, count)[0]
+    driven, unknowns = np.zeros((count * i, r)), np.empty((count, s, e))
+    dx, dp = np.empty((count, e)), np.empty((count, e))
+    moved, gained = np.zeros(e), np.zeros(e)
+    to_mean = (h * t.weights) @ frame.displacement[0]
+
+    def own(step: int, first: int, last: int) -> Array:
+        """Force in a step by the inputs of some steps of the group, ``(m, d)``."""
+        total = np.zeros((m, r))
+        rows, by = slice(step * m, step * m + m), slice(first * i, last * i)
+        for local, matrix in zip(every, matrices, strict=True):
+            total += times(local[rows, by] @ driven[by], matrix)
+        return total
+
+    for k in range(count):
+        known = np.zeros((s + 1, e))
+        if damping is not None:
+            force = past[k * m : k * m + m]
+            known += frame.to_loads @ law.spread(force + own(k, 0, k) if k else force)
+        if law.stiffness is not None:
+            known += frame.test_sum[:, None] * law.pull(state.x[0] + moved)
+        if loads is not None:
+            known -= loads[0, k]
+        right = known[:-1].copy()
+        right[0] -= state.p[0] + gained
+        u = unknowns[k] = solve(right.ravel()).reshape(s, e)
+        change = -known.sum(axis=0) - law.pull(to_mean @ u)
+        if damping is not None:
+            driven[k * i : k * i + i] = drive @ law.along(u)
+            change -= frame.weights @ law.spread(own(k, k, k + 1))
+        moved, gained = moved + h * u[-1], gained + change
+        dx[k], dp[k] = moved, gained
+    z = state.z
+    if damping is not None and frame.damping is not None:
+        z = damping.push(frame.damping, state.z, driven[None], count)
+    return Steps(
+        h=h,
+        count=count,
+        dx=dx[None],
+        dp=dp[None],
+        unknowns=unknowns[None],
+        inputs=np.matmul(drive, unknowns).reshape(1, -1, e),
+        z=z,
+        iterations=np.zeros(1, dtype=np.int64),
+        failed=np.zeros(1, dtype=bool),
+    )
+
+
+def _form_of(one: Combination) -> Form:
+    """Its matrix, ``(r, r)``."""
+    matrix = one.matrix
+    return matrix.reshape(matrix.shape[-2:]) if isinstance(matrix, np.ndarray) else matrix
+
+
+def _whole(one: Combination, reach: Reach | None) -> Form:
+    """Its matrix on all components, ``(d, d)``."""
+    if reach is None:
+        return _form_of(one)
+    rows = as_csr(reach.rows)
+    return cast(Form, as_csr(cast(Form, rows.T @ as_csr(_form_of(one)) @ rows)))

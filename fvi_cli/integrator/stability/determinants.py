@@ -1,0 +1,180 @@
+r"""Determinants of the step equations of linear systems, as functions of z.
+
+The equations are those of :mod:`fvi_cli.integrator.stability.patterns`. A zero in
+:math:`|z| < 1`, where the determinant is analytic, is a mode that grows by :math:`1 / |z|` in a
+step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.stability.patterns import DAMPING, Patterns, pattern_size, step_patterns
+from fvi_cli.integrator.stability.systems import MatrixPencil
+from fvi_cli.mathematics.arrays import Array, ComplexArray, Integers
+from fvi_cli.mathematics.transforms.zeros import Functions, LogFunction
+
+ENTRIES_AT_ONCE = 2_000_000
+"""Of the matrices whose determinants are taken together."""
+
+NEGLIGIBLE = 1e-11
+"""Coefficients of a determinant that are round-off of the largest."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StepDeterminants:
+    """Step determinants of systems of one size with the same orders of damping.
+
+    Parameters
+    ----------
+    patterns
+        Of the method for these orders.
+    forms
+        Matrices that belong to the patterns, shape ``(number of systems, patterns, d, d)``.
+    """
+
+    patterns: Patterns
+    forms: Array
+
+    def tabulate(self, z: ComplexArray) -> ComplexArray:
+        """The patterns at each z."""
+        return self.patterns(z)
+
+    def logarithms(self, table: ComplexArray, rows: Integers, numbers: Integers) -> ComplexArray:
+        """Logarithms of the determinants of these systems at these rows."""
+        rows, numbers = np.broadcast_arrays(rows, numbers)
+        size = table.shape[-1] * self.forms.shape[-1]
+        parts = 1 + rows.size * (size * size + table[0].size) // ENTRIES_AT_ONCE
+        pairs = zip(*(np.array_split(one.ravel(), parts) for one in (rows, numbers)), strict=True)
+        found = [self._together(table[row], self.forms[number]) for row, number in pairs]
+        return np.concatenate(found).reshape(rows.shape)
+
+    def _together(self, patterns: ComplexArray, forms: Array) -> ComplexArray:
+        """Logarithms of determinants of sums of Kronecker products."""
+        if forms.shape[-1] == 1:
+            return log_determinants(np.einsum("kiab,ki->kab", patterns, forms[:, :, 0, 0]))
+        whole = np.einsum("kiab,kicd->kacbd", patterns, forms, optimize=True)
+        size = patterns.shape[-1] * forms.shape[-1]
+        return log_determinants(whole.reshape(-1, size, size))
+
+
+def log_determinants(matrices: ComplexArray) -> ComplexArray:
+    """Logarithms of determinants, shape ``(..., n, n)`` to ``(...,)``."""
+    # rows of one size, lest the size of one of them drown the others
+    sizes = np.abs(matrices).max(axis=-1)
+    sizes = np.where(sizes == 0, 1.0, sizes)
+    with np.errstate(divide="ignore"):
+        sign, logarithm = np.linalg.slogdet(matrices / sizes[..., None])
+        logarithm = logarithm + np.log(sizes).sum(axis=-1)
+    return np.asarray(logarithm + 1j * np.angle(sign))
+
+
+def step_determinants(
+    systems: Sequence[MatrixPencil], method: AnyMethod, step_size: float | Array
+) -> StepDeterminants:
+    r"""Of systems with one step size, or of one system with many.
+
+    The forms are 1, M, :math:`h^2 K` and :math:`h^{2-\gamma_j} D_j`, by the size of M.
+    """
+    first = systems[0]
+    orders = tuple(order for order, _ in first.damping)
+    if any(tuple(order for order, _ in system.damping) != orders for system in systems):
+        raise ValueError("systems: their damping differs in its orders")
+    h = np.asarray(step_size)[..., None, None]
+    mass = np.array([system.mass for system in systems])
+    scale = np.abs(mass).max(axis=(1, 2), keepdims=True)
+    unit = np.broadcast_to(np.eye(first.dimension), mass.shape)
+    stiffness = h * h / scale * np.array([system.stiffness for system in systems])
+    damping = [
+        h ** (2.0 - order) / scale * np.array([system.damping[j][1].T for system in systems])
+        for j, order in enumerate(orders)
+    ]
+    forms = np.broadcast_arrays(unit, mass / scale, stiffness, *damping)
+    return StepDeterminants(patterns=step_patterns(method, orders), forms=np.stack(forms, axis=1))
+
+
+def step_determinant(system: MatrixPencil, method: AnyMethod, step_size: float) -> LogFunction:
+    """Logarithm of the determinant of one step of `method`, as a function of arrays of z."""
+    one = step_determinants([system], method, step_size)
+    first = np.zeros(1, dtype=np.int64)
+    return lambda z: one.logarithms(one.tabulate(z), np.arange(z.size), first)
+
+
+def number_of_unknowns(system: MatrixPencil, method: AnyMethod) -> int:
+    """Rows of the determinant: position, momentum and the increments of a step."""
+    return pattern_size(method) * system.dimension
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlaneDeterminants:
+    r"""Step determinants of scalar systems as polynomials in their stiffness and damping.
+
+    A step of :math:`m x'' + \mu D^\gamma x + k x` knows the scene by :math:`\kappa = h^2 k / m`
+    and :math:`\delta = h^{2 - \gamma} \mu / m` only.
+
+    Parameters
+    ----------
+    patterns
+        Of the method for the order of damping.
+    powers
+        Exponents (i, j) of the terms that occur.
+    products
+        :math:`\kappa^i \delta^j` of every system, shape ``(systems, terms)``.
+    """
+
+    patterns: Patterns
+    powers: tuple[tuple[int, int], ...]
+    products: Array
+
+    def tabulate(self, z: ComplexArray) -> ComplexArray:
+        """The coefficients at each z."""
+        coefficients = _coefficients(self.patterns(z))
+        return np.stack([coefficients[:, i, j] for i, j in self.powers], axis=1)
+
+    def logarithms(self, table: ComplexArray, rows: Integers, numbers: Integers) -> ComplexArray:
+        """Logarithms of the polynomials of these systems at these rows."""
+        if numbers.ndim == 2:
+            return np.asarray(np.log(self.products[numbers[:, 0]] @ table[rows].T))
+        return np.asarray(np.log(np.einsum("kt,kt->k", table[rows], self.products[numbers])))
+
+
+def _coefficients(patterns: ComplexArray) -> ComplexArray:
+    """Coefficients of the determinant by its values on circles, shape ``(k, n + 1, n + 1)``."""
+    n = patterns.shape[-1] + 1
+    roots = np.exp(2j * np.pi * np.arange(n) / n)
+    fixed = patterns[:, 0] + patterns[:, 1]
+    matrices = (
+        fixed[:, None, None]
+        + roots[:, None, None, None] * patterns[:, None, None, 2]
+        + roots[:, None, None] * patterns[:, None, None, DAMPING]
+    )
+    return np.asarray(np.fft.fft2(np.linalg.det(matrices), axes=(1, 2)) / n**2)
+
+
+def plane_determinants(
+    method: AnyMethod, order: float, stiffness: Array, damping: Array
+) -> PlaneDeterminants:
+    r"""Of the points (:math:`\kappa`, :math:`\delta`) of the plane, one-dimensional arrays."""
+    patterns = step_patterns(method, (order,))
+    sample = np.asarray(0.9 * np.exp(1j * np.array([0.3, 1.1, 2.0, 2.9])), dtype=np.complex128)
+    sizes = np.abs(_coefficients(patterns(sample))).max(axis=0)
+    powers = tuple((int(i), int(j)) for i, j in np.argwhere(sizes > NEGLIGIBLE * sizes.max()))
+    products = np.stack([stiffness**i * damping**j for i, j in powers], axis=1)
+    return PlaneDeterminants(patterns=patterns, powers=powers, products=products)
+
+
+def determinants_over_steps(
+    system: MatrixPencil, method: AnyMethod, step_sizes: Array
+) -> Functions:
+    """Step determinants of a system over step sizes whose forces matter beside inertia."""
+    if system.dimension > 1 or len(system.damping) != 1:
+        return step_determinants([system], method, step_sizes)
+    ((order, coefficient),) = system.damping
+    mass = float(system.mass[0, 0])
+    stiffness = step_sizes**2 * float(system.stiffness[0, 0]) / mass
+    damping = step_sizes ** (2.0 - order) * float(coefficient[0, 0]) / mass
+    return plane_determinants(method, order, stiffness, damping)

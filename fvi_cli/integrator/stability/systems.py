@@ -1,0 +1,101 @@
+"""The independent linear systems of a scene, and whether anything feeds them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fvi_cli.effects.matrices import is_semidefinite
+from fvi_cli.effects.potential import QuadraticPotential
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.decoupling import decouple_forms
+from fvi_cli.mathematics.arrays import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MatrixPencil:
+    r"""A homogeneous linear scene :math:`M x'' + \sum_j D_j D^{\gamma_j} x + K x = 0`.
+
+    Parameters
+    ----------
+    mass, stiffness
+        M and K, shape ``(d, d)``.
+    damping
+        Orders with their matrices, one per order.
+    """
+
+    mass: Array
+    stiffness: Array
+    damping: tuple[tuple[float, Array], ...]
+
+    @property
+    def dimension(self) -> int:
+        """Number d of components."""
+        return int(self.mass.shape[0])
+
+    @property
+    def sizes(self) -> tuple[tuple[float, float], ...]:
+        """Orders with the norms of their matrices relative to the mass, those that are not 0."""
+        root = np.linalg.inv(np.linalg.cholesky(self.mass))
+        pairs = ((0.0, self.stiffness), *self.damping)
+        norms = ((order, float(np.linalg.norm(root @ form @ root.T, 2))) for order, form in pairs)
+        return tuple((order, size) for order, size in norms if size > 0)
+
+    @cached_property
+    def is_dissipative(self) -> bool:
+        """Whether K and all D are positive semi-definite: then nothing grows.
+
+        See :attr:`fvi_cli.effects.scene.Scene.is_dissipative`.
+        """
+        return all(map(is_semidefinite, (self.stiffness, *(form for _, form in self.damping))))
+
+
+def matrix_pencil(scene: Scene) -> MatrixPencil:
+    """Matrices of a linear scene, damping terms of one order added up.
+
+    Raises
+    ------
+    ValueError
+        If the scene is not linear.
+    """
+    if not scene.is_linear:
+        raise ValueError("scene: it is not linear, and has no modes")
+    stiffness = np.zeros((scene.dimension, scene.dimension))
+    if isinstance(scene.potential, QuadraticPotential):
+        stiffness = scene.potential.stiffness
+    sums: dict[float, Array] = {}
+    for term in scene.active_damping:
+        sums[term.order] = sums.get(term.order, 0.0) + term.coefficient
+    return MatrixPencil(
+        mass=scene.inertia.mass,
+        stiffness=stiffness,
+        damping=tuple((order, matrix) for order, matrix in sums.items() if np.any(matrix != 0)),
+    )
+
+
+def independent_systems(scene: Scene) -> tuple[MatrixPencil, ...]:
+    """The linear systems into which the scene falls apart, each of them once; itself otherwise.
+
+    All have the same orders of damping; several have one component each.
+    """
+    whole = matrix_pencil(scene)
+    parts = decouple_forms(whole.mass, whole.stiffness, [form for _, form in whole.damping])
+    if parts.batch == 1:
+        return (whole,)
+    orders = [order for order, _ in whole.damping]
+    forms = (whole.mass, whole.stiffness, *(form for _, form in whole.damping))
+    systems: dict[tuple[str, ...], MatrixPencil] = {}
+    for mass, stiffness, *damping in zip(*map(parts.matrices, forms), strict=True):
+        key = _digits((mass, stiffness, *damping))
+        if key not in systems:
+            pairs = tuple(zip(orders, damping, strict=True))
+            systems[key] = MatrixPencil(mass=mass, stiffness=stiffness, damping=pairs)
+    return tuple(systems.values())
+
+
+def _digits(forms: Iterable[Array]) -> tuple[str, ...]:
+    """What equal systems have in common, but for round-off."""
+    return tuple(f"{form[0, 0]:.12e}" for form in forms)

@@ -1,0 +1,325 @@
+r"""Zeros of analytic functions: how many a contour holds, and where those in a disc are.
+
+By the argument principle (Henrici, *Applied and Computational Complex Analysis* 1, section 4.10)
+
+.. math:: \frac{1}{2 \pi i} \oint z^k\, d \log f = \sum_j z_j^k
+
+over the zeros inside. The functions are given by their logarithms, because determinants overflow,
+and many of them that have much in common are followed together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.mathematics.arrays import Array, ComplexArray, Integers
+
+LogFunction = Callable[[ComplexArray], ComplexArray]
+"""Any branch of log f at points of shape ``(k,)``, minus infinity at a zero."""
+
+Mask = NDArray[np.bool_]
+Path = Callable[[Array], ComplexArray]
+
+UNDECIDED = -1
+"""In place of a count: a zero lies on the contour to round-off."""
+
+USUAL_DEGREE = 8
+"""Zeros of the determinant of a few unknowns."""
+
+LARGEST_COUNT = 64
+"""More zeros than these are not located."""
+
+LARGEST_CHANGE = 1.0
+"""Of log f between neighbouring points of a path."""
+LARGEST_SURPRISE = 0.5
+"""Difference between the changes over an interval and over its halves."""
+DEEPEST = 48
+"""Halvings of an interval."""
+MOST_PENDING = 2_000
+"""Intervals of one function that wait to be halved."""
+VALUES_AT_ONCE = 500_000
+
+_FIRST_RATIO = 1.35
+_ITERATIONS = 150
+_SHIFT = 1e-6
+_LAST_STEP = 1e-8
+_APART = 1e-9
+_PLACES = 8.0
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+
+
+class ZeroCountError(ValueError):
+    """Zeros could not be counted: one of them lies on the contour itself."""
+
+
+class Functions(Protocol):
+    r"""Functions :math:`f_0, f_1, \dots` that depend on z in a common way."""
+
+    def tabulate(self, z: ComplexArray) -> ComplexArray:
+        """What all of them have in common at each z, shape ``(k, ...)``."""
+        ...
+
+    def logarithms(self, table: ComplexArray, rows: Integers, numbers: Integers) -> ComplexArray:
+        """Any branch of log f of these numbers at these rows, index arrays that broadcast."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class OneFunction:
+    """A single function, as functions that depend on z in a common way."""
+
+    log_function: LogFunction
+
+    def tabulate(self, z: ComplexArray) -> ComplexArray:
+        """Its logarithms."""
+        return self.log_function(z)
+
+    def logarithms(self, table: ComplexArray, rows: Integers, numbers: Integers) -> ComplexArray:
+        """Its logarithms again."""
+        return np.asarray(table[np.broadcast_arrays(rows, numbers)[0]])
+
+
+def contour_integrals(
+    functions: Functions, number: int, path: Path, parameters: Array, *, powers: int = 0
+) -> Array:
+    r"""Imaginary parts of :math:`\int z^k\, d \log f_q` along a path, k up to `powers`.
+
+    Intervals are halved until log f, the modulus included, changes by less than 1 over each, and
+    over its halves by what its ends predict: so zeros are seen that come in twos, whose turns of
+    :math:`2 \pi` would be overlooked. Each function has points where it needs them.
+
+    Parameters
+    ----------
+    functions, number
+        The functions, and how many there are.
+    path, parameters
+        The points of parameters, and those to begin with, increasing.
+    powers
+        The largest k.
+
+    Returns
+    -------
+    Array
+        Shape ``(number, powers + 1)``, first the changes of the argument, radians; nan where a
+        zero lies on the path to round-off.
+    """
+    fine = np.empty(2 * parameters.size - 1)
+    fine[::2], fine[1::2] = parameters, 0.5 * (parameters[1:] + parameters[:-1])
+    table = functions.tabulate(path(fine))
+    found = np.empty((number, powers + 1))
+    at_once = max(1, VALUES_AT_ONCE // fine.size)
+    with np.errstate(all="ignore"):
+        for begin in range(0, number, at_once):
+            some = np.arange(begin, min(begin + at_once, number))
+            values = functions.logarithms(table, np.arange(fine.size), some[:, None])
+            found[some] = _integrals(functions, some, path, fine, values, powers)
+    return found
+
+
+def _integrals(
+    functions: Functions,
+    numbers: Integers,
+    path: Path,
+    fine: Array,
+    values: ComplexArray,
+    powers: int,
+) -> Array:
+    """The integrals of some functions, from values at ends and middles of the first intervals."""
+    n = numbers.size
+    total = np.zeros((n, powers + 1))
+    owner = np.repeat(np.arange(n), fine.size // 2)
+    low, middle, high = (np.tile(part, n) for part in (fine[:-1:2], fine[1::2], fine[2::2]))
+    left, new, right = (
+        part.ravel() for part in (values[:, :-1:2], values[:, 1::2], values[:, 2::2])
+    )
+    total[~np.isfinite(values).all(axis=1)] = np.nan
+    for _ in range(DEEPEST):
+        first, second = _change(left, new), _change(new, right)
+        settled = np.abs(first + second - _change(left, right)) < LARGEST_SURPRISE
+        kept = []
+        halves = ((first, low, middle, left, new), (second, middle, high, new, right))
+        for change, start, end, here, there in halves:
+            done = settled & (np.abs(change) <= LARGEST_CHANGE)
+            _add(total, owner[done], change[done], path, start[done], end[done])
+            kept.append([one[~done] for one in (owner, start, end, here, there)])
+        owner, low, high, left, right = (np.concatenate(pair) for pair in zip(*kept, strict=True))
+        # a zero on the path itself would be halved for ever
+        total[np.bincount(owner, minlength=n) > MOST_PENDING + fine.size] = np.nan
+        going = np.isfinite(total[owner, 0])
+        owner, low, high, left, right = (one[going] for one in (owner, low, high, left, right))
+        if not owner.size:
+            return total
+        middle = 0.5 * (low + high)
+        # intervals of several functions are the same ones
+        different, rows = (
+            (middle, np.arange(middle.size)) if n == 1 else np.unique(middle, return_inverse=True)
+        )
+        new = functions.logarithms(functions.tabulate(path(different)), rows, numbers[owner])
+        total[owner[~np.isfinite(new)]] = np.nan
+    total[owner] = np.nan
+    return total
+
+
+def _change(before: ComplexArray, after: ComplexArray) -> ComplexArray:
+    """Difference of logarithms, its imaginary part between -pi and pi."""
+    change = after - before
+    return np.asarray(change - 2j * math.pi * np.round(change.imag / (2 * math.pi)))
+
+
+def _add(
+    total: Array, owner: Integers, change: ComplexArray, path: Path, low: Array, high: Array
+) -> None:
+    """Add to each owner's integrals those over intervals, by their middles."""
+    terms, powers = change, total.shape[1]
+    z = 0.5 * (path(low) + path(high)) if powers > 1 else change
+    for power in range(powers):
+        terms = terms * z if power else change
+        total[:, power] += np.bincount(owner, weights=terms.imag, minlength=total.shape[0])
+
+
+def count_zeros(functions: Functions, number: int, radius: float, degree: int) -> Integers:
+    r"""Number of zeros of each function in :math:`|z| < \rho`, with their multiplicity.
+
+    Parameters
+    ----------
+    functions, number
+        Analytic in the open unit disc and real on the real axis, and how many there are.
+    radius
+        :math:`\rho` in (0, 1).
+    degree
+        About how many zeros each has, in and around the disc.
+
+    Returns
+    -------
+    Integers
+        Shape ``(number,)``; :data:`UNDECIDED` where a zero lies on the circle to round-off.
+
+    Raises
+    ------
+    ValueError
+        For a radius outside (0, 1).
+    """
+    angles = _first_angles(radius, degree)
+    turns = contour_integrals(functions, number, lambda at: radius * _unit_circle(at), angles)
+    counts = np.round(turns[:, 0] / math.pi)
+    return np.where(np.isfinite(counts) & (counts >= 0), counts, UNDECIDED).astype(np.int64)
+
+
+def _first_angles(radius: float, degree: int) -> Array:
+    r"""Angles in :math:`[0, \pi]` to begin with, closer to each other at both ends."""
+    if not 0 < radius < 1:
+        raise ValueError(f"radius: {radius!r} is not allowed; it must lie in (0, 1)")
+    least = min(max(1.0 - radius, 1e-12), 0.3)
+    number = math.ceil(math.log(math.pi / 2 / least) / math.log(_FIRST_RATIO)) + 2
+    rising = np.geomspace(least / 2, math.pi / 2, number)
+    even = np.linspace(0.0, math.pi, 2 * degree)
+    return np.unique(np.concatenate([even, rising, math.pi - rising[:-1]]))
+
+
+def _unit_circle(angles: Array) -> ComplexArray:
+    """Its points at these angles, exactly real at the ends, where functions are real."""
+    points = np.exp(1j * angles)
+    return np.asarray(np.where(angles == math.pi, -1.0, points))
+
+
+def find_zeros(
+    log_function: LogFunction, radius: float, degree: int = USUAL_DEGREE
+) -> ComplexArray | None:
+    r"""All zeros in :math:`|z| < \rho`, smallest modulus first; None where they stay unseparated.
+
+    Newton's iteration with mutual repulsion (O. Aberth, Math. Comp. 27, 1973, 339-344) has found
+    all zeros when it has found as many as were counted. Parameters are those of
+    :func:`count_zeros`.
+
+    Raises
+    ------
+    ZeroCountError
+        If a zero lies on the circle to round-off.
+    ValueError
+        For a radius outside (0, 1).
+    """
+    function = OneFunction(lambda z: log_function(radius * z))
+    angles = _first_angles(radius, degree)
+    powers = min(degree, LARGEST_COUNT)
+    sums = contour_integrals(function, 1, _unit_circle, angles, powers=powers)[0] / math.pi
+    if not sums[0] > -0.5:
+        raise ZeroCountError(f"radius: a zero lies on the circle of radius {radius!r}")
+    count = round(sums[0])
+    if count == 0:
+        return np.empty(0, dtype=np.complex128)
+    if count > LARGEST_COUNT:
+        return None
+    if count > powers:
+        sums = contour_integrals(function, 1, _unit_circle, angles, powers=count)[0] / math.pi
+    z = _repelled(log_function, radius * _seeds(sums[1 : count + 1]), radius)
+    return None if z is None else z[np.argsort(np.abs(z))]
+
+
+def _seeds(sums: Array) -> ComplexArray:
+    """Points of the unit disc with these power sums, by Newton's identities.
+
+    L. M. Delves, J. N. Lyness, *A numerical method for locating the zeros of an analytic
+    function*, Math. Comp. 21, 1967, 543-560.
+    """
+    count = sums.size
+    polynomial = np.zeros(count + 1)
+    polynomial[0] = 1.0
+    for k in range(1, count + 1):
+        polynomial[k] = -(sums[:k] @ polynomial[k - 1 :: -1][:k]) / k
+    roots = np.roots(polynomial)
+    seeds = np.zeros(count, dtype=np.complex128)
+    seeds[: roots.size] = roots
+    # apart from each other, and inside
+    seeds = seeds + 1e-9 * np.exp(1j * np.arange(count))
+    return np.asarray(seeds / np.maximum(np.abs(seeds), 1.0))
+
+
+def _repelled(log_function: LogFunction, z: ComplexArray, radius: float) -> ComplexArray | None:
+    """The zeros that iterations from z find, each point another one; None where some find none."""
+    live, begun = np.ones(z.size, dtype=bool), 0
+    for _ in range(_ITERATIONS):
+        now = np.flatnonzero(live)
+        step = _newton(log_function, z[now])
+        gaps = z[now, None] - z
+        gaps[np.arange(now.size), now] = np.inf
+        repulsion = 1.0 - step * np.sum(1.0 / np.where(gaps == 0, 1e-14, gaps), axis=1)
+        step = step / np.where(repulsion == 0, 1.0, repulsion)
+        # half way to 0 at the most
+        size, room = np.abs(step), 0.5 * np.maximum(np.abs(z[now]), 0.1)
+        step = step * np.minimum(1.0, room / np.maximum(size, 1e-300))
+        z[now] -= step
+        is_found = size < _LAST_STEP * _scale(z[now])
+        live[now] = ~is_found | (np.abs(z[now]) >= radius)
+        # those that leave the disc, or find zeros outside, begin anew elsewhere
+        lost = now[(np.abs(z[now]) > 1.0 - 0.5 * (1.0 - radius)) | (is_found & live[now])]
+        places = begun + np.arange(lost.size)
+        z[lost] = radius * np.sqrt((0.5 + places) % _PLACES / _PLACES)
+        z[lost] *= np.exp(2j * math.pi * _GOLDEN * places)
+        begun += lost.size
+        if not live.any():
+            gaps = np.abs(z[:, None] - z)
+            np.fill_diagonal(gaps, np.inf)
+            return z if np.all(gaps.min(axis=1) > _APART * _scale(z)) else None
+    return None
+
+
+def _scale(z: ComplexArray) -> Array:
+    """Length on which functions change that may have branch points at 1 and -1."""
+    return np.minimum(np.maximum(np.abs(z), 1e-3), np.minimum(np.abs(1.0 - z), np.abs(1.0 + z)))
+
+
+def _newton(log_function: LogFunction, z: ComplexArray) -> ComplexArray:
+    """The correction f / f' from a difference of nearby values."""
+    shift = _SHIFT * _scale(z)
+    values = log_function(np.concatenate([z, z + shift]))
+    here, there = values[: z.size], values[z.size :]
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        ratio = np.expm1(there - here)
+        step = shift / np.where(ratio == 0, 1e-300, ratio)
+    return np.asarray(np.where(np.isneginf(here.real), 0.0, np.nan_to_num(step)))

@@ -1,0 +1,156 @@
+"""Functions of the integration matrix of a mesh, in as many digits as they need."""
+
+from collections.abc import Callable
+from functools import cache, reduce
+
+import mpmath as mp
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.integrator.memory.stages import StageOperator
+from fvi_cli.mathematics.runge_kutta import tableau
+
+Array = NDArray[np.float64]
+
+_DIGITS = 40
+_APART = 24
+
+
+def gauss_method(m: int) -> tuple[mp.matrix, list[mp.mpf], list[mp.mpf]]:
+    """Matrix, weights and nodes of the Gauss method in the working precision."""
+    nodes = [(1 + _legendre_root(m, start)) / 2 for start in np.polynomial.legendre.leggauss(m)[0]]
+    matrix, weights = mp.matrix(m), []
+    for j in range(m):
+        poly = [mp.mpf(1)]
+        for i in range(m):
+            if i != j:
+                gap = nodes[j] - nodes[i]
+                poly = [
+                    (poly[k] if k < len(poly) else 0) / gap
+                    - (nodes[i] * poly[k - 1] / gap if k else 0)
+                    for k in range(len(poly) + 1)
+                ]
+        integral = [c / (len(poly) - k) for k, c in enumerate(poly)] + [mp.mpf(0)]
+        weights.append(_value(integral, mp.mpf(1)))
+        for i in range(m):
+            matrix[i, j] = _value(integral, nodes[i])
+    return matrix, weights, nodes
+
+
+def _value(coefficients: list[mp.mpf], x: mp.mpf) -> mp.mpf:
+    """A polynomial, highest power first."""
+    return reduce(lambda total, one: total * x + one, coefficients, mp.mpf(0))
+
+
+def _legendre_root(m: int, start: float) -> mp.mpf:
+    """The root of the Legendre polynomial near a start, by Newton's iteration."""
+    x = mp.mpf(float(start))
+    for _ in range(20):
+        before, here = mp.mpf(1), x
+        for k in range(2, m + 1):
+            before, here = here, ((2 * k - 1) * x * here - (k - 1) * before) / k
+        step = here * (x * x - 1) / (m * (x * here - before))
+        x -= step
+        if abs(step) < mp.mpf(10) ** (-mp.mp.dps // 2 - 5):
+            return x
+    raise ArithmeticError("Newton's iteration for a node has no end")
+
+
+def _whole_hundreds(digits: int) -> int:
+    """Few different precisions: eigenvectors are found once for each."""
+    return -(-digits // 100) * 100
+
+
+@cache
+def _diagonalised(m: int, digits: int) -> tuple[list[mp.mpf], list[mp.mpc], mp.matrix, mp.matrix]:
+    """Weights of the Gauss method; eigenvalues, eigenvectors and their inverse of its matrix."""
+    with mp.workdps(digits):
+        matrix, weights, _ = gauss_method(m)
+        values, vectors = mp.eig(matrix)
+        return weights, values, vectors, mp.inverse(vectors)
+
+
+def local_power(m: int, theta: float) -> Array:
+    """The power of the matrix of the Gauss method, by its eigenvectors."""
+    digits = _whole_hundreds(_DIGITS + 4 * m)
+    with mp.workdps(digits):
+        _, values, vectors, inverse = _diagonalised(m, digits)
+        power = vectors * mp.diag([v ** mp.mpf(theta) for v in values]) * inverse
+        return _rounded(power)
+
+
+def mesh_power(steps: Array, m: int, theta: float) -> Array:
+    """The matrix ``I^theta`` of the mesh with these steps, shape ``(N m, N m)``."""
+    return mesh_function(steps, m, lambda value: value ** mp.mpf(theta))
+
+
+def mesh_function(steps: Array, m: int, function: Callable[[mp.mpc], mp.mpc]) -> Array:
+    """An analytic function of the matrix I of the mesh with these steps, shape ``(N m, N m)``.
+
+    In the eigenvectors of A the matrix is lower triangular, and Parlett's recurrence (Higham,
+    *Functions of Matrices*, section 4.6) has its functions. Steps that are equal are taken apart by
+    parts in 10^24, and the digits that the recurrence loses to that are added.
+    """
+    n = len(steps)
+    equal = max(int(np.sum(np.abs(steps - h) < 1e-6 * h)) for h in steps)
+    digits = _whole_hundreds(_DIGITS + 4 * m + 2 * n + _APART * equal)
+    with mp.workdps(digits):
+        weights, values, vectors, inverse = _diagonalised(m, digits)
+        h = [mp.mpf(float(s)) * (1 + k * mp.mpf(10) ** -_APART) for k, s in enumerate(steps)]
+        ones = [mp.fsum(inverse[i, j] for j in range(m)) for i in range(m)]
+        rows = [mp.fsum(weights[i] * vectors[i, j] for i in range(m)) for j in range(m)]
+        diagonal = [h[k] * values[i] for k in range(n) for i in range(m)]
+        size = n * m
+        entry = [
+            [ones[i % m] * h[j // m] * rows[j % m] if j // m < i // m else mp.mpf(0)
+             for j in range(size)]
+            for i in range(size)
+        ]  # fmt: skip
+        power = [[mp.mpf(0)] * size for _ in range(size)]
+        for i in range(size):
+            power[i][i] = function(diagonal[i])
+        for gap in range(1, size):
+            for j in range(size - gap):
+                i = j + gap
+                if i // m == j // m:
+                    continue
+                total = entry[i][j] * (power[i][i] - power[j][j])
+                # blocks on the diagonal are diagonal
+                inner = range((j // m + 1) * m, (i // m) * m)
+                total += mp.fsum(
+                    power[i][k] * entry[k][j] - entry[i][k] * power[k][j] for k in inner
+                )
+                power[i][j] = total / (diagonal[i] - diagonal[j])
+        result = np.empty((size, size))
+        for row in range(n):
+            for column in range(n):
+                block = mp.matrix(m)
+                for i in range(m):
+                    for j in range(m):
+                        block[i, j] = power[row * m + i][column * m + j]
+                result[row * m : row * m + m, column * m : column * m + m] = _rounded(
+                    vectors * block * inverse
+                )
+        return result
+
+
+def _rounded(matrix: mp.matrix) -> Array:
+    return np.array(
+        [[float(mp.re(matrix[i, j])) for j in range(matrix.cols)] for i in range(matrix.rows)]
+    )
+
+
+def meshes(n: int) -> dict[str, Array]:
+    """Steps of one mesh of each kind, n of them."""
+    random = np.random.default_rng(3)
+    return {
+        "uniform": np.full(n, 0.37),
+        "random": 10.0 ** random.uniform(-3.2, 0.0, n),
+        "alternating": np.tile([1.0, 0.01], -(-n // 2))[:n],
+        "geometric": 10.0 ** np.linspace(-8.0, 0.0, n),
+    }
+
+
+def gauss_operator(n_stages: int) -> StageOperator:
+    """The Gauss method with so many stages."""
+    return StageOperator(tableau=tableau("gauss", n_stages))

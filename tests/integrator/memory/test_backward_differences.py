@@ -1,0 +1,70 @@
+"""The far past of backward differences as exponentials, against the weights themselves."""
+
+import mpmath
+import numpy as np
+import pytest
+from spread import spread
+
+from fvi_cli.integrator.memory.backward_differences import NEAR_LAGS, lag_exponentials
+from fvi_cli.mathematics.bdf import difference_weights, quotient_polynomial
+
+ORDERS = (0.02, 0.5, 1.0, 1.5, 1.98)
+
+
+def far_weights(bdf_order: int, n_weights: int, lags: np.ndarray) -> np.ndarray:
+    found = lag_exponentials(bdf_order, ORDERS, n_weights - 1)
+    return found.factors @ np.exp(-np.outer(found.rates, lags))
+
+
+@spread(bdf_order=range(1, 7), n_weights=[300, 4096, 2**20])
+def test_every_weight_behind_the_near_lags(bdf_order, n_weights):
+    near = NEAR_LAGS[bdf_order]
+    lags = np.unique(np.geomspace(near, n_weights - 1, 300).astype(int))
+    found = far_weights(bdf_order, n_weights, lags)
+    for order, values in zip(ORDERS, found, strict=True):
+        if order == 1.0:
+            assert not values.any()
+            continue
+        exact = difference_weights(bdf_order, order, n_weights)[lags]
+        assert np.abs(values / exact - 1.0).max() < 5e-14
+
+
+@pytest.mark.parametrize("bdf_order", [2, 5, 6])
+def test_nearer_lags_have_parts_that_the_exponentials_leave_out(bdf_order):
+    """The control: the other zeros of the symbol are seen there."""
+    lag = np.array([NEAR_LAGS[bdf_order] // 8])
+    found = far_weights(bdf_order, 4096, lag)[1]
+    exact = difference_weights(bdf_order, ORDERS[1], 4096)[lag]
+    assert np.abs(found / exact - 1.0).max() > 1e-9
+
+
+def test_forty_digits_say_the_same():
+    """Coefficients of the power, by its differential equation: q w' = order q' w."""
+    order, count = mpmath.mpf("0.5"), 700
+    with mpmath.workdps(40):
+        # exact: the symbol over 1 - z, in powers of z, of the formula of order six
+        q = [
+            sum(mpmath.mpf((-1) ** j * int(mpmath.binomial(k, j))) / (k + 1) for k in range(j, 6))
+            for j in range(6)
+        ]
+        assert np.allclose([float(one) for one in q], quotient_polynomial(6), rtol=1e-15)
+        power = [q[0] ** order]
+        for n in range(1, count):
+            rest = sum((order * k - (n - k)) * q[k] * power[n - k] for k in range(1, min(n, 5) + 1))
+            power.append(rest / (n * q[0]))
+        # times (1 - z)^(order - 1)
+        binomial = [mpmath.mpf(1)]
+        for n in range(1, count):
+            binomial.append(binomial[-1] * (n - order) / n)
+        lags = np.array([256, 300, 450, 699])
+        exact = [sum(power[k] * binomial[n - k] for k in range(n + 1)) for n in lags.tolist()]
+    found = far_weights(6, 1000, lags)[1]
+    assert np.abs(found / np.array([float(one) for one in exact]) - 1.0).max() < 2e-14
+
+
+def test_few_weights_and_integer_orders_need_no_exponentials():
+    assert lag_exponentials(2, (0.5,), NEAR_LAGS[2]).rates.size == 0
+    assert lag_exponentials(2, (0.5,), NEAR_LAGS[2] + 1).rates.size > 0
+    assert lag_exponentials(3, (1.0,), 10**6).rates.size == 0
+    assert lag_exponentials(3, (1.0,), 10**6).near == 3
+    assert lag_exponentials(3, (0.5,), 10**4, writes_out=True).near == 10**4

@@ -1,0 +1,265 @@
+"""Powers of integration on any mesh against powers of the mesh's matrix."""
+
+import itertools
+
+import numpy as np
+import pytest
+from mesh_powers import Array, gauss_operator, local_power, mesh_power, meshes
+from spread import spread
+
+from fvi_cli.integrator.memory.exponentials import Exponentials
+from fvi_cli.integrator.memory.interface import Combination
+from fvi_cli.integrator.memory.kernel import Slope, power_kernel
+from fvi_cli.integrator.memory.stages import StageOperator
+from fvi_cli.integrator.method import Method
+from fvi_cli.mathematics.runge_kutta import tableau
+
+KINDS = ("uniform", "random", "alternating", "geometric")
+
+
+def memory_for(exponents: tuple[float, ...], steps: Array, m: int) -> Exponentials:
+    return Exponentials(
+        Method(cq="gauss", degree=m),
+        exponents,
+        shortest_step=float(steps.min()),
+        final_time=float(steps.sum()),
+        steps=len(steps),
+    )
+
+
+def powers_of(memory: Exponentials) -> list[Combination]:
+    """Every term of a memory."""
+    one = np.ones((1, 1))
+    return [Combination.made(memory, [[term]], one, one[None]) for term in memory.terms]
+
+
+def apply(memory: Exponentials, steps: Array, values: Array) -> Array:
+    """All terms of a memory on stage values, shape (N, m, d), step by step through the states."""
+    states = np.zeros((1, memory.n_states, values.shape[2]))
+    result = np.empty((len(memory.terms), *values.shape))
+    for n, h in enumerate(steps):
+        tables = memory.kernels(float(h), 1)
+        for k, one in enumerate(powers_of(memory)):
+            result[k, n] = tables.local[k] @ values[n] + tables.past([states], [one], 1)[0]
+        states = tables.push(states, values[None, n], 1)
+    return result
+
+
+def dense(memory: Exponentials, steps: Array, m: int) -> Array:
+    size = len(steps) * m
+    columns = np.eye(size).reshape(len(steps), m, size)
+    return apply(memory, steps, columns).reshape(-1, size, size)
+
+
+def block_error(result: Array, exact: Array, m: int) -> float:
+    """Largest error of a block of steps n and l, over the largest entry of that block."""
+    n = exact.shape[0] // m
+    shape = (n, m, n, m)
+    errors = np.abs(result - exact).reshape(shape).max(axis=(1, 3))
+    sizes = np.abs(exact).reshape(shape).max(axis=(1, 3))
+    lower = np.tril_indices(n)
+    return float((errors[lower] / sizes[lower]).max())
+
+
+@spread(m=[1, 2, 3, 5, 8, 10], theta=[-0.98, -0.5, -0.02, 0.02, 0.5, 0.98, 1 - 1e-6])
+def test_local_blocks_are_powers_of_the_matrix_of_the_method(m, theta):
+    exact = local_power(m, theta)
+    error = np.abs(gauss_operator(m).local_block(theta) - exact).max() / np.abs(exact).max()
+    assert error < 3e-14
+
+
+@spread(**{"m, n": [(1, 12), (2, 7), (3, 5), (6, 3), (10, 2)]}, kind=KINDS)
+def test_every_block_of_the_mesh_power_is_right(kind, m, n):
+    steps = meshes(n)[kind]
+    exponents = (-0.98, -0.02, 0.5, 0.98)
+    memory = memory_for(exponents, steps, m)
+    for theta, result in zip(exponents, dense(memory, steps, m), strict=True):
+        assert block_error(result, mesh_power(steps, m, theta), m) < 1e-12
+
+
+@spread(theta=[-0.98, -0.5, -0.02, 0.02, 0.5, 0.98], accuracy=[1e-13, 1e-10])
+def test_the_accuracy_asked_for_holds_at_every_lag(theta, accuracy):
+    n, operator = 10**6, gauss_operator(3)
+    lags = np.unique(np.geomspace(1, n - 1, 40).astype(int))
+
+    def blocks(final_time: float, demanded: float) -> Array:
+        kernel = power_kernel(
+            (theta,), shortest_step=1.0, final_time=final_time, stages=3, accuracy=demanded
+        )
+        step = operator.exponentials(kernel.rates)
+        # on coefficients: differences between stages are small beside their mean
+        response = operator.to_coefficients @ (step.stages * kernel.weights)
+        return (response * step.powers(n)[lags - 1][:, None, :]) @ step.intake @ operator.to_values
+
+    exact = blocks(50.0 * n, 1e-15)
+    errors = np.abs(blocks(float(n), accuracy) - exact)
+    assert (errors[:, 0, 0] / np.abs(exact[:, 0, 0])).max() < 3 * accuracy
+    assert (errors.max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2))).max() < 3 * accuracy
+
+
+def test_rates_that_end_too_early_are_seen():
+    steps = meshes(6)["random"]
+    exact = mesh_power(steps, 2, -0.5)
+    memory = memory_for((-0.5,), steps, 2)
+    assert block_error(dense(memory, steps, 2)[0], exact, 2) < 1e-12
+    memory.weights = np.where(np.arange(memory.n_states) < memory.n_states - 12, memory.weights, 0)
+    assert block_error(dense(memory, steps, 2)[0], exact, 2) > 1e-9
+
+
+@spread(kind=KINDS, m=[1, 3, 8, 10])
+def test_powers_add_up(kind, m):
+    steps = meshes(24)[kind]
+    values = np.random.default_rng(1).standard_normal((24, m, 2))
+    memory = memory_for((0.3, 0.45, 0.75), steps, m)
+    first = apply(memory, steps, values)
+    twice = apply(memory, steps, first[0])[1]
+    scale = np.abs(first[2]).max(axis=(1, 2), keepdims=True)
+    assert np.abs((twice - first[2]) / scale).max() < 1e-12
+
+
+@spread(kind=KINDS, m=[1, 2, 5, 8], theta=[-0.9, -0.3, 0.0, 0.4, 0.95])
+def test_the_slope_is_the_derivative_by_the_exponent(kind, m, theta):
+    steps = meshes(12)[kind]
+    values = np.random.default_rng(3).standard_normal((12, m, 1))
+    away = 1e-3 * np.array([-2.0, -1.0, 1.0, 2.0])
+    memory = memory_for((*(theta + away), Slope(theta)), steps, m)
+    *beside, slope = apply(memory, steps, values)
+    expected = np.tensordot([1.0, -8.0, 8.0, -1.0], beside, 1) / 12e-3
+    scale = np.abs(beside).max(axis=(0, 2, 3))[:, None, None] + np.abs(expected)
+    assert np.abs((slope - expected) / scale).max() < 1e-7
+    # the control: the slope at another exponent
+    other = apply(memory_for((Slope(theta + 0.01),), steps, m), steps, values)[0]
+    assert np.abs((other - expected) / scale).max() > 1e-5
+
+
+@spread(kind=KINDS, m=[1, 2, 5, 8])
+def test_the_adjoint_is_the_power_on_the_reversed_mesh(kind, m):
+    steps, operator = meshes(24)[kind], gauss_operator(m)
+    random = np.random.default_rng(2)
+    u, v = random.standard_normal((2, 24, m, 1))
+    weights = steps[:, None, None] * operator.tableau.b[:, None]
+    memory = memory_for((-0.6, 0.4), steps, m)
+    forward = apply(memory, steps, v)
+    backward = apply(memory, steps[::-1], u[::-1, ::-1])[:, ::-1, ::-1]
+    for left, right in zip(forward, backward, strict=True):
+        terms = weights * u * left
+        assert abs((terms - weights * right * v).sum()) < 1e-12 * np.abs(terms).sum()
+
+
+@pytest.mark.parametrize("name", ["gauss", "radau-iia", "lobatto-iiic"])
+def test_all_families_agree_with_dense_resolvents(name):
+    operator = StageOperator(tableau=tableau(name, 5))
+    assert np.allclose(operator.to_values @ operator.to_coefficients, np.eye(5), atol=1e-14)
+    rates = power_kernel((-0.3, 0.6), shortest_step=0.01, final_time=10.0, stages=5).rates
+    step = operator.exponentials(0.1 * rates)
+    method = operator.tableau
+    for j in range(0, rates.size, 7):
+        z = 0.1 * rates[j]
+        resolvent = np.linalg.inv(np.eye(5) + z * method.A)
+        column = resolvent.sum(axis=1)
+        size = np.abs(column).max()
+        assert np.allclose(step.stages[:, j] / size, column / size, rtol=0, atol=1e-12)
+        assert np.allclose(step.intake[j], z * method.b @ resolvent, rtol=1e-9, atol=1e-12)
+        decay = 1 - z * method.b @ resolvent.sum(axis=1)
+        assert step.powers(2)[1, j] == pytest.approx(decay, abs=1e-11)
+        assert step.changes(1)[j] == pytest.approx(decay - 1, rel=1e-10)
+        assert step.changes(2)[j] == pytest.approx(decay**2 - 1, rel=1e-10)
+
+
+@spread(count=[1, 3, 7], members=[1, 4])
+def test_blocks_and_parts_of_them_are_their_steps(count, members):
+    h, size = 0.05, 7
+    memory = Exponentials(
+        Method(cq="gauss", degree=3), (-0.8, 0.25), shortest_step=h, final_time=1.0, steps=None
+    )
+    block = memory.kernels(h, size)
+    values = np.random.default_rng(4).standard_normal((members, size + count, 3, 2))
+    expected = np.stack([apply(memory, np.full(size + count, h), own) for own in values], axis=1)
+    states = np.zeros((members, memory.n_states, 2))
+    for first, taken in ((0, size), (size, count)):
+        own = values[:, first : first + taken]
+        for k, one in enumerate(powers_of(memory)):
+            force = block.past([states], [one], taken).reshape(own.shape)
+            for n, past in itertools.product(range(taken), repeat=2):
+                if past <= n:
+                    force[:, n] += block.sequence[k, n - past] @ own[:, past]
+            exact = expected[k, :, first : first + taken]
+            assert np.allclose(force, exact, rtol=0, atol=1e-12)
+        states = block.push(states, own.reshape(members, -1, 2), taken)
+
+
+@spread(theta=[-0.9, -0.5, 0.5, 0.9], kind=KINDS)
+def test_the_work_of_damping_is_stored_or_dissipated(kind, theta):
+    steps, m = meshes(20)[kind], 4
+    operator = gauss_operator(m)
+    memory = memory_for((theta,), steps, m)
+    kernel = memory.kernel
+    values = np.random.default_rng(5).standard_normal((20, m, 1))
+    force = apply(memory, steps, values)[0]
+    energy_weights, size = kernel.energy_weights[0], np.abs(kernel.weights[0])
+    states = np.zeros((kernel.n_states, 1))
+    for n, h in enumerate(steps):
+        z = h * kernel.rates
+        resolvents = np.linalg.inv(np.eye(m) + z[:, None, None] * operator.tableau.A)
+        moving = np.einsum("jik,jk->ji", resolvents, (values[n] - states.T).T)
+        resting = np.einsum(
+            "jik,jk->ji",
+            resolvents,
+            states + h * kernel.rates[:, None] * (operator.tableau.A @ values[n])[:, 0],
+        )
+        following = memory.kernels(float(h), 1).push(states[None], values[None, n], 1)[0]
+        lost = resting if theta > 0 else moving
+        dissipated = h * size @ (lost**2 @ operator.tableau.b)
+        stored = 0.5 * energy_weights @ (following**2 - states**2)[:, 0]
+        work = h * operator.tableau.b @ (values[n] * force[n])[:, 0]
+        assert dissipated >= 0
+        assert work == pytest.approx(
+            stored + dissipated, rel=0, abs=1e-11 * (dissipated + abs(work))
+        )
+        states = following
+
+
+@pytest.mark.parametrize(
+    ("ratio", "steps", "accuracy", "most"),
+    [
+        (1e2, None, 1e-13, 90),
+        (1e4, None, 1e-13, 125),
+        (1e7, 300, 1e-13, 135),
+        (1e4, None, 1e-10, 95),
+    ],
+)
+def test_few_rates_are_enough(ratio, steps, accuracy, most):
+    for theta in (-0.98, -0.02, 0.5, 0.98):
+        kernel = power_kernel(
+            (theta,), shortest_step=1.0, final_time=ratio, stages=8, steps=steps, accuracy=accuracy
+        )
+        assert kernel.n_states <= most
+
+
+def test_kernels_are_shared_and_refuse_what_they_cannot_do():
+    kernel = power_kernel([0.5], shortest_step=0.6, final_time=9.0, stages=3)
+    assert kernel is power_kernel([0.5], shortest_step=0.7, final_time=10.0, stages=3)
+    for bad in (
+        {"exponents": [-1.0]},
+        {"exponents": [1.0]},
+        {"exponents": []},
+        {"shortest_step": 0.0},
+        {"shortest_step": 2.0},
+        {"stages": 0},
+        {"steps": 0},
+        {"accuracy": 1e-17},
+    ):
+        asked = {"exponents": [0.5], "shortest_step": 0.1, "final_time": 1.0, "stages": 2} | bad
+        with pytest.raises(ValueError, match=r"exponent|shortest|stages|steps|accuracy"):
+            power_kernel(asked.pop("exponents"), **asked)
+
+
+def test_rates_serve_all_exponents_and_weights_are_those_of_each():
+    numbers = {"shortest_step": 0.01, "final_time": 9.0, "stages": 3, "steps": 100}
+    exponents = (-0.99, -0.3, 0.0, 0.5, 1.0 - 2.0**-53)
+    together = power_kernel(exponents, **numbers)
+    for theta, weights in zip(exponents, together.weights, strict=True):
+        alone = power_kernel((theta,), **numbers)
+        np.testing.assert_array_equal(alone.rates, together.rates)
+        np.testing.assert_array_equal(alone.weights[0], weights)
+    assert not together.weights[2].any()
